@@ -42,6 +42,7 @@ BENCHMARKS = (
     "data_check",
     "training_outliers",
     "staleness",
+    "lab_recordings",
     "automatic_choice",
     "interval_coverage",
     "faults",

@@ -8,7 +8,8 @@ them against their vectors, and times them on samples of that session. The media
 batches of 64 calls, because reading the clock takes as long as a linear model; the 99th percentile
 over single calls, clock included.
 
-The estimators that remember are fitted to a virtual forceps. The filter of yan2020, with 4 states
+The estimators that remember are fitted to a virtual forceps, that of an instrument's cables to a
+virtual wrist. The filter of yan2020, with 4 states
 and 2 measurements, is timed without the checks too, beside the same filter called from Python.
 `benchmarks.filter_speed` times a linear model of that size beside other packages.
 """
@@ -38,9 +39,12 @@ from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies.wrist import motions
 
 ESTIMATORS = ("offset", "linear", "poly2", NeuralNetwork(epochs=5))
 JAW_ESTIMATORS = ("play_reset", "play_gated", "ukf", "ukf_compensated", "ukf_friction")
+WRIST_ESTIMATORS = ("ukf_cables",)
 FLAGS = ("-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic", "-O2")
 SAMPLES = 512
 
@@ -160,6 +164,13 @@ def forceps_session() -> Recording:
     return record_forceps(specimen("B"), angles, seed=0)
 
 
+def wrist_sessions() -> list[Recording]:
+    """Record half a minute of a virtual wrist, free and under loads."""
+    twin = WristTwin(seed=1)
+    twin.home()
+    return [motions.record(twin, motions.paused_sines, 30.0, 1, load) for load in (False, True)]
+
+
 def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -> str:
     """Time the filter's step alone, in C (exported into `folder`) and from Python."""
     rows = slice(2000, 2000 + SAMPLES)
@@ -222,10 +233,15 @@ def main() -> None:
     parser.add_argument("--compiler", default="gcc")
     parser.add_argument("--precision", default="double", choices=["double", "float"])
     options = parser.parse_args()
-    sessions = [(ESTIMATORS, session()), (JAW_ESTIMATORS, forceps_session())]
-    for estimators, recording in sessions:
+    sessions = [
+        (ESTIMATORS, [session()]),
+        (JAW_ESTIMATORS, [forceps_session()]),
+        (WRIST_ESTIMATORS, wrist_sessions()),
+    ]
+    for estimators, recordings in sessions:
+        recording = recordings[-1]
         for estimator in estimators:
-            calibration = calibrate(recording, estimator)
+            calibration = calibrate(recordings, estimator)
             calibration = replace(calibration, interval=some_interval(len(calibration.joints)))
             with tempfile.TemporaryDirectory() as name:
                 folder = Path(name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -27,6 +28,11 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("steady")
+
+
+def pytest_collection_finish() -> None:
+    """Modules and collected tests stay to the end: spare the garbage collector their traversal."""
+    gc.freeze()
 
 
 @pytest.fixture(autouse=True)

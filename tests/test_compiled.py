@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit, types
+from numba.core.runtime import _nrt_python, rtsys
 from numba.extending import intrinsic
 
 from truejoint.compiled import (
@@ -16,6 +17,8 @@ from truejoint.compiled import (
     copy,
     fill,
     inlined,
+    local_matrix,
+    local_vector,
     matrix,
     unrolled,
     vector,
@@ -46,6 +49,22 @@ def halves(memory, offset, n):
         for j in range(n):
             total += (i + 1) * table[i, j]
     return total
+
+
+def test_a_kernel_is_compiled_into_its_callers_and_for_python_when_python_calls_it():
+    @compiled
+    def tripled(x):
+        return 3.0 * x
+
+    @njit
+    def caller(x):
+        return tripled(x) + doubled(x)
+
+    assert caller(2.0) == 10.0
+    assert tripled.part.signatures
+    assert not tripled.signatures
+    assert tripled(2.0) == 6.0
+    assert tripled.signatures
 
 
 @intrinsic
@@ -84,6 +103,35 @@ def test_views_share_the_memory():
     memory = np.arange(10.0)
     assert halves(memory, 2, 3) == 2.0 * ((2 + 3 + 4) + 2 * (5 + 6 + 7))
     assert memory.tolist() == [0, 1, 4, 6, 8, 10, 12, 14, 8, 9]
+
+
+@compiled
+def outer_trace(x, rounds):
+    """Sum over some rounds of the trace of x x', by way of two arrays of its own."""
+    total = 0.0
+    for _ in range(rounds):
+        own, table = local_vector(3), local_matrix(3, 2)
+        for i in range(3):
+            own[i] = x[i]
+            table[i, 0], table[i, 1] = own[i], own[i] * own[i]
+        for i in range(3):
+            total += table[i, 1] + 0.0 * table[i, 0]
+    return total
+
+
+def test_what_is_local_asks_nothing_of_the_heap():
+    x = np.array([1.0, 2.0, 3.0])
+    assert outer_trace(x, 2) == 28.0
+    _nrt_python.memsys_enable_stats()
+    try:
+        taken = []
+        for rounds in (1, 100_000):  # a stack that grew with them would be gone
+            before = rtsys.get_allocation_stats().alloc
+            assert outer_trace(x, rounds) == 14.0 * rounds
+            taken.append(rtsys.get_allocation_stats().alloc - before)
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert taken[0] == taken[1]
 
 
 def test_one_kernel_calls_any_function_of_its_signature():

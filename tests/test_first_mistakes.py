@@ -119,6 +119,37 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             "must be (n,), (n, 3)",
         ),
         (lambda model: truejoint.evaluate(model, 5), "this is an int, not a Recording"),
+        (lambda model: truejoint.read_calibration(7), "an int, not a path; give that of a model"),
+        (lambda model: truejoint.calibrate(motion(1), fit_rate="30 Hz"), "fit rate is '30 Hz' Hz"),
+        (lambda model: truejoint.write_parquet(motion(1), "run.csv"), "call it run.parquet"),
+        (lambda model: truejoint.export.export_onnx(model, "model.c"), "call it model.onnx"),
+        (lambda model: Recording.from_columns({"t": [0, 1]}, "wrist", "420006"), "not a mapping"),
+        (lambda model: truejoint.recordings.Recorder("raven2"), "'raven2' is a str, not an Arm"),
+        (
+            lambda model: truejoint.recordings.Recorder(
+                truejoint.crtk.simulated_arm("forceps"), path="run.csv"
+            ),
+            "run.csv: a recording is a .parquet file; call it run.parquet",
+        ),
+        (lambda model: truejoint.motion.Jog("raven2"), "'raven2' is a str, not an Arm"),
+        (lambda model: truejoint.crtk.Grasper("raven2"), "'raven2' is a str, not an Arm"),
+        (lambda model: truejoint.motion.follow("raven2", WAY), "'raven2' is a str, not an Arm"),
+        (lambda model: truejoint.monitor.ArmPage("raven2"), "'raven2' is a str, not an Arm"),
+        (lambda model: truejoint.crtk.SimulatedBackend("raven2"), "make_twin(robot) gives one"),
+        (lambda model: truejoint.crtk.FaultyBackend("raven2", []), "not a Backend; it lacks robot"),
+        (lambda model: truejoint.crtk.time_law([[0.0], [1.0]], [0.0]), "a speed above 0"),
+        (lambda model: truejoint.crtk.TimeLaw([0, 0], [[1], [2]]), "times (n,) that rise"),
+        (lambda model: truejoint.simulation.make_twin("raven2", parameters={}), "not a path"),
+        (lambda model: truejoint.simulation.make_twin("raven2", seed="1"), "a whole number"),
+        (lambda model: truejoint.calibration.Registration(np.eye(3)), "it must be (4, 4)"),
+        (
+            lambda model: truejoint.calibration.find_block(model, motion(1), "t.csv", None),
+            "read_touches(path)",
+        ),
+        (lambda model: truejoint.runtime.motor_loop("raven2"), "not a Robot"),
+        (lambda model: truejoint.runtime.GripControl(Corrector(model), RAVEN), "not a Compensator"),
+        (lambda model: truejoint.evaluation.render_report("page"), "not an Evaluation"),
+        (lambda model: truejoint.studies.write_study("directions", "out"), "not a StudyResult"),
     ],
 )
 def test_mistakes_are_one_line(

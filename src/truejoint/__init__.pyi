@@ -1,5 +1,6 @@
 from . import calibration as calibration
 from . import crtk as crtk
+from . import errors as errors
 from . import estimators as estimators
 from . import evaluation as evaluation
 from . import export as export
@@ -11,6 +12,7 @@ from . import recordings as recordings
 from . import robots as robots
 from . import runtime as runtime
 from . import simulation as simulation
+from . import studies as studies
 from ._version import __version__ as __version__
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate

@@ -4,14 +4,19 @@
 from __future__ import annotations
 
 import logging
+import math
 from collections.abc import Callable
 from functools import cache
 from typing import Any, TypeVar, cast
 
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
+from numba.core import cgutils
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import CPUDispatcher
 from numba.experimental.function_type import _get_wrapper_address
-from numba.extending import intrinsic
+from numba.extending import intrinsic, typeof_impl
 from numba.np.arrayobj import make_array, populate_array
 
 from truejoint.array_types import Array
@@ -21,6 +26,41 @@ Kernel = TypeVar("Kernel", bound=Callable[..., object])
 VECTOR = types.float64[::1]
 INTEGERS = types.int64[::1]
 MATRIX = types.float64[:, ::1]
+
+
+class _PartLibrary(JITCodeLibrary):  # type: ignore[misc]  # numba has no types
+    """Code of a kernel for its callers alone, which optimise it with their own.
+
+    numba would optimise a kernel, and turn it into machine code, before it goes into a caller where
+    all of that is done again: of kernels within kernels, most of the time to compile.
+    """
+
+    @property
+    def codegen(self) -> Any:
+        return self
+
+    def set_env(self, name: str, environment: Any) -> None:
+        """Do nothing: kernels have no Python objects among their constants."""
+
+    def _optimize_final_module(self) -> None:
+        pass
+
+    def _finalize_final_module(self) -> None:
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+class _PartCompiler(Compiler):  # type: ignore[misc]  # numba has no types
+    def define_pipelines(self) -> Any:
+        state = self.state
+        state.library = _PartLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+@typeof_impl.register(CPUDispatcher)
+def _as_called(kernel: Any, context: Any) -> Any:
+    """Type of a kernel where another calls it: that of its part, if it has one."""
+    return types.Dispatcher(getattr(kernel, "part", kernel))
 
 
 def jit(**options: Any) -> Callable[[Kernel], Kernel]:
@@ -35,10 +75,14 @@ def jit(**options: Any) -> Callable[[Kernel], Kernel]:
 
     def decorate(kernel: Kernel) -> Kernel:
         try:
-            return cast("Kernel", njit(cache=True, **options)(kernel))
+            made = njit(cache=True, **options)(kernel)
         except RuntimeError:  # numba's word for a cache without a place
             _say_uncached()
-            return cast("Kernel", njit(**options)(kernel))
+            made = njit(**options)(kernel)
+        if "inline" not in options:
+            unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+            made.part = njit(pipeline_class=_PartCompiler, **unwrapped, **options)(kernel)
+        return cast("Kernel", made)
 
     return decorate
 
@@ -112,6 +156,39 @@ def matrix(_typing: Any, memory: Any, offset: Any, rows: Any, columns: Any) -> A
     """View of a 1-D array from `offset` on as a matrix, row by row, without counting references."""
     kind = types.Array(memory.dtype, 2, "C")
     return kind(memory, types.intp, types.intp, types.intp), _view
+
+
+def _local(kind: Any, *lengths: Any) -> Any:
+    """Type and code of an array on the stack, whose lengths are literals."""
+    shape = [length.literal_value for length in lengths]
+
+    def generate(context: Any, builder: Any, signature: Any, _args: Any) -> Any:
+        number = context.get_value_type(types.float64)
+        view = make_array(signature.return_type)(context, builder)
+        populate_array(
+            view,
+            data=cgutils.alloca_once(builder, number, size=math.prod(shape)),
+            shape=[context.get_constant(types.intp, n) for n in shape],
+            strides=[context.get_constant(types.intp, 8 * n) for n in (*shape[1:], 1)],
+            itemsize=context.get_constant(types.intp, 8),
+            meminfo=None,
+        )
+        return view._getvalue()
+
+    return kind(*lengths), generate
+
+
+# `numpy.empty` asks the heap, which takes longer than what a kernel of a small mechanism computes.
+@intrinsic(prefer_literal=True)
+def local_vector(_typing: Any, length: Any) -> Any:
+    """Room for `length` numbers, a constant, until the kernel returns, on its stack."""
+    return _local(VECTOR, length)
+
+
+@intrinsic(prefer_literal=True)
+def local_matrix(_typing: Any, rows: Any, columns: Any) -> Any:
+    """Room for a matrix as `local_vector`, its sizes constants."""
+    return _local(MATRIX, rows, columns)
 
 
 @intrinsic

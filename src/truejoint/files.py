@@ -102,6 +102,12 @@ def check_target(
     check_folder(path.parent, error=error)
 
 
+def check_ending(path: Path, ending: str, what: str, error: type[TruejointError]) -> None:
+    """Refuse a path whose ending says that it is another file than `what`, as "a recording"."""
+    if path.suffix not in {"", ending}:
+        raise error(f"{path}: {what} is a {ending} file; call it {path.stem}{ending}")
+
+
 def check_folder(folder: Path, *, error: type[TruejointError] = TruejointError) -> None:
     """Refuse a folder in which no file can be made, once it is made itself."""
     there = next(one for one in (folder, *folder.absolute().parents) if one.exists())

@@ -1,13 +1,33 @@
-"""SI inside, people's units at the edge: how a value is shown where a person reads it."""
+"""SI inside, people's units at the edge: those that files may be in, and those that are shown."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 GRAVITY: Final = 9.81
 """Of a mass that hangs [m/s2]."""
+
+FACTORS: Final[Mapping[str, Mapping[str, float]]] = {
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
+    "rad": {"rad": 1.0, "deg": math.pi / 180.0},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+    "Nm": {"Nm": 1.0, "mNm": 1e-3},
+    "N": {"N": 1.0, "mN": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "V": {"V": 1.0},
+    "1": {"1": 1.0},
+}
+"""By SI unit, the units that a file may be in, and the factor from each."""
+
+SI_UNITS: Final[Mapping[str, tuple[str, float]]] = {
+    unit: (si, factor) for si, factors in FACTORS.items() for unit, factor in factors.items()
+}
+"""Unit in a file: SI unit and the factor to it."""
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from tests.synthetic import build_recording
@@ -34,6 +36,25 @@ def test_one_recording_is_left_out_a_fifth_at_a_time_and_with_a_gap():
     np.testing.assert_array_equal(kept.column("measured/jaw"), recording.column("measured/jaw"))
 
 
+def test_no_part_of_one_recording_is_of_a_joint_at_rest():
+    recording = jaw(n=600)
+    q = np.where(recording.t < 10.0, 0.0, 0.3 * np.sin(recording.t - 10.0))
+    table = recording.table.assign(**{"measured/jaw": q, "truth/jaw": q})
+    parts = [fold.parts[0] for fold in folds.folds([folds.replace(recording, table=table)])]
+    assert (parts[0].first, parts[-1].end) == (0, 600)
+    assert all(one.end == other.first for one, other in itertools.pairwise(parts))
+    starts = [part.first for part in parts[1:]]
+    np.testing.assert_allclose(starts, [360, 420, 480, 540], atol=15)
+
+
+def test_a_joint_that_jumps_once_is_cut_by_time():
+    still = jaw(n=300)
+    q = (still.t > 5.0) * 0.1
+    table = still.table.assign(**{"measured/jaw": q, "truth/jaw": q})
+    parts = [fold.parts[0] for fold in folds.folds([folds.replace(still, table=table)])]
+    assert [part.first for part in parts] == [0, 60, 120, 180, 240]
+
+
 def test_recordings_are_left_out_whole():
     recordings = [jaw() for _ in range(7)]
     found = folds.folds(recordings)
@@ -52,6 +73,14 @@ def test_many_recordings_are_left_out_by_speed_and_by_effort():
     assert {speeds[i] for i in found["speed 1"]} == {0, 1}
     assert {speeds[i] for i in found["speed 5"]} == {8, 9}
     assert {efforts[i] for i in found["effort 5"]} == {8, 9}
+
+
+def test_what_works_under_one_load_is_left_out_together():
+    """Else what is judged under a load would have been fitted to the same load."""
+    loads = np.repeat([1.0, 2.0, 4.0], 5)
+    recordings = [jaw(1.0, load + 0.02 * k) for k, load in enumerate(loads)]
+    found = [fold for fold in folds.folds(recordings) if fold.name.startswith("effort")]
+    assert [{loads[part.recording] for part in fold.parts} for fold in found] == [{1}, {2}, {4}]
 
 
 def test_stated_homings_and_loads_are_left_out():

@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.crtk.limits import check_range, check_steps, jump_of
-from truejoint.errors import CommandRefused
+import truejoint
+from truejoint.crtk.limits import JITTER, check_range, check_steps, checked_backend, jump_of
+from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2", "left")
@@ -64,3 +65,55 @@ def test_a_report_that_jumps_further_than_its_joint_moves_is_named():
         assert re.match(match or "$", jump_of(ROBOT, 1000.0, t, rows))
     gap = np.array([0.0, 1e-3, 2.0, 2.001])  # it may have moved meanwhile
     assert jump_of(ROBOT, 1000.0, gap, rows) == ""
+
+
+@given(
+    st.lists(st.floats(-0.4, 0.4), min_size=60, max_size=60),
+    st.sampled_from([1e-3, 2e-3, 1e-2]),
+    st.integers(1, 60),
+    st.integers(0, 6),
+    st.booleans(),
+)
+def test_jitter_of_stamps_is_no_jump_and_hides_none(jitter, period, piece, joint, slips):
+    top = ROBOT.joints[joint].max_speed
+    true = period * np.arange(60)
+    t = true + period * np.array(jitter)
+    way = 0.98 * top * np.maximum(true - 3 * period, 0.0)  # from rest
+    rows = HOME + np.outer(way, np.eye(7)[joint])
+    if slips:
+        rows[45:, joint] += 3.0 * top * period
+    said = []
+    for begin in range(0, 60, piece):  # as messages come, one by one or in blocks
+        end = min(begin + piece, 60)
+        stamps, first = t[max(begin - JITTER, 0) : end], max(begin - 1, 0)
+        if end - first > 1:
+            said.append(jump_of(ROBOT, 1000.0, stamps, rows[first:end]))
+    assert len([text for text in said if text]) == slips
+
+
+def test_what_is_no_back_end_is_said_in_a_line():
+    arm = truejoint.crtk.SimulatedBackend(truejoint.simulation.make_twin(seed=1))
+
+    class Other:
+        robot, rate, grain = arm.robot, arm.rate, arm.grain
+
+        def __getattr__(self, name):
+            return getattr(arm, name)
+
+    checked_backend(Other())
+    for name, wrong, said in (
+        ("rate", "fast", "declares fast set-points a second; it must be a finite number above 0"),
+        ("rate", np.nan, "declares nan set-points"),
+        (
+            "grain",
+            None,
+            "declares a grain of None ms at 1000 Hz; it must be a period",
+        ),
+        ("grain", 0.5, "a grain of 500 ms at 1000 Hz"),
+    ):
+        other = Other()
+        setattr(other, name, wrong)
+        with pytest.raises(RobotError, match=re.escape(said)):
+            checked_backend(other)
+    with pytest.raises(RobotError, match=r"not a Backend; it lacks robot, rate, grain, time"):
+        truejoint.crtk.Arm("raven2")

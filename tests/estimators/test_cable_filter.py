@@ -20,8 +20,37 @@ def test_deviations_of_least_squares_hold_what_rows_have_in_common():
     rng = np.random.default_rng(3)
     blocks = np.repeat(np.arange(400), 10)
     common = rng.normal(size=400)[blocks]  # each draw counts ten times, and tells once
-    jacobian = np.ones((4000, 1))
-    assert own.robust_deviations(jacobian, common, blocks)[0] == pytest.approx(0.05, rel=0.15)
+    jacobian, prior = np.ones((4000, 1)), np.zeros(1)
+    found = own.jackknife_deviations(jacobian, common - common.mean(), [blocks], prior)
+    assert found[0] == pytest.approx(0.05, rel=0.15)
+
+
+def test_a_deviation_shows_that_signals_contradict_each_other():
+    """Two signals that tell 1.0 and 1.2 by many rows each: neither spreads, both cannot be true."""
+    signal = np.repeat([0, 1], 500)
+    jacobian, left = np.ones((1000, 1)), np.where(signal == 0, 0.1, -0.1)
+    alike, prior = np.zeros(1000), np.zeros(1)
+    found = own.jackknife_deviations(jacobian, left, [signal], prior)
+    assert found[0] == pytest.approx(0.1)  # the deviation of the mean of two draws 0.2 apart
+    np.testing.assert_array_equal(own.jackknife_deviations(jacobian, left, [alike], prior + 1), 0.0)
+
+
+def test_what_nothing_tells_is_as_uncertain_as_before():
+    jacobian, left, signal = np.eye(2)[[0, 1]], np.array([0.0, 3.0]), np.array([0, 1])
+    found = own.jackknife_deviations(jacobian, left, [signal], np.array([1.0, 1.0 / 9.0]))
+    assert 0.0 < found[1] <= 27.0
+    assert np.isfinite(found).all()
+
+
+def test_a_half_width_never_vanishes_though_loads_explain_all_errors():
+    wave = np.sin(np.arange(1000.0))[:, None] * np.ones(3)
+    truth, dt, states = np.zeros((1000, 3)), np.full(1000, 5e-3), np.zeros((1000, r.STATES))
+    runs, found = [], []
+    for size in (0.5, 2.0):  # the filter's own deviations say the opposite of what errors do
+        load, deviation = 0.01 * size * wave, np.full((1000, 3), 1e-3 / size)
+        runs.append(own.Run(np.zeros((1000, 6)), truth, load, dt))
+        found.append(own.CableStates(1e-3 * size * wave, deviation, 1.01 * load, deviation, states))
+    assert (own.structure(runs, found) > 1e-6).all()
 
 
 def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():

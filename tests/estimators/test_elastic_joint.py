@@ -91,6 +91,21 @@ def test_it_estimates_angle_torque_and_load_of_motions_that_it_never_saw(fitted)
     assert (estimate.load - load).std() < 1.2e-3
 
 
+def test_three_loads_are_no_reason_for_a_cubic():
+    """What lies between them is told by the straight line that a stretched cable is."""
+    loads, rng = (0.03, 0.05, 0.12), np.random.default_rng(0)
+
+    def under(seeds, load):
+        return rows(seeds, seconds=12.0, load=lambda t: np.full(len(t), load))
+
+    parts = [under([10 * i + j], load) for i, load in enumerate(loads) for j in range(2)]
+    X, y, steps, _ = (np.concatenate(own) for own in zip(*parts, strict=True))
+    y[:, 0] += np.repeat(np.radians(rng.normal(0.0, 0.3, len(parts))), len(y) // len(parts))
+    model = ElasticJointFilter(elements=2).fit(X, y, None, steps)
+    X, y, steps, _ = under([90, 91], 0.09)
+    assert abs(np.degrees((model.estimate(X, steps).outputs - y)[:, 0].mean())) < 0.3
+
+
 def test_it_follows_a_load_that_changes(fitted):
     X, y, steps, load = rows([60], seconds=60.0, load=lambda t: 0.06 + 0.04 * np.sin(0.1 * t))
     estimate = fitted.estimate(X, steps)

@@ -9,13 +9,8 @@ from tests.runtime.streams import SIGNALS, recording
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import LinearRegressor, RichPlay, rich_play
-from truejoint.estimators.rich_play import (
-    PENALTIES,
-    Ridge,
-    capstan_turns,
-    left_out,
-    loaded_pairs,
-)
+from truejoint.estimators.cross_validation import PENALTIES, blocks
+from truejoint.estimators.rich_play import Ridge, capstan_turns, loaded_pairs
 from truejoint.models import play_bank
 from truejoint.models.features import FeatureSet, time_steps
 from truejoint.models.play_bank import expand_rows
@@ -167,7 +162,7 @@ def test_a_recording_that_is_hidden_changes_no_blocks_of_the_ridge(monkeypatch, 
     (X, y), told = slack(0), []
     dt = np.where(np.arange(2000) % (2000 // histories) == 0, 0.0, 0.02)
     y = np.where(np.arange(2000) >= 1600, np.nan, y)
-    monkeypatch.setattr(rich_play, "left_out", lambda own: told.append(own) or left_out(own))
+    monkeypatch.setattr(rich_play, "blocks", lambda own: told.append(own) or blocks(own))
     RichPlay().fit(X, y, dt=dt)
     assert (told[0].size, (told[0] == 0.0).sum()) == (1600, seen)
 
@@ -249,6 +244,18 @@ def test_a_wrong_parameter_is_refused(how, said):
     for model in (RichPlay(**how), fitted.set_params(**how)):
         with pytest.raises(CalibrationError, match=said):
             model.fit(*slack(n=600))
+
+
+def test_a_gaussian_process_knows_which_way_the_joint_goes():
+    t = np.arange(0.0, 40.0, 0.02)
+    q = np.sin(1.3 * t)[:, None]
+    late = 0.05 * np.cos(1.3 * t) * (1.0 + q[:, 0])
+    model = RichPlay(learner="gaussian_process").fit(q[:1500], late[:1500], dt=np.full(1500, 0.02))
+    assert model.name == "gp_lowpass"
+    left = late[1500:] - model.predict(q[1500:], np.full(500, 0.02))
+    assert np.std(left[50:]) < 0.1 * np.std(late)
+    with pytest.raises(CalibrationError, match="a Gaussian process has none"):
+        RichPlay(learner="gaussian_process", leading=1).fit(q, late)
 
 
 def test_too_few_rows_are_refused():

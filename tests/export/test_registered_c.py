@@ -167,6 +167,7 @@ def test_the_source_is_good_to_read(library, name):
     source = (library(name).folder / "m.c").read_text()
     assert not re.search(r"\b(numbers|memory)\s*\[", source)
     assert max(map(len, source.splitlines())) <= 100
+    assert not re.search(r"\b(malloc|calloc|realloc|alloca)\b", source)
     for function in re.findall(r"^\{\n(.*?)^\}", source, re.MULTILINE | re.DOTALL):
         assert function.count("\n") <= LONGEST_FUNCTION
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from numba.core.runtime import _nrt_python, rtsys
 
 from truejoint.estimators.cable_filter import STARTS, constants
+from truejoint.models import cable_filter
 from truejoint.models import cable_loops as r
 from truejoint.robots import get_robot
 
@@ -129,6 +131,52 @@ def test_motors_that_stand_feel_little_of_a_load_until_they_move(p):
     borne = -load[1] / MECHANISM.coupling[0, 0]
     assert abs(felt) < 0.4 * abs(borne)
     assert 0.5 * (there + back) == pytest.approx(borne, rel=0.15)
+
+
+def test_pins_hold_what_they_hold_along_the_way_that_they_leave(p):
+    """The sweeps find the root of the balance, also where joints turn back."""
+    rng, level = np.random.default_rng(7), p[r.PIN_LEVEL : r.PIN_LEVEL + r.N]
+    inverse = p[r.INVERSE : r.INVERSE + r.N**2].reshape(r.N, r.N)
+    shares = np.array([[1.0, 1.0, r.whole(m, p)] for m in range(r.N)])
+    yields = inverse @ np.diag(shares[:, 2]) @ inverse.T
+    for _ in range(30):
+        began, free = level * rng.uniform(-1.0, 1.0, 3), 0.02 * rng.uniform(-1.0, 1.0, 3)
+        way, held = np.empty(3), np.empty(3)
+        slope = (level - began * np.sign(free)) / p[r.PIN_WAY]
+        for _ in range(20):
+            apart = r.turn_pins(began, free, level, shares, p, slope, way, held)
+
+        end = level * np.sign(way)
+        dahl = end + (began - end) * np.exp(-np.abs(way) / p[r.PIN_WAY])
+        assert apart < 1e-4
+        np.testing.assert_allclose(held, dahl, rtol=1e-12)
+        np.testing.assert_allclose(way + yields @ (held - began), free, rtol=0.0, atol=2e-6)
+
+
+def test_friction_beyond_what_a_pin_holds_slips_to_it(p):
+    """A sigma point may stand there; the others must not feel it."""
+    level = p[r.PIN_LEVEL : r.PIN_LEVEL + r.N]
+    x = state(pin=[1.5 * level[0], -1.5 * level[1], 0.5 * level[2]])
+    out = moved(x, p, 1e-6)
+    np.testing.assert_allclose(out[r.PIN : r.LOAD] / level, [1.0, -1.0, 0.5], atol=0.01)
+
+
+def test_a_step_of_the_filter_asks_nothing_of_the_heap(p):
+    p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 1e-3
+    arrays = {"parameters": p, "effort_misfit": np.full(3, 3e-3), "dt": np.array([5e-3])}
+    unscented, (x0, P0) = cable_filter.cable_filter(arrays), cable_filter.cable_prior(p)
+    _nrt_python.memsys_enable_stats()
+    try:
+        taken = []
+        for rows in (20, 120):
+            effort, u = np.full((rows, r.N), 1e-3), np.zeros((rows, r.INPUTS))
+            before = rtsys.get_allocation_stats().alloc
+            result = unscented.run(effort, u, x0=x0, P0=P0, dt=5e-3)
+            taken.append(rtsys.get_allocation_stats().alloc - before)
+            assert (result.status == 0).all()
+    finally:
+        _nrt_python.memsys_disable_stats()
+    assert taken[0] == taken[1]
 
 
 def test_a_load_that_comes_at_rest_is_one_with_what_holds_it(p):

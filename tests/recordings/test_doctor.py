@@ -181,6 +181,30 @@ def test_of_an_arm_that_stands_nothing_is_judged_by_its_noise(healthy):
     assert told["excitation"].evidence.startswith("shoulder, elbow, insertion stand")
 
 
+def test_an_effort_is_not_judged_by_a_joint_that_goes_one_way(healthy):
+    n = len(healthy)
+    one_way = changed(
+        healthy, measured__shoulder=np.linspace(0.5, 1.0, n), effort__shoulder=np.full(n, -0.2)
+    )
+    told = {v.name: v for v in diagnose(one_way).verdicts}["effort sign"]
+    assert told.level == "good"
+    assert "shoulder" not in told.evidence
+    back = np.concatenate([np.linspace(0.5, 1.0, n // 2), np.linspace(1.0, 0.5, n - n // 2)])
+    turned = changed(
+        healthy, measured__shoulder=back, effort__shoulder=-0.2 * np.sign(np.gradient(back))
+    )
+    told = {v.name: v for v in diagnose(turned).verdicts}["effort sign"]
+    assert told.level == "fail"
+    assert told.evidence.endswith("-100 % in shoulder")
+
+
+def test_an_effort_that_is_not_there_is_not_called_good(healthy):
+    names = [c for c in healthy.table if str(c) != "effort/elbow"]
+    bare = Recording.from_columns(healthy.table[names], healthy.provenance)
+    told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
+    assert (told.level, told.evidence) == ("info", "some of the coupled efforts are missing")
+
+
 def test_a_joint_that_stands_spoils_no_verdict_of_those_that_move(healthy):
     told = {v.name: v.level for v in diagnose(standing(healthy, ("elbow",))).verdicts}
     assert told["frozen signal"] == told["arm"] == told["effort sign"] == "good"

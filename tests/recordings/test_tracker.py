@@ -102,8 +102,8 @@ def test_what_is_no_track_is_one_line(tmp_path: Path) -> None:
         read_track(path)
     with pytest.raises(RecordingError, match="is no bag, so it has no topic"):
         read_track(path, "/marker")
-    with pytest.raises(RecordingError, match="no unit called 'cm'"):
-        read_track(path, unit="cm")
+    with pytest.raises(RecordingError, match="no unit called 'inch'"):
+        read_track(path, unit="inch")
     lost = table(poses=False)
     lost.loc[5:, ["x", "y", "z"]] = np.nan
     lost.to_csv(path, index=False)

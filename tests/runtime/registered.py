@@ -11,7 +11,7 @@ import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators import cable_filter, registry, two_mass
+from truejoint.estimators import RichPlay, cable_filter, cable_hybrid, registry, two_mass
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
@@ -23,6 +23,10 @@ from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.wrist import motions
 
 from . import streams
+
+FEW_PLAYS = RichPlay(
+    plays=(0.01, 0.1), time_constants=(0.02,), leading=1, squared=0, pairs=()
+)  # fmt: skip
 
 
 @cache
@@ -84,6 +88,7 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
         patch.dict(registry._TREES["random_forest"].params, n_estimators=4),
         patch.dict(registry._ESTIMATORS["dnn"].params, network),
         patch.object(cable_filter, "_ROUNDS", 2),
+        patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
         patch.object(two_mass, "_ROWS", 900),
     ):
         if inputs(name):

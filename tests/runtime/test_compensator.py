@@ -182,6 +182,25 @@ def test_what_is_lost_is_held_where_the_corrector_is_not_sure():
     assert np.isfinite(believing.step(9.0, [0.1], [np.nan])).all()
 
 
+def test_motors_go_at_once_where_a_load_that_is_wanted_takes_the_joint():
+    """Before, while and after it comes the set-point is the same; the joint gives way by it."""
+    told = Told()
+    compensator = quick(told, gain=0.0, lag=0.0)
+    compensator.start([0.3])
+    setpoints = []
+    for k in range(60):
+        load = min(max(0.01 * (k - 30), 0.0), 0.1)  # the motor's way comes late
+        told.correction = np.array([load])
+        compensator.give_way([load], [0.1 if k >= 20 else 0.0])
+        goal = 0.3 + 1e-9 * k  # it is not to stand still
+        setpoints.append(compensator.step(k / 250.0, [0.3], [goal])[0])
+    np.testing.assert_allclose(setpoints[:20], 0.3, atol=1e-6)
+    np.testing.assert_allclose(setpoints[24:], 0.2, atol=1e-6)
+    compensator.start([0.3])
+    told.correction = np.zeros(1)
+    assert compensator.step(9.0, [0.3], [0.3]) == pytest.approx([0.3])  # it forgets
+
+
 @pytest.mark.parametrize("rate", [100.0, 250.0, 1000.0])
 @pytest.mark.parametrize("lag", [0.005, 0.019])
 def test_the_margin_is_that_of_a_simulated_loop(rate, lag):

@@ -20,8 +20,13 @@ OPEN = np.array([0.1, -0.2, 0.2])
 
 def loop(joints=("pitch", "jaw1", "jaw2"), grip=True):
     """As much of a compensator as a grip needs; what it knows is set by a test."""
-    corrector = SimpleNamespace(joints=joints, beside={"grip": np.zeros(2)} if grip else {})
-    return SimpleNamespace(corrector=corrector, rate=RATE, known=OPEN.copy())
+    corrector = SimpleNamespace(
+        joints=joints, beside={"grip": np.zeros(2)} if grip else {}, gives_way={}
+    )
+    return SimpleNamespace(
+        corrector=corrector, rate=RATE, known=OPEN.copy(), believes=True,
+        give_way=lambda now, wanted: None,
+    )  # fmt: skip
 
 
 def gripped(wanted, off=0.0, felt=1.0):
@@ -65,6 +70,36 @@ def test_jaws_open_again_where_no_grip_is_wanted_as_fast_as_they_may():
     np.testing.assert_allclose(poses[-1], OPEN, atol=1e-12)
     speed = np.abs(np.diff(poses[:, 1:], axis=0)).max() * RATE
     assert speed <= ROBOT.joints[1].max_speed * (1.0 + 1e-9)
+
+
+def test_jaws_stay_as_they_are_while_the_grip_is_not_known_and_for_a_time_constant():
+    compensator, openings = loop(), []
+    control = GripControl(compensator, ROBOT)
+    pieces = control.pieces(np.tile(OPEN, (3000, 1)), np.full(3000, 0.04), 1000.0)
+    for step, piece in enumerate(pieces):
+        opening = float(piece[-1, 2] - piece[-1, 1])
+        openings.append(opening)
+        compensator.known = piece[-1]
+        compensator.believes = not 300 <= step < 320
+        force = STIFFNESS * max(HELD - opening, 0.0)
+        # It begins anew where it is believed again, and says for a moment that nothing is gripped.
+        compensator.corrector.beside["grip"][0] = 0.0 if 300 <= step < 330 else force
+    openings = np.array(openings)
+    assert STIFFNESS * (HELD - openings[300]) == pytest.approx(0.04, rel=1e-3)
+    np.testing.assert_array_equal(openings[301:340], openings[300])
+    np.testing.assert_allclose(openings[340:], openings[300], atol=1e-5)
+
+
+def test_motors_wind_up_by_what_a_grip_takes_of_the_joints():
+    compensator, told = loop(), []
+    compensator.corrector.gives_way["grip"] = np.array([0.0, -2.0, 2.0])
+    compensator.corrector.beside["grip"][0] = 0.03
+    compensator.give_way = lambda now, wanted: told.append((now, wanted))
+    wanted = np.concatenate([np.zeros(10), np.full(10, 0.05)])
+    list(GripControl(compensator, ROBOT).pieces(np.tile(OPEN, (20, 1)), wanted, 1000.0))
+    np.testing.assert_array_equal(told[0], np.zeros((2, 3)))
+    np.testing.assert_allclose(told[-1][0], [0.0, -0.06, 0.06])
+    np.testing.assert_allclose(told[-1][1], [0.0, -0.1, 0.1])
 
 
 def test_pieces_join_without_a_jump():

@@ -3,9 +3,10 @@ from __future__ import annotations
 import io
 
 import numpy as np
+from matplotlib import figure as mpl_figure
 from matplotlib.image import imread
 
-from truejoint.studies.figures import Box, Curve, Figure, Panel, png
+from truejoint.studies.figures import Box, Curve, Figure, Panel, _draw, png
 
 
 def test_a_picture_has_its_size_and_shows_its_curves():
@@ -29,3 +30,17 @@ def test_a_box_stands_where_its_values_are():
     columns = np.flatnonzero(red.any(axis=0))
     assert columns.size > 40
     assert np.ptp(columns) > 150  # both boxes
+
+
+def test_an_axis_over_many_decades_has_room_for_its_numbers():
+    panel = Panel([Curve([0.15, 170.0], [0, 1], style="o")], x="RMSE", log="x")
+    axis = mpl_figure.Figure().subplots()
+    _draw(panel, axis)
+    low, high = axis.get_xlim()
+    shown = [value for value in axis.get_xticks() if low <= value <= high]
+    np.testing.assert_allclose(shown, [1.0, 10.0, 100.0])
+    short = mpl_figure.Figure().subplots()
+    _draw(Panel([Curve([0.15, 1.7], [0, 1], style="o")], log="x"), short)
+    low, high = short.get_xlim()
+    shown = [value for value in short.get_xticks() if low <= value <= high]
+    np.testing.assert_allclose(shown, [0.2, 0.5, 1.0])

@@ -49,6 +49,13 @@ def test_a_damaged_result_counts_as_not_there(folder, text):
     assert "0 of 2 studies" in write_overview(folder).read_text()
 
 
+def test_options_that_are_not_those_of_the_preset_are_shown(toy, folder):
+    assert "<td>full, seed 0</td>" in write_overview(folder).read_text()
+    result = run_study(toy.study, {"count": 2})
+    write_study(result, folder / "toy", overwrite=True)
+    assert "<td>full, seed 0, count 2</td>" in write_overview(folder).read_text()
+
+
 def test_claims_name_what_they_were_judged_on(toy, folder):
     path = folder / "toy" / "toy.json"
     result = json.loads(path.read_text())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -27,6 +27,7 @@ from truejoint.estimators.adapting import check_rows
 from truejoint.models.features import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
+from truejoint.robots import Robot
 
 _OF_THE_PRIOR: Final = ("held_out", "rezeroed", "accepted", "command")  # metadata that do not hold
 _KEPT: Final = ("created", "rows", "duration", "data_sha256")  # of its metadata, under "prior"
@@ -84,6 +85,31 @@ def adapted(
     """
     recordings, reference = as_recordings(recordings), as_recordings(reference)
     robot = common_robot(recordings)
+    _check_prior(prior, robot)
+    theirs = prior.fitted_for(rezeroing=True)
+    own = replace(theirs, arm=robot.arm)
+    parts = _rows(own, recordings, stride_of(fit_rate, sample_dt(recordings)))
+    check_rows(sum(int(part.known.sum()) for part in parts))
+    before = _rows(theirs, reference, 1) if reference else []
+    each = bool(prior.rezero_models)
+    always = _always_left(theirs, before, parts, is_each_zeroed=each)
+    if sum(one.duration for one in recordings) < SLOPES_FROM:
+        penalties = np.full(len(own.joints), math.inf)
+        own = _moved(own, parts, always)
+    else:
+        own, penalties = _changed(own, parts, always)
+    told = {name: own.metadata.get(name) for name in _KEPT} | {
+        "robot": prior.title,
+        "penalties": [p if math.isfinite(p) else None for p in penalties],
+        "reference": [one.provenance.source for one in reference],
+    }
+    old = {name: value for name, value in own.metadata.items() if name not in _OF_THE_PRIOR}
+    facts = _origin(own, parts, reference)
+    return _widened(replace(own, metadata={**old, **facts, "prior": told}), parts)
+
+
+def _check_prior(prior: Calibration, robot: Robot) -> None:
+    """Refuse a prior that says nothing of such a robot, or whose zeros no recording can move."""
     if robot.name != as_calibration(prior).robot:
         raise CalibrationError(
             f"the prior is of {prior.title}, the recordings are of {robot.title}; give a prior of "
@@ -94,19 +120,21 @@ def adapted(
             "the prior has a zero for each homing, which moves its inputs; give one that was "
             "calibrated with a shared zero, or one for each recording"
         )
-    theirs = prior.fitted_for(rezeroing=True)
-    own = replace(theirs, arm=robot.arm)
-    parts = _rows(own, recordings, stride_of(fit_rate, sample_dt(recordings)))
+
+
+def _origin(
+    own: Calibration, parts: Sequence[TrainingRows], reference: Sequence[Recording]
+) -> dict[str, Any]:
+    """Metadata of what a calibration was changed by; its sessions are all that it knows of."""
+    facts = origin(parts)
+    facts["sessions"] += own.metadata.get("sessions", [])  # so that none is judged on
+    facts["sessions"] += [session_of(one) for one in reference if not trained_on(facts, one)]
+    return facts
+
+
+def _widened(own: Calibration, parts: Sequence[TrainingRows]) -> Calibration:
+    """Have it count as trained what it was changed by; without what may no longer hold."""
     known = np.concatenate([part.known for part in parts])
-    check_rows(int(known.sum()))
-    before = _rows(theirs, reference, 1) if reference else []
-    each = bool(prior.rezero_models)
-    always = _always_left(theirs, before, parts, is_each_zeroed=each)
-    if sum(one.duration for one in recordings) < SLOPES_FROM:
-        penalties = np.full(len(own.joints), math.inf)
-        own = _moved(own, parts, always)
-    else:
-        own, penalties = _changed(own, parts, always)
     X = np.concatenate([part.features for part in parts])[known]
     error = np.concatenate([part.error for part in parts])[known]
     domain = own.training_domain
@@ -114,15 +142,6 @@ def adapted(
         lower = np.minimum(domain.error_lower, error.min(axis=0))
         upper = np.maximum(domain.error_upper, error.max(axis=0))
         domain = replace(domain, error_lower=lower, error_upper=upper)
-    facts = origin(parts)
-    facts["sessions"] += own.metadata.get("sessions", [])  # so that none is judged on
-    facts["sessions"] += [session_of(one) for one in reference if not trained_on(facts, one)]
-    told = {name: own.metadata.get(name) for name in _KEPT} | {
-        "robot": prior.title,
-        "penalties": [p if math.isfinite(p) else None for p in penalties],
-        "reference": [one.provenance.source for one in reference],
-    }
-    old = {name: value for name, value in own.metadata.items() if name not in _OF_THE_PRIOR}
     return replace(
         own,
         rezero_models={},
@@ -131,7 +150,6 @@ def adapted(
         training_domain=domain,
         interval=None,
         effort_baseline=None,
-        metadata={**old, **facts, "prior": told},
     )
 
 

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, Final, Self
 
 import numpy as np
@@ -30,9 +31,10 @@ _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _ROWS: Final = 6_000  # that a fit for the choice sees, at most
 _JUDGED: Final = 100_000  # that a fold judges, at most
-MOST_ROWS: Final = 200_000  # that models with a history run over, at most, and so many fitted to
-_TRIED_ON: Final = 2  # folds, after which a candidate that no joint wants is given up,
-_WORSE: Final = 0.25  # if it is worse than the best by this share, at least, for each joint
+MOST_ROWS: Final = 60_000  # that models with a history run over, at most, and so many fitted to
+_TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
+_WORSE: Final = 0.25  # it is worse than the best by this share and has no weight,
+_HOPELESS: Final = 1.0  # or worse by this one
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +44,7 @@ class Automatic:
     Every candidate is fitted without some of the recordings in turn, never without single samples,
     and judged on these: see `truejoint.calibration.folds.folds`. For each joint, the weights that
     sum to 1, are not negative, and make the least mean square of the errors on what the fits did
-    not see, each fold relative to the linear model, make a mean of them (Breiman, Stacked
+    not see, each fold relative to the best candidate in it, make a mean of them (Breiman, Stacked
     regressions, Machine Learning 24, 1996). The mean, each fold judged with the weights of the
     others, or one candidate alone, whichever is best, is used where it beats the best of three
     simple models: linear, fixed offset and the raw position; by 10 % and by two standard errors of
@@ -62,9 +64,9 @@ class Automatic:
     candidates : sequence of Regressor
         What is tried; by default what the registry says: offset, linear, quadratic, a network
         until convergence, boosted trees on the residual of the linear model, rich plays with and
-        without trees, coupled plays, and a Gaussian process. One that takes features of its own is
-        tried where the recordings have them, with what learns its residual beside it, and what only
-        works offline is taken for all joints or not at all.
+        without trees, coupled plays, a Gaussian process, and a jaw's filter with trees. One that
+        takes features of its own is tried where the recordings have them, with what learns its
+        residual beside it, and what only works offline is taken for all joints or not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
@@ -161,11 +163,11 @@ class Group:
         self._middle, self._deviation = known.mean(axis=0), np.maximum(known.std(axis=0), _TINY)
         self._spreads = np.zeros((len(self.trials), known.shape[1]))  # largest so far
 
-    def judge(self, fold: Fold, say: Callable[[str, float], None]) -> None:
+    def judge(self, fold: Fold, say: Callable[[str, int], None]) -> None:
         """Fit what is not given up without a fold, and judge it there.
 
-        `say` is told what is fitted, and the share that is done. Raises CalibrationError if the
-        linear model cannot be fitted.
+        `say` is told what is fitted, and which of the candidates it is. Raises CalibrationError if
+        the linear model cannot be fitted.
         """
         seen, unseen = self._split(fold)
         m, n_joints = len(self.trials), self._targets.shape[1]
@@ -173,7 +175,7 @@ class Group:
         for number, trial in enumerate(self.trials):
             if trial.note:
                 continue
-            say(trial.candidate.name, number / m)
+            say(trial.candidate.name, number)
             began = time.perf_counter()
             try:
                 predicted, spread = self._predict(trial, seen, unseen)
@@ -187,13 +189,18 @@ class Group:
             trial.seconds += time.perf_counter() - began
         self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
         if len(self.products) >= _TRIED_ON:
-            sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
-            worse = (sizes > np.nanmin(sizes, axis=0) + math.log1p(_WORSE)).all(axis=1)
-            unwanted = worse & ~self.weights().any(axis=1)
-            beyond = range(self._n_simple, len(self.trials))
-            for trial in (self.trials[number] for number in beyond if unwanted[number]):
-                if trial.is_member and not trial.note:
-                    trial.note = f"given up after {trial.folds} folds"
+            self._give_up()
+
+    def _give_up(self) -> None:
+        """Try no more what cannot be a member that any joint wants."""
+        sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
+        worse = sizes - np.nanmin(sizes, axis=0)
+        unwanted = (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
+        unwanted |= (worse > math.log1p(_HOPELESS)).all(axis=1)
+        for number, trial in enumerate(self.trials):
+            tried = number >= self._n_simple and trial.is_member and not trial.note
+            if tried and unwanted[number]:
+                trial.note = f"given up after {trial.folds} folds"
 
     def _split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit sees, few enough, and rows that are judged."""
@@ -262,9 +269,15 @@ class Group:
         return self.alone[:, 0]
 
     def weights(self, without: int | None = None) -> Array:
-        """Weights (m, n_joints) of the members, of all folds or without one."""
-        kept = [p for number, p in enumerate(self.products) if number != without]
-        relative = np.mean([p / np.maximum(p[:, :1, :1], _TINY) for p in kept], axis=0)
+        """Weights (m, n_joints) of the members, of all folds or without one of several.
+
+        Each fold counts by its errors over the least of any: a fold that is easy for all, as of a
+        joint at rest, is no more than another.
+        """
+        kept = [number for number in range(len(self.products)) if number != without] or [0]
+        least = np.nanmin(np.where(self.usable, self.alone[kept], np.inf), axis=1)
+        scales = np.maximum(least, _TINY)[:, :, None, None]
+        relative = np.mean(np.array(self.products)[kept] / scales, axis=0)
         for number, trial in enumerate(self.trials):
             if not trial.is_member or isinstance(trial.candidate, Raw):  # an offset is one anyhow
                 relative[:, number] = np.nan
@@ -324,6 +337,24 @@ def apart(features: Array, feature_set: FeatureSet) -> Array:
         rows = len(features) * signals.index(feature.signal) // len(signals)
         moved[:, number] = np.roll(features[:, number], rows)
     return moved
+
+
+def share_of(sizes: Sequence[int], most: int) -> int:
+    """Rows that each recording may give for all to give `most`: short ones give all they have.
+
+    Examples
+    --------
+    >>> from truejoint.calibration.choice import share_of
+    >>> share_of([10, 500, 900], most=410)
+    200
+    """
+    left = most
+    for done, size in enumerate(sorted(sizes)):
+        share = left // (len(sizes) - done)
+        if size > share:
+            return max(share, 1)
+        left -= size
+    return max(sizes)
 
 
 def _spread(rows: Integers, most: int) -> Integers:
@@ -386,26 +417,31 @@ def choose(
     more of them take more rows, are left out.
     """
     tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
+    left_out = [*left_out[1::2], *left_out[::2]]  # the outermost, by which none is given up, last
+    starts = np.cumsum([0, *(len(group.trials) for group in groups)])
+
+    def say(number: int, start: int, name: str, trial: int) -> None:
+        tell(f"Choosing: {name} without {left_out[number].name}")
+        report((number + (start + trial) / starts[-1]) / len(left_out))
+
     judged: list[Fold] = []
+    others = list(zip(groups[1:], starts[1:], strict=False))
     for number, fold in enumerate(left_out):
-
-        def say(name: str, share: float, fold: Fold = fold, number: int = number) -> None:
-            tell(f"Choosing: {name} without {fold.name}")
-            report((number + share) / len(left_out))
-
         try:
-            groups[0].judge(fold, say)
+            groups[0].judge(fold, partial(say, number, 0))
             judged.append(fold)
         except CalibrationError:
             if fold is left_out[-1] and not judged:
                 raise
             continue
-        groups = [groups[0], *(group for group in groups[1:] if _is_judged(group, fold, say))]
+        others = [
+            (one, at) for one, at in others if _is_judged(one, fold, partial(say, number, at))
+        ]
     tell("Fitting what was chosen")
-    return _best(groups, judged, joints)
+    return _best([groups[0], *(group for group, _ in others)], judged, joints)
 
 
-def _is_judged(group: Group, fold: Fold, say: Callable[[str, float], None]) -> bool:
+def _is_judged(group: Group, fold: Fold, say: Callable[[str, int], None]) -> bool:
     try:
         group.judge(fold, say)
     except CalibrationError:

@@ -19,7 +19,7 @@ from truejoint.calibration.conformal import (
     trajectory_scores,
 )
 from truejoint.calibration.fitting import calibrate, within
-from truejoint.calibration.folds import FOLDS, Part, blocks, dealt, wholes, without
+from truejoint.calibration.folds import FOLDS, Fold, Part, blocks, dealt, wholes, without
 from truejoint.calibration.interval import GROWTH, LEVELS
 from truejoint.calibration.selection import common_robot
 from truejoint.estimators.base import Progress
@@ -81,12 +81,7 @@ def cross_interval(
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or (lambda _fraction: None)
-    whole = exchangeable_units(recordings, per_homing=rezero == 0.0)
-    is_cut = len(whole) < WHOLE_FROM
-    if is_cut:
-        units = [[part] for part in blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))]
-    else:
-        units = [[wholes(recordings)[i] for i in unit] for unit in whole]
+    units, is_cut = _units(recordings, per_homing=rezero == 0.0)
     possible = possible_levels(levels, len(units))
     left_out = dealt(units, "", FOLDS)
     share = 1.0 / (len(left_out) + 1)
@@ -100,12 +95,8 @@ def cross_interval(
         training = without(recordings, fold.parts)
         other = calibrate(training, fitted.model.settled(), progress=done, **again)
         other = other.fitted_for(rezeroing=rezero > 0.0)
-        for part in fold.parts:
-            recording = recordings[part.recording]
-            among = part.rows(len(recording))
-            scores[part] = trajectory_scores(other, recording, rezero, growth, among)
-        unseen = [recordings[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
-        judged.append((other, unseen))
+        scores |= _scores_of(other, recordings, fold, rezero, growth)
+        judged.append((other, _unseen(recordings, fold)))
     interval = interval_of(
         [np.concatenate([scores[part] for part in unit], axis=2) for unit in units],
         possible,
@@ -116,3 +107,28 @@ def cross_interval(
         cut=len(recordings) if is_cut else 0,
     )
     return state_interval(fitted, interval, recordings, judged)
+
+
+def _units(recordings: Sequence[Recording], *, per_homing: bool) -> tuple[list[list[Part]], bool]:
+    """Parts of each trajectory that weighs as one, and whether recordings were cut for them."""
+    whole = exchangeable_units(recordings, per_homing=per_homing)
+    if len(whole) < WHOLE_FROM:
+        each = max(FOLDS, -(-PARTS // len(recordings)))
+        return [[part] for part in blocks(recordings, each)], True
+    return [[wholes(recordings)[i] for i in unit] for unit in whole], False
+
+
+def _scores_of(
+    fitted: Calibration, recordings: Sequence[Recording], fold: Fold, rezero: float, growth: float
+) -> dict[Part, Array]:
+    """Scores of each part of a fold, by a fit that did without it."""
+    found = {}
+    for part in fold.parts:
+        recording = recordings[part.recording]
+        among = part.rows(len(recording))
+        found[part] = trajectory_scores(fitted, recording, rezero, growth, among)
+    return found
+
+
+def _unseen(recordings: Sequence[Recording], fold: Fold) -> list[Recording]:
+    return [recordings[part.recording].rows(slice(part.first, part.end)) for part in fold.parts]

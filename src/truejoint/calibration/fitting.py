@@ -15,7 +15,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose
+from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import fit_parity_equations
@@ -25,6 +25,7 @@ from truejoint.calibration.selection import (
     chosen_redundant,
     common_robot,
     common_units,
+    in_all,
 )
 from truejoint.calibration.sessions import session_of, source_of
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
@@ -55,7 +56,8 @@ from truejoint.robots import Robot
 
 ZeroOf = Literal["shared", "recording", "homing"]
 
-_MORE: Final = ("measured", "effort", "current")  # that a choice tries, where it chooses features
+_MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
+"""Quantities of which a choice tries all columns, where it chooses features."""
 _CHOICE_SHARE: Final = 0.9  # of the progress bar, where there is a choice
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 _SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
@@ -369,6 +371,10 @@ def _choose(
     """Choose among the estimators that can predict the target, each with its features."""
     robot = common_robot(recordings)
     chosen = chosen_joints(robot, recordings, joints)
+    recordings = _distinct(recordings)
+    named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
+    usual = FeatureSet.parse(in_all(recordings, named))
+    common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
     models = [_unfitted(one, None, random_state) for one in wanted.candidates]
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     targets: dict[FeatureSet, Target] = {}
@@ -378,7 +384,8 @@ def _choose(
         knowing = _knowing(model, recordings)
         if wants not in model.family.targets or knowing is None:
             continue
-        known = chosen_features(knowing, robot, recordings, None if own else features)
+        asked = usual if features is None else features
+        known = chosen_features(knowing, robot, recordings, None if own else asked)
         by_features.setdefault(known, []).append(knowing)
         targets.setdefault(known, wants)
     if not by_features:
@@ -389,13 +396,11 @@ def _choose(
         )
     free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
     if free and wanted.default_features and features is not None and len(recordings) >= FEW:
-        by_features.setdefault(default_features(robot, recordings[0]), free)
-    if features is None and free:
-        columns = recordings[0].table.columns
-        more = FeatureSet.parse([name for name in columns if name.split("/")[0] in _MORE])
-        units = {(name, recordings[0].units[name]) for name in more.signals}
-        in_all = all(units <= set(one.units.items()) for one in recordings)
-        if in_all and not any(set(more.names) == set(one.names) for one in by_features):
+        by_features.setdefault(usual, free)
+    for quantities in _MORE if features is None and free else ():
+        columns = [name for name in recordings[0].units if name.split("/")[0] in quantities]
+        more = FeatureSet.parse(in_all(recordings, columns))
+        if not any(set(more.names) == set(one.names) for one in by_features):
             by_features[more] = free
     for ones in by_features.values():  # what learns a filter's residual, without the filter too
         within_one = {name for one in ones for name in _member_names(one)}
@@ -408,11 +413,25 @@ def _choose(
         parts = map(rules.rows, recordings, outlying)
         own_target = targets.get(feature_set, target or TARGETS[0])
         thinned = not any(one.family.counts_samples for one in candidates)
-        most = MOST_ROWS // len(recordings) if thinned else max(map(len, recordings))
+        sizes = [len(one) for one in recordings]
+        most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
         rows = [Rows.of(part, own_target, most) for part in parts]
         told = [one.for_features(feature_set.names, robot, chosen) for one in candidates]
         groups.append(Group(feature_set, rows, told, own_target))
-    return choose(groups, folds(recordings), chosen, wanted.tell, progress)
+    found = choose(groups, folds(recordings), chosen, wanted.tell, progress)
+    lacking = [] if features is not None else [name for name in named if name not in usual.names]
+    return replace(found, told={**found.told, "not_in_all": lacking})
+
+
+def _distinct(recordings: Sequence[Recording]) -> list[Recording]:
+    """Leave out what is another recording's copy: a fit would be judged on itself."""
+    found: dict[str, Recording] = {}
+    for one in recordings:
+        digest = hashlib.sha256()
+        for name in ("t", *one.units):
+            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
+        found.setdefault(digest.hexdigest(), one)
+    return list(found.values())
 
 
 def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:

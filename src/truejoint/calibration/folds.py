@@ -12,6 +12,7 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.sessions import source_of
 from truejoint.errors import CalibrationError
+from truejoint.estimators.cross_validation import levels
 from truejoint.models.features import sample_dt
 from truejoint.recordings import Recording
 
@@ -21,6 +22,7 @@ SORTED_FROM: Final = 10  # recordings; so many tell fast from slow and light fro
 
 _GAP: Final = 0.1  # of the time of a part, that is left out on either side of it
 _STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
+_AT_REST: Final = 0.05  # of the RMS speed of a joint, below which it counts as standing still
 _LEAST_ROWS: Final = 10  # of a part
 
 
@@ -80,15 +82,18 @@ def wholes(recordings: Sequence[Recording]) -> list[Part]:
     return [Part(index, 0, len(recording)) for index, recording in enumerate(recordings)]
 
 
-def blocks(recordings: Sequence[Recording], count: int) -> list[Part]:
+def blocks(recordings: Sequence[Recording], count: int, *, in_motion: bool = False) -> list[Part]:
     """Every recording in `count` parts of equal time, one recording after the other.
 
-    Raises CalibrationError if one would hold fewer than ten rows.
+    Or, `in_motion`, of equal time in which a joint moves, where each then holds ten rows. Raises
+    CalibrationError if one would hold fewer than ten rows.
     """
     parts = []
     for index, recording in enumerate(recordings):
-        edges = recording.t[0] + recording.duration * np.arange(1, count) / count
-        marks = [0, *np.searchsorted(recording.t, edges).tolist(), len(recording)]
+        marks = _marks(recording.t, count)
+        if in_motion:
+            found = _marks(_time_moved(recording), count)
+            marks = found if min(np.diff(found)) >= _LEAST_ROWS else marks
         if min(np.diff(marks)) < _LEAST_ROWS:
             raise CalibrationError(
                 f"{source_of(recording)}: {len(recording)} rows are too few to leave out a "
@@ -96,6 +101,29 @@ def blocks(recordings: Sequence[Recording], count: int) -> list[Part]:
             )
         parts += [Part(index, *marks[i : i + 2]) for i in range(count)]
     return parts
+
+
+def _marks(course: Array, count: int) -> list[int]:
+    """First row of each of `count` equal parts of what never falls (n,), and the number of rows."""
+    edges = course[0] + (course[-1] - course[0]) * np.arange(1, count) / count
+    return [0, *np.searchsorted(course, edges).tolist(), len(course)]
+
+
+def _time_moved(recording: Recording) -> Array:
+    """Time (n,) [s] in which a joint has moved, by each row."""
+    rows = np.union1d(np.arange(0, len(recording), _every([recording])), len(recording) - 1)
+    q = recording.columns("measured", recording.joints_of("measured"))[rows]
+    dt = np.diff(recording.t[rows])
+    speeds = np.abs(np.diff(q, axis=0)) / dt[:, None]
+    usual = np.sqrt(np.mean(speeds**2, axis=0))
+    moves = ((speeds > _AT_REST * usual) & (usual > 0.0)).any(axis=1)
+    moved = np.concatenate([[0.0], np.cumsum(np.where(moves, dt, 0.0))])
+    return np.asarray(np.interp(np.arange(len(recording)), rows, moved))
+
+
+def _every(recordings: Sequence[Recording]) -> int:
+    """Rows in the time over which speed is taken."""
+    return max(1, round(_STEP / sample_dt(recordings)))
 
 
 def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list[Fold]:
@@ -110,21 +138,22 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
-    One or two recordings lose a fifth of their time each; two or more are left out whole. Ten or
-    more are left out by how fast they move and by how large their efforts are, a fifth at a time,
-    so that an estimator shows what it does beyond them. Where several homings, or masses on the
-    tool, are stated, these are left out too.
+    One or two recordings lose a fifth of the time in which they move, so that no part is at rest,
+    which shows no more than one error; two or more are left out whole. Ten or more are left out by
+    how fast they move and by how large their efforts are, a fifth at a time, so that an estimator
+    shows what it does beyond them; those of one speed, or under one load, all at once
+    (`truejoint.estimators.cross_validation.levels`). Where several homings, or masses on the tool,
+    are stated, these are left out too.
     """
     parts, found = wholes(recordings), list[Fold]()
     if len(recordings) < FEW:
-        shares = blocks(recordings, FOLDS)
+        shares = blocks(recordings, FOLDS, in_motion=True)
         found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
         return found if len(parts) == 1 else found + dealt([[p] for p in parts], "recordings")
     if len(recordings) >= SORTED_FROM:
         for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
-            groups = np.array_split(np.argsort(sizes, kind="stable"), FOLDS)
             if np.ptp(sizes) > 0.0:
-                found += dealt([[parts[i] for i in group] for group in groups], name)
+                found += dealt([[parts[i] for i in group] for group in levels(sizes)], name)
     stated: dict[str, Sequence[str | float | None]] = {
         "homing": [recording.provenance.homing_id or None for recording in recordings],
         "load": [None if math.isnan(r.provenance.load) else r.provenance.load for r in recordings],
@@ -148,7 +177,7 @@ def _speeds(recordings: Sequence[Recording]) -> Array:
     """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
     found = []
     for recording in recordings:
-        every = max(1, round(_STEP / sample_dt([recording])))
+        every = _every([recording])
         t, q = recording.t[::every], _common(recordings, recording, "measured")[::every]
         found.append(np.diff(q, axis=0) / np.diff(t)[:, None])
     return _sizes(found)

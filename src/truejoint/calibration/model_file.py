@@ -18,7 +18,7 @@ import numpy as np
 import safetensors.numpy
 
 from truejoint.array_types import Array
-from truejoint.errors import ModelFileError
+from truejoint.errors import ModelFileError, other_kind
 from truejoint.files import (
     canonical_json,
     content_hash,
@@ -80,6 +80,8 @@ def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[
 
     Raises ModelFileError if it is missing, too large, truncated, edited, or of a newer format.
     """
+    if not isinstance(path, str | os.PathLike):
+        raise ModelFileError(other_kind(path, "path", "give that of a model file"))
     path = Path(path)
     data = read_small(path, ModelFileError, MAX_FILE_BYTES, "a model")
     try:

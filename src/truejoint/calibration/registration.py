@@ -64,6 +64,13 @@ class Registration:
     stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        shapes = {"base": (4, 4), "base_sd": (6,), "marker": (3,), "marker_sd": (3,)}
+        for name, shape in shapes.items():
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != shape:
+                raise CalibrationError(
+                    f"registration: {name} is of shape {np.shape(value)}; it must be {shape}"
+                )
         if len(self.touched) and self.base is not None:
             raise CalibrationError(
                 "registration: it states the base's pose and touched points; leave one of them out"

@@ -75,6 +75,16 @@ def chosen_features(
     return chosen
 
 
+def in_all(recordings: Sequence[Recording], columns: Iterable[str]) -> list[str]:
+    """Columns that every recording has, in one unit."""
+    first = recordings[0].units
+    return [
+        name
+        for name in columns
+        if name in first and all(one.units.get(name) == first[name] for one in recordings)
+    ]
+
+
 def chosen_redundant(
     recordings: Sequence[Recording], asked: Sequence[str] | None
 ) -> dict[str, str]:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.errors import CalibrationError, meant
 from truejoint.robots.robot import Robot, as_robot
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
+
+_SHOWN: Final = 12  # columns in a message
 
 
 def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "sessions") -> bool:
@@ -44,9 +46,13 @@ def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> N
     """Raise CalibrationError, naming them, when columns are missing that something needs."""
     missing = [column for column in columns if column not in recording.table.columns]
     if missing:
+        quantity = missing[0].partition("/")[0] + "/"  # of another one nothing can be meant
+        alike = [name for name in recording.units if name.startswith(quantity)]
+        shown = list(recording.units)[:_SHOWN]
+        more = len(recording.units) - len(shown)
         raise CalibrationError(
             f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose};"
-            f"{meant(missing[0], recording.units)} it has {', '.join(recording.units)}"
+            f"{meant(missing[0], alike)} it has {', '.join(shown)}{f', {more} more' * (more > 0)}"
         )
 
 

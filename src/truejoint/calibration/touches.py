@@ -16,7 +16,7 @@ from truejoint.calibration.plate import TOUCH_SD, BlockPose, Plate
 from truejoint.calibration.sessions import check_columns, source_of
 from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, TipState, align, fit_tip
 from truejoint.calibration.zero import moved
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, other_kind
 from truejoint.files import read_small
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.robot import Robot
@@ -407,6 +407,8 @@ def check_pose(calibration: Calibration, pose: BlockPose) -> None:
 
 def check_count(touches: Touches, fewest: int, what: str) -> None:
     """Refuse touches of fewer dimples, or fewer shots; `what` they are for, in the message."""
+    if not hasattr(touches, "dimple"):
+        raise CalibrationError(other_kind(touches, "Touches", "read_touches(path) gives them"))
     different = len(set(touches.dimple))
     if different < fewest:
         raise CalibrationError(

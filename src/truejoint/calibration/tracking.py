@@ -119,8 +119,25 @@ def tracked_truth(
     robot = as_recording(recording).robot
     if not isinstance(track, Track):
         raise RecordingError(other_kind(track, "Track", "read_track(path) reads one"))
-    source = track.source
     chain, link = carrier(robot, registration.link)
+    names = _checked_joints(track.source, robot, joints)
+    moving = TrackedMotion.of(recording, chain, names)
+    begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
+    start = _coarse_offset(moving, track, near, begins) if offset is None else offset - begins
+    known = Known.of(registration, robot, moving, track, start, delayed=offset is None)
+    fit = fit_track(moving, track, known)
+    _check_seen(track.source, fit, moving, names)
+    found = _judged(moving, track, known, fit)
+    truth, deviations = _solve(moving, found.rows, fit)
+    columns = {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
+    clock = _clock(fit, begins, is_stated=offset is not None)
+    joined, _ = join_truth(recording, Stream(track.t[found.fits], columns), clock.seconds)
+    registered = _registered(robot, link, names, known, fit, found, clock, deviations)
+    return _described(joined, registered, track), registered
+
+
+def _checked_joints(source: str, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
+    """Joints whose truth is sought; refuses what a point cannot tell."""
     names = tuple(joints) or robot.positioning[:3]
     robot.index(names)
     if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
@@ -128,45 +145,45 @@ def tracked_truth(
             f"{source}: the place of a marker tells 1 to 3 joints, each named once, not "
             f"{', '.join(names)}"
         )
-    moving = TrackedMotion.of(recording, chain, names)
-    begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
-    if offset is None:
-        if near is None and begins > EPOCH and cover_same_time(moving.t + begins, track.t):
-            near = 0.0  # both have the time of day
-        coarse = _coarse_offset(moving, track, None if near is None else near - begins)
-    else:
-        coarse = offset - begins
-    known = Known.of(registration, robot, moving, track, coarse, delayed=offset is None)
-    fit = fit_track(moving, track, known)
-    _check_seen(source, fit, moving, names)
-    found = _judged(moving, track, known, fit)
-    _check_followed(source, found, fit, moving)
-    truth, deviations = _solve(moving, found.rows, fit)
-    stream = Stream(
-        track.t[found.fits], {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
-    )
-    sd = math.nan if offset is not None else fit.sd_of("delay")
-    clock = ClockOffset(fit.offset + begins, sd, () if offset is not None else ("the tool",))
-    joined, _ = join_truth(recording, stream, clock.seconds)
+    return names
+
+
+def _clock(fit: TrackFit, begins: float, *, is_stated: bool) -> ClockOffset:
+    """Offset of the clocks where a recording `begins` at a time of day [s], or at 0."""
+    sd, by = (math.nan, ()) if is_stated else (fit.sd_of("delay"), ("the tool",))
+    return ClockOffset(fit.offset + begins, sd, by)
+
+
+def _registered(
+    robot: Robot,
+    link: str,
+    names: tuple[str, ...],
+    known: Known,
+    fit: TrackFit,
+    found: _Judged,
+    clock: ClockOffset,
+    deviations: tuple[Array, Array],
+) -> Registered:
+    """Say where a fit puts tracker and marker, and what of the readings fits."""
     base, marker = np.eye(4), np.eye(4)
     base[:3, :3], base[:3, 3] = fit.state.rotation, fit.state.translation
     marker[:3, :3], marker[:3, 3] = fit.turn, fit.state.marker
-    registered = Registered(
-        base @ known.base_from_tracker,
-        fit.sds(POSE),
-        link,
-        marker,
-        fit.sds(MARKER),
-        clock,
-        float(fit.noise[0]),
-        names,
-        tuple(robot.joint(name).unit for name in names),
-        *deviations,
-        int(found.fits.sum()),
-        found.strays,
-        found.stretches,
+    return Registered(
+        base_from_tracker=base @ known.base_from_tracker,
+        base_sd=fit.sds(POSE),
+        link=link,
+        link_from_marker=marker,
+        marker_sd=fit.sds(MARKER),
+        clock=clock,
+        noise=float(fit.noise[0]),
+        joints=names,
+        units=tuple(robot.joint(name).unit for name in names),
+        noise_deviation=deviations[0],
+        pose_deviation=deviations[1],
+        readings=int(found.fits.sum()),
+        strays=found.strays,
+        stretches=found.stretches,
     )
-    return _described(joined, registered, track), registered
 
 
 def _described(joined: Recording, registered: Registered, track: Track) -> Recording:
@@ -206,8 +223,14 @@ def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
     return kinematics.up_to(robot.index([link])[0]), link
 
 
-def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None) -> float:
-    """Offset of the clocks [s] by the path of the tool; refuses points that are hardly in m."""
+def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begins: float) -> float:
+    """Offset of the track's clock from a recording's that `begins` at a time of day [s].
+
+    By the path of the tool, `near` one of the clocks themselves; refuses points that are hardly in
+    m.
+    """
+    if near is None and begins > EPOCH and cover_same_time(motion.t + begins, track.t):
+        near = 0.0  # both have the time of day
     path, points = motion.path, track.position
     ratio = float(np.linalg.norm(np.std(points, axis=0)) / np.linalg.norm(np.std(path, axis=0)))
     if not 1.0 / _LIKE < ratio < _LIKE:
@@ -215,7 +238,8 @@ def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None) -> f
             f"{track.source}: the points spread {ratio:.3g} times as wide as the tool moves; are "
             "they in m (--unit mm), and of this motion?"
         )
-    return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), near)
+    about = None if near is None else near - begins
+    return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), about)
 
 
 def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion, names: Sequence[str]) -> None:
@@ -268,7 +292,10 @@ class _Judged:
 
 
 def _judged(motion: TrackedMotion, track: Track, known: Known, fit: TrackFit) -> _Judged:
-    """Tell readings that fit from strays, and from stretches of time in which most are off."""
+    """Tell readings that fit from strays, and from stretches of time in which most are off.
+
+    Refuses points that do not follow the tool.
+    """
     stamps, noise = track.t + fit.offset, max(float(fit.noise[0]), _FINEST)
     rows = motion.rows(stamps, brought(known, track)[0])
     state = _stamped(fit)
@@ -280,7 +307,9 @@ def _judged(motion: TrackedMotion, track: Track, known: Known, fit: TrackFit) ->
     stretches, within = _stretches(stamps, inside, stray, on_link, noise)
     fits = inside & ~stray & ~within
     jumps = _jumps(stamps[fits], on_link[fits], noise)
-    return _Judged(rows.rows(fits), fits, int((stray & ~within).sum()), stretches, jumps)
+    found = _Judged(rows.rows(fits), fits, int((stray & ~within).sum()), stretches, jumps)
+    _check_followed(track.source, found, fit, motion)
+    return found
 
 
 def _jumps(t: Array, shift: Array, noise: float) -> Array:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 from typing import Final
 
 import numpy as np
@@ -103,8 +104,10 @@ def stride_of(fit_rate: float | None, dt: float) -> int:
     """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
     if fit_rate is None:
         return 1
-    if not 1e-9 <= fit_rate < math.inf:
-        raise CalibrationError(f"fit rate is {fit_rate} Hz; it must be above 0 Hz, 1e-9 at least")
+    if not (isinstance(fit_rate, Real) and 1e-9 <= fit_rate < math.inf):
+        raise CalibrationError(
+            f"fit rate is {fit_rate!r:.40} Hz; it must be above 0 Hz, 1e-9 at least"
+        )
     return max(1, round(1.0 / (fit_rate * dt)))
 
 

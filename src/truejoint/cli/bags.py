@@ -14,7 +14,7 @@ from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.inputs import Clocks, Files, Origin, say_dropped, takes, takes_files
 from truejoint.cli.track import Registration, show, with_tracked_truth
 from truejoint.errors import RecordingError
-from truejoint.files import check_target
+from truejoint.files import check_ending, check_target
 
 Profile = Annotated[
     str,
@@ -123,6 +123,7 @@ def extract(
             raise RecordingError("no --out, so the topics are listed, which takes --json alone")
         _list_topics(bags, as_json=as_json)
         return
+    check_ending(output, ".parquet", "a recording", RecordingError)
     check_target(output, overwrite=force)
     with progress(f"Reading {len(bags)} bag{'s'[: len(bags) != 1]}"):
         seen = truejoint.recordings.read_track(bags, truth.tracker) if truth.is_tracked else None

@@ -197,5 +197,7 @@ def print_choice(fitted: truejoint.Calibration) -> None:
     rows.append(row("chosen", told["chosen"]))
     header = ["estimator", "features", f"to {told['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in shown]
+    if told["not_in_all"]:
+        say(f"not in every recording, so not learnt of: {', '.join(told['not_in_all'])}")
     title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
     print_table([*header, "note"], rows, title=title)

@@ -151,7 +151,8 @@ def collect(
         typer.Option(
             min=0.0,
             help="With --compensate or --closed-loop: time by which the motors follow set-points "
-            "that move evenly [s]. Default: 0.05, a RAVEN-II's.",
+            "that move evenly [s]. Default: 0.05, the simulated RAVEN-II's; docs/operating.md "
+            "finds yours.",
         ),
     ] = None,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,

@@ -110,6 +110,7 @@ class Progress:
 
 # A log file has no bar that moves: say there how far a long step is, this often [s].
 _LOG_PERIOD = 10.0
+_TELLING = 0.01  # share done from which on the time left can be told: what is first also compiles
 
 
 @contextmanager
@@ -142,9 +143,10 @@ def progress(description: str) -> Iterator[Progress]:
         if now - said < _LOG_PERIOD or not 0 < fraction < 1:
             return
         said = now
-        left = (now - began) * (1 - fraction) / fraction
+        seconds = (now - began) * (1 - fraction) / fraction
+        left = f", about {seconds:.0f} s left" if fraction >= _TELLING else ""
         after = f": {doing}" if doing != description else ""
-        err.print(f"  {fraction:.0%}, about {left:.0f} s left{after}")
+        err.print(f"  {fraction:.0%}{left}{after}")
 
     yield Progress(report, description)
     err.print(f"  done in {time.monotonic() - began:.1f} s")

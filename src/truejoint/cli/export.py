@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
@@ -12,6 +13,10 @@ from truejoint.cli import complete, options
 from truejoint.cli.console import out, result_json
 from truejoint.errors import ExportError
 from truejoint.files import check_folder
+
+if TYPE_CHECKING:
+    from truejoint.calibration import Calibration
+    from truejoint.runtime import Compensator
 
 
 def export(
@@ -67,34 +72,46 @@ def export(
             "no checks"
         )
     check_folder(folder, error=ExportError)
-    # Imported here because they compile.
-    from truejoint.export import (  # noqa: PLC0415
-        check_command,
-        default_prefix,
-        export_c,
-        export_onnx,
-        export_ros,
-    )
-    from truejoint.export.c_source import check_prefix  # noqa: PLC0415
-
     calibration = truejoint.read_calibration(model)
-    if kind != "onnx":
-        if compensate:
-            robot = truejoint.get_robot(calibration.robot, calibration.arm)
-            corrector = truejoint.runtime.Corrector(calibration.without_redundant())
-            given["compensator"] = truejoint.runtime.Compensator(corrector, robot)
-        write = export_c if kind == "c" else export_ros
-        paths = write(
-            calibration, folder, prefix=prefix, precision=precision, overwrite=force, **given
-        )
-    else:
-        name = check_prefix(default_prefix(calibration) if prefix is None else prefix)
-        path = folder / f"{name}.onnx"
-        paths = (export_onnx(calibration, path, precision=precision, overwrite=force),)
+    if compensate:
+        given["compensator"] = _compensator(calibration)
+    paths = _written(calibration, kind, folder, prefix, precision, given, overwrite=force)
     if as_json:
         result_json({"files": [str(path) for path in paths]})
         return
     for path in paths:
         out.print(str(path), soft_wrap=True)
     if kind != "onnx":
+        from truejoint.export import check_command  # noqa: PLC0415  # compiles
+
         out.print(f"check it:  {check_command(paths)}", soft_wrap=True)
+
+
+def _compensator(calibration: Calibration) -> Compensator:
+    robot = truejoint.get_robot(calibration.robot, calibration.arm)
+    corrector = truejoint.runtime.Corrector(calibration.without_redundant())
+    return truejoint.runtime.Compensator(corrector, robot)
+
+
+def _written(
+    calibration: Calibration,
+    kind: Literal["c", "onnx", "ros"],
+    folder: Path,
+    prefix: str | None,
+    precision: Literal["double", "float"],
+    given: dict[str, Any],
+    *,
+    overwrite: bool,
+) -> Sequence[Path]:
+    """Files that were written; `given` is what `export_c` and `export_ros` take besides."""
+    from truejoint import export  # noqa: PLC0415  # compiles
+    from truejoint.export.c_source import check_prefix  # noqa: PLC0415
+
+    if kind == "onnx":
+        name = check_prefix(export.default_prefix(calibration) if prefix is None else prefix)
+        path = folder / f"{name}.onnx"
+        return (export.export_onnx(calibration, path, precision=precision, overwrite=overwrite),)
+    write = export.export_c if kind == "c" else export.export_ros
+    return write(
+        calibration, folder, prefix=prefix, precision=precision, overwrite=overwrite, **given
+    )

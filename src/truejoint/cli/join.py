@@ -12,7 +12,8 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json
 from truejoint.cli.inputs import Clocks, Files, say_dropped, takes
-from truejoint.files import check_target
+from truejoint.errors import RecordingError
+from truejoint.files import check_ending, check_target
 
 
 @takes(files=Files, clocks=Clocks)
@@ -34,6 +35,7 @@ def join(
     files: Files,
 ) -> None:
     """Join a robot's recording with the truth that was recorded in a file of its own."""
+    check_ending(output, ".parquet", "a recording", RecordingError)
     check_target(output, overwrite=force)
     found = files.one(robot_file)
     arm = found.robot
@@ -57,5 +59,5 @@ def join(
     how = f"± {clock.sd:.2g} s, by the motion of {', '.join(clock.joints)}"
     out.print(
         f"{output}: {known} of {len(recording)} rows with truth, whose clock is "
-        f"{clock.seconds:.10g} s behind ({how if clock.joints else 'as stated'})"
+        f"{clock} behind ({how if clock.joints else 'as stated'})"
     )

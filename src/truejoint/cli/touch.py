@@ -96,30 +96,16 @@ def touch(
     From the fourth touch on each is compared with what the others say, and one that does not fit is
     asked for once more.
     """
-    from truejoint.calibration.touch_guide import Guide  # noqa: PLC0415  # NumPy
-
     is_robot = Path(arm).suffix in {"", ".toml"} and not is_model(Path(arm))
     model = None if is_robot else Path(arm)
     robot, pose, purpose = _purpose(arm, model, side, plate, bolted, prior)
-    most = touches or (_FEW if bolted is not None else _MANY)
-    if most < purpose.fewest:
-        raise CommandRefused(f"--touches {most}: it takes {purpose.fewest} at least; give so many")
-    guide = Guide(purpose, robot, pose, most, seed=seed)
+    guide = _guide(purpose, robot, pose, touches or (_MANY if bolted is None else _FEW), seed)
     if output is None:
         _print_plan(guide)
         return
-    if output.suffix != ".csv":
-        raise CommandRefused(f"{output}: touches are written as .csv; name it so")
-    for path in (output, output.with_suffix(".parquet")):
-        check_target(path, overwrite=force)
+    _check_output(output, overwrite=force)
     opened = _by_hand(robot, namespace, ros) if by_hand else _simulated(pose, twin, seed)
-    with (
-        opened as (device, seat),
-        truejoint.recordings.Recorder(
-            device, path=output.with_suffix(".parquet"), overwrite=force, session=output.stem,
-            command=command_line(),
-        ) as recorder,
-    ):  # fmt: skip
+    with opened as (device, seat), _recorder(device, output, overwrite=force) as recorder:
         made = follow_guide(
             guide, recorder, seat, output, until_mm / 1e3, fewest=purpose.fewest, goes_on=by_hand
         )
@@ -160,6 +146,32 @@ def _purpose(
         return robot, pose, Rezeroing(calibration, pose)
     pose = design_pose(read_plate(plate or Path()), robot)
     return robot, pose, FindingBlock(calibration, pose)
+
+
+def _guide(
+    purpose: Purpose, robot: truejoint.robots.Robot, pose: BlockPose, count: int, seed: int
+) -> Guide:
+    """Plan so many touches; refuses fewer than the purpose takes."""
+    from truejoint.calibration.touch_guide import Guide  # noqa: PLC0415  # NumPy
+
+    if count < purpose.fewest:
+        raise CommandRefused(f"--touches {count}: it takes {purpose.fewest} at least; give so many")
+    return Guide(purpose, robot, pose, count, seed=seed)
+
+
+def _check_output(output: Path, *, overwrite: bool) -> None:
+    if output.suffix != ".csv":
+        raise CommandRefused(f"{output}: touches are written as .csv; name it so")
+    for path in (output, output.with_suffix(".parquet")):
+        check_target(path, overwrite=overwrite)
+
+
+def _recorder(device: truejoint.crtk.Arm, output: Path, *, overwrite: bool) -> Recorder:
+    """Record what the arm does while it touches, beside the file of the touches."""
+    path, command = output.with_suffix(".parquet"), command_line()
+    return truejoint.recordings.Recorder(
+        device, path=path, overwrite=overwrite, session=output.stem, command=command
+    )
 
 
 def _following(

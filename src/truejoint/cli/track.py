@@ -12,7 +12,8 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.inputs import Clocks, Files, say_dropped, takes
-from truejoint.files import check_target
+from truejoint.errors import RecordingError
+from truejoint.files import check_ending, check_target
 
 Registration = Annotated[
     Path | None,
@@ -36,7 +37,7 @@ def track(
     topic: Annotated[
         str, typer.Option(help="Topic of the tracker in a bag; default: the only one.")
     ] = "",
-    unit: Annotated[str, typer.Option(help="Of the points in a file: m or mm.")] = "m",
+    unit: Annotated[str, typer.Option(help="Of the points in a file: m, cm, mm or um.")] = "m",
     registration: Registration = None,
     joint: Annotated[
         list[str] | None,
@@ -49,6 +50,7 @@ def track(
     files: Files,
 ) -> None:
     """Turn what a tracker or a camera saw of the tool into the truth of the joints."""
+    check_ending(output, ".parquet", "a recording", RecordingError)
     check_target(output, overwrite=force)
     seen = truejoint.recordings.read_track(points, topic, unit)
     recording, registered = with_tracked_truth(

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import math
 import threading
 import weakref
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from numbers import Real
 from typing import Final, Self
 
 import numpy as np
@@ -16,13 +18,26 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.crtk import cartesian
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.limits import check_range, check_steps, checked_pace, jump_of, move_speed
+from truejoint.crtk.limits import (
+    JITTER,
+    check_range,
+    check_steps,
+    checked_backend,
+    jump_of,
+    move_speed,
+)
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.subscription import Subscription
 from truejoint.crtk.topics import joint_efforts
-from truejoint.errors import CommandRefused, MotionStopped, RobotError, TruejointError
+from truejoint.errors import (
+    CommandRefused,
+    MotionStopped,
+    RobotError,
+    TruejointError,
+    other_kind,
+)
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import checked_rows, checked_vector
@@ -72,7 +87,8 @@ class Arm:
     CommandRefused
         If another Arm controls what is behind.
     RobotError
-        If it declares a rate or a grain that no arm can have, or be stopped with.
+        If it is no `Backend`, or declares a rate or a grain that no arm can have, or be stopped
+        with.
 
     References
     ----------
@@ -88,8 +104,8 @@ class Arm:
     def __init__(self, backend: Backend, *, controls: bool = True) -> None:
         self._backend = backend
         self._controls = controls
+        self.rate, self.grain = checked_backend(backend)
         self.robot: Final[Robot] = backend.robot
-        self.rate, self.grain = checked_pace(backend)
         self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
         self._subscriptions: list[Subscription] = []
         self._watchers: list[Callable[[OperatingState], None]] = []
@@ -102,6 +118,7 @@ class Arm:
         self._asked = ""  # to stop it: a state command, or hold
         self._sent: Array | None = None  # last two set-points (2, n_joints) of this controller
         self._goal: Array | None = None
+        self._stamps = np.empty(0)  # of the latest messages [s]
         self._jump = ""  # of a position that was reported during a motion
         self._unheard = 0.0  # [s] of set-points that were sent since the latest message
         backend.connect(self._on_block)
@@ -350,8 +367,10 @@ class Arm:
         Otherwise it stands on its brakes. A motion under way goes on
         meanwhile.
         """
-        if not (np.isfinite(duration) and duration >= 0.0):
-            raise CommandRefused(f"wait refused: {duration} s; give a duration of 0 s or more")
+        if not (isinstance(duration, Real) and 0.0 <= duration < math.inf):
+            raise CommandRefused(
+                f"wait refused: {duration!r:.40} s; give a duration of 0 s or more"
+            )
         if self._driver == threading.get_ident():
             raise CommandRefused("wait refused: a subscriber must not block; return first")
         end, motion = self.time + duration, self._motion
@@ -410,11 +429,12 @@ class Arm:
     def _on_block(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
             before = self._latest
+            t = block.t if before is None else np.append(self._stamps, block.t)
             if self._motion is not None and before is not None:
-                t = np.append(before.t[-1], block.t)
                 rows = np.vstack([before.measured[-1:], block.measured])
                 rows = rows[:, self._joint_channels]
                 self._jump = self._jump or jump_of(self.robot, self.rate, t, rows)
+            self._stamps = t[-JITTER:]
             # In this order: who reads the one before first never gets the same one twice.
             self._latest, self._before, self._unheard = block, before, 0.0
         broken: BaseException | None = None
@@ -610,6 +630,13 @@ class Arm:
         target = {"pause": "PAUSED", "disable": "DISABLED"}.get(command)
         if target is not None and self._backend.operating_state().state != target:
             self._backend.state_command(command, timeout)  # type: ignore[arg-type]
+
+
+def as_arm(value: Arm) -> Arm:
+    """Give back an arm; raises CommandRefused for anything else, saying how to get one."""
+    if hasattr(value, "subscribe"):  # as anything may have that stands for one
+        return value
+    raise CommandRefused(other_kind(value, "Arm", "simulated_arm(robot) gives one"))
 
 
 @atexit.register

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.crtk.arm import Arm, as_arm
 from truejoint.crtk.handle import Motion
 from truejoint.crtk.states import JointState
 from truejoint.errors import RobotError
-
-if TYPE_CHECKING:
-    from truejoint.crtk.arm import Arm
 
 
 class Grasper:
@@ -40,7 +38,7 @@ class Grasper:
     """
 
     def __init__(self, arm: Arm) -> None:
-        if not arm.robot.grasper:
+        if not as_arm(arm).robot.grasper:
             raise RobotError(f"grasper: {arm.robot.title} names no jaws; its file may, as grasper")
         self.arm: Final = arm
         self._jaws = arm.robot.index(arm.robot.grasper)

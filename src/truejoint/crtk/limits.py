@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from numbers import Real
 from typing import Final
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.crtk.protocol import Backend
-from truejoint.errors import CommandRefused, RobotError
+from truejoint.errors import CommandRefused, RobotError, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.joint_rows import at_sample, checked_vector
 from truejoint.units import shown, shown_range
@@ -23,25 +24,39 @@ _MOVE_TOOL: Final = np.deg2rad(10.0)
 _MOVE_PRISMATIC: Final = 0.01
 # Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
 _ROUNDING: Final = 1e-9
+_OF_A_BACKEND: Final = tuple(name for name in vars(Backend) if not name.startswith("_"))
+JITTER: Final = 20
+"""Messages over which the jitter of their stamps evens out."""
 _MOST_GRAIN: Final = 0.02  # [s] within which an arm that is stopped begins to brake
 
 
-def checked_pace(backend: Backend) -> tuple[float, float]:
-    """Rate [Hz] and grain [s] that a back end declares; raises RobotError if it cannot be so."""
-    rate = float(backend.rate)
-    if not 0.0 < rate < math.inf:
+def checked_backend(backend: Backend) -> tuple[float, float]:
+    """Rate [Hz] and grain [s] that a back end declares; raises RobotError if it is or has none."""
+    if missing := [name for name in _OF_A_BACKEND if not _has(backend, name)]:
+        advice = f"it lacks {', '.join(missing)}: see truejoint.crtk.Backend"
+        raise RobotError(other_kind(backend, "Backend", advice))
+    title, rate, grain = backend.robot.title, backend.rate, backend.grain
+    if not (isinstance(rate, Real) and 0.0 < rate < math.inf):
         raise RobotError(
-            f"{backend.robot.title}: its back end declares {rate:g} set-points a second; "
-            "it must be a finite number above 0"
+            f"{title}: its back end declares {_shown(rate)} set-points a second; it must be a "
+            "finite number above 0"
         )
-    grain = float(backend.grain)
-    if not (1.0 - 1e-9) / rate <= grain <= _MOST_GRAIN:
+    if not (isinstance(grain, Real) and (1.0 - 1e-9) / rate <= grain <= _MOST_GRAIN):
         raise RobotError(
-            f"{backend.robot.title}: its back end declares a grain of {1e3 * grain:g} ms at "
-            f"{rate:g} Hz; it must be a period, {1e3 / rate:.3g} ms, or more, and at most "
-            f"{1e3 * _MOST_GRAIN:g} ms, within which an arm is to be stopped"
+            f"{title}: its back end declares a grain of {_shown(grain, 1e3)} ms at {rate:g} Hz; it "
+            f"must be a period, {1e3 / rate:.3g} ms, or more, and at most {1e3 * _MOST_GRAIN:g} "
+            "ms, within which an arm is to be stopped"
         )
-    return rate, grain
+    return float(rate), float(grain)
+
+
+def _shown(value: object, scale: float = 1.0) -> str:
+    return f"{scale * float(value):g}" if isinstance(value, Real) else f"{value!s:.40}"
+
+
+def _has(backend: object, name: str) -> bool:
+    """Whether it has an attribute, which is not looked at: the clock of a robot may not run yet."""
+    return hasattr(type(backend), name) or hasattr(backend, name)
 
 
 def check_range(robot: Robot, rows: Array, command: str) -> None:
@@ -78,19 +93,25 @@ def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: s
 def jump_of(robot: Robot, rate: float, t: Array, measured: Array) -> str:
     """Say which joint's reports jump by twice what it can move; empty where none does.
 
-    `measured` (n, n_joints) [rad or m] are consecutive positions, stamped `t` (n,) [s], at most
-    `rate` of them a second [Hz].
+    `measured` (n, n_joints) [rad or m] are consecutive positions, at most `rate` of them a second
+    [Hz], with the last of the stamps `t` (n or more,) [s]. Stamps jitter, so that two say little of
+    the time between two messages: it counts as the mean of up to `JITTER` where that is longer.
     """
     top = np.array([joint.max_speed for joint in robot.joints])
     step = np.abs(np.diff(measured, axis=0))
-    excess = step > 2.0 * top * np.maximum(np.diff(t), 1.0 / rate)[:, None]
+    end = np.arange(len(t) - len(step), len(t))
+    begin = np.maximum(end - JITTER, 0)
+    mean = (t[end] - t[begin]) / (end - begin)
+    time = np.maximum(np.maximum(t[end] - t[end - 1], mean), 1.0 / rate)
+    excess = step > 2.0 * top * time[:, None]
     if not excess.any():
         return ""
     row, column = np.argwhere(excess)[0]
     joint = robot.joints[column]
+    size, when = shown(step[row, column], joint.unit), t[end[row]]
     return (
-        f"{joint.name} jumped by {shown(step[row, column], joint.unit)} at t = {t[row + 1]:.3f} s, "
-        "further than it can move: did its encoder slip? Home the arm"
+        f"{joint.name} jumped by {size} at t = {when:.3f} s, further than it can move: did its "
+        "encoder slip? Home the arm"
     )
 
 

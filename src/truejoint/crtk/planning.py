@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.crtk.protocol import BLOCK_DURATION
+from truejoint.errors import CommandRefused
 
 BLEND: Final = 0.25
 """Time that any change of velocity is spread over [s]: a stop from 3 deg/s takes 12 deg/s^2."""
@@ -38,6 +39,11 @@ class TimeLaw:
     blend : float
         [s].
 
+    Raises
+    ------
+    CommandRefused
+        If times do not rise, or are not as many as knots.
+
     Examples
     --------
     >>> time_law([[0.0], [1.0]], [0.5]).at([1.125])
@@ -51,6 +57,16 @@ class TimeLaw:
     _integral: Array = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        times, knots = np.asarray(self.times, dtype=float), np.asarray(self.knots, dtype=float)
+        if not (
+            knots.ndim == 2 and times.shape == knots.shape[:1] and (np.diff(times) > 0.0).all()
+        ):
+            raise CommandRefused(
+                f"time law: times of shape {times.shape} at knots of shape {knots.shape}; give "
+                "times (n,) that rise, and a row of knots (n, n_joints) for each"
+            )
+        object.__setattr__(self, "times", times)
+        object.__setattr__(self, "knots", knots)
         # Small values keep the difference of two integrals exact to 1e-11 over hours.
         centred = self.knots - self.knots[0]
         areas = np.diff(self.times)[:, None] * (centred[1:] + centred[:-1]) / 2
@@ -102,13 +118,23 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
     blend : float
         [s].
 
+    Raises
+    ------
+    CommandRefused
+        If shapes do not fit, or a speed is not above 0.
+
     Examples
     --------
     >>> time_law([[0.0], [1.0]], [0.5]).duration
     2.25
     """
-    corners = np.asarray(knots, dtype=float)
-    needed = (np.abs(np.diff(corners, axis=0)) / np.asarray(speed)).max(axis=1)
+    corners, caps = np.asarray(knots, dtype=float), np.asarray(speed, dtype=float)
+    if not (corners.ndim == 2 and caps.shape == corners.shape[1:] and (caps > 0.0).all()):
+        raise CommandRefused(
+            f"time law: speeds {caps.tolist()!s:.80} through knots of shape {corners.shape}; give "
+            "knots (n, n_joints), and for each joint a speed above 0"
+        )
+    needed = (np.abs(np.diff(corners, axis=0)) / caps).max(axis=1)
     times = np.concatenate([[0.0], np.cumsum(needed)])
     # Knots of the same instant are passed once.
     keep = np.concatenate([[True], np.diff(np.floor(times / _INSTANT)) > 0.0])

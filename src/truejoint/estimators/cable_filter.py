@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import ClassVar, Final, Self
 
 import numpy as np
@@ -29,7 +28,7 @@ _EFFORT_NOISE: Final = 2e-3  # [Nm] that count as much in the fit
 _THINNED: Final = 8  # rows of which the fit counts one
 _LONGEST: Final = 60.0  # [s] of each history that it simulates
 _SETTLED: Final = 2.0  # [s] after which friction has forgotten how it began
-_BLOCK: Final = 2.0  # [s] whose misfits count as one draw
+_FLOOR: Final = 0.1  # of the filter's own variance that is always stated, in what a run asks for
 _DRIFT: Final = (0.1, 0.05, 0.1)  # of friction of loops, motors, pins, in its size per root second
 _NO_LOAD: Final = 1e-4  # [Nm] below which there is none, or one that does not change
 _OTHER_MOTION: Final = 1.6
@@ -171,11 +170,11 @@ class _Misfit:
     rows: Array  # (k, 6), of thinned rows with truth
     added: Array  # (10, 3)
     by_motor: Array  # (3, 4) effort of each motor, per torque, share of friction, speed, constant
-    block: Array  # (k,) number of each row's block
+    run: Array  # (k,) number of each row's history
 
 
 def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
-    angle, basis, columns, effort, blocks = [], [], [], [], []
+    angle, basis, columns, effort, run = [], [], [], [], []
     rigid = p[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
     for n, one in enumerate(runs):
         given = filter_inputs(one.X, one.dt)
@@ -190,7 +189,7 @@ def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
             np.stack([torque, share, given[:, r.SPEED :], np.ones_like(torque)], axis=2)[rows]
         )
         effort.append(one.effort[rows])
-        blocks.append(rows * one.step // _BLOCK + 1e6 * n)
+        run.append(np.full(len(rows), n))
     geometries, left = np.vstack(basis), np.vstack(angle)
     added = np.linalg.lstsq(geometries, left, rcond=None)[0]
     design, told = np.concatenate(columns), np.vstack(effort)
@@ -199,18 +198,28 @@ def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
     )
     off = told - np.einsum("nmk,mk->nm", design, by_motor)
     rows_left = np.hstack([left - geometries @ added, off])
-    return _Misfit(rows_left, added, by_motor, np.concatenate(blocks))
+    return _Misfit(rows_left, added, by_motor, np.concatenate(run))
 
 
-def robust_deviations(jacobian: Array, left: Array, blocks: Array) -> Array:
-    """Give deviations of least squares whose misfits (n,) are alike within `blocks` (n,)."""
-    order = np.argsort(blocks, kind="stable")
-    edges = [0, *(np.flatnonzero(np.diff(blocks[order])) + 1), len(order)]
-    score = np.array(
-        [jacobian[rows].T @ left[rows] for a, b in pairwise(edges) for rows in [order[a:b]]]
-    )
-    bread = np.linalg.pinv(jacobian.T @ jacobian)
-    return np.sqrt(np.maximum(np.diag(bread @ (score.T @ score) @ bread), 0.0))
+def jackknife_deviations(
+    jacobian: Array, left: Array, labels: Sequence[Array], prior: Array
+) -> Array:
+    """Deviations (k,) of least squares by what leaving out rows that are alike changes.
+
+    Of a `jacobian` (n, k) and misfits `left` (n,). Rows of one label (n,), of each of several
+    `labels`, are left out in turn, by one step of Gauss and Newton; changes by different labels
+    add up as if they were independent. A model that is not quite true errs alike all along, which
+    no spread of single misfits shows, but signals then tell of the same quantity differently.
+    `prior` (k,) is what is known of a quantity, one over its variance, where nothing else tells.
+    """
+    whole, variance = jacobian.T @ jacobian + np.diag(prior), np.zeros(jacobian.shape[1])
+    for label in labels:
+        kinds = np.unique(label)
+        for kind in kinds:
+            own = jacobian[label == kind]
+            change = np.linalg.solve(whole - own.T @ own, own.T @ left[label == kind])
+            variance += (1.0 - 1.0 / len(kinds)) * change**2
+    return np.asarray(np.sqrt(variance))
 
 
 def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress) -> Arrays:
@@ -235,8 +244,11 @@ def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress)
     )
     p = parameters(search.x)
     found = _misfit(short, p)
-    block = np.repeat(found.block, 2 * r.N)
-    deviation = robust_deviations(np.asarray(search.jac), search.fun, block)
+    signal, recording = np.tile(np.arange(2 * r.N), len(found.rows)), np.repeat(found.run, 2 * r.N)
+    # Where nothing tells, a quantity may be anything that is searched.
+    deviation = jackknife_deviations(
+        np.asarray(search.jac), search.fun, (signal, recording), 12.0 / (table[1] - table[0]) ** 2
+    )
     p[r.EFFORT : r.EFFORT + 4 * r.N] = found.by_motor.T.ravel()
     p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * load_variances(runs) / DECAY
     return {
@@ -293,9 +305,9 @@ def structure(runs: Sequence[Run], found: Sequence[CableStates]) -> Array:
     for quantity, k in np.ndindex(2, r.N):
         variances = np.column_stack([np.array(stated)[:, quantity, k], np.array(seen)])
         wanted = np.array(shown)[:, quantity, k]
-        out[2 * quantity : 2 * quantity + 2, k] = nnls(
-            variances / wanted[:, None], np.ones_like(wanted)
-        )[0]
+        own, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
+        least = _FLOOR * np.min(wanted / variances[:, 0])
+        out[2 * quantity : 2 * quantity + 2, k] = max(own, least), by_load
     return out
 
 
@@ -334,9 +346,10 @@ class CableFilter(JointRegressor):
     def identified(self) -> dict[str, tuple[float, float, str]]:
         """What was identified of the instrument, by name: value, standard deviation, unit.
 
-        A deviation counts misfits within two seconds as one, since a model that is not quite true
-        errs for a while. Dead bands of the loads follow from the pins' friction: a load within its
-        dead band may stay unseen.
+        A deviation is by how much the value changes without each of the six signals (angles and
+        efforts), and without each recording, since a model that is not quite true errs alike all
+        along. Dead bands of the loads follow from the pins' friction: a load within its dead band
+        may stay unseen.
         """
         rows = zip(SOUGHT.items(), self.arrays_["identified"].tolist(), strict=True)
         found = {name: (value, deviation, unit) for (name, unit), (value, deviation) in rows}

@@ -13,6 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators import jaw
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
+from truejoint.estimators.cross_validation import blocks, cross_validated, levels
 from truejoint.estimators.play import ridge
 from truejoint.filters import UnscentedFilter
 from truejoint.models import elastic_joint as model
@@ -20,8 +21,11 @@ from truejoint.models.elastic_joint import (
     DRIVER,
     LOAD_TERMS,
     NOISE,
+    PER_ELEMENT,
+    POLYNOMIAL,
     TORQUE,
     ElasticJoint,
+    bent_terms,
     output_terms,
     terms,
 )
@@ -33,6 +37,7 @@ LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the dr
 SETTLED: Final = 0.5  # travel after which friction has forgotten how it began, in half ranges
 _FILTER_DT: Final = 0.02  # [s] between the rows that the fit filters
 _PENALTY: Final = 1e-7  # on standardised terms
+_BENDS: Final = (0.0, 0.03, 0.1, 0.3, 1.0)  # sizes tried of terms that bend with the load
 _WIDTHS: Final = (0.003, 1.0)  # of a friction element, least and largest, in half ranges
 _FIRST_WIDTHS: Final = (0.012, 0.5)  # where the search for widths starts
 _ROUNDS: Final = 8  # of loads and torque response in turn
@@ -117,7 +122,8 @@ class ElasticJointFilter(JointRegressor):
         states, spread = run(joint, motion, mean_dt(motion.dt))
         rows = np.flatnonzero(known[kept])
         columns = output_terms(motion.angle[rows], states[rows])
-        outputs = np.array([regress(columns, target) for target in targets[rows].T])
+        load = states[rows, len(joint.widths)]
+        outputs = respond(columns, targets[rows], load, motion.history[rows], motion.dt[rows])
         left = np.mean((targets[rows] - columns @ outputs.T) ** 2, axis=0)
         given = motion.angle[rows], states[rows], spread[rows], outputs
         found, by_state = np.empty((2, len(rows), len(outputs)))
@@ -217,6 +223,24 @@ def regress(columns: Array, y: Array) -> Array:
     weights, constant = ridge(columns, y, _PENALTY)
     weights[0] = constant
     return weights
+
+
+def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array) -> Array:
+    """Responses (n_outputs, k) to `columns` (n, k), the first constant, of outputs `y` (n, ...).
+
+    How much they may bend with the load, and the penalty, are those that err least on histories
+    under loads that are left out in turn: three loads are no reason for a cubic. Of one history,
+    on blocks of it.
+    """
+    _, own = np.unique(history, return_inverse=True)
+    count = np.bincount(own)
+    parts = levels(np.bincount(own, load) / count)
+    rows = [np.isin(own, part) for part in parts] if len(parts) > 1 else blocks(dt)
+    table = np.column_stack([columns, y])
+    products = np.array([table[some].T @ table[some] for some in rows])
+    bent = bent_terms((columns.shape[1] - 2 - POLYNOMIAL) // PER_ELEMENT)[1:]
+    weights = [np.where(bent, share, 1.0) for share in _BENDS]
+    return np.ascontiguousarray(cross_validated(products, weights).coefficients.T)
 
 
 def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:

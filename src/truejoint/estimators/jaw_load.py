@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -71,14 +72,7 @@ def identify_stiffness(
     rows, known = np.ascontiguousarray(X, dtype=np.float64), np.asarray(torque, dtype=np.float64)
     times = model.time_steps(dt, len(rows))
     hangs = _hangs(known, times)
-    if not hangs:
-        raise CalibrationError(
-            "no weight is stated: give the torque of each in the rows in which it hangs freely, "
-            "and NaN in the others"
-        )
     stretch = model.states(rows, times).stretch
-    bent = model.elements(rows, times) @ model.arrays_["drive"][1 + DEGREE :]
-    most = max(abs(float(model.arrays_["drive"][1 + DEGREE :].sum())), 1e-12)
     seen = np.array(
         [
             [known[own].mean(), model.spring_stiffness * rows[own, 1].mean(), stretch[own].mean()]
@@ -93,11 +87,7 @@ def identify_stiffness(
             "mNm that no load exceeds (largest_load): the drive cable would be slack; hang a "
             "lighter one"
         )
-    # Of the jaw's friction, what may still turn round: nothing where it yields to the weight.
-    turned = np.array([bent[own].mean() for own in hangs]) / most
-    moved = np.array([np.ptp(rows[own, 1]) for own in hangs])
-    known_again = np.exp(-np.maximum(moved - FLICKER, 0.0) / SLIDING)
-    hidden = np.clip(1.0 - np.sign(weights) * turned, 0.0, 2.0) * known_again
+    hidden = _hidden(model, rows, times, hangs, weights)
     found = Stiffness(model.drive_stiffness, model.stiffness_growth, math.inf)
     for _ in range(_ROUNDS):
         friction = model.with_stiffness(found).jaw_friction
@@ -110,6 +100,21 @@ def identify_stiffness(
             )
         found = _fitted(model, weights, tension, stretched, scatter)
     return found
+
+
+def _hidden(
+    model: FrictionFilter, rows: Array, times: Array, hangs: Sequence[slice], weights: Array
+) -> Array:
+    """Share (n,) of the jaw's friction that may still turn round under each weight.
+
+    None where the jaw yields to the weight.
+    """
+    bent = model.elements(rows, times) @ model.arrays_["drive"][1 + DEGREE :]
+    most = max(abs(float(model.arrays_["drive"][1 + DEGREE :].sum())), 1e-12)
+    turned = np.array([bent[own].mean() for own in hangs]) / most
+    moved = np.array([np.ptp(rows[own, 1]) for own in hangs])
+    known_again = np.exp(-np.maximum(moved - FLICKER, 0.0) / SLIDING)
+    return np.asarray(np.clip(1.0 - np.sign(weights) * turned, 0.0, 2.0) * known_again)
 
 
 def _fitted(
@@ -138,12 +143,18 @@ def _fitted(
 
 
 def _hangs(torque: Array, dt: Array) -> list[slice]:
-    """Give the runs of rows in which a weight hangs."""
+    """Give the runs of rows in which a weight hangs; refuses rows without any."""
     hung = np.isfinite(torque) & (torque != 0.0)
     starts = hung & (np.concatenate([[True], ~hung[:-1]]) | (dt == 0.0))
     ends = hung & np.concatenate([~hung[1:] | (dt[1:] == 0.0), [True]])
     pairs = zip(np.flatnonzero(starts), np.flatnonzero(ends), strict=True)
-    return [slice(int(first), int(last) + 1) for first, last in pairs]
+    found = [slice(int(first), int(last) + 1) for first, last in pairs]
+    if not found:
+        raise CalibrationError(
+            "no weight is stated: give the torque of each in the rows in which it hangs freely, "
+            "and NaN in the others"
+        )
+    return found
 
 
 @dataclass(frozen=True)

@@ -47,6 +47,9 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
     "run_out": _Line("rich_play", "RichPlay", {"learner": "ridge", "turn": True}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
+    "gp_lowpass": _Line(
+        "rich_play", "RichPlay", {"learner": "gaussian_process", "couple": False}, {}
+    ),
     "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
     "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
     "tcn": _Line("sequence", "TemporalConvolution", {}),
@@ -65,8 +68,9 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
     "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
-    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}),
+    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}, {}),
     "ukf_cables": _Line("cable_filter", "CableFilter", {}),
+    "hybrid_cables": _Line("cable_hybrid", "CableHybrid", {}),
 }
 _TREES: Final = {
     "boosted_trees": _Line(
@@ -117,15 +121,28 @@ def parameter_names(name: str) -> tuple[str, ...]:
     if name not in _ESTIMATORS:
         return ()
     module, cls = _ESTIMATORS[name].module, _ESTIMATORS[name].cls
-    source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
-    classes = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
     found: dict[str, None] = {}
-    while cls in classes:  # what it inherits from within the module
-        for node in classes[cls].body:
-            if isinstance(node, ast.AnnAssign) and "ClassVar" not in ast.unparse(node.annotation):
-                found[ast.unparse(node.target)] = None
-        cls = ast.unparse(classes[cls].bases[0])
+    while module:  # and those that it inherits from, here
+        source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+        body = ast.parse(source).body
+        classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
+        while cls in classes:
+            for node in classes[cls].body:
+                if isinstance(node, ast.AnnAssign) and "ClassVar" not in ast.unparse(
+                    node.annotation
+                ):
+                    found[ast.unparse(node.target)] = None
+            cls = ast.unparse(classes[cls].bases[0])
+        package, _, module = _imported_from(body, cls).rpartition(".")
+        module = module if package == __package__ else ""
     return tuple(found)
+
+
+def _imported_from(body: list[ast.stmt], name: str) -> str:
+    """Give the module that a source takes a name from; none where it takes it from no one."""
+    imports = (node for node in body if isinstance(node, ast.ImportFrom))
+    known = {alias.name: node.module or "" for node in imports for alias in node.names}
+    return known.get(name, "")
 
 
 def member(name: str) -> Any:

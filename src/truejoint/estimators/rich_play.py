@@ -22,6 +22,8 @@ from truejoint.estimators.base import (
 )
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.coupled_play import identify_coupling
+from truejoint.estimators.cross_validation import BLOCKS, blocks, cross_validated
+from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
 from truejoint.models.combination import members
@@ -30,11 +32,8 @@ from truejoint.models.family import Family, Params, is_integer
 if TYPE_CHECKING:
     from truejoint.robots import Robot
 
-PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
-"""Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
 SHARES: Final = (0.0, 0.3, 1.0)
 """Sizes tried of terms that are products, beside the others: less is penalised more."""
-BLOCKS: Final = 5  # of the rows, on end, left out in turn
 
 _CHUNK: Final = 4096  # rows that are held at a time as terms
 _PRODUCTS: Final = 600  # terms that are products, at most
@@ -43,6 +42,7 @@ _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at ever
 _FEWER_TREES: Final = 70
 _PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
 _TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
+_SHORT: Final = (0.1,)  # [s], which tells a Gaussian process how fast and which way
 _NARROW: Final = 4
 """Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
 of one speed just as well, and something else of any other motion."""
@@ -71,7 +71,7 @@ class Ridge(TermsRegressor):
     Attributes
     ----------
     penalties_ : ndarray, shape (n_outputs,)
-        Chosen of `PENALTIES`.
+        Chosen of `truejoint.estimators.cross_validation.PENALTIES`.
     shares_ : ndarray, shape (n_outputs,)
         Chosen of `SHARES`.
     errors_ : ndarray, shape (n_outputs,)
@@ -111,45 +111,20 @@ class Ridge(TermsRegressor):
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
         targets = (y - scales["target_mean"]) / scales["target_scale"]
-        blocks = left_out(dt)
-        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks])
+        products = np.array([_products(scaled[b], targets[b], factors) for b in blocks(dt)])
         is_product = factors[:, 1] < X.shape[1]
         shares = SHARES if is_product.any() else SHARES[-1:]
         weights = [np.where(is_product, share, 1.0) for share in shares]
-        found: list[tuple[Array, float, float]] = []
-        errors = np.empty((len(weights), len(PENALTIES), y.shape[1]))
-        for number, own in enumerate(weights):
-            errors[number] = _errors(products, own)
-            progress((number + 1) / len(weights))
-        whole = products.sum(axis=0)
-        n_outputs = y.shape[1]
-        fits = [_ridge(whole, own, n_outputs) for own in weights]
-        for j in range(n_outputs):
-            share, penalty = np.unravel_index(np.argmin(errors[:, :, j]), errors.shape[:2])
-            found.append((fits[share][penalty][:, j], shares[share], PENALTIES[penalty]))
-        solution, chosen, penalties = zip(*found, strict=True)
-        self.shares_, self.penalties_ = np.array(chosen), np.array(penalties)
-        self.errors_ = np.sqrt(np.maximum(errors.min(axis=(0, 1)), 0.0) / len(X))
-        table = np.array(solution).T * scales["target_scale"]
+        found = cross_validated(products, weights, progress)
+        self.shares_, self.penalties_ = np.array(shares)[found.weights], found.penalties
+        self.errors_ = np.sqrt(np.maximum(found.errors, 0.0) / len(X))
+        table = found.coefficients * scales["target_scale"]
         return {
             "mean": mean,
             "inverse_scale": inverse_scale,
             "coef": np.ascontiguousarray(table[1:]),
             "intercept": table[0] + scales["target_mean"],
         }
-
-
-def left_out(dt: Array) -> list[Integers]:
-    """Rows of each of the `BLOCKS` parts, of the time (n,) since the row before.
-
-    Of few histories none is left out as a whole: what it alone shows, such as a load, would then
-    count as something that cannot be learnt.
-    """
-    starts = np.flatnonzero(dt == 0.0)
-    whole = [np.arange(len(dt))]
-    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
-    cut = [np.array_split(rows, BLOCKS) for rows in own]
-    return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
 
 
 def _products(scaled: Array, y: Array, factors: Integers) -> Array:
@@ -161,42 +136,6 @@ def _products(scaled: Array, y: Array, factors: Integers) -> Array:
         terms = polynomial_design(scaled[rows], factors)
         table = np.column_stack([np.ones(len(terms)), terms, y[rows]])
         total += table.T @ table
-    return total
-
-
-def _ridge(products: Array, weights: Array, n_outputs: int) -> Array:
-    """Intercept and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
-
-    Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
-    """
-    n_terms, n = len(weights), products[0, 0]
-    mean = products[0] / n
-    spread = products / n - np.outer(mean, mean)
-    terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
-    deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
-    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > 1e-9)
-    used = np.flatnonzero(scale)
-    own = scale[used]
-    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
-    values, vectors = np.linalg.eigh(inner)
-    right = vectors.T @ (spread[terms, targets][used] * own[:, None])
-    found = np.zeros((len(PENALTIES), 1 + n_terms, n_outputs))
-    for at, penalty in enumerate(PENALTIES):
-        shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
-        found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
-        found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]
-    return found
-
-
-def _errors(products: Array, weights: Array) -> Array:
-    """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
-    n_outputs = products.shape[1] - 1 - len(weights)
-    total = np.zeros((len(PENALTIES), n_outputs))
-    whole = products.sum(axis=0)
-    for own in products:
-        for at, found in enumerate(_ridge(whole - own, weights, n_outputs)):
-            left = np.vstack([-found, np.eye(n_outputs)])
-            total[at] += np.sum(left * (own @ left), axis=0)
     return total
 
 
@@ -216,8 +155,8 @@ class RichPlay(JointRegressor):
 
     Parameters
     ----------
-    learner : {"ridge", "trees"}
-        The ridge regression alone, or with boosted trees on what it leaves.
+    learner : {"ridge", "trees", "gaussian_process"}
+        The ridge regression alone, or with boosted trees on what it leaves; or a Gaussian process.
     couple : bool
         Whether there are plays of several joints together.
     positions : sequence of int, optional
@@ -232,9 +171,11 @@ class RichPlay(JointRegressor):
         those that the robot's transmission says of the joints' measured positions.
     plays : sequence of float, optional
         Half-widths of the plays of each feature, in half ranges of it; by default eight from 0.01
-        to 0.9, the four smallest of them where capstans turn, or none where joints are coupled.
+        to 0.9, the four smallest of them where capstans turn; where joints are coupled, or for a
+        Gaussian process, none.
     time_constants : sequence of float, optional
-        Of the low-passes [s]; by default 0.05, 0.5 and 2, or none where capstans turn.
+        Of the low-passes [s]; by default 0.05, 0.5 and 2, for a Gaussian process 0.1, or none where
+        capstans turn.
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
     leading : int, optional
@@ -245,10 +186,9 @@ class RichPlay(JointRegressor):
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
         Places of a feature, and of one that the widths of its further plays grow with, or shrink;
-        by default, each measured position with the effort of its joint, or with those of cables,
-        and none where capstans turn.
-        They are left out unless the ridge regression errs by a twentieth less with them, on blocks
-        of rows that are left out in turn.
+        by default, each measured position with the effort of its joint, or with those of cables;
+        for a Gaussian process, or where capstans turn, none. They are left out unless the ridge
+        regression errs by a twentieth less with them, on blocks of rows that are left out in turn.
     growing : sequence of float
         Largest half-widths of these plays, in half ranges of the feature.
     random_state : int, optional
@@ -290,7 +230,8 @@ class RichPlay(JointRegressor):
 
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose pairs, positions and turns are those of the features called so."""
-        usual = () if self.turn else loaded_pairs(names)
+        alone = self.turn or self.learner == "gaussian_process"
+        usual = () if alone else loaded_pairs(names)
         pairs = usual if self.pairs is None else self.pairs
         positions = self.positions
         if self.couple and positions is None:
@@ -320,6 +261,11 @@ class RichPlay(JointRegressor):
             raise CalibrationError(
                 f"squared is {self.squared!r:.60}; it must be an integer from 0 to {_PRODUCTS}"
             )
+        if self.learner == "gaussian_process" and (self.leading is not None or self.squared):
+            raise CalibrationError(
+                "leading and squared are of products, and a Gaussian process has none: leave them "
+                "out"
+            )
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
@@ -333,11 +279,12 @@ class RichPlay(JointRegressor):
     def _params(self, n_features: int) -> Params:
         """Those for so many features."""
         names = ("learner", "couple", "growing", "shares", "turn")
-        usual = () if self.couple else _PLAYS[: _NARROW if self.turn else None]
-        times = () if self.turn else _TIME_CONSTANTS
+        is_smooth = self.learner == "gaussian_process"
+        plays = () if self.couple or is_smooth else _PLAYS[: _NARROW if self.turn else None]
+        times = _SHORT if is_smooth else () if self.turn else _TIME_CONSTANTS
         return {
             **{name: getattr(self, name) for name in names},
-            "plays": usual if self.plays is None else self.plays,
+            "plays": plays if self.plays is None else self.plays,
             "time_constants": times if self.time_constants is None else self.time_constants,
             "pairs": vars(self).get("pairs_", self._asked()),
             "coupled": vars(self).get("coupled_", self._joined(n_features)),
@@ -472,6 +419,8 @@ class RichPlay(JointRegressor):
 
     def _unfitted(self, n_features: int, n_crossed: int, n_outputs: int) -> JointRegressor:
         """Model for so many features, what of them and their plays is multiplied, and joints."""
+        if self.learner == "gaussian_process":
+            return GaussianProcess()
         ridge = Ridge(*self._products(n_features, n_crossed))
         if self.learner == "ridge":
             return ridge

@@ -2,8 +2,6 @@ from .comparison import Difference as Difference
 from .comparison import compare as compare
 from .comparison import simplest as simplest
 from .deployment import to_deploy as to_deploy
-from .evaluate import Corrects as Corrects
-from .evaluate import JointCalibration as JointCalibration
 from .evaluate import evaluate as evaluate
 from .metrics import max_abs as max_abs
 from .metrics import mean_error as mean_error
@@ -32,6 +30,8 @@ from .splits import split_by_time as split_by_time
 from .tables import ScoreTable as ScoreTable
 from .tables import score_tables as score_tables
 from .tables import write_tables as write_tables
+from .tested import Corrects as Corrects
+from .tested import JointCalibration as JointCalibration
 from .verdict import judge as judge
 from .view import domain_table as domain_table
 from .view import findings_table as findings_table

@@ -443,7 +443,7 @@ class Expressions:
         function = self.lookup(node.func)
         if node.keywords:
             raise self.fail(node, "keywords have no C")
-        if function is np.empty:
+        if function in (marks.local_vector, marks.local_matrix):
             return self.room(node)
         arguments = [self.value(a) for a in node.args]
         if function in (marks.vector, marks.matrix):
@@ -471,8 +471,7 @@ class Expressions:
 
     def room(self, node: ast.Call) -> View:
         """Room for numbers of a known count, which gets the name that it is assigned to."""
-        size = node.args[0]
-        shape = tuple(self.value(n) for n in (size.elts if isinstance(size, ast.Tuple) else [size]))
+        shape = tuple(self.value(n) for n in node.args)
         if not all(isinstance(n, Known) for n in shape):
             raise self.fail(node, "its size is not known")
         return View("", Known(0), shape, "real", (self, ""), Known(0))

@@ -6,7 +6,7 @@ between them are made here. What kernels write becomes a named field of a C stru
 floating-point operation stays where it stands in the Python, so that the C gives the same bits.
 
 The subset of Python: assignment, ``for ... in range``, ``if``, ``return``, ``continue``, ``break``,
-arithmetic, comparisons, views and slices of arrays, ``np.empty`` of a known size, calls of other
+arithmetic, comparisons, views and slices of arrays, `local_vector`s, calls of other
 kernels, a few functions of `math`. Anything else raises `Unprintable`.
 """
 

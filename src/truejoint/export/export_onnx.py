@@ -17,6 +17,7 @@ from truejoint.calibration.encoding import as_calibration
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, check_precision, write_files
 from truejoint.extras import require
+from truejoint.files import check_ending
 from truejoint.models.combination import members
 from truejoint.models.family import EstimatorData
 from truejoint.models.polynomial import polynomial_factors
@@ -72,6 +73,7 @@ def export_onnx(
     require("onnx.checker", "onnx", "an ONNX graph")
     onnx = require("onnx", "onnx", "an ONNX graph")
     path = Path(path)
+    check_ending(path, ".onnx", "a graph", ExportError)
     model = _Graph(onnx, precision).build(calibration)
     write_files(path.parent, {path.name: model.SerializeToString()}, overwrite=overwrite)
     return path

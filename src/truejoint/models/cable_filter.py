@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled, local_vector, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at
@@ -102,7 +102,7 @@ def estimate_rows(
     Of played motors (n, N), states (n, STATES) and covariances; `added` (TERMS, N) is what
     geometry adds, `structure` (4, N) what `stated` takes of angles and loads.
     """
-    raw = np.empty(N)
+    raw = local_vector(N)
     for i in range(motor.shape[0]):
         loops.joints(x[i], motor[i], p, out[0, i])
         add_geometry(motor[i], p, added, raw, out[0, i])
@@ -193,7 +193,7 @@ def take_motors(dt: float, x: Array, last: Array, played: Array, u: Array) -> No
 @compiled
 def input_rows(X: Array, dt: Array, out: Array) -> None:
     """Fill the filter's inputs (n, INPUTS) from motor angles in the first N columns of `X`."""
-    last, played = np.empty(N), np.empty(N)
+    last, played = local_vector(N), local_vector(N)
     for i in range(X.shape[0]):
         take_motors(dt[i], X[i], last, played, out[i])
 
@@ -303,4 +303,5 @@ FAMILY: Final = Family(
     states_deviation=lambda _params: True,
     beside=("grip", "tip_first", "tip_second"),
     bears_load=lambda _params: True,
+    gives_way=lambda arrays: angles_by_state(arrays["parameters"])[:, LOAD:],
 )

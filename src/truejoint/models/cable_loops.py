@@ -13,10 +13,8 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
-
 from truejoint.array_types import Array
-from truejoint.compiled import compiled
+from truejoint.compiled import compiled, local_matrix, local_vector
 from truejoint.mechanics import dahl, solve
 
 N: Final = 3
@@ -57,7 +55,9 @@ TENSION: Final = 87  # [N] of both cables of a loop
 DECAY: Final = 88  # of loads [1/s]
 PARAMETERS: Final = 89
 
-_SWEEPS: Final = 4
+_SWEEPS: Final = 12
+_ALIKE: Final = 1e-4
+"""Share of what a pin holds at most, by which a sweep may still find it to hold something else."""
 
 
 @compiled
@@ -89,7 +89,7 @@ def whole(m: int, p: Array) -> float:
 @compiled
 def joints(x: Array, a: Array, p: Array, out: Array) -> None:
     """Joint angles (N,) [rad] in balance, at motor angles `a`, of which the first N count."""
-    pull = np.empty(N)
+    pull = local_vector(N)
     tensions(x, p, pull)
     for j in range(N):
         out[j] = 0.0
@@ -110,7 +110,7 @@ def motor_torque(m: int, pull: float, x: Array, p: Array) -> float:
 @compiled
 def efforts(x: Array, speed: Array, p: Array, out: Array) -> None:
     """Motor torques (N,) [Nm] as they are measured, at motor speeds (N,)."""
-    pull = np.empty(N)
+    pull = local_vector(N)
     tensions(x, p, pull)
     for m in range(N):
         out[m] = p[EFFORT + m] * motor_torque(m, pull[m], x, p)
@@ -241,7 +241,7 @@ def yielded(friction: float, along: float) -> float:
 def slide_loop(m: int, by: float, taken: float, before: Array, shares: Array, x: Array, u: Array,
                p: Array, pull: float, out: Array) -> None:  # fmt: skip
     """Friction of a loop after a way `by` [m] of its motor and a change of tension `taken` [N]."""
-    most, middle = np.empty(2), np.empty(2)
+    most, middle = local_vector(2), local_vector(2)
     friction_levels(m, pull, x, u, p, most, middle)
     way = guide_way(by, taken, before, shares)
     for n in range(2):
@@ -255,7 +255,7 @@ def slide_loop(m: int, by: float, taken: float, before: Array, shares: Array, x:
 def loop_hold(m: int, by: float, taken: float, before: Array, x: Array, u: Array, p: Array,
               pull: float, hold: Array) -> None:  # fmt: skip
     """By how much a loop's friction builds up (2,) [N/m] along a way and a change of tension."""
-    most, middle = np.empty(2), np.empty(2)
+    most, middle = local_vector(2), local_vector(2)
     friction_levels(m, pull, x, u, p, most, middle)
     reach = 0.0
     for n in range(2):
@@ -268,7 +268,7 @@ def loop_hold(m: int, by: float, taken: float, before: Array, x: Array, u: Array
 def hold_loops(x: Array, u: Array, taken: Array, pull: Array, p: Array, before: Array,
                shares: Array) -> None:  # fmt: skip
     """Find how each loop gives way: stretch of its parts and `loop_shares`, (N, 3) each."""
-    hold = np.empty(2)
+    hold = local_vector(2)
     for m in range(N):
         by = p[RADIUS + m] * u[CHANGE + m]
         loop_stretch(m, stretched(m, pull[m], x, p), p, before[m])
@@ -287,22 +287,25 @@ def free_way(u: Array, taken: Array, shares: Array, p: Array, out: Array) -> Non
 
 
 @compiled
-def turn_pins(x: Array, free: Array, level: Array, shares: Array, p: Array, slope: Array,
-              way: Array, out: Array) -> None:  # fmt: skip
-    """Friction of the pins in `out` after the `way` (N,) [rad] that they leave of a free one.
+def turn_pins(began: Array, free: Array, level: Array, shares: Array, p: Array, slope: Array,
+              way: Array, held: Array) -> float:  # fmt: skip
+    """Friction `held` (N,) [Nm] of the pins after the `way` (N,) [rad] that they leave of `free`.
 
-    `slope` (N,) [Nm/rad] is how they hold; it becomes how they held.
+    `slope` (N,) [Nm/rad] is how they hold from where they `began`; it becomes how they held. Give
+    by how much that differs, as a share of what a pin holds at most.
     """
-    matrix = np.empty((N, N))
+    matrix, apart = local_matrix(N, N), 0.0
     for j in range(N):
         way[j] = free[j]
     compliance(shares, slope, p, matrix)
     solve(matrix, way)
     for j in range(N):
-        held = dahl(x[PIN + j], level[j], level[j] / p[PIN_WAY], way[j])
-        out[PIN + j] = min(max(held, -level[j]), level[j])
+        held[j] = dahl(began[j], level[j], level[j] / p[PIN_WAY], way[j])
+        grown = held[j] - began[j]
+        apart = max(apart, abs(grown - slope[j] * way[j]) / level[j])
         if way[j] != 0.0:
-            slope[j] = (out[PIN + j] - x[PIN + j]) / way[j]
+            slope[j] = grown / way[j]
+    return apart
 
 
 @compiled
@@ -312,9 +315,10 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     A cable that friction holds at a pulley keeps a load's change of tension behind it: the motor
     feels it only once the cable slides.
     """
-    pull, after, change, taken = np.empty(N), np.empty(N), np.empty(N), np.empty(N)
-    free, way, level, slope = np.empty(N), np.empty(N), np.empty(N), np.empty(N)
-    before, shares = np.empty((N, 3)), np.empty((N, 3))
+    pull, after, change, taken = local_vector(N), local_vector(N), local_vector(N), local_vector(N)
+    free, way, level, slope = local_vector(N), local_vector(N), local_vector(N), local_vector(N)
+    began, held = local_vector(N), local_vector(N)
+    before, shares = local_matrix(N, 3), local_matrix(N, 3)
     for m in range(N):
         change[m] = loads[m] - x[LOAD + m]
         out[LOAD + m] = loads[m]
@@ -327,9 +331,13 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     free_way(u, taken, shares, p, free)
     pin_levels(pull, x, p, level)
     for j in range(N):
-        slope[j] = max(level[j] - yielded(x[PIN + j], free[j]), 0.0) / p[PIN_WAY]
+        began[j] = min(max(x[PIN + j], -level[j]), level[j])
+        slope[j] = (level[j] - yielded(began[j], free[j])) / p[PIN_WAY]
     for _ in range(_SWEEPS):  # until pins hold as they do along the way that the joints then go
-        turn_pins(x, free, level, shares, p, slope, way, out)
+        if turn_pins(began, free, level, shares, p, slope, way, held) <= _ALIKE:
+            break
+    for j in range(N):
+        out[PIN + j] = held[j]
     tensions(out, p, after)
     for m in range(N):
         by = p[RADIUS + m] * u[CHANGE + m]
@@ -344,7 +352,7 @@ def simulate(
 
     Of inputs (n, INPUTS) and loads (n, N); friction begins at nothing.
     """
-    x, pull = np.empty(STATES), np.empty(N)
+    x, pull = local_vector(STATES), local_vector(N)
     for i in range(STATES):
         x[i] = loads[0, i - LOAD] if i >= LOAD else 0.0
     for i in range(inputs.shape[0]):
@@ -359,7 +367,7 @@ def simulate(
 @compiled
 def transition(x: Array, u: Array, dt: float, p: Array, out: Array) -> None:
     """Move friction on along the motors; loads fade."""
-    loads = np.empty(N)
+    loads = local_vector(N)
     for k in range(N):
         loads[k] = x[LOAD + k] * math.exp(-p[DECAY] * dt)
     move(x, u, loads, p, out)
@@ -379,7 +387,7 @@ def friction_noise(x: Array, u: Array, dt: float, p: Array, pull: Array, level: 
     What slides along with its motor gives way: it holds what it holds. Where the motor stands it
     does not matter which way the load goes.
     """
-    most, middle = np.empty(2), np.empty(2)
+    most, middle = local_vector(2), local_vector(2)
     for m in range(N):
         out[MOTOR + m, MOTOR + m] = p[DRIFT + 1] * dt
         out[PIN + m, PIN + m] = p[DRIFT + 2] * level[m] ** 2 * dt
@@ -395,8 +403,8 @@ def friction_noise(x: Array, u: Array, dt: float, p: Array, pull: Array, level: 
 def held_of(k: int, before: Array, hold: Array, shares: Array, slope: Array, p: Array,
             held: Array) -> None:  # fmt: skip
     """Change of the state (STATES,) per change of a load, at motors that stand."""
-    unit, taken, way = np.empty(N), np.empty(N), np.empty(N)
-    still, matrix = np.empty(INPUTS), np.empty((N, N))
+    unit, taken, way = local_vector(N), local_vector(N), local_vector(N)
+    still, matrix = local_vector(INPUTS), local_matrix(N, N)
     for i in range(N):
         unit[i] = 1.0 if i == k else 0.0
         still[CHANGE + i] = 0.0
@@ -418,8 +426,8 @@ def held_of(k: int, before: Array, hold: Array, shares: Array, slope: Array, p: 
 @compiled
 def process_noise(x: Array, u: Array, dt: float, p: Array, out: Array) -> None:
     """Random walks; what a load changes by, pins and pulleys hold back as they give way."""
-    pull, slope, held = np.empty(N), np.empty(N), np.empty(STATES)
-    before, shares, hold = np.empty((N, 3)), np.empty((N, 3)), np.empty((N, 2))
+    pull, slope, held = local_vector(N), local_vector(N), local_vector(STATES)
+    before, shares, hold = local_matrix(N, 3), local_matrix(N, 3), local_matrix(N, 2)
     tensions(x, p, pull)
     pin_levels(pull, x, p, slope)
     friction_noise(x, u, dt, p, pull, slope, hold, out)

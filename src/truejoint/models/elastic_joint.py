@@ -14,7 +14,7 @@ from typing import Final, Self
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.filters import StateSpaceModel, UnscentedFilter
@@ -33,6 +33,10 @@ PER_ELEMENT: Final = 6
 """Terms of a quadratic in both, by which each friction element is weighed."""
 LOAD_TERMS: Final = (0, 4, 5, 6)
 """Terms of the load alone: 1, B, B^2, B^3."""
+BENT_TERMS: Final = (5, 6, 8)
+"""Terms that bend with the load, of the cubic: B^2, B^3, d B^2."""
+BENT_OF_ELEMENT: Final = 4
+"""The one of each friction element: z B^2."""
 SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "dt")
 """What turns radians and newton metres into units of the calibration, and its time step [s]."""
 NOISE: Final = (
@@ -103,6 +107,14 @@ def output(angle: float, x: Array, elements: int, coefficients: Array) -> float:
     last = POLYNOMIAL + PER_ELEMENT * elements
     rest: float = x[elements + 1] * (coefficients[last] + angle * coefficients[last + 1])
     return response(angle, x[elements], x, elements, coefficients) + rest
+
+
+def bent_terms(elements: int) -> Mask:
+    """Which terms of an `output` (count_terms + 2,) bend with the load."""
+    bent = np.zeros(count_terms(elements) + 2, dtype=bool)
+    bent[list(BENT_TERMS)] = True
+    bent[POLYNOMIAL + BENT_OF_ELEMENT : count_terms(elements) : PER_ELEMENT] = True
+    return bent
 
 
 def output_terms(angle: Array, states: Array) -> Array:

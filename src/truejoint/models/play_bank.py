@@ -39,7 +39,7 @@ from truejoint.models.feature_kernels import lowpass, play
 from truejoint.models.features import MAX_TIME_CONSTANT
 from truejoint.models.products import standardise
 
-LEARNERS: Final = ("ridge", "trees")
+LEARNERS: Final = ("ridge", "trees", "gaussian_process")
 MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
 MAX_PAIRS: Final = 32

@@ -16,7 +16,7 @@ from typing import Any, Final, Self
 import numpy as np
 
 from truejoint.calibration import Calibration
-from truejoint.crtk.arm import Arm
+from truejoint.crtk.arm import Arm, as_arm
 from truejoint.errors import TruejointError
 from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
 from truejoint.monitor.process import PLOT_EVERY, PageProcess
@@ -128,7 +128,7 @@ class ArmPage(_Pictures):
         host: str = LOOPBACK,
         port: int = PORT,
     ) -> None:
-        self._arm = arm
+        self._arm = as_arm(arm)
         self._live = LiveSamples(arm.robot, calibration)
         self._inbox: deque[tuple[float, StateBlock | TruthBlock]] = deque(maxlen=2 * MOST_ROWS)
         self._last_arrival = math.nan

@@ -20,6 +20,7 @@ from truejoint.crtk import (
     TimeLaw,
     TruthBlock,
 )
+from truejoint.crtk.arm import as_arm
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, MotionStopped, TrajectoryError
 from truejoint.motion.trajectory import Trajectory, as_trajectory, workspace_of
@@ -170,7 +171,7 @@ def follow(
     >>> follow(arm, zigzag(arm.robot, "J2", 1 / 2)).joints
     ('shoulder', 'elbow', 'insertion')
     """
-    check_ready(arm.operating_state(), "follow")
+    check_ready(as_arm(arm).operating_state(), "follow")
     as_trajectory(trajectory).check_within(arm.robot)
     law, caps = _timed(arm.robot, trajectory, speed_scale, speed)
     columns = arm.robot.index(trajectory.joints)

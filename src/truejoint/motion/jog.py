@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.crtk import Arm, Motion
+from truejoint.crtk.arm import as_arm
 from truejoint.crtk.limits import move_speed
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots.joint_rows import checked_vector
@@ -50,7 +51,7 @@ class Jog:
     """
 
     def __init__(self, arm: Arm, speed: ArrayLike | None = None) -> None:
-        self.arm: Final = arm
+        self.arm: Final = as_arm(arm)
         self.speed = move_speed(arm.robot, speed, "jog")
         self.motion: Motion
         self._lock = threading.Lock()

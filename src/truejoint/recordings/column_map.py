@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -11,24 +10,7 @@ from typing import Any, Final
 
 from truejoint.errors import RecordingError
 from truejoint.toml_file import read_toml
-
-SI_UNITS: Final[Mapping[str, tuple[str, float]]] = {
-    unit: (si, factor)
-    for si, factors in {
-        "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},
-        "rad": {"rad": 1.0, "deg": math.pi / 180.0},
-        "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-        "rad/s": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
-        "m/s": {"m/s": 1.0, "mm/s": 1e-3},
-        "Nm": {"Nm": 1.0, "mNm": 1e-3},
-        "N": {"N": 1.0, "mN": 1e-3},
-        "A": {"A": 1.0, "mA": 1e-3},
-        "V": {"V": 1.0},
-        "1": {"1": 1.0},
-    }.items()
-    for unit, factor in factors.items()
-}
-"""Unit in a file: SI unit and the factor to it."""
+from truejoint.units import SI_UNITS
 
 
 @dataclass(frozen=True)

@@ -50,6 +50,8 @@ _STRANGER: Final = 0.25  # and of one that it is not of, at most, where no other
 _BETTER: Final = 0.1  # share that the right arm leaves unexplained of what the wrong one does
 _SHIFT: Final = 0.1  # s; smaller delays are the data check's to judge
 _SURE: Final = 5.0  # standard deviations of the estimated shift
+_BRISK: Final = 0.2  # share of its usual top speed, above which a joint is moved, not pushed
+_BACK: Final = 0.3  # of the way there that a joint comes back, at least, to judge its effort
 _BRAKING: Final = -0.2  # share of the work of an effort that brakes what it should drive
 _OVERLAP: Final = 0.5  # share of the rows that must have a truth at their time
 
@@ -217,7 +219,6 @@ _WELL: Final[Mapping[str, Callable[[Recording, Sequence[str]], str]]] = {
     "arm": lambda *_: "nothing to compare with",
     "unit": lambda *_: "positions are where the joints can be",
     "effort": lambda recording, _: f"of {', '.join(recording.joints_of('effort'))}",
-    "effort sign": lambda *_: "efforts drive the motion",
     "encoder wrap": lambda *_: "no jump",
     "frozen signal": lambda *_: "no sensor stands while its joint moves",
     "truth": lambda recording, _: f"of {', '.join(recording.joints_of('truth'))}",
@@ -300,7 +301,7 @@ def _effort(recording: Recording, joints: Sequence[str]) -> Verdict | None:
     return None
 
 
-def _effort_sign(recording: Recording, joints: Sequence[str]) -> Verdict | None:
+def _effort_sign(recording: Recording, joints: Sequence[str]) -> Verdict:
     """Judge the sign of efforts: against friction they drive a motion, there and back.
 
     The net work over the recording, as a share of what flows to and fro, cannot be far below 0.
@@ -308,16 +309,19 @@ def _effort_sign(recording: Recording, joints: Sequence[str]) -> Verdict | None:
     robot, given = recording.robot, set(recording.joints_of("effort"))
     moving = [joint for joint in joints if joint in given]
     if robot.effort == "motor" and robot.transmission is not None:
-        if not given.issuperset(robot.joint_names):
-            return None  # cables couple the joints: one effort alone tells nothing
+        if not given.issuperset(robot.joint_names):  # cables couple the joints: one tells nothing
+            advice = "record the efforts of all motors"
+            return Verdict("info", "effort sign", "some of the coupled efforts are missing", advice)
         efforts = robot.transmission.joint_effort(recording.columns("effort", robot.joint_names))
         by_joint = dict(zip(robot.joint_names, efforts.T, strict=True))
     else:
         by_joint = {joint: recording.column(f"effort/{joint}") for joint in moving}
-    shares = {joint: _work(recording, joint, by_joint[joint]) for joint in moving}
-    wrong = {joint: share for joint, share in shares.items() if share < _BRAKING}
+    works = {joint: _work(recording, joint, by_joint[joint]) for joint in moving}
+    shares = {joint: share for joint, share in works.items() if share is not None}
     if not shares:
-        return None
+        advice = "move the joints there and back, and record their efforts"
+        return Verdict("info", "effort sign", "nothing to judge it by", advice)
+    wrong = {joint: share for joint, share in shares.items() if share < _BRAKING}
     evidence = "net work of the efforts: " + ", ".join(
         f"{100 * share:+.0f} % in {joint}" for joint, share in (wrong or shares).items()
     )
@@ -327,11 +331,18 @@ def _effort_sign(recording: Recording, joints: Sequence[str]) -> Verdict | None:
     return Verdict("fail", "effort sign", evidence, advice)
 
 
-def _work(recording: Recording, joint: str, effort: Array) -> float:
-    """Net work of an effort (n,) as a share of all the work that it does and takes."""
-    power = effort * velocity(recording.t, recording.column(f"measured/{joint}"))
+def _work(recording: Recording, joint: str, effort: Array) -> float | None:
+    """Net work of an effort (n,) as a share of all the work that it does and takes.
+
+    Of brisk motion: a joint that is held may be pushed by the cables of others, and its motor then
+    brakes. None where there is none both ways: one way the weight of the arm may do the work.
+    """
+    rate = velocity(recording.t, recording.column(f"measured/{joint}"))
+    brisk = np.abs(rate) > _BRISK * np.quantile(np.abs(rate), 0.99)
+    ways = np.abs(rate[brisk & (rate > 0.0)].sum()), np.abs(rate[brisk & (rate < 0.0)].sum())
+    power = (effort * rate)[brisk]
     gross = float(np.abs(power).sum())
-    return float(power.sum()) / gross if gross else 0.0
+    return float(power.sum()) / gross if gross and min(ways) > _BACK * max(ways) else None
 
 
 def _truth(recording: Recording, truth: Sequence[str]) -> Verdict | None:

@@ -60,7 +60,10 @@ class ClockOffset:
 
     def __repr__(self) -> str:
         found = f" ± {self.sd:.4f} s by {', '.join(self.joints)}" if self.joints else " as stated"
-        return f"{type(self).__name__}({self.seconds:.10g} s{found})"
+        return f"{type(self).__name__}({self}{found})"
+
+    def __str__(self) -> str:
+        return f"{round(self.seconds, 4):.14g} s"
 
 
 def join_truth(
@@ -127,7 +130,7 @@ def join_truth(
     joined, counts = _shifted(recording, truth, found.seconds - begins)
     provenance = recording.provenance
     sd = "" if math.isnan(found.sd) else f" (sd {found.sd:.2g} s)"
-    notes = f"{found.seconds:.10g} s{sd} added to the stamps of the truth, a file of its own"
+    notes = f"{found}{sd} added to the stamps of the truth, a file of its own"
     described = replace(
         provenance,
         rates={**provenance.rates, **nominal_rates(truth=truth.t)},

@@ -11,13 +11,13 @@ from typing import Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.array_files import NPY_MAGIC, read_mat, read_npy
-from truejoint.recordings.column_map import SI_UNITS
 from truejoint.recordings.files import read_bounded, read_head, require_file
 from truejoint.recordings.numeric_text import first_line, is_number, split_fields
 from truejoint.recordings.parquet import PARQUET_MAGIC
 from truejoint.recordings.readers.mapped import arrays_of
 from truejoint.recordings.recording import default_unit
 from truejoint.robots import Robot, get_robot
+from truejoint.units import SI_UNITS
 
 # A column's name is cut into words of one kind of letter; the first quantity that has one of them.
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")

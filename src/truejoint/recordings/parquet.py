@@ -18,7 +18,13 @@ import pyarrow.parquet as pq
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError, words
-from truejoint.files import UNHASHED, content_hash, is_as_written, write_atomically
+from truejoint.files import (
+    UNHASHED,
+    check_ending,
+    content_hash,
+    is_as_written,
+    write_atomically,
+)
 from truejoint.recordings.files import most_unpacked, require_file
 from truejoint.recordings.numeric_text import MAX_VALUES
 from truejoint.recordings.recording import Provenance, Recording, as_recording
@@ -51,7 +57,8 @@ def write_parquet(
     Raises
     ------
     RecordingError
-        If `path` exists and may not be replaced, or its folder does not exist.
+        If `path` exists and may not be replaced, its folder does not exist, or its ending says
+        that it is another file.
 
     Examples
     --------
@@ -60,6 +67,7 @@ def write_parquet(
     400
     """
     target, recording = Path(path), as_recording(recording)
+    check_ending(target, ".parquet", "a recording", RecordingError)
     columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
     header = {
         "version": VERSION,

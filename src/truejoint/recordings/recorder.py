@@ -16,9 +16,10 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
+from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
-from truejoint.files import check_target, free_name, move, uninterrupted
+from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
 from truejoint.recordings.parquet import write_parquet
 from truejoint.recordings.recording import Provenance, Recording
 from truejoint.recordings.stream_file import (
@@ -146,10 +147,11 @@ class Recorder:
         self.written: Path | None = None
         self._stream: StreamWriter | None = None
         self._lock = threading.Lock()
-        check_topics(self.arm.robot, self.topics)
+        check_topics(as_arm(self.arm).robot, self.topics)
         if self.topics and self.path is None:
             raise RecordingError("recorder: topics are kept on the disk alone; give a path")
         if self.path is not None:
+            check_ending(Path(self.path), ".parquet", "a recording", RecordingError)
             paths = [Path(self.path), *([topics_beside(self.path)] if self.topics else [])]
             for path in paths:
                 check_target(path, overwrite=self.overwrite, error=RecordingError)

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError, other_kind
-from truejoint.recordings.column_map import SI_UNITS
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.summary import Summarised
+from truejoint.units import SI_UNITS
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
 EPOCH: Final = 1e8
@@ -232,6 +232,9 @@ class Recording(Summarised):
                 f"{provenance.source or 'recording'}: {error}; give a table, or a mapping of names "
                 "to columns of numbers"
             ) from None
+        if not isinstance(units or {}, Mapping):
+            advice = "give units by column; an arm is named by Provenance(robot, arm)"
+            raise RecordingError(other_kind(units, "mapping", advice))
         _check_shapes(arrays, provenance.source or "recording")
         robot = get_robot(provenance.robot, provenance.arm)
         mechanism = _mechanism(provenance, robot)

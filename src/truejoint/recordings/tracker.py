@@ -28,10 +28,11 @@ from truejoint.recordings.numeric_text import (
 )
 from truejoint.recordings.parquet import PARQUET_MAGIC, check_size
 from truejoint.recordings.synchronise import forward_rows
+from truejoint.units import FACTORS
 
 POINT: Final = ("x", "y", "z")
 QUATERNION: Final = ("qx", "qy", "qz", "qw")
-UNITS: Final[Mapping[str, float]] = {"m": 1.0, "mm": 1e-3}
+UNITS: Final = FACTORS["m"]
 """Units that the points of a file may be in, and how many m each is."""
 
 LOST: Final = "tracker: marker lost"

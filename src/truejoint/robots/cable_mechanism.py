@@ -78,7 +78,7 @@ class Contact:
     damping: float = 2e-3
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class CableMechanism:
     """Joints, motors and the cables between them; everything in SI.
 
@@ -112,6 +112,11 @@ class CableMechanism:
     cables: tuple[Cable, ...]
     contact: Contact | None = None
     arms: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        """One line, as it stands among an estimator's settings; `vars` has the rest."""
+        turned = ", ".join(self.joint_names)
+        return f"<{turned} by {len(self.motors)} motors and {len(self.cables)} cables>"
 
     def __post_init__(self) -> None:
         for joint, pin in self.pins.items():

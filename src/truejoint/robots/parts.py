@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Final, Literal, Protocol
@@ -13,11 +12,10 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
 from truejoint.errors import RobotError
+from truejoint.units import FACTORS
 
-UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "revolute": {"rad": 1.0, "deg": math.pi / 180.0},
-    "prismatic": {"m": 1.0, "mm": 1e-3},
-}
+UNITS: Final = {"revolute": FACTORS["rad"], "prismatic": FACTORS["m"]}
+"""By kind of joint, the units that a file may be in, and the factor from each to SI."""
 WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
 
 

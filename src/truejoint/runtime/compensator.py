@@ -25,6 +25,7 @@ from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import checked_rows
+from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
@@ -194,6 +195,7 @@ class Compensator:
         self._correction = view("correction")
         self._expected, self._forward = view("expected"), view("forward")
         self._last_wanted = view("last_wanted")
+        self._given = np.zeros((3, len(joints)))  # way to loads: now, ahead, as was wanted last
         self.forward: Final = copy(forward)  # which remembers this loop's way alone
         self.measured: Final = [corrector.signals.index(f"measured/{n}") for n in corrector.joints]
         self.status = Status.OK
@@ -231,6 +233,11 @@ class Compensator:
         return np.asarray(np.where(np.isnan(self._last_wanted), math.nan, position))
 
     @property
+    def believes(self) -> bool:
+        """Whether the last step's sample was believed, and not held."""
+        return bool(at.is_believed(self.memory.numbers, self.memory.memory))
+
+    @property
     def knows_lost(self) -> bool:
         """Whether the corrector was believed since the start."""
         return bool(self.memory.numbers[at.KNOWS_LOST])
@@ -240,7 +247,18 @@ class Compensator:
         self.setpoint[:] = setpoint
         if self.forward is not None:
             self.forward.start(setpoint)
+        self._given[:] = 0.0
         begin(self.memory.numbers, self.memory.memory)
+
+    def give_way(self, now: ArrayLike, wanted: ArrayLike) -> None:
+        """Feed forward how far joints (n_joints,) [rad or m] give way to a load, from now on.
+
+        `now` is that to what loads them, of which the corrector knows, and `wanted` that to what
+        shall load them at the next step. Motors wind up the difference at once.
+        """
+        goal = np.asarray(wanted, dtype=np.float64)
+        ahead = goal + self.memory.memory[at.LEAD] * (goal - self._given[2])  # as set-points lead
+        self._given[:] = np.asarray(now, dtype=np.float64), ahead, goal
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.
@@ -254,11 +272,13 @@ class Compensator:
         if not self.status & _UNREAD:
             self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
         np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
+        self._expected[:], self._forward[:] = self._given[:2]
         if self.forward is not None:
             last = np.where(np.isfinite(self._last_wanted), self._last_wanted, self._wanted)
             ahead = self._wanted + self.memory.memory[at.LEAD] * (self._wanted - last)
             self.forward.step(1.0 / self.rate, self._measured, ahead)
-            self._expected[:], self._forward[:] = self.forward.expected, self.forward.forward
+            self._expected += self.forward.expected
+            self._forward += self.forward.forward
         compensate(self.memory.numbers, self.memory.memory)
         return self.setpoint
 
@@ -375,12 +395,13 @@ class Uncorrected:
     """
 
     def __init__(self, robot: Robot) -> None:
-        self.made_for: Final = robot.name, robot.arm
+        self.made_for: Final = as_robot(robot).name, robot.arm
         self.joints: Final = robot.joint_names
         self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
         self.spike_speed: Final = np.full(len(self.joints), math.inf)
         self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
         self.beside: Final[dict[str, Array]] = {}
+        self.gives_way: Final[dict[str, Array]] = {}
         self._t = -math.inf
 
     def step(self, t: float, sample: ArrayLike) -> Status:

@@ -117,7 +117,10 @@ class Corrector(Summarised):
     beside : mapping of str to ndarray, shape (2,)
         What else the model tells, and its half-width at `level`, of the last sample that was used:
         of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm], of ``ukf_cables``
-        ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm].
+        and ``hybrid_cables`` ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm].
+    gives_way : mapping of str to ndarray, shape (n_joints,)
+        How far the joints give way to each of these while the motors stand [rad/Nm or m/N], where
+        the model knows.
 
     Raises
     ------
@@ -146,8 +149,8 @@ class Corrector(Summarised):
 
     __slots__ = (
         "_commands", "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample",
-        "_statuses", "_taking", "_thread", "beside", "correction", "features", "half_width",
-        "joints", "made_for", "offset", "position", "signals",
+        "_statuses", "_taking", "_thread", "beside", "correction", "features", "gives_way",
+        "half_width", "joints", "made_for", "offset", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -172,8 +175,11 @@ class Corrector(Summarised):
         self.correction = packed.view("correction")
         self.offset = packed.view("offset")
         self.features = packed.view("features")
-        told = find_family(data.model.family).beside
+        family = find_family(data.model.family)
+        told, ways = family.beside, family.gives_way
         self.beside: dict[str, Array] = {name: packed.part_view("model", name) for name in told}
+        given = () if ways is None else ways(data.model.arrays).T
+        self.gives_way: dict[str, Array] = dict(zip(told, given, strict=False))
         own = at.homing_ids(data.metadata)
         self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(own)}
         self._statuses = _Statuses()

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
-from truejoint.errors import CommandRefused
+from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.joint_rows import checked_rows
 from truejoint.runtime.compensator import Compensator
@@ -24,6 +24,11 @@ class GripControl:
     left is how far the grip is off. Jaws that hold nothing close at ``wanted / stiffness`` in each
     time constant until they do. Where no grip is wanted, the opening is that of the positions.
 
+    Where the corrector knows how far its joints give way to a grip (`Corrector.gives_way`), motors
+    wind up their cables by that at once, and the loop makes up for the rest. While the compensator
+    does not believe its samples, and for a time constant after that, all is held: a filter that
+    begins anew says for a moment that nothing is gripped.
+
     Parameters
     ----------
     compensator : Compensator
@@ -33,7 +38,8 @@ class GripControl:
     load : str
         Name of the grip in `Corrector.beside`.
     time_constant : float
-        With which the opening where jaws meet is followed [s].
+        With which the opening where jaws meet is followed [s], and for which all is held after
+        samples that were not believed.
 
     Attributes
     ----------
@@ -49,7 +55,13 @@ class GripControl:
     Examples
     --------
     >>> robot = truejoint.get_robot("wrist")
-    >>> GripControl(compensator, robot)  # doctest: +SKIP
+    >>> from truejoint.runtime.compensator import Uncorrected  # joints as the motors say,
+    >>> motors = Uncorrected(robot)  # and a gauge between the jaws
+    >>> motors.beside["grip"] = np.array([0.02, 0.001])  # [Nm], kept up to date; its half-width
+    >>> control = GripControl(Compensator(motors, robot), robot)
+    >>> pieces = control.pieces(np.zeros((8, 3)), np.full(8, 0.05), rate=1000.0)
+    >>> [len(piece) for piece in pieces]
+    [4, 4]
     """
 
     def __init__(
@@ -60,6 +72,9 @@ class GripControl:
         load: str = "grip",
         time_constant: float = 0.1,
     ) -> None:
+        if not hasattr(compensator, "corrector"):
+            advice = "Compensator(corrector, robot) makes one"
+            raise CommandRefused(f"grip: {other_kind(compensator, 'Compensator', advice)}")
         corrector, mechanism = compensator.corrector, robot.cable_mechanism
         if mechanism is None or mechanism.contact is None:
             raise CommandRefused(
@@ -82,10 +97,12 @@ class GripControl:
             )
         self._compensator, self._robot = compensator, robot
         self._grip = corrector.beside[load]
+        self._gives = corrector.gives_way.get(load, np.zeros(len(corrector.joints)))
         self._way = way
         self._known_way = way[robot.index(corrector.joints)]
         self._stiffness = mechanism.contact.stiffness
         self._share = 1.0 / (1.0 + time_constant * compensator.rate)
+        self._hold = round(time_constant * compensator.rate)  # steps after one not believed
         speeds = np.array([joint.max_speed for joint in robot.joints])
         self._step = float(np.abs(way) @ np.where(way, speeds, 0.0)) / compensator.rate
         reach = np.array([way * robot.lower, way * robot.upper])
@@ -130,17 +147,25 @@ class GripControl:
         return self._pieces(rows, torque, period)
 
     def _pieces(self, rows: Array, torque: Array, period: int) -> Iterator[Array]:
+        loop, gives, stiffness = self._compensator, self._gives, self._stiffness
         apart, unit = rows @ self._way, self._way / (self._way @ self._way)
         self.opening = met = float(apart[0])
+        held = 0  # for so many steps more
         for first in range(0, len(rows), period):
             piece, goal = rows[first : first + period], float(torque[first])
             own = float(apart[first : first + period][-1])
-            known = float(self._compensator.known @ self._known_way)
-            if goal > 0.0 and math.isfinite(known):
-                met += self._share * (known + self._grip[0] / self._stiffness - met)
-                own = max(met - goal / self._stiffness, self._lowest)
+            known = float(loop.known @ self._known_way)
+            told = loop.believes and math.isfinite(known)
+            held = max(held - 1, 0) if told else self._hold
+            if goal == 0.0:
+                met = known if told else own
+                loop.give_way(0.0 * gives, 0.0 * gives)
+            elif held:
+                own = self.opening
             else:
-                met = known if math.isfinite(known) else own
+                met += self._share * (known + self._grip[0] / stiffness - met)
+                own = max(met - goal / stiffness, self._lowest)
+                loop.give_way(self._grip[0] * gives, goal * gives)
             before = self.opening
             self.opening = min(max(own, before - self._step), before + self._step)
             between = np.linspace(before, self.opening, len(piece) + 1)[1:]

@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_ori
 
 import numpy as np
 
-from truejoint.errors import TruejointError, unknown
+from truejoint.errors import TruejointError, other_kind, unknown
 from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
@@ -86,6 +86,9 @@ class Parameters:
 
         A file states only what differs from the nominal specimen.
         """
+        if not isinstance(path, str | Path):
+            advice = f"name a specimen, one of {', '.join(cls.SPECIMENS)}, or a TOML file"
+            raise TruejointError(other_kind(path, "path", advice))
         nominal = shipped_sections(cls.SPECIMENS["nominal"])
         if str(path) in cls.SPECIMENS:
             return cls._laid_over(nominal, shipped_sections(cls.SPECIMENS[str(path)]), str(path))

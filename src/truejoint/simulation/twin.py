@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from numbers import Integral
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
@@ -154,7 +155,7 @@ def _copied(value: Any) -> Any:
 
 def checked_seed(seed: int) -> int:
     """Return `seed`; raises TruejointError unless it is a whole number of 63 bits."""
-    if isinstance(seed, bool) or not 0 <= seed < 2**63:
+    if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
         raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
     return seed
 

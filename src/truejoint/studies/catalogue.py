@@ -387,11 +387,20 @@ _WRIST_LOOP: Final = Study(
         Option("gain", 0.7, "share of the remaining error that a step adds"),
         Option(
             "loops",
-            ("open", "play_motor", "play_effort", "play_forward", "perfect", "perfect_forward"),
+            (
+                "open",
+                "play_motor",
+                "play_effort",
+                "filter",
+                "hybrid",
+                "hybrid_forward",
+                "perfect",
+                "perfect_forward",
+            ),
             "what stands in them, as in studies/wrist/closed_loop.py; perfect is always one",
         ),
     ),
-    version=2,
+    version=3,
 )
 
 _WRIST_CHANGES: Final = Study(
@@ -406,7 +415,7 @@ _WRIST_CHANGES: Final = Study(
         _UNDER_LOADS,
         Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
     ),
-    version=2,
+    version=3,
 )
 
 STUDIES: Final = {

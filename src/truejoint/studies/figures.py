@@ -27,6 +27,7 @@ _STYLE: Final[dict[Any, Any]] = {
 _DPI: Final = 130
 _LEGEND: Final = 5
 """Names at most in a line of a legend."""
+_DECADES: Final = 300.0  # ends of a logarithmic axis this many times apart: powers of ten alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,7 +118,9 @@ def _draw(panel: Panel, axis: Axes) -> None:
     for letter, one in (("x", axis.xaxis), ("y", axis.yaxis)):
         if letter in panel.log:
             axis.set(**{f"{letter}scale": "log"})
-            one.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            low, high = one.get_view_interval()
+            between = () if high > _DECADES * low else (2.0, 5.0)
+            one.set_major_locator(LogLocator(subs=(1.0, *between)))
             one.set_major_formatter(FuncFormatter(lambda value, _place: f"{value:g}"))
             one.set_minor_formatter(NullFormatter())
     if panel.columns:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from collections import Counter
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Final
 
+from truejoint.errors import StudyError
 from truejoint.evaluation.report.page import render_page
 from truejoint.studies.catalogue import STUDIES
 from truejoint.studies.page import MAX_RESULT_BYTES
@@ -42,6 +44,15 @@ def _is_shown(result: Any) -> bool:
     return False
 
 
+def _unusual(name: str, settings: Mapping[str, Any]) -> list[str]:
+    """Options of a result that are not those of its preset."""
+    with suppress(StudyError, TypeError):
+        usual = STUDIES[name].settings(settings["preset"], settings["seed"]).to_dict()["options"]
+        own = settings["options"].items()
+        return [f"{option} {value}" for option, value in own if usual.get(option) != value]
+    return []
+
+
 def write_overview(folder: str | Path, *, command: str = "") -> Path:
     """Write the page over all results in a folder, one folder a study; returns its path.
 
@@ -64,6 +75,7 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
         studies=STUDIES,
         results=results,
         counts=counts,
+        unusual={name: _unusual(name, one["settings"]) for name, one in results.items()},
         verdicts=VERDICTS,
         total=sum(counts.values(), Counter()),
         created=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",

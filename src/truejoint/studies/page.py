@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
-from truejoint.errors import StudyError
+from truejoint.errors import StudyError, other_kind
 from truejoint.evaluation.report.page import render_page, versions
 from truejoint.recordings import write_parquet
 from truejoint.studies.figures import png
@@ -57,6 +57,8 @@ def write_study(
     >>> write_study(result, "studies/forceps-rezero")[0]  # doctest: +SKIP
     PosixPath('studies/forceps-rezero/forceps-rezero.html')
     """
+    if not isinstance(result, StudyResult):
+        raise StudyError(other_kind(result, "StudyResult", "give what `run_study` gives"))
     if not overwrite:
         check_folder(result.study, result.settings, folder)
     name, summary, target = result.study.name, result.summary, Path(folder)

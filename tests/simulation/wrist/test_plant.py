@@ -214,6 +214,23 @@ def test_jaws_press_on_what_they_hold_as_hard_as_it_is_stiff():
     assert abs(log.effort[-1, 1] - open_jaws.effort[-1, 1]) > 0.02
 
 
+def test_a_joint_ends_at_its_stops_as_stiff_as_they_are():
+    """Without friction, its torque is that of the cables behind, which statics tells."""
+    motor = held_at([0.5, 0.2, -0.6], 1500)
+    free = run(built(SMOOTH), motor).joint[-1]
+    assert np.abs(free).min() > 0.1
+    end = np.array([0.6, 0.0, 0.6]) * free  # a stop on the way, but for the first jaw
+    lower = np.where((end < 0.0), end, -9.0)
+    upper = np.where((end > 0.0), end, 9.0)
+    log = run(plant_constants(SMOOTH, MECHANISM, limits=(lower, upper))[0], motor)
+    depth = log.joint[-1] - end - SMOOTH.stops.beyond * np.sign(end)
+    torque = -SMOOTH.stops.stiffness * np.where(end == 0.0, 0.0, depth)
+    assert (np.abs(torque)[[0, 2]] > 0.02).all()
+    pushed = run(built(SMOOTH), motor, torque)
+    np.testing.assert_allclose(pushed.joint[-1], log.joint[-1], atol=1e-5)
+    np.testing.assert_allclose(pushed.effort[-1], log.effort[-1], atol=1e-4)
+
+
 def test_a_cable_that_ends_at_a_spring_is_the_one_jaw_forceps():
     tip = {"tip": {"inertia": 1e-6, "radius": 1e-3}}
     mechanism = CableMechanism.from_dict(

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 
 from truejoint.errors import StudyError
+from truejoint.estimators import cable_filter
+from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist import changes
@@ -17,7 +21,8 @@ FEW = {"free_s": "160", "loaded_s": "12", "test_s": "6", "count": "1", "family":
 def result():
     settings = get_study("wrist-changes").settings("small", options=FEW)
     (part,) = get_study("wrist-changes").parts(settings)
-    return settings, {part.key: part.compute(**part.arguments)}
+    with patch.object(cable_filter, "_ROUNDS", 2):
+        return settings, {part.key: part.compute(**part.arguments)}
 
 
 def test_efforts_show_more_friction_and_not_where_the_zeros_are(result):
@@ -28,22 +33,20 @@ def test_efforts_show_more_friction_and_not_where_the_zeros_are(result):
     assert strange[changes.ENGAGED] == pytest.approx(strange[changes.NOTHING], abs=0.02)
 
 
-def test_closing_the_jaws_takes_off_what_engaging_moved(result):
-    (part,) = result[1].values()
-    errors = part.numbers["errors"]
-    moved = errors[changes.ENGAGED]["opening"] - errors[changes.NOTHING]["opening"]
-    assert np.degrees(abs(moved)) > 0.15
-    assert abs(moved - part.numbers["zero"]) < 0.5 * abs(moved)
-
-
-def test_the_opening_is_that_at_which_jaws_begin_to_press():
-    """Jaws of 1.5 Nm/rad that meet at 0.02 rad, wherever else they are when they press on less."""
-    grip = np.concatenate([np.linspace(0.0, 0.12, 60), np.linspace(0.12, 0.0, 60)])
-    opening = 0.02 - grip / 1.5 + np.where(grip > 0.0, 1e-3 * np.sin(np.arange(120.0)), 0.1)
-    opening[grip < 0.01] = 0.15
-    angle = np.column_stack([np.zeros(120), -0.5 * opening, 0.5 * opening])
-    load = np.column_stack([grip, np.ones((120, 2))])
-    assert changes.closed_opening(angle, load) == pytest.approx(0.02, abs=5e-4)
+@pytest.mark.parametrize("specimen", ["nominal", "cable_only"])
+def test_stops_tell_how_far_engaging_moved_each_joint(specimen):
+    found, zeros = [], []
+    for homings in (1, 2):
+        twin = WristTwin(WristTwin.PARAMETERS.read(specimen), seed=3)
+        for _ in range(homings):
+            twin.home()
+        found.append(changes.touched(twin))
+        zeros.append(twin._transmission.joint_from_motor(twin._zero[None])[0])
+    moved = zeros[0] - zeros[1]
+    assert np.degrees(np.abs(moved)).max() > 0.3
+    shown = found[1] - found[0]
+    np.testing.assert_allclose(np.degrees(shown[:3] - moved), 0.0, atol=0.05)
+    assert np.degrees(shown[3]) == pytest.approx(np.degrees(moved[2] - moved[1]), abs=0.05)
 
 
 def test_a_test_too_short_to_settle_is_refused():
@@ -55,4 +58,5 @@ def test_a_test_too_short_to_settle_is_refused():
 def test_its_tables_and_figure_can_be_drawn(result):
     summary = changes.summarise(*result)
     assert [row[0] for row in summary.tables[0].rows] == list(changes.CHANGES)
+    assert [len(row) for row in summary.tables[1].rows] == [5, 5, 5]
     assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())

@@ -9,6 +9,7 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.crtk.limits import checked_backend
 from truejoint.crtk.protocol import Backend, Listener
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, RobotError
@@ -69,6 +70,7 @@ class FaultyBackend:
     """
 
     def __init__(self, backend: Backend, faults: Sequence[Fault]) -> None:
+        checked_backend(backend)
         for fault in faults:
             if fault.kind not in FAULTS:
                 raise RobotError(f"no fault {fault.kind!r:.40}; use one of {', '.join(FAULTS)}")

@@ -15,7 +15,7 @@ from truejoint.array_types import Array
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import OperatingState, StateCommand, next_state
-from truejoint.errors import CommandRefused, MotionStopped, RobotError
+from truejoint.errors import CommandRefused, MotionStopped, RobotError, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock
 from truejoint.robots.catalogue import DEFAULT
@@ -49,6 +49,8 @@ class SimulatedBackend:
     """
 
     def __init__(self, twin: Twin, *, rate: float = 1.0 / SETPOINT_DT) -> None:
+        if not hasattr(twin, "home"):  # as anything may have that stands for one
+            raise RobotError(other_kind(twin, "Twin", "make_twin(robot) gives one"))
         self.twin = twin
         self.robot: Final[Robot] = twin.robot
         self.rate: Final = float(rate)

@@ -109,6 +109,7 @@ def render_report(
     >>> render_report(evaluation).startswith("<!doctype html>")
     True
     """
+    as_evaluation(evaluation)
     drawn = {
         "worst": list(curves.worst_stretches(evaluation)),
         "paths": [

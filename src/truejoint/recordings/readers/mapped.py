@@ -15,7 +15,6 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.array_files import NPY_MAGIC, MatValue, read_mat, read_npy
 from truejoint.recordings.column_map import (
-    SI_UNITS,
     ColumnMap,
     MappedColumn,
     MapSource,
@@ -37,6 +36,7 @@ from truejoint.recordings.recording import (
 )
 from truejoint.recordings.synchronise import Stream
 from truejoint.robots import Robot, get_robot
+from truejoint.units import SI_UNITS
 
 MAP_ADVICE: Final = "give a column map (`truejoint columns FILE` writes one to start from)"
 

@@ -50,6 +50,9 @@ class PlantConstants(NamedTuple):
     law: ContactLaw
     opening: Array  # (J,) of the jaws, per joint; zeros where nothing meets
     contact: Array  # (2,) stiffness [Nm/rad], damping [Nm s/rad]
+    lowest: Array  # (J,) [rad] where a joint meets its stops,
+    highest: Array  # (J,)
+    stop: Array  # (2,) which have this stiffness [Nm/rad] and damping [Nm s/rad]
     n_motors: int
     motor_step: Array  # (2, 2): how far angle and speed are off, a step later
     motor_lag: float  # [s] by which a motor follows a ramp
@@ -68,50 +71,26 @@ class Drawn(NamedTuple):
 
 
 def plant_constants(
-    p: WristParameters, mechanism: CableMechanism, substeps: int = SUBSTEPS
+    p: WristParameters,
+    mechanism: CableMechanism,
+    substeps: int = SUBSTEPS,
+    limits: tuple[Array, Array] | None = None,
 ) -> tuple[PlantConstants, Drawn]:
-    """Constants of one instrument, its single parts drawn with ``variation.seed``."""
-    rng = np.random.default_rng(p.variation.seed)
-    cables, joints, motors = mechanism.cables, mechanism.joint_names, tuple(mechanism.motors)
-    n_cables, n_joints, n_motors = len(cables), len(joints), len(motors)
-    most = max(len(cable.nodes) for cable in cables)
-    nominal = mechanism.moments
-    # The two cables of a loop lie in the same grooves, so that their radii are one draw a motor.
-    loop = np.array([motors.index(c.motor) if c.motor else n_motors + n
-                     for n, c in enumerate(cables)])  # fmt: skip
-    n_loops = int(loop.max()) + 1
-    groove = 1.0 + p.variation.moment * rng.standard_normal((n_loops, n_joints))
-    capstan = 1.0 + p.variation.capstan * rng.standard_normal(n_motors)
-    size = p.variation.eccentricity * np.abs(rng.standard_normal((n_loops, n_joints)))
-    phase = rng.uniform(-math.pi, math.pi, (n_loops, n_joints))
-    whole = p.cables.stiffness * (1.0 + p.variation.stiffness * rng.standard_normal(n_cables))
-    drawn = Drawn(
-        p.sensors.effort_gain * rng.standard_normal(n_motors),
-        p.sensors.tension_gain * rng.standard_normal(n_cables),
-        p.sensors.tension_offset * rng.standard_normal(n_cables),
-        p.homing.assembly * rng.standard_normal(n_motors),
-    )
-    side = np.sign(nominal)
-    eccentric = side * size[loop]
+    """Constants of one instrument, its single parts drawn with ``variation.seed``.
+
+    Its joints meet stops beyond `limits`, lower and upper (n_joints,) [rad], where they have any.
+    """
+    cables, motors = mechanism.cables, tuple(mechanism.motors)
+    unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
+    lower, upper = unbounded if limits is None else limits
+    parts, drawn = _drawn(p, mechanism)
+    side = np.sign(mechanism.moments)
     moved = np.argsort(side == 0.0, axis=1, kind="stable")
-    stiffness = np.ones((n_cables, most + 1))
-    wrap, slope = np.zeros((n_cables, most)), np.zeros((n_cables, most))
-    joint_of = np.full((n_cables, most), -1)
-    for c, cable in enumerate(cables):
-        shares = np.array(cable.segments)
-        shares[1:-1] *= p.cables.shaft_compliance
-        compliance = shares / (shares.sum() * whole[c])
-        if cable.spring:
-            compliance[0] += 1.0 / cable.spring
-        stiffness[c, : len(compliance)] = 1.0 / compliance
-        for n, node in enumerate(cable.nodes):
-            mu = p.cables.wrist_friction if node.joint else p.cables.guide_friction
-            wrap[c, n] = mu * node.wrap
-            if node.joint:
-                joint_of[c, n] = joints.index(node.joint)
-                slope[c, n] = -mu * side[c, joint_of[c, n]]
+    stiffness = _stiffness(p, mechanism, parts.stiffness)
+    wrap_joint, wrap, slope = _wraps(p, mechanism)
+    eccentric = side * parts.eccentricity
     pins = list(mechanism.pins.values())
-    radii = np.array(list(mechanism.motors.values())) * capstan
+    radii = np.array(list(mechanism.motors.values())) * parts.capstan
     met = mechanism.contact
     dt = SETPOINT_DT / substeps
     f = p.joint_friction
@@ -123,25 +102,28 @@ def plant_constants(
         ),
         n_moved=np.count_nonzero(side, axis=1),
         moved=moved,
-        moments=np.take_along_axis(nominal * groove[loop], moved, 1),
-        sine=np.take_along_axis(eccentric * np.cos(phase[loop]), moved, 1),
-        cosine=np.take_along_axis(eccentric * np.sin(phase[loop]), moved, 1),
+        moments=np.take_along_axis(mechanism.moments * parts.groove, moved, 1),
+        sine=np.take_along_axis(eccentric * np.cos(parts.phase), moved, 1),
+        cosine=np.take_along_axis(eccentric * np.sin(parts.phase), moved, 1),
         n_nodes=np.array([len(cable.nodes) for cable in cables]),
         stiffness=stiffness,
         slack=p.cables.pretension / stiffness,
         ratio=np.exp(wrap),
-        wrap_joint=joint_of,
+        wrap_joint=wrap_joint,
         wrap_slope=slope,
         inertia=np.array([pin.inertia for pin in pins]),
-        damping=np.full(n_joints, f.viscous),
+        damping=np.full(len(pins), f.viscous),
         friction=f.constant * np.array([pin.friction for pin in pins]),
         per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
         presliding=f.presliding,
         is_maxwell_slip=f.law == MAXWELL_SLIP,
         law=ContactLaw(f.presliding, 0.0, 1.0, 1.0),
-        opening=np.zeros(n_joints) if met is None else mechanism.row(met.opening),
+        opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
+        lowest=lower - p.stops.beyond,
+        highest=upper + p.stops.beyond,
+        stop=np.array([p.stops.stiffness, p.stops.damping]),
         contact=np.zeros(2) if met is None else np.array([met.stiffness, met.damping]),
-        n_motors=n_motors,
+        n_motors=len(motors),
         motor_step=_motor_step(p, dt),
         motor_lag=p.motor.lag,
         coulomb=p.motor.coulomb,
@@ -149,6 +131,69 @@ def plant_constants(
         motor_presliding=p.motor.presliding,
     )
     return constants, drawn
+
+
+class _Parts(NamedTuple):
+    """What of one instrument's cables and pulleys strays; C cables, J joints, M motors."""
+
+    groove: Array  # (C, J) of the nominal moment
+    capstan: Array  # (M,) of the nominal radius
+    eccentricity: Array  # (C, J) [m]
+    phase: Array  # (C, J) [rad]
+    stiffness: Array  # (C,) [N/m] of a whole cable
+
+
+def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[_Parts, Drawn]:
+    """Draw an instrument's parts and sensors, always in this order."""
+    v, rng = p.variation, np.random.default_rng(p.variation.seed)
+    cables, motors = mechanism.cables, tuple(mechanism.motors)
+    n_cables, n_motors = len(cables), len(motors)
+    # The two cables of a loop lie in the same grooves, so that their radii are one draw a motor.
+    loop = np.array([motors.index(c.motor) if c.motor else n_motors + n
+                     for n, c in enumerate(cables)])  # fmt: skip
+    shape = int(loop.max()) + 1, len(mechanism.joint_names)
+    groove = 1.0 + v.moment * rng.standard_normal(shape)
+    capstan = 1.0 + v.capstan * rng.standard_normal(n_motors)
+    size = v.eccentricity * np.abs(rng.standard_normal(shape))
+    phase = rng.uniform(-math.pi, math.pi, shape)
+    whole = p.cables.stiffness * (1.0 + v.stiffness * rng.standard_normal(n_cables))
+    sensors = Drawn(
+        p.sensors.effort_gain * rng.standard_normal(n_motors),
+        p.sensors.tension_gain * rng.standard_normal(n_cables),
+        p.sensors.tension_offset * rng.standard_normal(n_cables),
+        p.homing.assembly * rng.standard_normal(n_motors),
+    )
+    return _Parts(groove[loop], capstan, size[loop], phase[loop], whole), sensors
+
+
+def _stiffness(p: WristParameters, mechanism: CableMechanism, whole: Array) -> Array:
+    """Stiffness (C, N + 1) [N/m] of segments, of cables that have `whole` (C,) [N/m]; ones else."""
+    cables = mechanism.cables
+    stiffness = np.ones((len(cables), 1 + max(len(cable.nodes) for cable in cables)))
+    for c, cable in enumerate(cables):
+        shares = np.array(cable.segments)
+        shares[1:-1] *= p.cables.shaft_compliance
+        compliance = shares / (shares.sum() * whole[c])
+        if cable.spring:
+            compliance[0] += 1.0 / cable.spring
+        stiffness[c, : len(compliance)] = 1.0 / compliance
+    return stiffness
+
+
+def _wraps(p: WristParameters, mechanism: CableMechanism) -> tuple[Integers, Array, Array]:
+    """Joint at each node of each cable (C, N), -1 for none, its mu times wrap, and mu as signed."""
+    cables, joints = mechanism.cables, mechanism.joint_names
+    side = np.sign(mechanism.moments)
+    shape = len(cables), max(len(cable.nodes) for cable in cables)
+    joint_of, wrap, slope = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
+    for c, cable in enumerate(cables):
+        for n, node in enumerate(cable.nodes):
+            mu = p.cables.wrist_friction if node.joint else p.cables.guide_friction
+            wrap[c, n] = mu * node.wrap
+            if node.joint:
+                joint_of[c, n] = joints.index(node.joint)
+                slope[c, n] = -mu * side[c, joint_of[c, n]]
+    return joint_of, wrap, slope
 
 
 def _motor_step(p: WristParameters, dt: float) -> Array:

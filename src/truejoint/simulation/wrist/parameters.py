@@ -49,6 +49,17 @@ class JointFriction(NamedTuple):
     viscous: Annotated[float, Bounds(0.0, 1e-2)]
 
 
+class Stops(NamedTuple):
+    """Where every joint ends: so far `beyond` its limit [rad], stiffness and damping there.
+
+    In Nm/rad and Nm s/rad.
+    """
+
+    beyond: Annotated[float, Bounds(0.0, 1.0)]
+    stiffness: Annotated[float, Bounds(0.1, 1e3)]
+    damping: Annotated[float, Bounds(0.0, 1e-2)]
+
+
 class Motor(NamedTuple):
     """Every motor: position loop [Hz], friction [Nm, Nm s/rad], presliding [rad]."""
 
@@ -97,6 +108,7 @@ class WristParameters(Parameters):
     cables: Cables
     variation: Variation
     joint_friction: JointFriction
+    stops: Stops
     motor: Motor
     sensors: Sensors
     homing: Homing

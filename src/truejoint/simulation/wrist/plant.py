@@ -247,6 +247,16 @@ def add_contact(held: float, c: PlantConstants, s: State, w: Work) -> float:
 
 
 @jit(inline="always")
+def add_stop(j: int, c: PlantConstants, s: State, w: Work) -> None:
+    """Add what pushes a joint back that is beyond the end of its range."""
+    q = s.joint[j]
+    beyond = max(q - c.highest[j], 0.0) + min(q - c.lowest[j], 0.0)
+    if beyond != 0.0:
+        w.right[j] -= c.stop[0] * beyond
+        w.matrix[j, j] += c.dt * c.stop[0] + c.stop[1]
+
+
+@jit(inline="always")
 def add_friction(j: int, c: PlantConstants, s: State, w: Work) -> None:
     """Add the friction of a pin and its slope, which the direction of motion tells."""
     w.level[j] = level = c.friction[j] + c.per_tension[j] * w.level[j]
@@ -325,6 +335,9 @@ def lent(c: PlantConstants) -> PlantConstants:
         c.law,
         borrow(c.opening),
         borrow(c.contact),
+        borrow(c.lowest),
+        borrow(c.highest),
+        borrow(c.stop),
         c.n_motors,
         borrow(c.motor_step),
         c.motor_lag,
@@ -411,6 +424,7 @@ def advance(
             add_cables(c, s, w)
             grip = add_contact(held[row] + share * (held[row + 1] - held[row]), c, s, w)
             for j in range(n):
+                add_stop(j, c, s, w)
                 add_friction(j, c, s, w)
             move_joints(c, s, w)
         write_row(row, grip, c, s, w, log)

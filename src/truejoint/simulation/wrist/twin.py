@@ -42,7 +42,8 @@ class WristTwin:
     A `truejoint.simulation.Twin`. What it measures are motors and their efforts; the measured
     joints are those of cables that give nowhere. With ``sensors.tensions`` the cables' tensions at
     the motors are in `extra`, ``tension/<cable>`` [N]; what only a simulation knows is beside them:
-    ``truth_exact/<joint>``, ``truth_load/grip`` and ``truth_load/<arm>``, torques [Nm].
+    ``truth_exact/<joint>``, ``truth_load/grip`` and ``truth_load/<arm>``, torques [Nm]. Joints end
+    at stops, a little beyond their limits.
 
     `load` [kg] hangs on the tip and pulls the first arm's joints down. `tip_force` may give forces
     (n, n_arms) [N], one column for each of the mechanism's arms, and `held` the opening [rad] (n,)
@@ -87,7 +88,9 @@ class WristTwin:
         self.held: Callable[[Array], Array] | None = None
         self.homing_count = 0
         self._substeps = substeps
-        self._constants, self._drawn = plant_constants(self.parameters, mechanism, substeps)
+        self._constants, self._drawn = plant_constants(
+            self.parameters, mechanism, substeps, (self.robot.lower, self.robot.upper)
+        )
         self._state, self._work = at_rest(self._constants), new_work(self._constants)
         # A stream each, so that changing one sensor leaves the others alone.
         names = ("motor", "effort", "tension", "truth")

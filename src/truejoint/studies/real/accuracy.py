@@ -158,9 +158,11 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             rows.append((f"{name} [{unit.name}]", *cells))
             whole = float(np.mean(values.get(_OFFSET, np.nan)))
             shares[name] = [float(np.mean(values.get(one, np.nan))) / whole for one in estimators]
+    networks = settings["networks"] if "dnn" in estimators else 1
     notes = (
         "RMSE on whole recordings, or the last part by time, that no fit saw; all features are "
-        f"causal. dnn: mean ± standard deviation over {settings['networks']} seeds. "
+        "causal. "
+        + (f"dnn: mean ± standard deviation over {networks} seeds. " if networks > 1 else "")
         + (
             "linear, poly2 and dnn take the features of the data set, the others what it measures."
             if settings["features"] == FEATURES[0]

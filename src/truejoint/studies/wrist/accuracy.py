@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -20,6 +21,7 @@ from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
 from truejoint.robots.wrist.instruments import JOINTS
+from truejoint.simulation.wrist.constants import plant_constants
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
@@ -234,7 +236,10 @@ def told(physical: Calibration, recording: Recording) -> Told:
 
 
 def quantities(twin: WristTwin) -> dict[str, float]:
-    """Say what a virtual instrument truly has of what is identified, where it is one number."""
+    """Say what a virtual instrument truly has of what is identified, where it is one number.
+
+    Of a loop, what its own two cables are as they were drawn, not those of its family.
+    """
     cables, friction = twin.parameters.cables, twin.parameters.joint_friction
     mechanism = twin.robot.cable_mechanism
     assert mechanism is not None  # noqa: S101  # a twin of a wrist has one
@@ -244,14 +249,25 @@ def quantities(twin: WristTwin) -> dict[str, float]:
         + friction.tension_share * pin.radius * int(count) * cables.pretension
         for (joint, pin), count in zip(mechanism.pins.items(), crossing, strict=True)
     }
+    drawn, _ = plant_constants(twin.parameters, mechanism)
+    stiffness, held = {}, {}
+    for joint, motor in zip(JOINTS, mechanism.motors, strict=True):
+        own = [(n, cable) for n, cable in enumerate(mechanism.cables) if cable.motor == motor]
+        legs = [1.0 / (1.0 / drawn.stiffness[n, : len(c.segments)]).sum() for n, c in own]
+        stiffness[f"{joint}_stiffness"] = float(np.mean(legs))
+        wrap = math.fsum(node.wrap for node in own[0][1].nodes if not node.joint)
+        hold = math.sinh(cables.guide_friction * wrap)
+        held[f"{joint}_friction"] = 2.0 * cables.pretension * hold
     return {
-        **{f"{joint}_stiffness": cables.stiffness for joint in JOINTS},
+        **stiffness,
         "shaft_compliance": cables.shaft_compliance,
+        **held,
         "wrist_friction": cables.wrist_friction,
         "pitch_pin": pins["pitch"],
         "jaw_pin": pins["jaw1"],
         "pin_way": friction.presliding,
         "tension": 2.0 * cables.pretension,
+        "motor_way": twin.parameters.motor.presliding,
     }
 
 

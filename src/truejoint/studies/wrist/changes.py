@@ -9,11 +9,13 @@ import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
+from truejoint.calibration import Calibration, calibrate
+from truejoint.estimators.cable_filter import CableStates
 from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
-from truejoint.recordings.wrist import record_wrist
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
-from truejoint.simulation.twin import glide, hold
+from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
@@ -24,7 +26,6 @@ from truejoint.studies.wrist.accuracy import (
     METHODS,
     SETTLED,
     check_times,
-    fitted,
     rms,
     specimens,
 )
@@ -47,11 +48,13 @@ FLAGGED: Final = 0.04
 """Share by which efforts of a motor are larger or smaller from which an instrument has changed."""
 _CHECK: Final = 30.0  # [s] of free motion that tells
 _SEEN: Final = 0.75  # share of the free calibration that efforts are learnt from
-_OPEN: Final = 0.2  # [rad] from which jaws close on each other,
-_PRESSED: Final = -0.15  # to this,
-_YAWS: Final = (-0.5, 0.0, 0.5)  # [rad] here and there,
-_CLOSING: Final = 2.0  # [s] in which
-_FELT: Final = 0.01  # [Nm] of grip from which they meet for certain: pins hold less
+_OPEN: Final = 0.2  # [rad] of the jaws that come to a stop
+_SHORT: Final = 0.25  # [rad] before it,
+_FAR: Final = 0.44  # [rad] in which they meet it, or are said to,
+_COMING: Final = 0.1  # [rad/s]
+_PRESS: Final = 0.03  # [Nm] more than on the way there
+_GRAIN: Final = 20  # [ms] in which the torque is looked at
+_FREE: Final = 60  # of these pieces, the second half of which tells the torque on the way
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -72,9 +75,10 @@ def judge(
     plant, seed = WristParameters.from_dict(specimen), 5 * number
     twin = WristTwin(plant, seed=number)
     twin.home()
-    free = motions.record(twin, motions.multi_sine, free_s, seed, load=False)
-    loaded = motions.record(twin, motions.multi_sine, loaded_s, seed + 1, load=True)
-    tests, checks = {NOTHING + ", closing": closing(twin)}, {}
+    free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
+    loaded = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
+    model = calibrate([free, loaded], "hybrid_cables", joints=JOINTS)
+    tests, checks, stops = {}, {}, {NOTHING: touched(twin)}
     for name, factors in CHANGES.items():
         base = plant.to_dict()
         values = {
@@ -85,52 +89,76 @@ def judge(
         other.home()
         if name == ENGAGED:
             other.home()
-            tests[ENGAGED + ", closing"] = closing(other)
+            stops[ENGAGED] = touched(other)
         tests[name] = motions.record(other, motions.steps, test_s, seed + 2, load=True)
-        checks[name] = motions.record(other, motions.multi_sine, _CHECK, seed + 3, load=False)
+        checks[name] = motions.record(other, motions.paused_sines, _CHECK, seed + 3, load=False)
         if name == GAIN:
             tests[name], checks[name] = (amplified(run, 1.1) for run in (tests[name], checks[name]))
-    known = fitted([free, loaded], tests, METHODS["play_effort"], None)
+    known = {name: told(model, test) for name, test in tests.items()}
     strange = strangeness(free, checks)
     errors = {}
     for name in CHANGES:
         test = tests[name]
         rows = test.t - test.t[0] > SETTLED
-        angle, load = known[name]
-        off = (angle - test.columns("truth_exact", JOINTS))[rows]
+        off = (known[name].angle - test.columns("truth_exact", JOINTS))[rows]
         errors[name] = {
             "angle": rms(off),
-            "grip": rms((load - test.columns("truth_load", LOADS))[rows])[0],
-            "opening": float(np.mean(off[:, 2] - off[:, 1])),
+            "grip": rms((known[name].load - test.columns("truth_load", LOADS))[rows])[0],
+            "mean": off.mean(axis=0).tolist(),
             "strange": strange[name],
         }
-    before, after = (closed_opening(*known[f"{name}, closing"]) for name in (NOTHING, ENGAGED))
-    return PartResult({"family": family, "errors": errors, "zero": after - before})
+    moved = (stops[ENGAGED] - stops[NOTHING]).tolist()
+    return PartResult({"family": family, "errors": errors, "stops": moved})
 
 
-def closing(twin: WristTwin) -> Recording:
-    """Record jaws that close on each other slowly, and open again, where they look each way."""
-    poses = [motions.joints(np.array([[0.0, y, _OPEN], [0.0, y, _PRESSED]])) for y in _YAWS]
-    before = poses[0][0]
-    twin.run(glide(twin.commanded, before, 1.5))
-    path = []
-    for apart, pressed in poses:
-        path += [glide(before, apart, 1.0), glide(apart, pressed, _CLOSING), hold(pressed, 0.5)]
-        path += [glide(pressed, apart, _CLOSING)]
-        before = apart
-    return record_wrist(twin, np.vstack(path), session="closing")
+def told(model: Calibration, recording: Recording) -> CableStates:
+    """Say what a calibration by a filter of the cables tells of joints and loads."""
+    gap = model.gap_limit
+    found: CableStates = model.model.states(
+        model.feature_set.compute(recording, gap), time_steps(recording.t, gap)
+    )
+    return found
 
 
-def closed_opening(angle: Array, load: Array) -> float:
-    """Give the opening [rad] at which jaws begin to press on each other, by what is known of both.
+def touched(twin: WristTwin) -> Array:
+    """Measured joints (3,) [rad] at stops, the pitch between both, and opening of jaws that meet.
 
-    Jaws give way as they press, by how much depends on where the zeros are; so it is that of a line
-    through their opening over their grip, closing and opening, where there is none.
+    Of a jaw the stop outside, to which the other one comes less near.
     """
-    pressed = load[:, 0] > _FELT
-    opening = (angle[:, 2] - angle[:, 1])[pressed]
-    rows = np.column_stack([np.ones(len(opening)), load[pressed, 0]])
-    return float(np.linalg.lstsq(rows, opening, rcond=None)[0][0])
+    lower, upper, apart = twin.robot.lower, twin.robot.upper, np.array([0.0, -0.5, 0.5])
+    pitch, first, second = np.eye(3)
+    low = stop(twin, (lower[0] + _SHORT) * pitch + _OPEN * apart, -pitch)
+    high = stop(twin, (upper[0] - _SHORT) * pitch + _OPEN * apart, pitch)
+    left = stop(twin, (lower[1] + _SHORT) * (first + second) + _OPEN * second, -first)
+    right = stop(twin, (upper[2] - _SHORT) * (first + second) - _OPEN * first, second)
+    return np.array([0.5 * (high - low), -left, right, -stop(twin, _SHORT * apart, -apart)])
+
+
+def stop(twin: WristTwin, pose: Array, way: Array) -> float:
+    """How far along a `way` (3,) measured joints are where something stops them, from `pose` on.
+
+    They go on until the torque along the way has grown by `_PRESS`, and back. A line through torque
+    and joints tells where it was half of that.
+    """
+    transmission = twin.robot.transmission
+    assert transmission is not None  # noqa: S101  # a robot of cables has one
+    twin.run(glide(twin.commanded, pose, 2.0))
+    ahead = np.outer(_COMING * SETPOINT_DT * np.arange(1, _GRAIN + 1), way)
+    torque, joints, usual = np.zeros(0), np.zeros((0, 3)), 0.0
+    for n in range(round(_FAR / (_COMING * SETPOINT_DT * _GRAIN))):
+        run = twin.run(twin.commanded + ahead)
+        torque = np.append(torque, run.effort @ transmission.matrix @ way)
+        joints = np.vstack([joints, run.measured])
+        if n == _FREE:
+            usual = float(torque[len(torque) // 2 :].mean())
+        if n > _FREE and torque[-_GRAIN:].mean() - usual > _PRESS:
+            break
+    twin.run(glide(twin.commanded, pose, 1.0))
+    pressed = torque - usual
+    felt = pressed > 0.25 * _PRESS
+    along = joints[felt] @ way / (way @ way)
+    slope, at = np.polyfit(pressed[felt], along, 1)
+    return float(at + 0.5 * slope * _PRESS)
 
 
 def amplified(run: Recording, gain: float) -> Recording:
@@ -191,27 +219,7 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         f"in {_CHECK:g} s of free motion are compared with those that such a motion took in "
         f"calibration; the motor that differs most counts, and is flagged from {FLAGGED:.0%} on.",
     )
-    off = np.degrees(
-        [
-            [n["errors"][ENGAGED]["opening"], n["errors"][ENGAGED]["opening"] - n["zero"]]
-            for n in numbers
-        ]
-    )
-    before, after = np.abs(off - _usual(numbers)).T
-    zero = Table(
-        "Engaged anew: the jaws' opening",
-        ("", "median", "worst"),
-        tuple(
-            (title, f"{np.median(each):.3f}", f"{each.max():.3f}")
-            for title, each in (("as engaged", before), ("after closing on themselves", after))
-        ),
-        (
-            "How far, in degrees, the mean error of the opening is from that before. Jaws that "
-            "begin to press on each other are at the opening at which they did in calibration: a "
-            "line through opening over grip tells it. Pitch and yaw have no such stop here: what "
-            "engaging moved of them stays.",
-        ),
-    )
+    zero = _zero_table(numbers)
     place = np.arange(len(CHANGES))
     curves = [
         Curve(np.array(middle)[:, j], place, joint, f"C{j}", "o") for j, joint in enumerate(JOINTS)
@@ -222,6 +230,24 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     return Summary((table, zero), {"wrist-changes": figure})
 
 
-def _usual(numbers: Sequence[Mapping[str, Any]]) -> Array:
-    """Mean error (n, 1) [deg] of the opening where nothing changed."""
-    return np.degrees([[n["errors"][NOTHING]["opening"]] for n in numbers])
+def _zero_table(numbers: Sequence[Mapping[str, Any]]) -> Table:
+    """How far engaging anew moved the errors, and what each way to a zero leaves of that."""
+    means = np.array([[n["errors"][name]["mean"] for name in (NOTHING, ENGAGED)] for n in numbers])
+    moved, stops = means[:, 1] - means[:, 0], np.array([n["stops"] for n in numbers])
+    left, opening = moved - stops[:, :3], moved[:, 2] - moved[:, 1]
+
+    def cell(values: Array) -> str:
+        found = np.abs(np.degrees(values))
+        return f"{np.median(found):.3f} ({found.max():.3f})"
+
+    rows = (
+        ("as engaged", *map(cell, moved.T), cell(opening)),
+        ("after touching their stops", *map(cell, left.T), cell(left[:, 2] - left[:, 1])),
+        ("after closing the jaws on themselves", *["-"] * len(JOINTS), cell(opening - stops[:, 3])),
+    )
+    notes = (
+        "How far, in degrees, the mean errors are from those before; the worst in brackets. Joints "
+        "that press on the stops at the ends of their ranges, or jaws on each other, as lightly as "
+        "they did after calibration, measure there by how much their zeros have moved.",
+    )
+    return Table("Engaged anew", ("", *JOINTS, "opening"), rows, notes)

@@ -8,16 +8,12 @@ from dataclasses import dataclass
 from typing import Any, Final, cast
 
 import numpy as np
-from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.errors import CommandRefused, StudyError
-from truejoint.estimators.base import JointRegressor
-from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
-from truejoint.recordings import Recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
@@ -46,35 +42,48 @@ from truejoint.studies.table import Table
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, rms, specimens
 
+OPEN: Final = "open"
+_HYBRID: Final = "hybrid"
+
 
 @dataclass(frozen=True)
 class Around:
-    """What stands in a loop: calibrations by name, or `exact` what only a simulation knows."""
+    """What stands in a loop: a calibration by name, or `exact` what only a simulation knows."""
 
     title: str
-    model: str = "play_effort"
+    model: str = _HYBRID
     exact: bool = False
     forward: bool = False
 
 
-OPEN: Final = "open"
 PERFECT: Final = "perfect"
 PERFECT_FORWARD: Final = "perfect_forward"
 LOOPS: Final[Mapping[str, Around]] = {
     "play_motor": Around("plays, motors", "play_motor"),
-    "play_effort": Around("plays, motors and effort"),
-    "play_forward": Around("plays, motors and effort, fed forward", forward=True),
+    "play_effort": Around("plays, motors and effort", "play_effort"),
+    "filter": Around("physical filter", "filter"),
+    _HYBRID: Around("filter and plays"),
+    "hybrid_forward": Around("filter and plays, fed forward", forward=True),
     PERFECT: Around("a perfect sensor", exact=True),
     PERFECT_FORWARD: Around("a perfect sensor, fed forward", exact=True, forward=True),
 }
 TITLES: Final = {OPEN: "none, an offset taken off", **{k: v.title for k, v in LOOPS.items()}}
 """What stands in the loop."""
+MODELS: Final[Mapping[str, tuple[Any, list[str] | None]]] = {
+    **{
+        key: (METHODS[key].estimator, METHODS[key].features)
+        for key in ("play_motor", "play_effort")
+    },
+    "filter": ("ukf_cables", None),
+    _HYBRID: ("hybrid_cables", None),
+}
+"""Estimator and features of each calibration: free, and, but for motors alone, under loads too."""
 CASES: Final = {"free": False, "tip": True}
 """Without a load, and with pushes of up to 2 N at the tip."""
 GRIPS: Final = {"standing": False, "moving": True}
 """Something is gripped while pitch and yaw stand still, and while they step."""
-SEES_GRIP: Final = ("play_effort", PERFECT)
-"""Loops that grip; what is fed forward knows of no load."""
+SEES_GRIP: Final = ("filter", _HYBRID, PERFECT)
+"""Loops that grip; what is fed forward there is how cables give way."""
 
 # Where an estimator is sure of itself it is believed beyond what calibration saw.
 _BELIEVED: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
@@ -84,29 +93,6 @@ _MOMENT: Final = 0.5  # [s] after a step of the grip, from which it counts as st
 _STILL: Final = np.radians([10.0, 5.0])  # [rad] pitch and yaw where only the grip changes
 _APART: Final = math.radians(20.0)  # [rad] of the jaws before they grip
 _HELD: Final = math.radians(15.0)  # [rad] of what is between them
-
-
-class _Told(Corrector):
-    """A corrector that tells the grip beside the joints, by plays that were fitted to it too."""
-
-    def __init__(self, model: Calibration, grip: GripModel) -> None:
-        super().__init__(model)
-        self.beside = {"grip": np.zeros(2)}
-        self._grip = grip
-        self._at = [self.signals.index(name) for name in grip.features.signals]
-        self._before = grip.features.start(), grip.model.start()
-        self._row, self._t = np.empty(len(grip.features)), 0.0
-
-    def step(self, t: float, sample: Any) -> Status:
-        """Correct a sample, and tell its grip."""
-        status = super().step(t, sample)
-        features, model = self._before
-        own = np.asarray(sample, dtype=np.float64)[self._at]
-        fresh = self._grip.features.step(features, t, own, self._grip.gap, self._row)
-        dt = 0.0 if fresh else t - self._t
-        self.beside["grip"][0] = self._grip.model.step(model, dt, self._row)[0]
-        self._t = t
-        return status
 
 
 class PerfectSensor(Corrector):
@@ -130,25 +116,6 @@ class PerfectSensor(Corrector):
         super().step(t, sample)
         self.correction[:] = self._exact - np.asarray(sample)[self._at]
         return Status.OK
-
-
-@dataclass(frozen=True)
-class GripModel:
-    """Plays that tell the grip [Nm] from motors and efforts, one sample after the other."""
-
-    features: FeatureSet
-    model: JointRegressor
-    gap: float
-
-    @classmethod
-    def fitted(cls, recordings: Sequence[Recording]) -> GripModel:
-        """Fit to recordings, one of them under loads, whose ``truth_load/grip`` is known."""
-        method, gap = METHODS["play_effort"], default_gap_limit(recordings)
-        features = FeatureSet.parse(method.features)
-        X = np.vstack([features.compute(run, gap) for run in recordings])
-        y = np.concatenate([run.column("truth_load/grip") for run in recordings])
-        dt = np.concatenate([time_steps(run.t, gap) for run in recordings])
-        return cls(features, clone(method.estimator).fit(X, y[:, None], dt=dt), gap)
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -183,17 +150,19 @@ def judge(
     twin = WristTwin(plant, seed=number)
     twin.home()
     seed = 4 * number
-    free = motions.record(twin, motions.multi_sine, free_s, seed, load=False)
-    loaded = motions.record(twin, motions.multi_sine, loaded_s, seed + 1, load=True)
+    free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
+    loaded = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
+    keys = [key for key in TITLES if key in {*loops, PERFECT}]
+    used = {"play_motor"} | {LOOPS[key].model for key in keys if key != OPEN}
     models = {
-        key: calibrate(data, METHODS[key].estimator, features=METHODS[key].features, joints=JOINTS)
-        for key, data in (("play_motor", [free]), ("play_effort", [free, loaded]))
-    }
-    bench = Bench(plant, number, models, GripModel.fitted([free, loaded]), rate_hz, gain)
+        key: calibrate([free] if key == "play_motor" else [free, loaded], MODELS[key][0],
+                       features=MODELS[key][1], joints=JOINTS)
+        for key in MODELS if key in used
+    }  # fmt: skip
+    bench = Bench(plant, number, models, rate_hz, gain)
     off = (free.columns("truth", JOINTS) - free.columns("measured", JOINTS)).mean(axis=0)
     pose = motions.steps(seconds, seed + 2)
     wanted = np.vstack([hold(motions.joints(pose[:1])[0], _SETTLED), motions.joints(pose)])
-    keys = [key for key in TITLES if key in {*loops, PERFECT}]
     numbers: dict[str, Any] = {"family": family, "errors": {}, "grip": {}, "refused": {}}
     arrays: dict[str, Array] = {}
     for case, pushed in CASES.items():
@@ -231,7 +200,6 @@ class Bench:
     plant: WristParameters
     number: int
     models: Mapping[str, Calibration]
-    grip_model: GripModel
     rate: float
     gain: float
 
@@ -279,8 +247,6 @@ class Bench:
         model = self.models[around.model].without_redundant()
         if around.exact:
             corrector: Corrector = PerfectSensor(model, arm)
-        elif key in SEES_GRIP:
-            corrector = _Told(model, self.grip_model)
         else:
             corrector = Corrector(model)
         corrector.set_homing(True)

@@ -1,0 +1,121 @@
+"""The filter of a wrist's cables, and plays that learn what it leaves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Final, Self
+
+import numpy as np
+from sklearn.base import clone
+
+from truejoint.array_types import Array
+from truejoint.estimators.base import Arrays, Progress
+from truejoint.estimators.cable_filter import CableFilter, CableStates, Run, states, structure
+from truejoint.estimators.rich_play import RichPlay
+from truejoint.models import cable_hybrid
+from truejoint.models import cable_loops as r
+from truejoint.models.family import EstimatorData, Family, Params
+from truejoint.models.filtered import histories
+
+WRIST_PLAYS: Final = RichPlay(
+    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
+    time_constants=(0.02, 0.1),
+    leading=1,
+    squared=1,
+    pairs=(),
+)
+"""Plays of a wrist's signals, pitch first, by which the loops of all cables grow and shrink.
+
+Half-widths in half ranges: 0.1 deg and up of 55 deg of pitch, a few mNm and up of an effort.
+Low-passes tell speed, for the motors' viscous friction, and take noise off the efforts.
+"""
+_FILTERED: Final = 0.8  # share of the fit's time that the filter takes
+
+
+@dataclass(eq=False, repr=False)
+class CableHybrid(CableFilter):
+    """`CableFilter`, and a ridge regression on plays of what it says that learns what it leaves.
+
+    Plays see the joints and loads that the filter estimates, friction of the pins, motors and
+    efforts. They tell the joints, which the filter's model of the cables leaves off by some
+    hundredths of a degree, and the loads. Half-widths are the filter's own, times what makes them
+    as large as errors on blocks of the calibration that the plays did not see. What it needs is
+    what the filter needs.
+
+    Examples
+    --------
+    >>> CableHybrid().name
+    'hybrid_cables'
+    """
+
+    family: ClassVar[Family] = cable_hybrid.FAMILY
+
+    def model_params(self) -> dict[str, object]:
+        """Parameters of the family: the motors, and the plays'."""
+        bank = vars(self).get("bank_", WRIST_PLAYS.model_params())
+        return {**super().model_params(), "bank": bank}
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls(params["channels"])
+        made.bank_ = params["bank"]
+        return made
+
+    def states(self, X: Array, dt: Array) -> CableStates:
+        """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before.
+
+        The states are those of the filter.
+        """
+        filtered, bank = cable_hybrid.parts(self.arrays_)
+        data = EstimatorData(RichPlay.family.name, self.model_params()["bank"], bank)
+        plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
+        return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
+        found, parameters = states(filtered, X, dt), filtered["parameters"]
+        raw = cable_hybrid.raw_rows(X, parameters)
+        wanted = np.hstack([y - raw, self._loads])
+        seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
+        plays = clone(WRIST_PLAYS).fit(seen, wanted, dt=dt)
+        self.bank_: Mapping[str, Any] = plays.model_params()
+        own = _told(plays, found, X, dt, parameters)
+        left = wanted - np.hstack([own.angle - raw, own.load])
+        errors = structure(*self._judged(own, X, y, dt)) * _unseen(plays, left, wanted)
+        progress(1.0)
+        return cable_hybrid.joined(filtered, plays.arrays_, errors)
+
+    def _judged(
+        self, found: CableStates, X: Array, y: Array, dt: Array
+    ) -> tuple[list[Run], list[CableStates]]:
+        """Give histories that have truth, and what was found of each."""
+        every = [
+            (Run(X[rows], y[rows], self._loads[rows], dt[rows]),
+             CableStates(*(part[rows] for part in vars(found).values())))
+            for rows in histories(dt)
+        ]  # fmt: skip
+        runs, own = zip(*(pair for pair in every if pair[0].known > pair[0].settled), strict=True)
+        return list(runs), list(own)
+
+
+def _told(
+    plays: RichPlay, found: CableStates, X: Array, dt: Array, parameters: Array
+) -> CableStates:
+    """Give what plays make of what the filter `found`; its deviations stay."""
+    seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
+    told = plays.evaluate(seen, dt)
+    angle = cable_hybrid.raw_rows(X, parameters) + told[:, : r.N]
+    return replace(found, angle=angle, load=told[:, r.N :])
+
+
+def _unseen(plays: RichPlay, left: Array, wanted: Array) -> Array:
+    """By how much squares of errors (4, 3) are larger on blocks that plays were not fitted to.
+
+    `left` of `wanted` (n, 6) is what the fit leaves; rows as of `structure`.
+    """
+    known = np.isfinite(wanted).all(axis=1)
+    blocks = np.square(plays.model_.errors_ * wanted[known].std(axis=0))
+    grown = np.maximum(blocks / np.mean(np.square(left[known]), axis=0), 1.0)
+    return np.repeat(grown.reshape(2, r.N), 2, axis=0)

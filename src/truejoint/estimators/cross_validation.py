@@ -1,0 +1,153 @@
+"""Ridge regressions whose penalties err least on what is left out in turn, and what that is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+
+PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
+"""Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
+BLOCKS: Final = 5  # that are left out in turn
+
+_FEWEST_LEVELS: Final = 3  # with fewer, half of all would be left out at a time
+_APART: Final = 1.5  # least gap between levels, in largest gaps within them
+
+
+@dataclass(frozen=True, eq=False)
+class PenalisedFit:
+    """Ridge regression of some outputs on terms, and what was chosen for each output.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (1 + n_terms, n_outputs)
+        Constants first.
+    penalties : ndarray, shape (n_outputs,)
+        Chosen of `PENALTIES`.
+    weights : ndarray, shape (n_outputs,)
+        Which of the weights tried were chosen.
+    errors : ndarray, shape (n_outputs,)
+        Sum of squared errors on what was left out.
+    """
+
+    coefficients: Array
+    penalties: Array
+    weights: Integers
+    errors: Array
+
+
+def cross_validated(
+    products: Array, weights: Sequence[Array], progress: Callable[[float], None] | None = None
+) -> PenalisedFit:
+    """Fit with the penalty, and the weights of terms, that err least on blocks left out in turn.
+
+    Parameters
+    ----------
+    products : ndarray, shape (n_blocks, m, m)
+        For each block of rows, the sums of products of every two of: 1, the terms, the outputs.
+    weights : sequence of ndarray, each of shape (n_terms,)
+        What is tried. A term of weight 1 is penalised as one of variance 1; a smaller weight is
+        penalised more, by its square; 0 leaves the term out.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1.
+
+    Examples
+    --------
+    >>> x = np.linspace(-1.0, 1.0, 90)
+    >>> table = np.column_stack([np.ones(90), x, x**2, 3.0 * x])
+    >>> blocks = np.array([rows.T @ rows for rows in np.split(table, 3)])
+    >>> cross_validated(blocks, [np.ones(2)]).coefficients[:, 0].round(3) + 0.0
+    array([0., 3., 0.])
+    """
+    n_outputs = products.shape[1] - 1 - len(weights[0])
+    errors = np.empty((len(weights), len(PENALTIES), n_outputs))
+    for number, own in enumerate(weights):
+        errors[number] = _errors(products, own, n_outputs)
+        if progress is not None:
+            progress((number + 1) / len(weights))
+    flat = errors.reshape(-1, n_outputs)
+    chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
+    whole = products.sum(axis=0)
+    fits = [_solutions(whole, own, n_outputs) for own in weights]
+    columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
+    return PenalisedFit(np.array(columns).T, np.array(PENALTIES)[penalty], chosen, flat.min(axis=0))
+
+
+def _solutions(products: Array, weights: Array, n_outputs: int) -> Array:
+    """Constants and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
+
+    Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
+    """
+    n_terms, n = len(weights), products[0, 0]
+    mean = products[0] / n
+    spread = products / n - np.outer(mean, mean)
+    terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
+    deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
+    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > 1e-9)
+    used = np.flatnonzero(scale)
+    own = scale[used]
+    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
+    values, vectors = np.linalg.eigh(inner)
+    right = vectors.T @ (spread[terms, targets][used] * own[:, None])
+    found = np.zeros((len(PENALTIES), 1 + n_terms, n_outputs))
+    for at, penalty in enumerate(PENALTIES):
+        shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
+        found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
+        found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]
+    return found
+
+
+def _errors(products: Array, weights: Array, n_outputs: int) -> Array:
+    """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
+    total = np.zeros((len(PENALTIES), n_outputs))
+    whole = products.sum(axis=0)
+    for own in products:
+        for at, found in enumerate(_solutions(whole - own, weights, n_outputs)):
+            left = np.vstack([-found, np.eye(n_outputs)])
+            total[at] += np.sum(left * (own @ left), axis=0)
+    return total
+
+
+def blocks(dt: Array) -> list[Integers]:
+    """Rows of each of the `BLOCKS` parts, of the time (n,) since the row before.
+
+    Of few histories none is left out as a whole: what it alone shows, such as a load, would then
+    count as something that cannot be learnt.
+    """
+    starts = np.flatnonzero(dt == 0.0)
+    whole = [np.arange(len(dt))]
+    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
+    cut = [np.array_split(rows, BLOCKS) for rows in own]
+    return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
+
+
+def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
+    """Places of values (n,) in at most so many parts, from the least values to the largest.
+
+    Values of one level, such as the loads of recordings under one weight, stay together, or what
+    is left out of a fit would still be in it. There are levels where cuts at the largest gaps make
+    three or more, none of more than half of the values, and the least of these gaps is 1.5 times
+    the largest other one or more; of several numbers of levels, that with the most. Else each value
+    is a level of its own.
+
+    Examples
+    --------
+    >>> [part.tolist() for part in levels(np.array([1.0, 5.1, 9.0, 1.1, 5.0, 9.2]))]
+    [[0, 3], [4, 1], [2, 5]]
+    """
+    order = np.argsort(values, kind="stable")
+    gaps = np.diff(values[order])
+    largest = np.argsort(-gaps, kind="stable")
+    units = [order[i : i + 1] for i in range(len(order))]
+    best, least = _APART, 1e-9 * max(float(gaps.max(initial=0.0)), 1e-290)
+    for count in range(_FEWEST_LEVELS, len(values) // 2 + 1):
+        found = np.split(order, np.sort(largest[: count - 1]) + 1)
+        ratio = gaps[largest[count - 2]] / max(gaps[largest[count - 1]], least)
+        if ratio >= best and max(map(len, found)) <= len(values) // 2:
+            best, units = ratio, found
+    parts = np.array_split(np.arange(len(units)), min(most, len(units)))
+    return [np.concatenate([units[i] for i in part]) for part in parts]

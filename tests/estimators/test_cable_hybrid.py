@@ -1,0 +1,107 @@
+"""The filter of a wrist's cables with plays beside it: what it tells and states."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from tests.runtime.registered import model, ready, unseen, wrist
+
+from truejoint.calibration import calibrate
+from truejoint.errors import CalibrationError
+from truejoint.estimators import CableHybrid
+from truejoint.estimators.cable_filter import states
+from truejoint.models import cable_hybrid
+from truejoint.models.features import time_steps
+from truejoint.robots.wrist.instruments import JOINTS
+
+LOADS = ("grip", "tip_first", "tip_second")
+
+
+def rms(values):
+    return np.sqrt(np.mean(np.square(values), axis=0))
+
+
+def rows_of(recording):
+    """Features, and time since the row before, of the calibration's recording."""
+    calibration = model("hybrid_cables")
+    gap = calibration.gap_limit
+    return calibration.feature_set.compute(recording, gap), time_steps(recording.t, gap)
+
+
+def test_it_is_nearer_than_the_filter_it_contains():
+    run = unseen("hybrid_cables")
+    truth, late = run.columns("truth_exact", JOINTS), run.t - run.t[0] > 2.0
+    own = rms((model("hybrid_cables").correct(run) - truth)[late])
+    filtered = rms((model("ukf_cables").correct(run) - truth)[late])
+    assert own.mean() < 0.9 * filtered.mean()
+
+
+def test_it_tells_a_grip_it_was_not_fitted_to():
+    run = unseen("hybrid_cables")
+    trace = ready(model("hybrid_cables").without_redundant(), range_margin=1.0).run(run)
+    grip, late = run.column("truth_load/grip"), run.t - run.t[0] > 2.0
+    assert rms((trace.beside["grip"][:, 0] - grip)[late]) < 0.3 * rms(grip[late])
+    assert (trace.beside["grip"][late, 1] > 0.0).all()
+
+
+def test_plays_see_in_the_loop_what_they_were_fitted_to():
+    calibration, (X, dt) = model("hybrid_cables"), rows_of(unseen("hybrid_cables").rows(range(200)))
+    one, whole = calibration.model, calibration.model.states(X, dt)
+    filtered, _ = cable_hybrid.parts(one.arrays_)
+    found = states(filtered, X, dt)
+    expected = cable_hybrid.sight(X, found.angle, found.states, filtered["parameters"])
+    state = one.start()
+    for i, row in enumerate(X):
+        angle = one.step(state, dt[i], row)
+        np.testing.assert_allclose(state.memory.view("sight"), expected[i], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(angle, whole.angle[i], rtol=0.0, atol=1e-11)
+        loads = [state.memory.view(name)[0] for name in LOADS]
+        np.testing.assert_allclose(loads, whole.load[i], rtol=0.0, atol=1e-11)
+
+
+def test_it_begins_anew_with_what_its_plays_remember_after_a_row_that_is_none():
+    X, dt = rows_of(unseen("hybrid_cables").rows(range(60)))
+    one = model("hybrid_cables").model
+    state = one.start()
+    for i in range(30):
+        one.step(state, dt[i], X[i])
+    assert np.isnan(one.step(state, dt[30], np.full(6, 1e6))).all()
+    fresh = one.start()
+    for i in range(31, 60):
+        expected = one.step(fresh, 0.0 if i == 31 else dt[i], X[i])
+        np.testing.assert_array_equal(one.step(state, dt[i], X[i]), expected)
+
+
+def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
+    X, dt = rows_of(unseen("hybrid_cables").rows(range(100)))
+    one = model("hybrid_cables").model
+    state = one.start()
+    state.memory.memory[cable_hybrid.DEVIATIONS] = 1.0
+    found = one.states(X, dt)
+    for i, row in enumerate(X):
+        one.step(state, dt[i], row)
+        np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
+        for k, name in enumerate(LOADS):
+            assert state.memory.view(name)[1] == pytest.approx(found.load_deviation[i, k])
+
+
+def test_joints_give_way_to_a_grip_as_their_cables_are_stiff():
+    """By the balance of the loops: each jaw by its torque over the stiffness of its loop."""
+    ways = ready(model("hybrid_cables").without_redundant()).gives_way
+    assert tuple(ways) == LOADS
+    found = {name: value for name, (value, *_) in model("hybrid_cables").model.identified.items()}
+    radius = 2.8e-3  # [m] of the cables' path on the jaws
+    expected = [1.0 / (2.0 * found[f"{jaw}_stiffness"] * radius**2) for jaw in ("jaw1", "jaw2")]
+    np.testing.assert_allclose(ways["grip"][1:], [-expected[0], expected[1]], rtol=0.02)
+
+
+def test_without_a_load_it_is_refused_as_the_filter_is():
+    with pytest.raises(CalibrationError, match="add a minute under known loads"):
+        calibrate(wrist()[:1], "hybrid_cables")
+    with pytest.raises(CalibrationError, match="hybrid_cables knows no cables"):
+        CableHybrid().fit(np.zeros((500, 6)), np.zeros((500, 3)), loads=np.ones((500, 3)))
+
+
+def test_plays_that_are_none_are_refused():
+    with pytest.raises(CalibrationError, match="bank is 3; it must be the parameters of play_bank"):
+        cable_hybrid.FAMILY.check_params({"channels": JOINTS, "bank": 3})
