@@ -310,13 +310,8 @@ def test_progress_never_goes_back_where_several_sets_of_features_are_tried():
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
     rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "run_out"]
-<<<<<<< HEAD
-    others = ["gp", "gp_lowpass", "hybrid"]
-    assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich, *others]
-=======
     smooth = ["gp", "gp_lowpass"]
     assert names == ["offset", "linear", "dnn", "poly2_ridge", *rich, *smooth, "hybrid"]
->>>>>>> 5eb66780a1cba7a11c12387365536b7f22eab7f4
     assert candidates()[2].epochs == 0
 
 

@@ -187,14 +187,8 @@ class RichPlay(JointRegressor):
     pairs : sequence of (int, int), optional
         Places of a feature, and of one that the widths of its further plays grow with, or shrink;
         by default, each measured position with the effort of its joint, or with those of cables;
-<<<<<<< HEAD
         for a Gaussian process, or where capstans turn, none. They are left out unless the ridge
         regression errs by a twentieth less with them, on blocks of rows that are left out in turn.
-=======
-        for a Gaussian process, and where capstans turn, none.
-        They are left out unless the ridge regression errs by a twentieth less with them, on blocks
-        of rows that are left out in turn.
->>>>>>> 5eb66780a1cba7a11c12387365536b7f22eab7f4
     growing : sequence of float
         Largest half-widths of these plays, in half ranges of the feature.
     random_state : int, optional
@@ -236,12 +230,7 @@ class RichPlay(JointRegressor):
 
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose pairs, positions and turns are those of the features called so."""
-<<<<<<< HEAD
-        alone = self.turn or self.learner == "gaussian_process"
-        usual = () if alone else loaded_pairs(names)
-=======
         usual = () if self.turn or self.learner == "gaussian_process" else loaded_pairs(names)
->>>>>>> 5eb66780a1cba7a11c12387365536b7f22eab7f4
         pairs = usual if self.pairs is None else self.pairs
         positions = self.positions
         if self.couple and positions is None:
@@ -289,13 +278,7 @@ class RichPlay(JointRegressor):
     def _params(self, n_features: int) -> Params:
         """Those for so many features."""
         names = ("learner", "couple", "growing", "shares", "turn")
-<<<<<<< HEAD
-        is_smooth = self.learner == "gaussian_process"
-        plays = () if self.couple or is_smooth else _PLAYS[: _NARROW if self.turn else None]
-        times = _SHORT if is_smooth else () if self.turn else _TIME_CONSTANTS
-=======
         plays, times = self._usual()
->>>>>>> 5eb66780a1cba7a11c12387365536b7f22eab7f4
         return {
             **{name: getattr(self, name) for name in names},
             "plays": plays if self.plays is None else self.plays,
