@@ -19,7 +19,7 @@ from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import intrinsic, typeof_impl
 from numba.np.arrayobj import make_array, populate_array
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 
 Kernel = TypeVar("Kernel", bound=Callable[..., object])
 
@@ -209,7 +209,7 @@ def borrow(_typing: Any, array: Any) -> Any:
 
 # NumPy's `target[:] = source` compiles for seconds.
 @compiled
-def copy(source: Array, target: Array, count: int) -> None:
+def copy(source: Array | Integers, target: Array | Integers, count: int) -> None:
     """Copy the first `count` elements."""
     for i in range(count):
         target[i] = source[i]

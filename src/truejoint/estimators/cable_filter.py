@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import least_squares, nnls
 from sklearn.base import clone
 
@@ -202,7 +202,7 @@ def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
 
 
 def jackknife_deviations(
-    jacobian: Array, left: Array, labels: Sequence[Array], prior: Array
+    jacobian: Array, left: Array, labels: Sequence[NDArray[Any]], prior: Array
 ) -> Array:
     """Deviations (k,) of least squares by what leaving out rows that are alike changes.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final, Self, cast
 
 import numpy as np
 from sklearn.base import clone
@@ -69,7 +69,8 @@ class CableHybrid(CableFilter):
         The states are those of the filter.
         """
         filtered, bank = cable_hybrid.parts(self.arrays_)
-        data = EstimatorData(RichPlay.family.name, self.model_params()["bank"], bank)
+        params = cast(Params, self.model_params()["bank"])
+        data = EstimatorData(RichPlay.family.name, params, bank)
         plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
         return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
 
