@@ -69,7 +69,7 @@ class CableHybrid(CableFilter):
         The states are those of the filter.
         """
         filtered, bank = cable_hybrid.parts(self.arrays_)
-        params = cast(Params, self.model_params()["bank"])
+        params = cast("Params", self.model_params()["bank"])
         data = EstimatorData(RichPlay.family.name, params, bank)
         plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
         return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
