@@ -146,6 +146,21 @@ def test_correct_refuses_in_one_line(
     assert said in result.err.splitlines()[-1]
 
 
+@pytest.mark.parametrize("command", [("correct", "-o", "out.csv"), ("evaluate",)])
+def test_a_signal_that_is_absent_is_named_in_a_line_that_can_be_read(
+    call: Call, session: Path, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    whole = read_recording(session / "random.parquet")
+    units = {name: unit for name, unit in whole.units.items() if name != "effort/elbow"}
+    part = replace(whole, table=whole.table.drop(columns="effort/elbow"), units=units)
+    write_parquet(part, tmp_path / "part.parquet")
+    name, *more = command
+    result = call(name, session / "m.st", tmp_path / "part.parquet", *more)
+    assert result.code == 2
+    assert "lacks effort/elbow, which the features need; did you mean 'effort/" in result.err
+    assert len(result.err.splitlines()[-1]) < 500
+
+
 def test_two_recordings_of_one_name_are_refused(call: Call, session: Path, tmp_path: Path) -> None:
     recording = read_recording(session / "random.parquet")
     other = replace(recording, provenance=replace(recording.provenance, source="other"))

@@ -59,7 +59,8 @@ def correct(
     check_target(output, overwrite=force)
     accepted = check_names(accept)
     calibration = truejoint.read_calibration(model)
-    loaded = files.find(recordings, part=part, model=calibration)()
+    inputs = calibration.feature_set
+    loaded = files.find(recordings, part=part, model=calibration, inputs=inputs)()
     names = _names(loaded)
     check = checked(loaded, accepted, model=calibration, needs_truth=False)
     tables = []

@@ -69,7 +69,8 @@ def evaluate(
             f"--seed-of: {model} is {first.estimator!r}; give models of the same estimator"
         )
     accepted = parse_tolerances(tolerance or [], first)
-    read_testing = files.find(recordings, part=part, split=split, model=first)
+    inputs = first.feature_set
+    read_testing = files.find(recordings, part=part, split=split, model=first, inputs=inputs)
     read_training = files.find(training or [], model=first)
     testing, shown = read_testing(), read_training()
     check = checked(testing, accepted_names, model=first)

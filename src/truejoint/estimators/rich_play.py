@@ -171,9 +171,11 @@ class RichPlay(JointRegressor):
         those that the robot's transmission says of the joints' measured positions.
     plays : sequence of float, optional
         Half-widths of the plays of each feature, in half ranges of it; by default eight from 0.01
-        to 0.9, the four smallest of them where capstans turn, or none where joints are coupled.
+        to 0.9, the four smallest of them where capstans turn; where joints are coupled, or for a
+        Gaussian process, none.
     time_constants : sequence of float, optional
-        Of the low-passes [s]; by default 0.05, 0.5 and 2, or none where capstans turn.
+        Of the low-passes [s]; by default 0.05, 0.5 and 2, for a Gaussian process 0.1, or none where
+        capstans turn.
     rows : int
         Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
     leading : int, optional
@@ -185,9 +187,8 @@ class RichPlay(JointRegressor):
     pairs : sequence of (int, int), optional
         Places of a feature, and of one that the widths of its further plays grow with, or shrink;
         by default, each measured position with the effort of its joint, or with those of cables;
-        for a Gaussian process, and where capstans turn, none.
-        They are left out unless the ridge regression errs by a twentieth less with them, on blocks
-        of rows that are left out in turn.
+        for a Gaussian process, or where capstans turn, none. They are left out unless the ridge
+        regression errs by a twentieth less with them, on blocks of rows that are left out in turn.
     growing : sequence of float
         Largest half-widths of these plays, in half ranges of the feature.
     random_state : int, optional
