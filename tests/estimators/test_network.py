@@ -229,7 +229,7 @@ def test_rows_beyond_the_most_are_left_out_evenly():
 
 @pytest.mark.parametrize("rows", [0, 299, 400.0, True, "all"])
 def test_a_network_of_too_few_rows_is_refused(rows):
-    with pytest.raises(CalibrationError, match="parameter rows is .* an integer from 300"):
+    with pytest.raises(CalibrationError, match=r"parameter rows is .* an integer from 300"):
         NeuralNetwork(rows=rows).check_params()
 
 
