@@ -1,13 +1,16 @@
 """Held-out error of estimators with a history, on default features, on recordings of real joints.
 
     python -m benchmarks.histories [--estimators NAME ...] [--only PATTERN ...] [--development]
+        [--zeros shared recording]
 
 Splits are those of `benchmarks.automatic_choice`, recommended and harder; nothing is set for a data
 set but the rate of the rows that are fitted to. Prints, for each split and estimator, the RMSE of
 each joint in degrees or millimetres, the same after each recording was re-zeroed from its first two
 seconds (KUKA: one), and the processor time of the fit; or a dash, as of a filter for another robot,
 and why on standard error. The splits of ``--development`` are of recordings of the grasper that no
-other split judges: what is tried for it is settled there.
+other split judges: what is tried for it is settled there. With ``--zeros shared recording`` each
+estimator is fitted a second time, with a zero of its own for each recording of the training; what
+is held out, whose zero is not known, is predicted with their mean.
 """
 
 from __future__ import annotations
@@ -17,10 +20,15 @@ import sys
 import time
 from collections.abc import Iterator
 from fnmatch import fnmatch
+from itertools import product
+from typing import get_args
 
 from benchmarks.automatic_choice import REZERO, Split, harder, left, recommended
 from truejoint import calibrate
+from truejoint.calibration import Calibration
+from truejoint.calibration.fitting import ZeroOf
 from truejoint.errors import CalibrationError
+from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS
 from truejoint.units import display_unit
 
@@ -54,29 +62,33 @@ def main() -> None:
     parser.add_argument("--estimators", nargs="+", default=["linear", "rich_play", "rich_trees"])
     parser.add_argument("--only", nargs="+", default=["*"], help="patterns of titles, in turn")
     parser.add_argument("--development", action="store_true", help="those of the grasper instead")
+    parser.add_argument("--zeros", nargs="+", choices=get_args(ZeroOf), default=["shared"])
     options = parser.parse_args()
     print("| data set, held out | estimator | RMSE | re-zeroed | CPU [s] |\n" + "|---" * 5 + "|")
     splits = [*(development() if options.development else (*recommended(), *harder()))]
     for split in (one for only in options.only for one in splits if fnmatch(one.title, only)):
         training, testing = split.sides(RATE)
-        for name in options.estimators:
+        rate = DATASETS[split.dataset].fit_rate
+        for name, zero in product(options.estimators, options.zeros):
+            title = name if zero == "shared" else f"{name}, a zero for each {zero}"
             began = time.process_time()
-            rate = DATASETS[split.dataset].fit_rate
             try:
-                model = calibrate(training, name, fit_rate=rate)
+                model = calibrate(training, name, fit_rate=rate, zero=zero)
             except CalibrationError as reason:
-                print(f"{split.title}, {name}: {reason}", file=sys.stderr)
-                print(f"| {split.title} | {name} | - | - | - |", flush=True)
+                print(f"{split.title}, {title}: {reason}", file=sys.stderr)
+                print(f"| {split.title} | {title} | - | - | - |", flush=True)
                 continue
             took = time.process_time() - began
-            scales = [
-                display_unit(model.units[f"measured/{joint}"]).scale for joint in model.joints
-            ]
-            cells = [
-                " ".join(f"{value:.3g}" for value in left(model, testing, rezero) * scales)
-                for rezero in (0.0, SHORT.get(split.dataset, REZERO))
-            ]
-            print(f"| {split.title} | {name} | {' | '.join(cells)} | {took:.0f} |", flush=True)
+            model = model.fitted_for(rezeroing=True)
+            rezeroing = (0.0, SHORT.get(split.dataset, REZERO))
+            cells = " | ".join(_cell(model, testing, rezero) for rezero in rezeroing)
+            print(f"| {split.title} | {title} | {cells} | {took:.0f} |", flush=True)
+
+
+def _cell(model: Calibration, testing: list[Recording], rezero: float) -> str:
+    """RMSE of each joint, in the unit that a person reads."""
+    scales = [display_unit(model.units[f"measured/{joint}"]).scale for joint in model.joints]
+    return " ".join(f"{value:.3g}" for value in left(model, testing, rezero) * scales)
 
 
 if __name__ == "__main__":

@@ -120,7 +120,7 @@ CASES: dict[str, Callable[[], Sides]] = {
     "dVRK, two of its recordings, the second short": short_second,
     "grasper, slow ones for fast ones": Split(*GRASPER, "*/?1?").sides,
     "grasper, one load for others": Split(*GRASPER, "*/??[123]").sides,
-    "1 kHz, a million rows": lambda: twin((300.0, 300.0, 400.0), 1000.0),
+    "100 Hz, ten of 1000 s, a million rows": lambda: twin(10 * (1000.0,), 100.0),
 }
 
 

@@ -215,6 +215,24 @@ def test_training_stops_once_rows_left_out_get_no_better():
     assert short.score(unseen, np.sin(3.0 * unseen[:, 0])) < 0.9
 
 
+def test_rows_beyond_the_most_are_left_out_evenly():
+    rng = np.random.default_rng(0)
+    X, y = rng.normal(size=(1000, 3)), rng.normal(size=1000)
+    usual = {"hidden_layer_sizes": (5,), "epochs": 3}
+    bounded = NeuralNetwork(rows=400, **usual).fit(X, y)
+    thinned = NeuralNetwork(**usual).fit(X[::3], y[::3])
+    assert bounded.predict(X).tobytes() == thinned.predict(X).tobytes()
+    assert bounded.settled().rows == 400
+    ample = NeuralNetwork(rows=1000, **usual).fit(X, y)
+    assert ample.predict(X).tobytes() == NeuralNetwork(**usual).fit(X, y).predict(X).tobytes()
+
+
+@pytest.mark.parametrize("rows", [0, 299, 400.0, True, "all"])
+def test_a_network_of_too_few_rows_is_refused(rows):
+    with pytest.raises(CalibrationError, match=r"parameter rows is .* an integer from 300"):
+        NeuralNetwork(rows=rows).check_params()
+
+
 def test_few_rows_get_smaller_batches():
     assert effective_batch(30_000, 1024) == 1024
     assert effective_batch(9_900, 1024) == 1024

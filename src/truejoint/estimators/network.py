@@ -18,7 +18,7 @@ from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.models import network, tool_network
-from truejoint.models.family import Family, Params
+from truejoint.models.family import Family, Params, is_integer
 
 if TYPE_CHECKING:
     from truejoint.robots import Robot
@@ -66,6 +66,8 @@ class NeuralNetwork(JointRegressor):
         4000, at most 30,000 in all; the network is fitted anew to all rows for the best epochs.
     random_state : int, RandomState or None
         Seeds the start and the order of the rows; None differs every time.
+    rows : int, optional
+        Most rows that it is fitted to, evenly spread; by default all.
 
     Attributes
     ----------
@@ -96,10 +98,21 @@ class NeuralNetwork(JointRegressor):
     batch_size: int = 1024
     epochs: int = 200
     random_state: int | np.random.RandomState | None = 0
+    rows: int | None = None
 
     def model_params(self) -> Params:
         """Parameters as the family knows them: once fitted, with the epochs that it took."""
-        return {**super().model_params(), "epochs": self.epochs or vars(self).get("epochs_", 0)}
+        known = {name: value for name, value in super().model_params().items() if name != "rows"}
+        return known | {"epochs": self.epochs or vars(self).get("epochs_", 0)}
+
+    def check_params(self) -> None:
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        super().check_params()
+        if not (self.rows is None or is_integer(self.rows, MINIMUM_ROWS, 10**9)):
+            raise CalibrationError(
+                f"{self.name} parameter rows is {self.rows!r:.60}; it must be an integer from "
+                f"{MINIMUM_ROWS}, or None for all"
+            )
 
     def penalties(self) -> Penalties:
         """Penalties beside that on the squared weights: none."""
@@ -114,6 +127,9 @@ class NeuralNetwork(JointRegressor):
         return clone(self).set_params(**self.model_params())  # type: ignore[no-any-return]
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        if self.rows is not None:
+            spread = slice(None, None, -(-len(X) // int(self.rows)))
+            X, y = X[spread], y[spread]
         arrays = scaling(X, y)
         rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
         targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
@@ -225,7 +241,7 @@ class WideNetwork(NeuralNetwork):
 
     Parameters
     ----------
-    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state
+    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state, rows
         As of `NeuralNetwork`.
     absolute_decay : float
         Factor of the L1 penalty on the weights.
@@ -267,7 +283,7 @@ class PoseNetwork(NeuralNetwork):
 
     Parameters
     ----------
-    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state
+    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state, rows
         As of `NeuralNetwork`.
     tool : callable, optional
         Gives for rows `X` (n, k) how the tool moves with the outputs, (n, m, n_outputs) [m per rad

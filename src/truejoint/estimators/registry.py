@@ -31,8 +31,11 @@ class _Line(NamedTuple):
     tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
 
 
-_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256}
-"""Of a network that converges in seconds."""
+_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256, "rows": 100_000}
+"""Of a network that converges in seconds.
+
+Its epochs are those of the few thousand rows of a choice; over a million they would take minutes.
+"""
 _ESTIMATORS: Final[dict[str, _Line]] = {
     OFFSET: _Line("polynomial", "FixedOffset", {}, {}),
     "linear": _Line("polynomial", "PolynomialRegressor", {"degree": 1}, {}),
