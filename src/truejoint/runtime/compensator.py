@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Final, NoReturn, Self
 
 import numpy as np
@@ -34,7 +35,7 @@ from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
 LAG: Final = 0.05
-"""Time by which a RAVEN-II's measured position follows a set-point that moves evenly [s]."""
+"""Time by which the simulated RAVEN-II's measured position follows even set-points [s]."""
 GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
@@ -141,11 +142,14 @@ class Compensator:
             raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         for name, value in numbers.items():
-            if not 0.0 <= value < math.inf:
-                raise CommandRefused(f"compensator: {name} is {value}; give a number of 0 or more")
-        if not integral_time > 0.0:
+            if not (isinstance(value, Real) and 0.0 <= value < math.inf):
+                raise CommandRefused(
+                    f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
+                )
+        if not (isinstance(integral_time, Real) and integral_time > 0.0):
             raise CommandRefused(
-                f"compensator: integral time is {integral_time} s; give more than 0 s, or infinity"
+                f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
+                "infinity"
             )
         check_rate(rate, lag, gain)
         check_robot(corrector.made_for, robot)
@@ -489,9 +493,11 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
     >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
     2.6
     """
-    if not (0.0 < rate < math.inf and 0.0 <= lag < math.inf):
+    known = isinstance(rate, Real) and isinstance(lag, Real)
+    if not (known and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
         raise CommandRefused(
-            f"compensator: {rate} Hz, a lag of {lag} s; give a rate above 0 and a lag of 0 or more"
+            f"compensator: {rate!r:.40} Hz, a lag of {lag!r:.40} s; give a rate above 0 and a lag "
+            "of 0 or more"
         )
     low, high = 0.0, 2.0 * math.pi * rate
     for _ in range(60):  # the phase falls with the frequency, so halving finds it
