@@ -265,7 +265,7 @@ def collect(
         truth = None if encoders is None else stack.enter_context(_encoders(device, encoders))
         home(device, truth)
         steering = loop.around(device, model, truth)
-        how = {
+        how: dict[str, Any] = {
             "load": load_grams / 1e3, "state_rate": state_rate_hz, "truth": truth,
             "topics": topics, "steering": steering, "until_enough": until_enough,
             "overwrite": force,

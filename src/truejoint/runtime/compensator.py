@@ -142,11 +142,11 @@ class Compensator:
             raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         for name, value in numbers.items():
-            if not (isinstance(value, Real) and 0.0 <= value < math.inf):
+            if not (_is_number(value) and 0.0 <= value < math.inf):
                 raise CommandRefused(
                     f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
                 )
-        if not (isinstance(integral_time, Real) and integral_time > 0.0):
+        if not (_is_number(integral_time) and integral_time > 0.0):
             raise CommandRefused(
                 f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
                 "infinity"
@@ -493,7 +493,7 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
     >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
     2.6
     """
-    known = isinstance(rate, Real) and isinstance(lag, Real)
+    known = _is_number(rate) and _is_number(lag)
     if not (known and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
         raise CommandRefused(
             f"compensator: {rate!r:.40} Hz, a lag of {lag!r:.40} s; give a rate above 0 and a lag "
@@ -505,6 +505,10 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
         phase = 2.0 * math.atan(0.5 * middle * lag) + 1.5 * middle / rate
         low, high = (middle, high) if phase < math.pi else (low, middle)
     return math.inf if gain == 0.0 else (1.0 + (0.5 * low * lag) ** 2) / gain
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real)
 
 
 def check_rate(rate: float, lag: float, gain: float) -> None:
