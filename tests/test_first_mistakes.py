@@ -136,6 +136,12 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.motion.follow("raven2", WAY), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.monitor.ArmPage("raven2"), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.crtk.SimulatedBackend("raven2"), "make_twin(robot) gives one"),
+        (
+            lambda model: truejoint.crtk.SimulatedBackend(
+                truejoint.simulation.make_twin("forceps"), rate="fast"
+            ),
+            "fast set-points a second; a twin runs at 1000 Hz",
+        ),
         (lambda model: truejoint.crtk.FaultyBackend("raven2", []), "not a Backend; it lacks robot"),
         (lambda model: truejoint.crtk.time_law([[0.0], [1.0]], [0.0]), "a speed above 0"),
         (lambda model: truejoint.crtk.TimeLaw([0, 0], [[1], [2]]), "times (n,) that rise"),

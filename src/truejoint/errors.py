@@ -25,8 +25,14 @@ def meant(name: str, known: Iterable[str]) -> str:
     --------
     >>> meant("elbo", ["shoulder", "elbow"])
     " did you mean 'elbow'?"
+    >>> meant("420171", ["420179", "420172"])  # of numbers that are as long, the nearest
+    " did you mean '420172'?"
     """
-    near = get_close_matches(str(name), list(known), 1)
+    asked, names = str(name), list(known)
+    near = get_close_matches(asked, names, max(1, len(names)))
+    if asked.isdecimal():
+        alike = [one for one in near if one.isdecimal() and len(one) == len(asked)]
+        near = sorted(alike, key=lambda one: abs(int(one) - int(asked))) or near
     return f" did you mean {near[0]!r}?" if near else ""
 
 

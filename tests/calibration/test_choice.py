@@ -399,3 +399,8 @@ def test_a_part_without_which_a_feature_never_changes_is_judged_without_the_feat
 def test_a_recording_too_short_for_it_is_refused():
     with pytest.raises(CalibrationError, match="too few"):
         calibrate([jaw(n=40)], "auto")
+    short, lags = bent(0, 0.2), [f"lag(measured/jaw, {k})" for k in range(1, 7)]
+    short = short.rows(short.t < 2.0)
+    said = r"\d+ rows with truth beside a part left out; linear needs 90: record for longer, or"
+    with pytest.raises(CalibrationError, match=said):
+        calibrate([short], "auto", features=["measured/jaw", "effort/jaw", *lags])

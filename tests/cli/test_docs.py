@@ -62,3 +62,13 @@ def test_pages_and_benchmarks_of_the_docs_are_there(page: Path) -> None:
     files = {name: ROOT.joinpath(*name.split(".")) for name in modules}
     there = [n for n, file in files.items() if file.is_dir() or file.with_suffix(".py").exists()]
     assert sorted(there) == sorted(modules)
+
+
+def test_every_page_is_linked_from_another() -> None:
+    texts = {page: page.read_text("utf-8") for page in PAGES}
+    links = {
+        page: {link.rpartition("/")[2] for link in re.findall(r"\]\(([^)#\s]+)", text)}
+        for page, text in texts.items()
+    }
+    for page in PAGES[1:]:
+        assert any(page.name in found for other, found in links.items() if other != page), page.name

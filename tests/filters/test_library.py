@@ -228,6 +228,15 @@ def test_what_a_record_does_not_tell_has_no_deviation():
 def test_a_likelihood_that_cannot_be_had_is_refused(unscented, z):
     with pytest.raises(FilterError, match="other than 0"):
         maximum_likelihood(noisy, {"variance": 0.0}, z, x0=[0.0], P0=[[0.0]], dt=1.0)
+    for start in ({"variance": "1"}, {"variance": np.nan}):
+        with pytest.raises(FilterError, match="other than 0"):
+            maximum_likelihood(noisy, start, z)
+    with pytest.raises(FilterError, match="'variance' is a str, not a mapping; give where each"):
+        maximum_likelihood(noisy, "variance", z)
+    with pytest.raises(FilterError, match="'noisy' is a str, not a function; give one"):
+        maximum_likelihood("noisy", {"variance": 1.0}, z)
+    with pytest.raises(FilterError, match="this is a dict, not a filter; filter_of is to"):
+        maximum_likelihood(dict, {"variance": 1.0}, z)
     gated = replace(unscented, gate=Gate(0.99))
     with pytest.raises(FilterError, match="has a gate"):
         maximum_likelihood(lambda _: gated, {"g": 9.0}, z, dt=DT, **PRIOR)

@@ -203,6 +203,10 @@ def test_an_effort_that_is_not_there_is_not_called_good(healthy):
     bare = Recording.from_columns(healthy.table[names], healthy.provenance)
     told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
     assert (told.level, told.evidence) == ("info", "some of the coupled efforts are missing")
+    none = [name for name in names if not str(name).startswith("effort/")]
+    bare = Recording.from_columns(healthy.table[none], healthy.provenance)
+    told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
+    assert (told.level, told.evidence) == ("info", "nothing to judge it by")
 
 
 def test_a_joint_that_stands_spoils_no_verdict_of_those_that_move(healthy):

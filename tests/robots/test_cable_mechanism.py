@@ -99,7 +99,8 @@ def test_a_mechanism_is_one_short_line_among_settings() -> None:
 
 
 @pytest.mark.parametrize(
-    ("asked", "near"), [("4200061", "420006"), ("raven_needle", "raven_needle_driver")]
+    ("asked", "near"),
+    [("4200061", "420006"), ("420171", "420172"), ("raven_needle", "raven_needle_driver")],
 )
 def test_an_unknown_instrument_names_the_nearest(asked: str, near: str) -> None:
     with pytest.raises(RobotError, match=f"no arm called '{asked}'; did you mean '{near}'"):

@@ -225,6 +225,12 @@ def test_what_cannot_work_is_refused_in_one_line():
         quick(Told(), rate=50.0)
     with pytest.raises(CommandRefused, match="gain is nan"):
         Compensator(Told(), FORCEPS, rate=250.0, lag=LAG, gain=float("nan"))
+    with pytest.raises(CommandRefused, match=r"lag is '0\.05'; give a number"):
+        Compensator(Told(), FORCEPS, lag="0.05")
+    with pytest.raises(CommandRefused, match=r"'250' Hz, .*give a rate above 0"):
+        Compensator(Told(), FORCEPS, rate="250")
+    with pytest.raises(CommandRefused, match="integral time is None s; give more than 0 s"):
+        Compensator(Told(), FORCEPS, integral_time=None)
     checking = SimpleNamespace(signals=("measured/jaw", "setpoint/jaw"), joints=("jaw",))
     checking.made_for = "forceps", ""
     with pytest.raises(CommandRefused, match="checks setpoint/jaw"):

@@ -226,7 +226,10 @@ class Group:
         model = trial.candidate.settled()
         needed = model.minimum_rows(self._inputs.shape[1])
         if len(seen) < needed:
-            raise CalibrationError(f"{len(seen)} rows with truth; it needs {needed}")
+            raise CalibrationError(
+                f"{len(seen)} rows with truth beside a part left out; {model.name} needs {needed}: "
+                "record for longer, or choose fewer features"
+            )
         if model.family.remembers:
             targets = np.full_like(self._targets, np.nan)
             targets[seen] = self._targets[seen]

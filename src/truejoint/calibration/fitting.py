@@ -19,7 +19,7 @@ from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Ro
 from truejoint.calibration.effort_baseline import EffortBaseline
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
-from truejoint.calibration.parity import fit_parity_equations
+from truejoint.calibration.parity import ParityEquations, fit_parity_equations
 from truejoint.calibration.selection import (
     chosen_features,
     chosen_joints,
@@ -150,60 +150,13 @@ def calibrate(
         return replace(fitted, effort_baseline=unseen).with_metadata(choice=choice.told)
     groups = _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
-    parity, redundant_units = fit_parity_equations(
+    checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
-    X, error = (fitted_rows(parts, name) for name in ("features", "error"))
-    unused = task.unused_features(X)
-    n_features = len(task.feature_set) - len(unused)
-    _check_enough(task.model, len(X), n_features)
-    share = 1.0 if groups is None else 0.5
-    own, baselines, notes = _fit(task, parts, n_features, within(report, 0.0, share))
-    second = _SecondFit({}, parts, None, {"of": zero})
-    if groups is not None:
-        second = _fit_at_one_zero(
-            task, parts, groups, zero, n_features, within(report, share, share)
-        )
+    fits = _fits(task, parts, groups, zero, report)
     report(1.0)
-    fitted = Calibration(
-        robot=task.robot.name,
-        arm=task.robot.arm,
-        joints=task.joints,
-        feature_set=task.feature_set,
-        target=task.target,
-        units=task.units,
-        gap_limit=task.gap_limit,
-        lower=X.min(axis=0),
-        upper=X.max(axis=0),
-        model=own,
-        baseline_models=baselines,
-        rezero_models=second.models,
-        moves=second.moves,
-        training_domain=fit_training_domain(
-            recordings,
-            (*task.units, *redundant_units),
-            task.gap_limit,
-            X,
-            error,
-            resting_features(recordings, task.feature_set, task.joints, task.units),
-        ),
-        parity=parity,
-        redundant=redundant_units,
-        metadata={
-            **origin(parts),
-            "sample_dt": task.dt,
-            "estimator": task.model.name,
-            "settings": " ".join(repr(task.model).split()),
-            "unused_features": unused,
-            "baseline_notes": notes,
-            "zeros": second.zeros,
-            **({"identified": own.identified} if own.identified else {}),
-        },
-    )
-    used = fitted.fitted_for(rezeroing=True)
-    baseline = fit_effort_baseline(used, [part.recording for part in second.parts])
-    return replace(fitted, effort_baseline=baseline)
+    return _assembled(task, parts, fits, *checks)
 
 
 def _of_unseen(
@@ -298,6 +251,88 @@ class _SecondFit:
     parts: Sequence[TrainingRows]
     moves: Array | None
     zeros: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class _Fits:
+    """What was fitted to the rows of a task."""
+
+    model: JointRegressor
+    baselines: dict[str, JointRegressor]
+    notes: dict[str, str]  # on these
+    unused: list[str]  # features that never change
+    second: _SecondFit
+
+
+def _fits(
+    task: _Task,
+    parts: Sequence[TrainingRows],
+    groups: tuple[list[str], Integers] | None,
+    zero: ZeroOf,
+    report: Progress,
+) -> _Fits:
+    """Fit model and baselines, and once more where there are `groups` with zeros of their own."""
+    X = fitted_rows(parts, "features")
+    unused = task.unused_features(X)
+    n_features = len(task.feature_set) - len(unused)
+    _check_enough(task.model, len(X), n_features)
+    share = 1.0 if groups is None else 0.5
+    own, baselines, notes = _fit(task, parts, n_features, within(report, 0.0, share))
+    second = _SecondFit({}, parts, None, {"of": zero})
+    if groups is not None:
+        second = _fit_at_one_zero(
+            task, parts, groups, zero, n_features, within(report, share, share)
+        )
+    return _Fits(own, baselines, notes, unused, second)
+
+
+def _assembled(
+    task: _Task,
+    parts: Sequence[TrainingRows],
+    fits: _Fits,
+    parity: ParityEquations | None,
+    redundant: dict[str, str],
+) -> Calibration:
+    """Calibration of what was fitted, with its training domain, baselines and provenance."""
+    X, error = (fitted_rows(parts, name) for name in ("features", "error"))
+    fitted = Calibration(
+        robot=task.robot.name,
+        arm=task.robot.arm,
+        joints=task.joints,
+        feature_set=task.feature_set,
+        target=task.target,
+        units=task.units,
+        gap_limit=task.gap_limit,
+        lower=X.min(axis=0),
+        upper=X.max(axis=0),
+        model=fits.model,
+        baseline_models=fits.baselines,
+        rezero_models=fits.second.models,
+        moves=fits.second.moves,
+        training_domain=fit_training_domain(
+            task.recordings,
+            (*task.units, *redundant),
+            task.gap_limit,
+            X,
+            error,
+            resting_features(task.recordings, task.feature_set, task.joints, task.units),
+        ),
+        parity=parity,
+        redundant=redundant,
+        metadata={
+            **origin(parts),
+            "sample_dt": task.dt,
+            "estimator": task.model.name,
+            "settings": " ".join(repr(task.model).split()),
+            "unused_features": fits.unused,
+            "baseline_notes": fits.notes,
+            "zeros": fits.second.zeros,
+            **({"identified": fits.model.identified} if fits.model.identified else {}),
+        },
+    )
+    used = fitted.fitted_for(rezeroing=True)
+    baseline = fit_effort_baseline(used, [part.recording for part in fits.second.parts])
+    return replace(fitted, effort_baseline=baseline)
 
 
 def _fit_at_one_zero(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -12,7 +13,7 @@ import typer
 import truejoint
 from truejoint.cli import complete
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import read_trajectory, say_dropped
+from truejoint.cli.inputs import read_trajectory, say_dropped, takes
 from truejoint.cli.options import Arm as ArmOption
 from truejoint.cli.options import Force, Json, RobotName, Seed
 from truejoint.errors import CommandRefused, RecordingError
@@ -103,6 +104,82 @@ def follow_until_enough(
     return truejoint.motion.TrackingReport.joined(reports, trajectory.name)
 
 
+@dataclass(frozen=True)
+class Loop:
+    """What closes a loop around the arm, if anything does, an option each."""
+
+    compensate: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL",
+            help="Take the joints themselves along the trajectories, with this calibration in the "
+            "loop.",
+        ),
+    ] = None
+    rezero_s: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="With --compensate: re-zero the model by so much truth of a random motion, after "
+            "the homing [s]; 0 for none. Default: 10.",
+        ),
+    ] = None
+    closed_loop: Annotated[
+        bool,
+        typer.Option(
+            "--closed-loop",
+            help="Keep the reported positions to the trajectories, by a loop around them; without "
+            "it the trajectories are set-points, which motors follow late.",
+        ),
+    ] = False
+    lag_s: Annotated[
+        float | None,
+        typer.Option(
+            min=0.0,
+            help="With --compensate or --closed-loop: time by which the motors follow set-points "
+            "that move evenly [s]. Default: 0.05, the simulated RAVEN-II's; docs/operating.md "
+            "finds yours.",
+        ),
+    ] = None
+
+    def check(self) -> None:
+        """Raise CommandRefused where options do not go together."""
+        rezero, lag = self.rezero_s, self.lag_s
+        if rezero is not None and (self.compensate is None or not math.isfinite(rezero)):
+            raise CommandRefused(f"--rezero-s {rezero:g}: seconds, and for --compensate alone")
+        if self.closed_loop and self.compensate is not None:
+            raise CommandRefused(
+                "--closed-loop is around motors, --compensate around joints: give one"
+            )
+        closes = self.closed_loop or self.compensate is not None
+        if lag is not None and not (math.isfinite(lag) and closes):
+            raise CommandRefused(f"--lag-s {lag:g}: seconds, with --compensate or --closed-loop")
+
+    def model_for(self, robot: truejoint.robots.Robot) -> truejoint.Calibration | None:
+        """Model that the loop is around; raises CalibrationError if it is of another robot."""
+        if self.compensate is None:
+            return None
+        model = truejoint.read_calibration(self.compensate)
+        model.check_robot(robot)
+        return model
+
+    def around(
+        self,
+        device: truejoint.crtk.Arm,
+        model: truejoint.Calibration | None,
+        truth: TruthSource | None,
+    ) -> truejoint.runtime.Compensator | None:
+        """Close the loop around a homed arm."""
+        from truejoint.runtime.compensator import LAG  # noqa: PLC0415  # not for help
+
+        lag = LAG if self.lag_s is None else self.lag_s
+        if model is not None:
+            duration = _REZERO if self.rezero_s is None else self.rezero_s
+            return steered(device, model, duration, truth, lag)
+        return truejoint.runtime.motor_loop(device.robot, lag=lag) if self.closed_loop else None
+
+
+@takes(loop=Loop)
 def collect(
     trajectories: Annotated[
         list[Path], typer.Argument(metavar="TRAJECTORY...", help="Trajectory files, in order.")
@@ -122,39 +199,8 @@ def collect(
             "truth of the recordings.",
         ),
     ] = None,
-    compensate: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="Take the joints themselves along the trajectories, with this calibration in the "
-            "loop.",
-        ),
-    ] = None,
-    rezero_s: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="With --compensate: re-zero the model by so much truth of a random motion, after "
-            "the homing [s]; 0 for none. Default: 10.",
-        ),
-    ] = None,
-    closed_loop: Annotated[
-        bool,
-        typer.Option(
-            "--closed-loop",
-            help="Keep the reported positions to the trajectories, by a loop around them; without "
-            "it the trajectories are set-points, which motors follow late.",
-        ),
-    ] = False,
-    lag_s: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="With --compensate or --closed-loop: time by which the motors follow set-points "
-            "that move evenly [s]. Default: 0.05, the simulated RAVEN-II's; docs/operating.md "
-            "finds yours.",
-        ),
-    ] = None,
+    *,
+    loop: Loop,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
     topic: Annotated[
         list[str] | None,
@@ -197,7 +243,7 @@ def collect(
     --compensate the trajectories are where the joints, not their motors, are to be; with
     --closed-loop where the motors are to report to be.
     """
-    _check_loop(compensate, rezero_s, lag_s, closed_loop=closed_loop)
+    loop.check()
     topics = _parse_topics(topic or [])
     pairs = _to_record(trajectories, output, topics, resume=resume, force=force)
     if not pairs:
@@ -209,42 +255,41 @@ def collect(
         robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
     )
     kind = truejoint.crtk.PacedBackend if real_time else truejoint.crtk.SimulatedBackend
-    rows = []
     with ExitStack() as stack:
         device = stack.enter_context(truejoint.crtk.Arm(kind(made)))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
         truejoint.crtk.check_topics(device.robot, topics)
-        model = None if compensate is None else _model_for(compensate, device.robot)
+        model = loop.model_for(device.robot)
         output.mkdir(parents=True, exist_ok=True)
         truth = None if encoders is None else stack.enter_context(_encoders(device, encoders))
         home(device, truth)
-        loop = None
-        if closed_loop:
-            loop = truejoint.runtime.motor_loop(device.robot, lag=_lag(lag_s))
-        if model is not None:
-            duration = _REZERO if rezero_s is None else rezero_s
-            loop = steered(device, model, duration, truth, _lag(lag_s))
-        for trajectory, target in pairs:
-            recording, report, streams = record(
-                device,
-                trajectory,
-                target,
-                load=load_grams / 1e3,
-                state_rate=state_rate_hz,
-                truth=truth,
-                topics=topics,
-                steering=loop,
-                until_enough=until_enough,
-                overwrite=force,
-            )
-            rows.append(_row(target, recording, report, streams))
-            if not as_json:
-                _tell(target, recording, report, {name: streams.get(name) for name in topics})
-    if loop is not None:
-        say(f"steps of the loop by what was said of the sample: {told(loop)}")
+        steering = loop.around(device, model, truth)
+        how: dict[str, Any] = {
+            "load": load_grams / 1e3, "state_rate": state_rate_hz, "truth": truth,
+            "topics": topics, "steering": steering, "until_enough": until_enough,
+            "overwrite": force,
+        }  # fmt: skip
+        rows = [_recorded(device, *pair, quiet=as_json, **how) for pair in pairs]
+    if steering is not None:
+        say(f"steps of the loop by what was said of the sample: {told(steering)}")
     if as_json:
         result_json({"recordings": rows})
+
+
+def _recorded(
+    device: truejoint.crtk.Arm,
+    trajectory: truejoint.motion.Trajectory,
+    target: Path,
+    *,
+    quiet: bool,
+    **how: Any,
+) -> dict[str, Any]:
+    """Record one trajectory, `how` as `record` takes it, and say so unless it is to be `quiet`."""
+    recording, report, streams = record(device, trajectory, target, **how)
+    if not quiet:
+        _tell(target, recording, report, {name: streams.get(name) for name in how["topics"]})
+    return _row(target, recording, report, streams)
 
 
 def _row(
@@ -284,25 +329,6 @@ def _tell(
     say_dropped(recording)
 
 
-def _check_loop(
-    compensate: Path | None, rezero_s: float | None, lag_s: float | None, *, closed_loop: bool
-) -> None:
-    """Raise CommandRefused where options on the loop do not go together."""
-    if rezero_s is not None and (compensate is None or not math.isfinite(rezero_s)):
-        raise CommandRefused(f"--rezero-s {rezero_s:g}: seconds, and for --compensate alone")
-    if closed_loop and compensate is not None:
-        raise CommandRefused("--closed-loop is around motors, --compensate around joints: give one")
-    if lag_s is not None and not (math.isfinite(lag_s) and (closed_loop or compensate is not None)):
-        raise CommandRefused(f"--lag-s {lag_s:g}: seconds, with --compensate or --closed-loop")
-
-
-def _lag(given: float | None) -> float:
-    """Time by which motors follow [s], as given or a RAVEN-II's."""
-    from truejoint.runtime.compensator import LAG  # noqa: PLC0415
-
-    return LAG if given is None else given
-
-
 def _parse_topics(texts: list[str]) -> dict[str, float]:
     """Rates [Hz] by topic, of texts like ``measured_cp=100``."""
     rates = {}
@@ -336,12 +362,6 @@ def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
     truth.start_registration()
     device.home()
     truth.register()
-
-
-def _model_for(path: Path, robot: truejoint.robots.Robot) -> truejoint.Calibration:
-    model = truejoint.read_calibration(path)
-    model.check_robot(robot)
-    return model
 
 
 def steered(

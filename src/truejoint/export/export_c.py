@@ -256,8 +256,7 @@ def _precision_context(
 
 def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
-    states = find_family(data.model.family).states_deviation
-    by_itself = states is not None and states(data.model.params)
+    by_itself = find_family(data.model.family).knows_deviation(data.model.params)
     return {
         "stated_by": "for such motions as the interval was made of"
         if data.interval is not None

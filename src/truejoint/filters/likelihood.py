@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Final
 
 import numpy as np
 import numpy.typing as npt
 
 from truejoint.array_types import Array
+from truejoint.errors import other_kind
 from truejoint.filters.filter import UnscentedFilter
 from truejoint.filters.sigma_points import FilterError
 from truejoint.filters.status import FilterStatus
@@ -75,8 +77,8 @@ def maximum_likelihood(
     Raises
     ------
     FilterError
-        If a parameter starts at 0, the filter has a gate, or the record cannot be filtered with
-        the parameters to start with.
+        If a parameter starts at 0 or at no number, `filter_of` makes no filter, the filter has a
+        gate, or the record cannot be filtered with the parameters to start with.
 
     Examples
     --------
@@ -92,11 +94,10 @@ def maximum_likelihood(
     """
     from scipy.optimize import minimize  # noqa: PLC0415  # a control loop needs none of it
 
+    first = _first(filter_of, start)
     names = list(start)
     signs = np.array([math.copysign(1.0, start[name]) for name in names])
     sizes = np.abs(np.array([start[name] for name in names], dtype=np.float64))
-    if not (np.isfinite(sizes).all() and (sizes > 0.0).all()):
-        raise FilterError(f"start {dict(start)}: give finite numbers other than 0")
 
     def values(logarithms: Array) -> dict[str, float]:
         return dict(zip(names, (signs * sizes * np.exp(logarithms)).tolist(), strict=True))
@@ -108,9 +109,6 @@ def maximum_likelihood(
             return math.inf
         return math.inf if (result.status & _USED).any() else -float(result.loglik.sum())
 
-    first = filter_of(dict(start))
-    if first.gate is not None:
-        raise FilterError("maximum likelihood: the filter has a gate; give it none")
     broken = first.run(z, u, **record).status & _USED
     if broken.any():
         what = FilterStatus(int(np.bitwise_or.reduce(broken)))
@@ -131,6 +129,25 @@ def maximum_likelihood(
             relative = np.full(len(names), np.nan)
     deviations = {n: float(r * abs(best[n])) for n, r in zip(names, relative, strict=True)}
     return ParameterFit(best, deviations, -float(found.fun), filter_of(best), int(found.nfev))
+
+
+def _first(
+    filter_of: Callable[[Mapping[str, float]], UnscentedFilter], start: Mapping[str, float]
+) -> UnscentedFilter:
+    """Filter with the parameters to start with; raises FilterError as `maximum_likelihood`."""
+    if not callable(filter_of):
+        advice = "give one that makes a filter of parameters by name"
+        raise FilterError(other_kind(filter_of, "function", advice))
+    if not isinstance(start, Mapping):
+        raise FilterError(other_kind(start, "mapping", "give where each parameter starts, by name"))
+    if not all(isinstance(v, Real) and math.isfinite(v) and v != 0.0 for v in start.values()):
+        raise FilterError(f"start {dict(start)!s:.100}: give finite numbers other than 0")
+    first = filter_of(dict(start))
+    if not isinstance(first, UnscentedFilter):
+        raise FilterError(other_kind(first, "filter", "filter_of is to make an UnscentedFilter"))
+    if first.gate is not None:
+        raise FilterError("maximum likelihood: the filter has a gate; give it none")
+    return first
 
 
 def _curvature(function: Callable[[Array], float], at: Array) -> Array:

@@ -150,6 +150,10 @@ class Family:
     def __reduce__(self) -> tuple[Callable[[str], Family], tuple[str]]:
         return find_family, (self.name,)  # pickled, by an estimator that holds it, by its name
 
+    def knows_deviation(self, params: Params) -> bool:
+        """Whether the row states half-widths of its own, with these parameters."""
+        return self.states_deviation is not None and self.states_deviation(params)
+
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""
         if set(params) != set(self.rules):

@@ -308,7 +308,7 @@ def _effort_sign(recording: Recording, joints: Sequence[str]) -> Verdict:
     """
     robot, given = recording.robot, set(recording.joints_of("effort"))
     moving = [joint for joint in joints if joint in given]
-    if robot.effort == "motor" and robot.transmission is not None:
+    if moving and robot.effort == "motor" and robot.transmission is not None:
         if not given.issuperset(robot.joint_names):  # cables couple the joints: one tells nothing
             advice = "record the efforts of all motors"
             return Verdict("info", "effort sign", "some of the coupled efforts are missing", advice)

@@ -11,6 +11,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from copy import copy
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any, Final, NoReturn, Self
 
 import numpy as np
@@ -34,7 +35,7 @@ from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
 LAG: Final = 0.05
-"""Time by which a RAVEN-II's measured position follows a set-point that moves evenly [s]."""
+"""Time by which the simulated RAVEN-II's measured position follows even set-points [s]."""
 GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
@@ -141,11 +142,14 @@ class Compensator:
             raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         for name, value in numbers.items():
-            if not 0.0 <= value < math.inf:
-                raise CommandRefused(f"compensator: {name} is {value}; give a number of 0 or more")
-        if not integral_time > 0.0:
+            if not (_is_number(value) and 0.0 <= value < math.inf):
+                raise CommandRefused(
+                    f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
+                )
+        if not (_is_number(integral_time) and integral_time > 0.0):
             raise CommandRefused(
-                f"compensator: integral time is {integral_time} s; give more than 0 s, or infinity"
+                f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
+                "infinity"
             )
         check_rate(rate, lag, gain)
         check_robot(corrector.made_for, robot)
@@ -489,9 +493,11 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
     >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
     2.6
     """
-    if not (0.0 < rate < math.inf and 0.0 <= lag < math.inf):
+    known = _is_number(rate) and _is_number(lag)
+    if not (known and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
         raise CommandRefused(
-            f"compensator: {rate} Hz, a lag of {lag} s; give a rate above 0 and a lag of 0 or more"
+            f"compensator: {rate!r:.40} Hz, a lag of {lag!r:.40} s; give a rate above 0 and a lag "
+            "of 0 or more"
         )
     low, high = 0.0, 2.0 * math.pi * rate
     for _ in range(60):  # the phase falls with the frequency, so halving finds it
@@ -499,6 +505,10 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
         phase = 2.0 * math.atan(0.5 * middle * lag) + 1.5 * middle / rate
         low, high = (middle, high) if phase < math.pi else (low, middle)
     return math.inf if gain == 0.0 else (1.0 + (0.5 * low * lag) ** 2) / gain
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real)
 
 
 def check_rate(rate: float, lag: float, gain: float) -> None:

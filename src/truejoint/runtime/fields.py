@@ -131,8 +131,8 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> 
         base, growth = data.interval.half_width(level), data.interval.growth
     family = find_family(data.model.family)
     model = family.memory(data.model, k, n_joints)
-    states, deviations = family.states_deviation, NormalDist().inv_cdf(0.5 + 0.5 * level)
-    if data.interval is None and states is not None and states(data.model.params):
+    deviations = NormalDist().inv_cdf(0.5 + 0.5 * level)
+    if data.interval is None and family.knows_deviation(data.model.params):
         own = model.layout.fields["deviations"].index
         model.memory[own] = deviations
     if family.beside:

@@ -6,6 +6,7 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from numbers import Real
 from pathlib import Path
 from typing import Final
 
@@ -53,8 +54,8 @@ class SimulatedBackend:
             raise RobotError(other_kind(twin, "Twin", "make_twin(robot) gives one"))
         self.twin = twin
         self.robot: Final[Robot] = twin.robot
+        self._ticks = _ticks_at(rate)  # of the twin, a set-point
         self.rate: Final = float(rate)
-        self._ticks = _ticks_at(self.rate)  # of the twin, a set-point
         self.grain: Final = max(GRAIN, self._ticks * SETPOINT_DT)
         self._last: StateBlock | None = None  # message since the homing
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
@@ -215,11 +216,11 @@ class SimulatedBackend:
 
 def _ticks_at(rate: float) -> int:
     """Periods of a twin between two set-points; raises RobotError unless a whole number."""
-    ticks = 1.0 / (rate * SETPOINT_DT) if rate > 0.0 else 0.0
+    ticks = 1.0 / (rate * SETPOINT_DT) if isinstance(rate, Real) and rate > 0.0 else 0.0
     if not (ticks >= 1.0 - 1e-9 and abs(ticks - round(ticks)) < 1e-6 * ticks):
         raise RobotError(
-            f"simulated arm: {rate:g} set-points a second; a twin runs at {1 / SETPOINT_DT:g} Hz: "
-            "give that, or a half, a third, ... of it"
+            f"simulated arm: {rate!s:.40} set-points a second; a twin runs at "
+            f"{1 / SETPOINT_DT:g} Hz: give that, or a half, a third, ... of it"
         )
     return round(ticks)
 
