@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+import importlib
+import sys
+from collections import namedtuple
+from types import FunctionType, ModuleType
+
 import numpy as np
+import pytest
 from numba import njit, types
 from numba.core.runtime import _nrt_python, rtsys
 from numba.extending import intrinsic
 
 from truejoint.compiled import (
     VECTOR,
+    _content,
+    _ingredients,
     _say_uncached,
     address,
     borrow,
@@ -166,3 +174,77 @@ def test_without_a_place_for_the_cache_it_is_compiled_all_the_same(monkeypatch, 
         _say_uncached.cache_clear()
     assert (tripled(2.0), negated(2.0)) == (6.0, -2.0)
     assert ["set NUMBA_CACHE_DIR" in record.message for record in caplog.records] == [True]
+
+
+CALLEE = """
+from truejoint.compiled import inlined
+GAIN = {gain}
+
+@inlined
+def scaled(x):
+    return {factor} * x
+"""
+CALLER = """
+import edited_callee as other
+from truejoint.compiled import compiled
+
+@compiled
+def total(x):
+    return later(x) + other.GAIN
+
+@compiled
+def later(x):
+    return other.scaled(x)
+"""
+
+
+def total_after_edit(folder, monkeypatch, gain, factor):
+    """Kernel of one module as a new process would have it once another module is edited."""
+    (folder / "edited_callee.py").write_text(CALLEE.format(gain=gain, factor=factor))
+    for name in ("edited_caller", "edited_callee"):
+        monkeypatch.delitem(sys.modules, name, raising=False)
+    _content.cache_clear()
+    return importlib.import_module("edited_caller").total
+
+
+def test_what_is_kept_of_a_kernel_is_made_anew_after_an_edit_of_what_it_takes(
+    tmp_path, monkeypatch
+):
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)  # which tells edits by the second
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "edited_caller.py").write_text(CALLER)
+    for gain, factor, kept in [(1.0, 2.0, 0), (1.0, 2.0, 1), (5.0, 2.0, 0), (5.0, 4.0, 0)]:
+        total = total_after_edit(tmp_path, monkeypatch, gain, factor)
+        assert total(3.0) == 3.0 * factor + gain
+        assert sum(total.stats.cache_hits.values()) == kept
+
+
+def made_of(**changed):
+    """What goes into a kernel that takes a bit of everything, of which some is changed."""
+    fields = ModuleType("fields")
+    fields.PLACE = changed.pop("PLACE", 3)
+
+    def kernel(x: Pair):  # noqa: F821
+        return LEVEL * TABLE[0] + NAMES[1][0] + fields.PLACE  # noqa: F821
+
+    given = {
+        "LEVEL": 1.0, "TABLE": np.zeros(2), "NAMES": (1, (2, 3)), "OTHER": 1,
+        "Pair": namedtuple("Pair", "a b"), **changed,
+    }  # fmt: skip
+    moved = FunctionType(kernel.__code__, given, closure=kernel.__closure__)
+    moved.__annotations__ = kernel.__annotations__
+    return _ingredients(moved)
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"LEVEL": 1}, {"LEVEL": 1.5}, {"TABLE": np.ones(2)}, {"TABLE": np.zeros((1, 2))},
+     {"NAMES": (1, (2, 4))}, {"PLACE": 4}, {"Pair": namedtuple("Pair", "b a")},
+     {"LEVEL": doubled}],
+)  # fmt: skip
+def test_each_thing_that_a_kernel_takes_is_one_that_it_is_made_of(changed):
+    assert made_of(**changed) != made_of()
+
+
+def test_what_a_kernel_does_not_take_is_none_that_it_is_made_of():
+    assert made_of(OTHER=2) == made_of()

@@ -3,17 +3,24 @@
 
 from __future__ import annotations
 
+import hashlib
 import logging
 import math
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterator
 from functools import cache
+from pathlib import Path
+from types import CodeType, FunctionType, ModuleType
 from typing import Any, TypeVar, cast
 
+import numpy as np
 from llvmlite import ir  # type: ignore[import-untyped]
 from numba import njit, types
 from numba.core import cgutils
+from numba.core.caching import FunctionCache
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import Compiler
+from numba.core.extending import _Intrinsic
 from numba.core.registry import CPUDispatcher
 from numba.experimental.function_type import _get_wrapper_address
 from numba.extending import intrinsic, typeof_impl
@@ -63,6 +70,84 @@ def _as_called(kernel: Any, context: Any) -> Any:
     return types.Dispatcher(getattr(kernel, "part", kernel))
 
 
+class _KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
+    """Machine code on disk, made anew when anything has changed that went into it.
+
+    numba asks for the source file of the kernel alone, but callees and constants of other files
+    are in the code as well: it would be wrong, or fail, where memory is laid out anew.
+    """
+
+    def __init__(self, kernel: Any) -> None:
+        super().__init__(kernel)
+        self._own_stamp = self._cache_file._source_stamp
+        _content(kernel.__code__.co_filename)  # what has been imported, whoever edits it later
+
+    def load_overload(self, signature: Any, target: Any) -> Any:
+        # Not when it is declared: it may call what its module declares further down.
+        self._cache_file._source_stamp = self._own_stamp, _ingredients(self._py_func)
+        return super().load_overload(signature, target)
+
+
+def _ingredients(kernel: FunctionType) -> str:
+    """Digest of all that goes into the code of a kernel, the same in every process.
+
+    These are the source files of the kernels and intrinsics that it calls, and of theirs, and the
+    constants and the fields of named tuples that any of them takes, by name or from a module.
+    """
+    digest = hashlib.sha256(_content(__file__))
+    functions = [kernel]
+    for function in functions:  # which grow
+        digest.update(_content(function.__code__.co_filename))
+        for name, value in _taken(function):
+            match value:
+                case CPUDispatcher() | _Intrinsic():
+                    callee = value.py_func if isinstance(value, CPUDispatcher) else value._defn
+                    if callee not in functions:
+                        functions.append(callee)
+                case np.ndarray():
+                    digest.update(f"{name}={value.dtype}{value.shape}".encode() + value.tobytes())
+                case type():
+                    digest.update(f"{name}={getattr(value, '_fields', None)}".encode())
+                case bool() | int() | float() | complex() | str() | np.generic():
+                    digest.update(f"{name}={value!r}".encode())
+    return digest.hexdigest()
+
+
+def _taken(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """Give what a function names of its closure, of its module, and of modules that it names."""
+    codes = [function.__code__]
+    for code in codes:  # which grow
+        codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
+    free, annotations = function.__code__.co_freevars, map(str, function.__annotations__.values())
+    names = {name for code in codes for name in code.co_names}
+    names.update(free, re.findall(r"\w+", " ".join(annotations)))
+    cells = zip(free, function.__closure__ or (), strict=True)
+    scopes = [{name: cell.cell_contents for name, cell in cells}, function.__globals__]
+    for scope in scopes:  # which grow
+        for name in sorted(names & scope.keys()):
+            for value in _flat(scope[name]):
+                if not isinstance(value, ModuleType):
+                    yield name, value
+                elif all(vars(value) is not known for known in scopes):
+                    scopes.append(vars(value))
+
+
+def _flat(value: Any) -> list[Any]:
+    """Give the elements of a tuple and of those within it."""
+    if isinstance(value, tuple):
+        return [part for element in value for part in _flat(element)]
+    return [value]
+
+
+@cache
+def _content(path: str) -> bytes:
+    """Digest of a source file when its first kernel was declared."""
+    try:
+        return hashlib.sha256(Path(path).read_bytes()).digest()
+    except OSError:  # not a file: a notebook's cell, a part of an archive
+        return path.encode()
+
+
 def jit(**options: Any) -> Callable[[Kernel], Kernel]:
     """Compile a kernel on its first call and keep the machine code on disk: makes a decorator.
 
@@ -74,11 +159,11 @@ def jit(**options: Any) -> Callable[[Kernel], Kernel]:
     options["error_model"] = "numpy"
 
     def decorate(kernel: Kernel) -> Kernel:
+        made = njit(**options)(kernel)
         try:
-            made = njit(cache=True, **options)(kernel)
+            made._cache = _KernelCache(kernel)
         except RuntimeError:  # numba's word for a cache without a place
             _say_uncached()
-            made = njit(**options)(kernel)
         unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         made.part = njit(pipeline_class=_PartCompiler, **unwrapped, **options)(kernel)
         return cast("Kernel", made)
