@@ -265,6 +265,9 @@ class RichPlay(JointRegressor):
                 "leading and squared are of products, and a Gaussian process has none: leave them "
                 "out"
             )
+        for name, wanted in (("positions", "couple"), ("turns", "turn")):
+            if getattr(self, name) and not getattr(self, wanted):
+                raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
