@@ -37,7 +37,7 @@ RATE = 100.0  # [Hz] that recordings are thinned to
 
 
 def development() -> Iterator[Split]:
-    """Give splits of the grasper's recordings that others fit to, or do not use at all.
+    """Give splits of the grasper's recordings that no row of docs/results.md's table holds out.
 
     Frequency indices, loads and stops of the reported set, of the roll and of three pitches.
     """

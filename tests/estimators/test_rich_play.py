@@ -235,6 +235,8 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
         ({"plays": (1.1,)}, "plays is .*; it must be 0 to 32 half-widths"),
         ({"time_constants": (0.0,)}, "time_constants is .*; it must be 0 to 8 times"),
         ({"rows": 0}, "rows is 0; it must be an integer from 1"),
+        ({"turns": ((1.0, 0.0),)}, "turns are given; they take turn=True as well"),
+        ({"positions": (0, 1)}, "positions are given; they take couple=True as well"),
         ({"pairs": ((0, 2),)}, "pairs .*; it must be of features 0 to 1"),
         ({"pairs": 3}, "pairs is 3; it must be up to 32 pairs"),
     ],

@@ -50,8 +50,8 @@ class Automatic:
     simple models: linear, fixed offset and the raw position; by 10 % and by two standard errors of
     the logarithm's mean over the folds. Elsewhere that simple model stays. The fits that serve the
     choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
-    metadata under ``choice``. Where no features are asked for, every measured position, effort and
-    motor current that all recordings have is tried beside the default ones.
+    metadata under ``choice``. Where no features are asked for, the default ones are tried, every
+    measured position and effort, and these with every motor current, of what all recordings have.
 
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
@@ -64,9 +64,10 @@ class Automatic:
     candidates : sequence of Regressor
         What is tried; by default what the registry says: offset, linear, quadratic, a network
         until convergence, boosted trees on the residual of the linear model, rich plays with and
-        without trees, coupled plays, a Gaussian process, and a jaw's filter with trees. One that
-        takes features of its own is tried where the recordings have them, with what learns its
-        residual beside it, and what only works offline is taken for all joints or not at all.
+        without trees, coupled plays, capstans that run out, two Gaussian processes, and a jaw's
+        filter with trees. One that takes features of its own is tried where the recordings have
+        them, with what learns its residual beside it, and what only works offline is taken for all
+        joints or not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
@@ -192,7 +193,7 @@ class Group:
             self._give_up()
 
     def _give_up(self) -> None:
-        """Try no more what cannot be a member that any joint wants."""
+        """Try no more what no joint wants, nor what is hopeless in every one."""
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
         unwanted = (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
@@ -420,7 +421,7 @@ def choose(
     more of them take more rows, are left out.
     """
     tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
-    left_out = [*left_out[1::2], *left_out[::2]]  # the outermost, by which none is given up, last
+    left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
     starts = np.cumsum([0, *(len(group.trials) for group in groups)])
 
     def say(number: int, start: int, name: str, trial: int) -> None:

@@ -68,11 +68,13 @@ class Zero:
 def believed(offset: ArrayLike, sd: ArrayLike) -> Array:
     """Estimate zeros (n,) [rad or m] of offsets that are known to `sd` (n,), where few zeros move.
 
-    That is ``offset (1 - sd^2 / offset^2)``, and nothing below `sd`: the best estimate of a zero
-    whose variance is what today's offset has beyond that of the errors (James and Stein, Berkeley
-    Symposium 1961, of a single mean, positive part). A zero that moved by ten deviations is found
-    to a tenth of one more; errors of a brief stretch that lie all to one side are no zero. All of
-    an offset whose `sd` is NaN.
+    That is ``offset (1 - sd^2 / offset^2)``, and nothing below `sd`: the mean of a Gaussian zero
+    whose variance is what today's offset has beyond that of the errors (empirical Bayes, as Efron
+    and Morris, JASA 68, 1973, here of a single mean; in form Breiman's non-negative garrote,
+    Technometrics 37, 1995). A zero that moved by ten deviations is found to a tenth of one more;
+    errors of a brief stretch that lie all to one side are no zero. The price is a zero that moved
+    by more than 1.2 deviations: its mean square error is up to 1.5 of that of the whole offset (at
+    2.5), for 0.33 where it did not move. All of an offset whose `sd` is NaN.
 
     Examples
     --------
@@ -142,10 +144,10 @@ def _median(error: Array, weights: Array) -> Array:
     """Median (n_joints,) of errors (m, n_joints) of the rows' `weights` (m,)."""
     if (weights == weights[0]).all():
         return np.asarray(np.median(error, axis=0))
-    columns = np.broadcast_to(weights[:, None], error.shape)
-    return np.asarray(
-        np.quantile(error, 0.5, axis=0, weights=columns, method="inverted_cdf"), dtype=np.float64
-    )
+    order = np.argsort(error, axis=0)  # as np.quantile with weights, which numpy has from 2.0 on
+    reached = np.cumsum(weights[order], axis=0)
+    middle = np.argmax(reached >= 0.5 * reached[-1], axis=0)
+    return np.asarray(np.take_along_axis(error, order, axis=0)[middle, np.arange(len(middle))])
 
 
 def rezeroed(

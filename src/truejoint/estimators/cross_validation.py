@@ -130,9 +130,9 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
 
     Values of one level, such as the loads of recordings under one weight, stay together, or what
     is left out of a fit would still be in it. There are levels where cuts at the largest gaps make
-    three or more, none of more than a third of the values, and the least of these gaps is 1.5 times
-    the largest other one or more; of several numbers of levels, that with the most. Else each value
-    is a level of its own.
+    three or more, none of more than a third of the values (rounded up), and the least of these gaps
+    is 1.5 times the largest other one or more; of several numbers of levels, that whose gaps stand
+    out most. Else each value is a level of its own.
 
     Examples
     --------

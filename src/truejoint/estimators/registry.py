@@ -50,9 +50,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
     "run_out": _Line("rich_play", "RichPlay", {"learner": "ridge", "turn": True}, {}),
     "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
-    "gp_lowpass": _Line(
-        "rich_play", "RichPlay", {"learner": "gaussian_process", "couple": False}, {}
-    ),
+    "gp_lowpass": _Line("rich_play", "RichPlay", {"learner": "gaussian_process"}, {}),
     "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
     "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
     "tcn": _Line("sequence", "TemporalConvolution", {}),
@@ -142,7 +140,7 @@ def parameter_names(name: str) -> tuple[str, ...]:
 
 
 def _imported_from(body: list[ast.stmt], name: str) -> str:
-    """Give the module that a source takes a name from; none where it takes it from no one."""
+    """Give the module that a source takes a name from; none where it imports no such name."""
     imports = (node for node in body if isinstance(node, ast.ImportFrom))
     known = {alias.name: node.module or "" for node in imports for alias in node.names}
     return known.get(name, "")

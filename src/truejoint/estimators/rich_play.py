@@ -181,7 +181,7 @@ class RichPlay(JointRegressor):
     leading : int, optional
         By how many of the features, the first ones, everything is multiplied; by default the
         `squared`, or, without, all if that makes few enough products, else only features by
-        features. Where capstans turn, only features that turn them, by each other.
+        features. Where capstans turn, only the first ones that turn them, by each other.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
@@ -265,6 +265,9 @@ class RichPlay(JointRegressor):
                 "leading and squared are of products, and a Gaussian process has none: leave them "
                 "out"
             )
+        for name, wanted in (("positions", "couple"), ("turns", "turn")):
+            if getattr(self, name) and not getattr(self, wanted):
+                raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
@@ -390,7 +393,7 @@ class RichPlay(JointRegressor):
         return bool(log_errors[0] < log_errors[1] + math.log1p(-_GAIN))
 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
-        """Fitted copy, as `JointRegressor.adapted` says; of boosted trees there is none."""
+        """Fitted copy, as `JointRegressor.adapted` says; of the ridge regression alone."""
         if self.learner != "ridge":
             return super().adapted(X, y, dt)
         known = self._known(y)
