@@ -8,9 +8,9 @@ set but the rate of the rows that are fitted to. Prints, for each split and esti
 each joint in degrees or millimetres, the same after each recording was re-zeroed from its first two
 seconds (KUKA: one), and the processor time of the fit; or a dash, as of a filter for another robot,
 and why on standard error. The splits of ``--development`` are of recordings of the grasper that no
-other split judges: what is tried for it is settled there. With ``--zeros shared recording`` each
-estimator is fitted a second time, with a zero of its own for each recording of the training; what
-is held out, whose zero is not known, is predicted with their mean.
+row of the table in docs/results.md holds out: what is tried for it is settled there. With
+``--zeros shared recording`` each estimator is fitted a second time, with a zero of its own for each
+recording of the training; what is held out, whose zero is not known, is predicted with their mean.
 """
 
 from __future__ import annotations
