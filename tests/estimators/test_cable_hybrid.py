@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.runtime.registered import model, ready, unseen, wrist
+from tests.runtime.registered import fit, model, ready, unseen, wrist
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
@@ -12,18 +12,20 @@ from truejoint.estimators import CableHybrid
 from truejoint.estimators.cable_filter import states
 from truejoint.models import cable_hybrid
 from truejoint.models.features import time_steps
+from truejoint.recordings import Recording
 from truejoint.robots.wrist.instruments import JOINTS
 
 LOADS = ("grip", "tip_first", "tip_second")
+TRUE_LOADS = ("grip", "pitch", "yaw")
 
 
 def rms(values):
     return np.sqrt(np.mean(np.square(values), axis=0))
 
 
-def rows_of(recording):
+def rows_of(recording, calibration=None):
     """Features, and time since the row before, of the calibration's recording."""
-    calibration = model("hybrid_cables")
+    calibration = calibration or model("hybrid_cables")
     gap = calibration.gap_limit
     return calibration.feature_set.compute(recording, gap), time_steps(recording.t, gap)
 
@@ -83,6 +85,33 @@ def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
         np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
         for k, name in enumerate(LOADS):
             assert state.memory.view(name)[1] == pytest.approx(found.load_deviation[i, k])
+
+
+def test_errors_in_calibration_are_stated_as_large_as_they_are():
+    """With margins: for what plays were not fitted to, and under loads 1.6 for other motions."""
+    ratios = []
+    for run in wrist()[:2]:
+        late = run.t - run.t[0] > 2.0
+        own = model("hybrid_cables").model.states(*rows_of(run))
+        truth = run.columns("truth_exact", JOINTS), run.columns("truth_load", TRUE_LOADS)
+        stated = rms(np.hstack([own.angle_deviation, own.load_deviation])[late])
+        ratios.append(stated / rms((np.hstack([own.angle, own.load]) - np.hstack(truth))[late]))
+    free, loaded = ratios
+    assert (np.minimum(free, loaded) > 1.0).all()
+    assert (np.maximum(free, loaded) < 5.0).all()
+    np.testing.assert_allclose((loaded / free)[3:], np.sqrt(1.6), rtol=0.06)
+
+
+def test_of_a_load_that_calibration_did_not_have_it_says_what_the_filter_says():
+    runs = [Recording(run.table.assign(**{"truth_load/yaw": 0.0}), run.units, run.provenance)
+            for run in (run.rows(range(900)) for run in wrist()[:2])]  # fmt: skip
+    calibration = fit("hybrid_cables", runs)
+    X, dt = rows_of(unseen("hybrid_cables"), calibration)
+    own = calibration.model.states(X, dt)
+    filtered, _ = cable_hybrid.parts(calibration.model.arrays_)
+    expected = states(filtered, X, dt).load[:, 2]
+    assert rms(own.load[:, 2] - expected) < 0.1 * rms(expected)
+    assert (own.load_deviation > 0.0).all()
 
 
 def test_joints_give_way_to_a_grip_as_their_cables_are_stiff():

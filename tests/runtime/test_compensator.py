@@ -196,6 +196,9 @@ def test_motors_go_at_once_where_a_load_that_is_wanted_takes_the_joint():
         setpoints.append(compensator.step(k / 250.0, [0.3], [goal])[0])
     np.testing.assert_allclose(setpoints[:20], 0.3, atol=1e-6)
     np.testing.assert_allclose(setpoints[24:], 0.2, atol=1e-6)
+    compensator.give_way([np.nan], [0.1])
+    compensator.give_way([0.1], [np.inf])
+    assert compensator.step(60 / 250.0, [0.3], [0.3 + 6e-8]) == pytest.approx([0.2], abs=1e-6)
     compensator.start([0.3])
     told.correction = np.zeros(1)
     assert compensator.step(9.0, [0.3], [0.3]) == pytest.approx([0.3])  # it forgets

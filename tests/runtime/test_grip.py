@@ -72,7 +72,9 @@ def test_jaws_open_again_where_no_grip_is_wanted_as_fast_as_they_may():
     assert speed <= ROBOT.joints[1].max_speed * (1.0 + 1e-9)
 
 
-def test_jaws_stay_as_they_are_while_the_grip_is_not_known_and_for_a_time_constant():
+@pytest.mark.parametrize("said", [0.0, np.nan])
+def test_jaws_stay_as_they_are_while_the_grip_is_not_known_and_for_a_time_constant(said):
+    """A filter is not believed and begins anew at none; a gauge is, and says nothing."""
     compensator, openings = loop(), []
     control = GripControl(compensator, ROBOT)
     pieces = control.pieces(np.tile(OPEN, (3000, 1)), np.full(3000, 0.04), 1000.0)
@@ -80,10 +82,10 @@ def test_jaws_stay_as_they_are_while_the_grip_is_not_known_and_for_a_time_consta
         opening = float(piece[-1, 2] - piece[-1, 1])
         openings.append(opening)
         compensator.known = piece[-1]
-        compensator.believes = not 300 <= step < 320
+        compensator.believes = bool(np.isnan(said)) or not 300 <= step < 320
         force = STIFFNESS * max(HELD - opening, 0.0)
-        # It begins anew where it is believed again, and says for a moment that nothing is gripped.
-        compensator.corrector.beside["grip"][0] = 0.0 if 300 <= step < 330 else force
+        last = 330 if said == 0.0 else 320
+        compensator.corrector.beside["grip"][0] = said if 300 <= step < last else force
     openings = np.array(openings)
     assert STIFFNESS * (HELD - openings[300]) == pytest.approx(0.04, rel=1e-3)
     np.testing.assert_array_equal(openings[301:340], openings[300])

@@ -30,7 +30,7 @@ _LONGEST: Final = 60.0  # [s] of each history that it simulates
 _SETTLED: Final = 2.0  # [s] after which friction has forgotten how it began
 _FLOOR: Final = 0.1  # of the filter's own variance that is always stated, in what a run asks for
 _DRIFT: Final = (0.1, 0.05, 0.1)  # of friction of loops, motors, pins, in its size per root second
-_NO_LOAD: Final = 1e-4  # [Nm] below which there is none, or one that does not change
+NO_LOAD: Final = 1e-4  # [Nm] below which there is none, or one that does not change
 _OTHER_MOTION: Final = 1.6
 """By how much larger squared errors under loads are in another class of motion than in that which
 was fitted to: of six virtual instruments that no figure in the documentation is of."""
@@ -68,6 +68,10 @@ class CableStates:
     load: Array  # (n, 3) [Nm]: grip, and torques of the tip's arms
     load_deviation: Array
     states: Array  # (n, 15) of `models.cable_loops`
+
+    def part(self, rows: slice) -> CableStates:
+        """Give some of its rows."""
+        return CableStates(*(values[rows] for values in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -269,13 +273,13 @@ def load_variances(runs: Sequence[Run]) -> Array:
     loaded = [one.load for one in runs if _is_loaded(one.load)]
     varied = np.mean([np.var(load, axis=0) for load in loaded], axis=0)
     size = np.mean([np.mean(np.square(load), axis=0) for load in loaded], axis=0)
-    spread: Array = np.asarray(np.where(varied > _NO_LOAD**2, varied, size))
+    spread: Array = np.asarray(np.where(varied > NO_LOAD**2, varied, size))
     # One that calibration had not may be as large as the largest that it had.
-    return np.asarray(np.where(spread > _NO_LOAD**2, spread, spread.max()))
+    return np.asarray(np.where(spread > NO_LOAD**2, spread, spread.max()))
 
 
 def _is_loaded(load: Array) -> bool:
-    return bool((np.abs(load) > _NO_LOAD).any())
+    return bool((np.abs(load) > NO_LOAD).any())
 
 
 def structure(runs: Sequence[Run], found: Sequence[CableStates]) -> Array:
@@ -431,11 +435,19 @@ class CableFilter(JointRegressor):
         return joint + geometry(given[:, : r.N] @ rigid.T) @ self.arrays_["added"], found
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        arrays, found = self._identified(X, y, dt, progress)
+        arrays["structure"] = self._structure(found, X, y, dt)
+        progress(1.0)
+        return arrays
+
+    def _identified(
+        self, X: Array, y: Array, dt: Array, progress: Progress
+    ) -> tuple[Arrays, CableStates]:
+        """Arrays that were identified, and what their filter says, its deviations its own."""
         if self.mechanism is None:
             raise CalibrationError(f"{self.name} knows no cables; give it a mechanism")
         self._known(y)
-        every = [Run(X[rows], y[rows], self._loads[rows], dt[rows]) for rows in histories(dt)]
-        runs = [one for one in every if one.known > one.settled]
+        runs = [one for _, one in self._runs(X, y, dt)]
         if not runs:
             raise CalibrationError(
                 f"{self.name}: no recording has more than {_SETTLED:g} s of truth after its first "
@@ -447,10 +459,18 @@ class CableFilter(JointRegressor):
                 "cannot be told from friction; add a minute under known loads (truth_load/...)"
             )
         arrays = identify(runs, self.mechanism, progress)
-        found = [states(arrays, one.X, one.dt) for one in runs]
-        arrays["structure"] = structure(runs, found)
-        progress(1.0)
-        return arrays
+        return arrays, states(arrays, X, dt)
+
+    def _runs(self, X: Array, y: Array, dt: Array) -> list[tuple[slice, Run]]:
+        """Histories that have truth, and the rows of each."""
+        every = [(rows, Run(X[rows], y[rows], self._loads[rows], dt[rows]))
+                 for rows in histories(dt)]  # fmt: skip
+        return [(rows, one) for rows, one in every if one.known > one.settled]
+
+    def _structure(self, found: CableStates, X: Array, y: Array, dt: Array) -> Array:
+        """`structure` of what was found of all rows."""
+        parts = [(one, found.part(rows)) for rows, one in self._runs(X, y, dt)]
+        return structure(*zip(*parts, strict=True))
 
 
 def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:

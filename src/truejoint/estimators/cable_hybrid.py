@@ -10,12 +10,11 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Progress
-from truejoint.estimators.cable_filter import CableFilter, CableStates, Run, states, structure
+from truejoint.estimators.cable_filter import NO_LOAD, CableFilter, CableStates, states
 from truejoint.estimators.rich_play import RichPlay
 from truejoint.models import cable_hybrid
 from truejoint.models import cable_loops as r
 from truejoint.models.family import EstimatorData, Family, Params
-from truejoint.models.filtered import histories
 
 WRIST_PLAYS: Final = RichPlay(
     plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
@@ -77,30 +76,20 @@ class CableHybrid(CableFilter):
         return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
-        found, parameters = states(filtered, X, dt), filtered["parameters"]
+        filtered, found = self._identified(X, y, dt, lambda done: progress(_FILTERED * done))
+        parameters = filtered["parameters"]
         raw = cable_hybrid.raw_rows(X, parameters)
-        wanted = np.hstack([y - raw, self._loads])
+        # Of a load that calibration does not have, the filter's word is all there is.
+        load = np.where(np.ptp(self._loads, axis=0) > NO_LOAD, self._loads, found.load)
+        wanted = np.hstack([y - raw, load])
         seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
         plays = clone(WRIST_PLAYS).fit(seen, wanted, dt=dt)
         self.bank_: Params = plays.model_params()
         own = _told(plays, found, X, dt, parameters)
-        left = wanted - np.hstack([own.angle - raw, own.load])
-        errors = structure(*self._judged(own, X, y, dt)) * _unseen(plays, left, wanted)
+        left = np.hstack([y - own.angle, self._loads - own.load])
+        filtered["structure"] = self._structure(own, X, y, dt) * _unseen(plays, left, wanted)
         progress(1.0)
-        return cable_hybrid.joined(filtered, plays.arrays_, errors)
-
-    def _judged(
-        self, found: CableStates, X: Array, y: Array, dt: Array
-    ) -> tuple[list[Run], list[CableStates]]:
-        """Give histories that have truth, and what was found of each."""
-        every = [
-            (Run(X[rows], y[rows], self._loads[rows], dt[rows]),
-             CableStates(*(part[rows] for part in vars(found).values())))
-            for rows in histories(dt)
-        ]  # fmt: skip
-        runs, own = zip(*(pair for pair in every if pair[0].known > pair[0].settled), strict=True)
-        return list(runs), list(own)
+        return cable_hybrid.joined(filtered, plays.arrays_)
 
 
 def _told(
@@ -116,7 +105,8 @@ def _told(
 def _unseen(plays: RichPlay, left: Array, wanted: Array) -> Array:
     """By how much squares of errors (4, 3) are larger on blocks that plays were not fitted to.
 
-    `left` of `wanted` (n, 6) is what the fit leaves; rows as of `structure`.
+    Of joints and loads they leave `left` (n, 6), and were fitted to `wanted` (n, 6); rows as of
+    `structure`.
     """
     known = np.isfinite(wanted).all(axis=1)
     blocks = np.square(plays.model_.errors_ * wanted[known].std(axis=0))

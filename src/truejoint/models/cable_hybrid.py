@@ -101,24 +101,20 @@ def cable_hybrid_row(
 
 
 def parts(arrays: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Arrays of the filter, which states what was found of the plays' errors, and of the plays."""
+    """Arrays of the filter, whose `structure` is that of the plays' errors, and of the plays."""
     bank = {n.removeprefix(_BANK): a for n, a in arrays.items() if n.startswith(_BANK)}
-    own = {name: array for name, array in arrays.items() if not name.startswith(_BANK)}
-    errors = own.pop("errors")
-    return {**own, "structure": errors}, bank
+    return {n: a for n, a in arrays.items() if not n.startswith(_BANK)}, bank
 
 
-def joined(
-    filtered: Mapping[str, Array], bank: Mapping[str, Array], errors: Array
-) -> dict[str, Array]:
-    """Arrays of the family, of those of a filter and of plays, and what `stated` takes of both."""
-    return {**filtered, "errors": errors, **{_BANK + name: a for name, a in bank.items()}}
+def joined(filtered: Mapping[str, Array], bank: Mapping[str, Array]) -> dict[str, Array]:
+    """Arrays of the family, of those of a filter and of plays."""
+    return {**filtered, **{_BANK + name: array for name, array in bank.items()}}
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     own = cable_filter.FAMILY.shapes(params, n_features, n_outputs)
     bank = play_bank.FAMILY.shapes(params["bank"], SEEN, TOLD)
-    return {**own, "errors": own["structure"], **{_BANK + name: s for name, s in bank.items()}}
+    return {**own, **{_BANK + name: shape for name, shape in bank.items()}}
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:

@@ -258,11 +258,13 @@ class Compensator:
         """Feed forward how far joints (n_joints,) [rad or m] give way to a load, from now on.
 
         `now` is that to what loads them, of which the corrector knows, and `wanted` that to what
-        shall load them at the next step. Motors wind up the difference at once.
+        shall load them at the next step. Motors wind up the difference at once. Numbers of which
+        one is not finite change nothing.
         """
-        goal = np.asarray(wanted, dtype=np.float64)
-        ahead = goal + self.memory.memory[at.LEAD] * (goal - self._given[2])  # as set-points lead
-        self._given[:] = np.asarray(now, dtype=np.float64), ahead, goal
+        here, goal = np.asarray(now, dtype=np.float64), np.asarray(wanted, dtype=np.float64)
+        if np.isfinite(here).all() and np.isfinite(goal).all():
+            lead = self.memory.memory[at.LEAD] * (goal - self._given[2])  # as set-points do
+            self._given[:] = here, goal + lead, goal
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.

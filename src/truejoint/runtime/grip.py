@@ -26,8 +26,8 @@ class GripControl:
 
     Where the corrector knows how far its joints give way to a grip (`Corrector.gives_way`), motors
     wind up their cables by that at once, and the loop makes up for the rest. While the compensator
-    does not believe its samples, and for a time constant after that, all is held: a filter that
-    begins anew says for a moment that nothing is gripped.
+    does not believe its samples or the grip is not finite, and for a time constant after that, all
+    is held: a filter that begins anew says for a moment that nothing is gripped.
 
     Parameters
     ----------
@@ -154,8 +154,8 @@ class GripControl:
         for first in range(0, len(rows), period):
             piece, goal = rows[first : first + period], float(torque[first])
             own = float(apart[first : first + period][-1])
-            known = float(loop.known @ self._known_way)
-            told = loop.believes and math.isfinite(known)
+            known, grip = float(loop.known @ self._known_way), float(self._grip[0])
+            told = loop.believes and math.isfinite(known + grip)
             held = max(held - 1, 0) if told else self._hold
             if goal == 0.0:
                 met = known if told else own
@@ -163,9 +163,9 @@ class GripControl:
             elif held:
                 own = self.opening
             else:
-                met += self._share * (known + self._grip[0] / stiffness - met)
+                met += self._share * (known + grip / stiffness - met)
                 own = max(met - goal / stiffness, self._lowest)
-                loop.give_way(self._grip[0] * gives, goal * gives)
+                loop.give_way(grip * gives, goal * gives)
             before = self.opening
             self.opening = min(max(own, before - self._step), before + self._step)
             between = np.linspace(before, self.opening, len(piece) + 1)[1:]

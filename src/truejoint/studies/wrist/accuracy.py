@@ -152,10 +152,8 @@ def judge(
 ) -> PartResult:
     """Calibrate methods on multi-sines, free and loaded; judge them on steps, free and loaded."""
     twin = WristTwin(WristParameters.from_dict(specimen), arm=instrument, seed=number)
-    twin.home()
     seed = 4 * number
-    free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
-    under_load = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
+    free, under_load = motions.calibrating(twin, free_s, loaded_s, seed)
     tests = {
         "free": motions.record(twin, motions.steps, test_s, seed + 2, load=False),
         "loaded": motions.record(twin, motions.steps, test_s, seed + 3, load=True),

@@ -74,9 +74,7 @@ def judge(
     """Errors after each change, of a calibration from before, and the misfit of its efforts."""
     plant, seed = WristParameters.from_dict(specimen), 5 * number
     twin = WristTwin(plant, seed=number)
-    twin.home()
-    free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
-    loaded = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
+    free, loaded = motions.calibrating(twin, free_s, loaded_s, seed)
     model = calibrate([free, loaded], "hybrid_cables", joints=JOINTS)
     tests, checks, stops = {}, {}, {NOTHING: touched(twin)}
     for name, factors in CHANGES.items():
@@ -194,7 +192,7 @@ def strangeness(free: Recording, checks: Mapping[str, Recording]) -> dict[str, f
 
 
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
-    """Medians over the specimens by change, and what a closing of the jaws leaves."""
+    """Medians over the specimens by change, and what each way to a zero leaves."""
     numbers = [result.numbers for result in results.values()]
     rows, middle = [], []
     for name in CHANGES:
@@ -214,8 +212,8 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         )
     header = ("changed", "pitch jaw1 jaw2", "worst", "grip [mNm]", "efforts differ by", "flagged")
     notes = (
-        "RMS error in degrees under loads, of plays on motors and effort that were calibrated "
-        f"before the change: medians of {len(numbers)} specimens of seed {settings.seed}. Efforts "
+        "RMS error in degrees under loads, of the filter with plays that was calibrated before "
+        f"the change: medians of {len(numbers)} specimens of seed {settings.seed}. Efforts "
         f"in {_CHECK:g} s of free motion are compared with those that such a motion took in "
         f"calibration; the motor that differs most counts, and is flagged from {FLAGGED:.0%} on.",
     )

@@ -147,11 +147,8 @@ def judge(
     """RMS errors of joints [rad] and grip [Nm] by what is in the loop; what a loop refused."""
     # Every loop begins with the same zeros: what a homing moves no estimate can know.
     plant = WristParameters.from_dict(specimen).with_values({"homing.registration": 0.0})
-    twin = WristTwin(plant, seed=number)
-    twin.home()
     seed = 4 * number
-    free = motions.record(twin, motions.paused_sines, free_s, seed, load=False)
-    loaded = motions.record(twin, motions.paused_sines, loaded_s, seed + 1, load=True)
+    free, loaded = motions.calibrating(WristTwin(plant, seed=number), free_s, loaded_s, seed)
     keys = [key for key in TITLES if key in {*loops, PERFECT}]
     used = {"play_motor"} | {LOOPS[key].model for key in keys if key != OPEN}
     models = {

@@ -168,6 +168,15 @@ def record(
         twin.held = twin.tip_force = None
 
 
+def calibrating(
+    twin: WristTwin, free_s: float, loaded_s: float, seed: int
+) -> tuple[Recording, Recording]:
+    """Record a twin, which is homed first, along `paused_sines`: free, and under loads."""
+    twin.home()
+    free = record(twin, paused_sines, free_s, seed, load=False)
+    return free, record(twin, paused_sines, loaded_s, seed + 1, load=True)
+
+
 def later(start: float, values: Array) -> Callable[[Array], Array]:
     """Give rows of `values`, one a millisecond from `start` [s] on, at times of a twin.
 
