@@ -9,9 +9,9 @@ batches of 64 calls, because reading the clock takes as long as a linear model; 
 over single calls, clock included.
 
 The estimators that remember are fitted to a virtual forceps, that of an instrument's cables to a
-virtual wrist. The filter of yan2020, with 4 states
-and 2 measurements, is timed without the checks too, beside the same filter called from Python.
-`benchmarks.filter_speed` times a linear model of that size beside other packages.
+virtual wrist. The filter of yan2020, with 4 states and 2 measurements, is timed without the checks
+too, beside the same filter called from Python. `benchmarks.filter_speed` times a linear model of
+that size beside other packages.
 """
 
 from __future__ import annotations
