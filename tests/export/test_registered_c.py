@@ -133,7 +133,7 @@ def test_single_precision_is_no_further_off_than_its_header_says(library, name):
     good = (status == 0) & (wanted[0] == 0)
     off = np.abs(position - wanted[1])[good].max()
     # Trees step where the rounding of the filter before them crosses a threshold.
-    assert 1e-10 < off <= stated < (1e-3 if name == "hybrid" else 1e-4)
+    assert 1e-10 < off <= stated < (2e-3 if name == "hybrid" else 1e-4)
     if np.isfinite(wanted[2][good]).all():
         np.testing.assert_allclose(half_width[good], wanted[2][good], rtol=0, atol=stated)
 
