@@ -53,6 +53,7 @@ def on_cluster(call: Callable[[T], R], tasks: Sequence[T], address: str) -> Iter
     if not address:
         raise StudyError("no scheduler at ''; give its address, such as tcp://10.0.0.5:8786")
     try:
+        distributed.comm.resolve_address(address)  # before a thread is begun for it
         client = distributed.Client(address, timeout=_ANSWER)
     except (OSError, ValueError) as error:
         said = str(error).partition("\n")[0]
