@@ -78,7 +78,8 @@ class Raven2Kinematics(SerialChain):
         axes = np.full((8, 6), np.nan)
         status = _solve(target, self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
-        if len(found) == 0:
+        # At the centre also where the wrist could bend the other way: the arm would leap there.
+        if status == _AT_CENTRE or len(found) == 0:
             x, y, z = 1e3 * target[:3, 3]
             raise RobotError(
                 f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached: "
@@ -162,10 +163,6 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
             wrist[i] = tool[i] - wrist_length * x5[i]
         depth = np.sqrt(_dot(wrist, wrist))
         if not (depth > _REMOTE_CENTRE):
-            # Also where the wrist could bend the other way: the arm would leap there.
-            for found in range(row):
-                for i in range(6):
-                    out[found, i] = np.nan
             return _AT_CENTRE
         for side in (-1.0, 1.0):
             # The shaft's direction, seen before the shoulder turns, gives the elbow.
