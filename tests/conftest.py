@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 from tests.synthetic import build_recording, make_recording
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
@@ -28,6 +29,9 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("steady")
+# Numbers in the source files that a process happens to have imported would be among the examples:
+# others where tests are dealt out in another way. Reading all files for them takes two seconds.
+providers._get_local_constants = lambda: providers._local_constants
 
 
 def pytest_collection_finish() -> None:
