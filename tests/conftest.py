@@ -12,6 +12,8 @@ import pytest
 from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 from tests.synthetic import build_recording, make_recording
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
@@ -38,6 +40,27 @@ def pytest_collection_finish() -> None:
     """Spare the garbage collector what stays to the end, and have it look less often."""
     gc.freeze()
     gc.set_threshold(10_000)
+
+
+OF_EVERY_ESTIMATOR = {
+    "tests/calibration/test_zero.py",
+    "tests/estimators/test_contract.py",
+    "tests/export/test_registered_c.py",
+    "tests/runtime/test_registered.py",
+}
+
+
+class _ByModels(LoadFileScheduling):
+    """A file at a time to a process, but those that fit the same models to one."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return "models" if file in OF_EVERY_ESTIMATOR else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> _ByModels | None:
+    return _ByModels(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 @pytest.fixture(autouse=True)

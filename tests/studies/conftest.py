@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
 from truejoint.studies import Option, Study, StudyResult, figures, write_study
 
@@ -89,8 +90,9 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
 
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of few dots, which take less time; `test_figures` looks at one as it is."""
+    """Pictures of few dots, not laid out, which takes long; `test_figures` sees one whole."""
     monkeypatch.setattr(figures, "_DPI", 20)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
 
 
 @pytest.fixture
