@@ -184,6 +184,21 @@ def test_show_tells_what_a_model_is(call: Call, session: Path) -> None:
         assert word in text
 
 
+def test_show_shortens_settings_that_hold_a_whole_mechanism(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    settings = f"CableFilter({'mechanism ' * 500})"
+    model = read_calibration(session / "m.st").with_metadata(settings=settings)
+    path = tmp_path / "long.safetensors"
+    write_calibration(model, path)
+    text = call("show", path).out
+    assert "CableFilter(" in text
+    assert " ... " in text
+    assert text.count("mechanism") < 40
+    (shown,) = json.loads(call("show", path, "--json").out)["shown"]
+    assert shown["settings"] == settings
+
+
 def test_show_tells_what_a_recording_is(call: Call, session: Path) -> None:
     path = session / "random.parquet"
     (shown,) = json.loads(call("show", path, "--json").out)["shown"]

@@ -112,6 +112,15 @@ def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
     assert left < 0.3 * without  # the plays of which explain the zig-zag alone
 
 
+def test_products_of_positions_that_turn_capstans_are_seen_behind_an_effort_too():
+    random = np.random.default_rng(0)
+    q, effort = random.uniform(-0.4, 0.4, (800, 2)), random.normal(size=(800, 1))
+    model = RichPlay(turn=True, turns=((0.0, 11.0, 0.0), (0.0, 1.5, 10.0)))
+    model.fit(np.hstack([effort, q])[:400], eccentric(q[:400]))
+    left = model.predict(np.hstack([effort, q])[400:], np.zeros(400)) - eccentric(q[400:])
+    assert np.std(left) < 1e-3  # of 6e-3 that are squares of positions
+
+
 @pytest.mark.parametrize("turns", [None, ()])
 def test_where_capstans_are_not_known_it_says_what_to_do(turns):
     with pytest.raises(CalibrationError, match="run_out must know how capstans turn; take a robot"):

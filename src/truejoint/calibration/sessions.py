@@ -48,12 +48,16 @@ def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> N
     if missing:
         quantity = missing[0].partition("/")[0] + "/"  # of another one nothing can be meant
         alike = [name for name in recording.units if name.startswith(quantity)]
-        shown = list(recording.units)[:_SHOWN]
-        more = len(recording.units) - len(shown)
         raise CalibrationError(
-            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose};"
-            f"{meant(missing[0], alike)} it has {', '.join(shown)}{f', {more} more' * (more > 0)}"
+            f"{source_of(recording)} lacks {listed(missing)}, which the {whose};"
+            f"{meant(missing[0], alike)} it has {listed(list(recording.units))}"
         )
+
+
+def listed(columns: Sequence[str]) -> str:
+    """First columns by name, and how many more there are."""
+    more = len(columns) - _SHOWN
+    return ", ".join([*columns[:_SHOWN], *[f"{more} more"] * (more > 0)])
 
 
 def check_unit(recording: Recording, column: str, unit: str, where: str) -> None:

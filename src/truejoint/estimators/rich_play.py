@@ -181,7 +181,7 @@ class RichPlay(JointRegressor):
     leading : int, optional
         By how many of the features, the first ones, everything is multiplied; by default the
         `squared`, or, without, all if that makes few enough products, else only features by
-        features. Where capstans turn, only the first ones that turn them, by each other.
+        features. Where capstans turn, up to the last feature that turns one, by each other.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
@@ -410,9 +410,9 @@ class RichPlay(JointRegressor):
         """
         squared = min(int(self.squared), n_features)
         if self.turn and self.turns and self.leading is None and not squared:
-            turning = np.any(self.turns, axis=0)
-            first = n_features if turning.all() else int(np.argmin(turning))
-            return first, first, 0
+            first = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
+            if first**2 <= _PRODUCTS:
+                return first, first, 0
         if self.leading is None and not squared:
             choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
             return (*next(pair for pair in choices if pair[0] * pair[1] <= _PRODUCTS), 0)
