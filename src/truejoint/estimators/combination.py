@@ -195,7 +195,7 @@ class Combination(JointRegressor):
             rows = np.isfinite(left).all(axis=1) | member.family.remembers
             member.fit(X[rows], left[rows][:, outputs], told, dt[rows])
             member.memory()  # refuses what only works offline
-            if self.weights is None:
+            if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
             self.members_.append(member)
             arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}
