@@ -53,8 +53,8 @@ class Automatic:
     choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
     metadata under ``choice``. Where no features are asked for, the default ones are tried, every
     measured position and effort, and these with every motor current, of what all recordings have;
-    then what is best so far once more, with the rates of the measured positions beside, where rows
-    are at most 0.1 s apart.
+    then, of three recordings or more whose rows are at most 0.1 s apart, what is best so far once
+    more, with the rates of the measured positions beside.
 
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
@@ -426,8 +426,8 @@ class _Option:
     @property
     def names(self) -> set[str]:
         """Names of the candidates that have a weight."""
-        used = zip(self.group.trials, self.weights.any(axis=1), strict=True)
-        return {trial.candidate.name for trial, is_used in used if is_used}
+        used = np.flatnonzero(self.weights.any(axis=1))
+        return {self.group.trials[number].candidate.name for number in used}
 
 
 def choose(

@@ -475,8 +475,8 @@ def _choose(
         grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
         for feature_set, ones in by_features.items()
     ]
-    has_rates = features is None and free and sample_dt(recordings) <= _RATE_DT
-    extended = with_rates if has_rates else None
+    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
+    extended = with_rates if features is None and free and shows_rates else None
     found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
     return replace(found, told={**found.told, "not_in_all": lacking})

@@ -187,9 +187,8 @@ def _without_far(
 def _linear(scaled: Array, factors: Integers, table: Array) -> Array:
     """Values (n, n_outputs) of coefficients (1 + n_terms, n_outputs), the constants first."""
     chunks = (scaled[i : i + _CHUNK] for i in range(0, len(scaled), _CHUNK))
-    return (
-        np.concatenate([polynomial_design(own, factors) @ table[1:] for own in chunks]) + table[0]
-    )
+    values = [table[0] + polynomial_design(own, factors) @ table[1:] for own in chunks]
+    return np.concatenate(values)
 
 
 @dataclass(eq=False, repr=False)
