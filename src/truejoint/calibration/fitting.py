@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, Literal, Self, get_args
 
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
 from truejoint.calibration.effort_baseline import EffortBaseline
@@ -59,6 +60,8 @@ ZeroOf = Literal["shared", "recording", "homing"]
 
 _MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
 """Quantities of which a choice tries all columns, where it chooses features."""
+_RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
+_RATE_DT: Final = 0.1  # [s] between rows, beyond which they show steps and no rates
 _CHOICE_SHARE: Final = 0.9  # of the progress bar, where there is a choice
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 _SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
@@ -455,22 +458,48 @@ def _choose(
     for ones in by_features.values():  # what learns a filter's residual, without the filter too
         within_one = {name for one in ones for name in _member_names(one)}
         ones += [one for one in free if one.name in within_one and one not in ones]
-    gap_limit, stride = default_gap_limit(recordings), stride_of(fit_rate, sample_dt(recordings))
-    outlying = outlying_values(recordings, chosen)
-    groups = []
-    for feature_set, candidates in by_features.items():
-        rules = RowRules(feature_set, chosen, gap_limit, stride)
-        parts = map(rules.rows, recordings, outlying)
-        own_target = targets.get(feature_set, target or TARGETS[0])
-        thinned = not any(one.family.counts_samples for one in candidates)
-        sizes = [len(one) for one in recordings]
-        most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        rows = [Rows.of(part, own_target, most) for part in parts]
-        told = [one.for_features(feature_set.names, robot, chosen) for one in candidates]
-        groups.append(Group(feature_set, rows, told, own_target))
-    found = choose(groups, folds(recordings), chosen, wanted.tell, progress)
+    grouped = partial(
+        _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
+        stride_of(fit_rate, sample_dt(recordings)),
+    )  # fmt: skip
+
+    def with_rates(group: Group, names: Collection[str]) -> Group | None:
+        """Give candidates of these names the rates of the group's measured positions as well."""
+        positions = [name for name in group.features.names if name.startswith("measured/")]
+        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
+        tried = [one for one in free if one.name in names]
+        more = FeatureSet.parse([*group.features.names, *rates])
+        return grouped(more, tried, group.target) if rates else None
+
+    groups = [
+        grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
+        for feature_set, ones in by_features.items()
+    ]
+    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
+    extended = with_rates if features is None and free and shows_rates else None
+    found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
     return replace(found, told={**found.told, "not_in_all": lacking})
+
+
+def _grouped(
+    recordings: Sequence[Recording],
+    outlying: Sequence[Mask],
+    robot: Robot,
+    joints: tuple[str, ...],
+    stride: int,
+    feature_set: FeatureSet,
+    candidates: Sequence[JointRegressor],
+    target: Target,
+) -> Group:
+    """Candidates with the rows of recordings, as many as serve a choice, that they see."""
+    rules = RowRules(feature_set, joints, default_gap_limit(recordings), stride)
+    thinned = not any(one.family.counts_samples for one in candidates)
+    sizes = [len(one) for one in recordings]
+    most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
+    rows = [Rows.of(part, target, most) for part in map(rules.rows, recordings, outlying)]
+    told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
+    return Group(feature_set, rows, told, target)
 
 
 def _distinct(recordings: Sequence[Recording]) -> list[Recording]:

@@ -205,7 +205,7 @@ class Combination(JointRegressor):
                 rows = rows[:: -(-len(rows) // int(self.rows))]
             member.fit(X[rows], left[rows][:, outputs], told, dt[rows])
             member.memory()  # refuses what only works offline
-            if self.weights is None:
+            if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
             self.members_.append(member)
             arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}
