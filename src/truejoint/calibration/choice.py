@@ -53,6 +53,14 @@ class Automatic:
     metadata under ``choice``. Where no features are asked for, the default ones are tried, every
     measured position and effort, and these with every motor current, of what all recordings have.
 
+    Nor does the choice end there: a brief truth may set the zero of a recording to come. Where that
+    is so is not known, so what is chosen, fitted with one zero, corrects positions as they come. Of
+    three recordings or more the choice judges besides whether, once each that is left out is
+    re-zeroed from its first 2 s, a fit with a zero for each recording is better, by the same rule
+    in a joint and no worse in any. It is then kept beside the other, as ``zero="recording"`` of
+    `calibrate` does it; ``zero="shared"`` leaves that out. See ``choice``, ``zero`` in the
+    metadata.
+
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
     is shown the same rows with every signal taken from another time: a candidate whose predictions
