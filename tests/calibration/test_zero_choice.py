@@ -88,7 +88,7 @@ def test_zeros_that_did_not_move_change_nothing():
 
 def test_two_recordings_do_not_tell_and_it_is_said():
     model = calibrate(several(0.3, 2), LINEAR)
-    assert model.metadata["choice"]["zero"] == {"kept": False, "note": "takes 3 recordings"}
+    assert model.metadata["choice"]["zero"] == {"kept": False, "note": "it takes 3 recordings"}
     assert model.rezero_models == {}
 
 

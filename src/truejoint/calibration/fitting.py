@@ -166,7 +166,7 @@ def calibrate(
             fitted = fitted if second is None else _with_zeros(fitted, second)
         return _of_unseen(fitted, choice).with_metadata(choice=told)
     zero = zero or "shared"
-    groups = _groups(recordings, zero)
+    groups = None if zero == "shared" else _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
@@ -394,6 +394,8 @@ def _judged_zeros(
             tell(what)
 
     few = _distinct(recordings)
+    if len(few) < FEW:
+        return None, {"kept": False, "note": f"it takes {FEW} recordings"}
     if not (fitted.feature_set.counts_samples or fitted.model.family.counts_samples):
         most = share_of([len(one) for one in few], MOST_ROWS)
         few = [one.rows(np.arange(0, len(one), -(-len(one) // most))) for one in few]
@@ -625,15 +627,13 @@ def known_loads(recording: Recording, names: Sequence[str]) -> Array:
     return np.column_stack([recording.table.get(name, none) for name in names])
 
 
-def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers] | None:
-    """Names of what recordings share a zero with, and which of them each does; None: one for all.
+def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers]:
+    """Names of what recordings share a zero with, and which of them each does.
 
     A recording whose homing has no name is one of its own.
     """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    if zero == "shared":
-        return None
     origins = [recording.provenance for recording in recordings]
     keys = [(zero == "homing" and one.homing_id) or i for i, one in enumerate(origins)]
     different = list(dict.fromkeys(keys))

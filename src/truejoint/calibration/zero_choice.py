@@ -11,7 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.choice import by_joint, is_better, log_ratio
-from truejoint.calibration.folds import FEW, Fold
+from truejoint.calibration.folds import Fold
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 
@@ -40,8 +40,6 @@ def judge_zeros(
     average in any. `say` is told what is done and the share of it.
     """
     began = time.perf_counter()
-    if len(recordings) < FEW:
-        return False, {"kept": False, "note": f"takes {FEW} recordings"}
     stretch = min(REZERO, _SHARE * min(one.duration for one in recordings))
     judged, squares = list[str](), list[Array]()
     for number, fold in enumerate(left_out):
@@ -50,16 +48,15 @@ def judge_zeros(
         if len(seen) < 2:
             continue
         say(f"Judging a zero for each recording without {fold.name}", number / len(left_out))
+        testing = [recordings[index] for index in out]
         try:
             pair = fit(seen)
+            squares.append(np.array([_square(one, testing, stretch) for one in pair]))
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
-        squares.append(
-            np.array([_square(one, [recordings[i] for i in out], stretch) for one in pair])
-        )
         judged.append(fold.name)
     if not squares:
-        return False, {"kept": False, "note": "no fit does without two of the recordings"}
+        return False, {"kept": False, "note": "no part can be left out for it"}
     square = np.array(squares)  # (n_folds, 2, n_joints)
     ratios = log_ratio(square[:, 1], square[:, 0])
     kept = any(map(is_better, ratios.T)) and bool((ratios.mean(axis=0) <= 0.0).all())
