@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
-_STARTS: Final = 24  # at least, from which the beginnings of motions are looked at
+_STARTS, _STARTS_EACH = 24, 3  # at least, from which beginnings are looked at; of each recording
 
 
 def fit_effort_baseline(
@@ -81,11 +81,11 @@ def residual_statistics(
 
     About each recording's mean; in that time the autocorrelation falls to 1/e. And the deviation
     (n, n_joints) [rad or m] from that mean of the offset that the first `BEGINNINGS` of a motion
-    show, over 24 starts or more in the recordings, each as if nothing were known of what was
-    before. Raises CalibrationError if no recording has the truth of two rows.
+    show, over 24 starts or more, three or more in each recording: a fit knows how these began, but
+    not what it takes for a beginning in their midst. Raises CalibrationError if no recording has the truth of two rows.
     """
     errors, off = [], []
-    count = -(-_STARTS // len(recordings))
+    count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
     for recording in recordings:
         error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
         known = np.isfinite(error).all(axis=1)

@@ -164,6 +164,7 @@ def calibrate(
             sure = _of_unseen(fitted, choice)
             second, told["zero"] = _judged_zeros(sure, recordings, fit_rate, wanted.tell, last)
             fitted = fitted if second is None else _with_zeros(fitted, second)
+        report(1.0)
         return _of_unseen(fitted, choice).with_metadata(choice=told)
     zero = zero or "shared"
     groups = None if zero == "shared" else _groups(recordings, zero)
