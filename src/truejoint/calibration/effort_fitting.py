@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -82,7 +82,8 @@ def residual_statistics(
     About each recording's mean; in that time the autocorrelation falls to 1/e. And the deviation
     (n, n_joints) [rad or m] from that mean of the offset that the first `BEGINNINGS` of a motion
     show, over 24 starts or more, three or more in each recording: a fit knows how these began, but
-    not what it takes for a beginning in their midst. Raises CalibrationError if no recording has the truth of two rows.
+    not what it takes for a beginning in their midst. Raises CalibrationError if no recording has
+    the truth of two rows.
     """
     errors, off = [], []
     count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
