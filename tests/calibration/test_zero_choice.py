@@ -17,7 +17,7 @@ from truejoint.calibration import (
     rezeroed,
     write_calibration,
 )
-from truejoint.calibration.folds import Fold, Part
+from truejoint.calibration.folds import FOLDS, Fold, Part
 from truejoint.calibration.zero import judged_error
 from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
@@ -111,6 +111,7 @@ def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
     left_out = [Fold("a", (units[0], units[2])), Fold("all but one", tuple(units[:3])),
                 Fold("b", (units[1],)), Fold("cannot be fitted", (units[3],))]  # fmt: skip
     better = replace(kept, offsets={"model": np.array([0.01])}).with_metadata(zeros={"of": "none"})
+    assert len(left_out) <= FOLDS
     seen: list[list[int]] = []
 
     def fit(indices):
@@ -133,3 +134,14 @@ def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
             folds.append(np.mean(np.concatenate(left) ** 2))
         assert told[name]["jaw"] == pytest.approx(np.sqrt(np.mean(folds)), rel=1e-12)
     assert is_kept is told["kept"]
+
+
+def test_zeros_that_are_no_better_are_given_up_after_three_parts(kept):
+    recordings = several(0.3, 7)
+    left_out = [Fold(str(k), (Part(k, 0, len(one)),)) for k, one in enumerate(recordings)]
+    worse = replace(kept, model=kept.baseline_models["offset"]).with_metadata(zeros={"of": "none"})
+    for pair, judged in (((kept, worse), "024"), ((worse, kept), "0246")):
+        found, told = judge_zeros(recordings, left_out, lambda _, p=pair: p, lambda *_: None)
+        assert "".join(told["left_out"]) == judged
+        assert found is (judged != "024")
+        assert np.exp(np.mean(np.log(told["ratios"]))) == pytest.approx(told["ratio"])
