@@ -69,7 +69,7 @@ class EffortBaseline:
         longest = max(duration / BEGINNINGS[-1], 1.0)
         of_log = np.log(max(duration, BEGINNINGS[0])), np.log(BEGINNINGS)
         found = [np.interp(*of_log, values) for values in self.beginning.T]
-        return np.asarray(found) / np.sqrt(longest)
+        return np.asarray(np.array(found) / np.sqrt(longest), dtype=np.float64)
 
 
 def count_effort_terms(n_joints: int) -> int:

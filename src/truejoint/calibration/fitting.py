@@ -122,12 +122,12 @@ def calibrate(
     zero : {"shared", "recording", "homing"}, optional
         Whether the recordings share one zero, as they do by default; of what was chosen
         automatically, one for each recording is kept beside where it is better: see `Automatic`.
-        With ``"recording"``, the estimator is fitted a
-        second time, with an offset of truth against measured position for each recording; with
-        ``"homing"``, for each homing, by which the measured positions themselves are off, inputs of
-        the model included. The zeros are those of a linear model on the same features. The second
-        fit (`Calibration.fitted_for`) is for motions that begin with re-zeroing and is useless
-        without, as all that differs between recordings has gone into the zeros.
+        With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
+        measured position for each recording; with ``"homing"``, for each homing, by which the
+        measured positions themselves are off, inputs of the model included. The zeros are those of
+        a linear model on the same features. The second fit (`Calibration.fitted_for`) is for
+        motions that begin with re-zeroing and is useless without, as all that differs between
+        recordings has gone into the zeros.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 

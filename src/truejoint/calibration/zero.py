@@ -147,9 +147,7 @@ def beginnings(calibration: Calibration, recording: Recording, count: int) -> li
     spans = [np.arange(*np.searchsorted(t, (one, one + length))) for one in starts]
     piece = np.repeat(np.arange(count), [len(span) for span in spans])
     rows = np.concatenate(spans)
-    apart = (
-        recording.duration + 2.0 * calibration.gap_limit
-    )  # so that each has a history of its own
+    apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
     table = recording.table.iloc[rows].reset_index(drop=True).assign(t=t[rows] + apart * piece)
     pieces = replace(recording, table=table)
     error = pieces.columns("truth", calibration.joints) - calibration.correct(pieces)
