@@ -29,7 +29,7 @@ _BETTER: Final = 0.1  # share by which the best simple model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
-_ROWS: Final = 6_000  # that a fit for the choice sees, at most
+FITTED_ROWS: Final = 6_000  # that a fit for the choice sees, at most
 _JUDGED: Final = 100_000  # that a fold judges, at most
 MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
 _TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
@@ -55,6 +55,14 @@ class Automatic:
     measured position and effort, and these with every motor current, of what all recordings have;
     then, of three recordings or more whose rows are at most 0.1 s apart, what is best so far once
     more, with the rates of the measured positions beside.
+
+    Nor does the choice end there: a brief truth may set the zero of a recording to come. Where that
+    is so is not known, so what is chosen, fitted with one zero, corrects positions as they come. Of
+    three recordings or more the choice judges besides whether, once each that is left out is
+    re-zeroed from its first 2 s, a fit with a zero for each recording is better, by the same rule
+    in a joint and no worse in any. It is then kept beside the other, as ``zero="recording"`` of
+    `calibrate` does it; ``zero="shared"`` leaves that out. See ``choice``, ``zero`` in the
+    metadata.
 
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
@@ -224,7 +232,7 @@ class Group:
         unseen = np.flatnonzero(known & np.concatenate(judged))
         if not len(unseen):
             raise CalibrationError(f"no row of {fold.name} has a known truth")
-        return _spread(seen, _ROWS), _spread(unseen, _JUDGED)
+        return _spread(seen, FITTED_ROWS), _spread(unseen, _JUDGED)
 
     def _predict(self, trial: _Trial, seen: Integers, unseen: Integers) -> tuple[Array, Array]:
         """Fit to the rows `seen`, settle what that found, and predict the rows `unseen`.
@@ -569,8 +577,8 @@ def _choice(
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
         "chosen": {
-            "rmse": _by_joint(joints, square),
-            "median": _by_joint(joints, np.median(square, axis=0, keepdims=True)),
+            "rmse": by_joint(joints, square),
+            "median": by_joint(joints, np.median(square, axis=0, keepdims=True)),
         }
         | _ratio(log_ratio(square, reference)),
         "tried": [
@@ -602,7 +610,7 @@ def _told(
     reference = reference[: len(square)]
     tried = np.isfinite(square).all(axis=1)
     if tried.any():
-        entry["rmse"] = _by_joint(joints, square[tried])
+        entry["rmse"] = by_joint(joints, square[tried])
         entry |= _ratio(log_ratio(square[tried], reference[tried]))
     return entry
 
@@ -616,6 +624,6 @@ def _ratio(ratios: Array) -> dict[str, float]:
     return told
 
 
-def _by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
+def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
     """RMSE by joint, of the mean squares (n_folds, n_joints) of errors."""
     return dict(zip(joints, np.sqrt(np.mean(square, axis=0)).tolist(), strict=True))

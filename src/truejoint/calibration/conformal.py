@@ -147,9 +147,14 @@ def state_interval(
     """Calibration with an interval, and the errors of fits on recordings that they did not see."""
     baseline = calibration.effort_baseline
     if baseline is not None:
-        sizes, times = zip(*(residual_statistics(*pair) for pair in judged), strict=True)
-        residual = np.sqrt(np.mean(np.square(sizes), axis=0))
-        baseline = replace(baseline, residual=residual, correlation=np.median(times, axis=0))
+        found = [residual_statistics(*pair) for pair in judged]
+        sizes, times, beginnings = zip(*found, strict=True)
+        baseline = replace(
+            baseline,
+            residual=np.sqrt(np.mean(np.square(sizes), axis=0)),
+            correlation=np.median(times, axis=0),
+            beginning=np.sqrt(np.mean(np.square(beginnings), axis=0)),
+        )
     stated = replace(calibration, interval=interval, effort_baseline=baseline)
     return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
 

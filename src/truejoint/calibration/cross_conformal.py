@@ -87,7 +87,7 @@ def cross_interval(
     share = 1.0 / (len(left_out) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
     again = {**how, "features": fitted.feature_set, "target": fitted.target}
-    again["joints"] = fitted.joints
+    again |= {"joints": fitted.joints, "zero": fitted.metadata["zeros"]["of"]}
     scores: dict[Part, Array] = {}
     judged = []
     for k, fold in enumerate(left_out):

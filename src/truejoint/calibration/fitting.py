@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -16,8 +16,16 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
-from truejoint.calibration.effort_baseline import EffortBaseline
+from truejoint.calibration.choice import (
+    FITTED_ROWS,
+    MOST_ROWS,
+    Automatic,
+    Choice,
+    Group,
+    Rows,
+    choose,
+    share_of,
+)
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import ParityEquations, fit_parity_equations
@@ -40,6 +48,7 @@ from truejoint.calibration.training_rows import (
     partly_known,
     stride_of,
 )
+from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
@@ -62,7 +71,8 @@ _MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
 """Quantities of which a choice tries all columns, where it chooses features."""
 _RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
 _RATE_DT: Final = 0.1  # [s] between rows, beyond which they show steps and no rates
-_CHOICE_SHARE: Final = 0.9  # of the progress bar, where there is a choice
+_CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
+_ZEROS_SHARE: Final = 0.2  # and of judging zeros then
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 _SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
 _FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
@@ -78,7 +88,7 @@ def calibrate(
     redundant: Sequence[str] | None = None,
     fit_rate: float | None = None,
     random_state: int | None = None,
-    zero: ZeroOf = "shared",
+    zero: ZeroOf | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
@@ -112,13 +122,15 @@ def calibrate(
         with a history still see every row.
     random_state : int, optional
         Seed, where the estimator has one; its own by default.
-    zero : {"shared", "recording", "homing"}
-        Whether the recordings share one zero. With ``"recording"``, the estimator is fitted a
-        second time, with an offset of truth against measured position for each recording; with
-        ``"homing"``, for each homing, by which the measured positions themselves are off, inputs of
-        the model included. The zeros are those of a linear model on the same features. The second
-        fit (`Calibration.fitted_for`) is for motions that begin with re-zeroing and is useless
-        without, as all that differs between recordings has gone into the zeros.
+    zero : {"shared", "recording", "homing"}, optional
+        Whether the recordings share one zero, as they do by default; of what was chosen
+        automatically, one for each recording is kept beside where it is better: see `Automatic`.
+        With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
+        measured position for each recording; with ``"homing"``, for each homing, by which the
+        measured positions themselves are off, inputs of the model included. The zeros are those of
+        a linear model on the same features. The second fit (`Calibration.fitted_for`) is for
+        motions that begin with re-zeroing and is useless without, as all that differs between
+        recordings has gone into the zeros.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 
@@ -137,7 +149,7 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
-    report = progress or (lambda _fraction: None)
+    report = progress or untold
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
         choice = _choose(
@@ -147,11 +159,18 @@ def calibrate(
         fitted = calibrate(
             recordings, choice.estimator, features=choice.features, joints=joints,
             target=choice.target, redundant=redundant, fit_rate=fit_rate, zero=zero,
-            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
+            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE - _ZEROS_SHARE),
         )  # fmt: skip
-        unseen = _of_unseen(fitted.effort_baseline, choice, fitted.joints)
-        return replace(fitted, effort_baseline=unseen).with_metadata(choice=choice.told)
-    groups = _groups(recordings, zero)
+        told = dict(choice.told)
+        if zero is None:
+            last = within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE)
+            sure = _of_unseen(fitted, choice)
+            second, told["zero"] = _judged_zeros(sure, recordings, fit_rate, wanted.tell, last)
+            fitted = fitted if second is None else _with_zeros(fitted, second)
+        report(1.0)
+        return _of_unseen(fitted, choice).with_metadata(choice=told)
+    zero = zero or "shared"
+    groups = None if zero == "shared" else _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
@@ -162,17 +181,17 @@ def calibrate(
     return _assembled(task, parts, fits, *checks)
 
 
-def _of_unseen(
-    baseline: EffortBaseline | None, choice: Choice, joints: Sequence[str]
-) -> EffortBaseline | None:
-    """Baseline whose size of errors is that on what the fits of a choice did not see, if larger.
+def _of_unseen(fitted: Calibration, choice: Choice) -> Calibration:
+    """State as its size of errors that on what the fits of a choice did not see, if larger.
 
     The median of the parts: some lie far beyond what the others show.
     """
+    baseline = fitted.effort_baseline
     if baseline is None:
-        return None
-    unseen = [choice.told["chosen"]["median"][joint] for joint in joints]
-    return replace(baseline, residual=np.maximum(baseline.residual, unseen))
+        return fitted
+    unseen = [choice.told["chosen"]["median"][joint] for joint in fitted.joints]
+    baseline = replace(baseline, residual=np.maximum(baseline.residual, unseen))
+    return replace(fitted, effort_baseline=baseline)
 
 
 @dataclass(frozen=True)
@@ -310,8 +329,6 @@ def _assembled(
         upper=X.max(axis=0),
         model=fits.model,
         baseline_models=fits.baselines,
-        rezero_models=fits.second.models,
-        moves=fits.second.moves,
         training_domain=fit_training_domain(
             task.recordings,
             (*task.units, *redundant),
@@ -329,12 +346,18 @@ def _assembled(
             "settings": " ".join(repr(task.model).split()),
             "unused_features": fits.unused,
             "baseline_notes": fits.notes,
-            "zeros": fits.second.zeros,
             **({"identified": fits.model.identified} if fits.model.identified else {}),
         },
     )
+    return _with_zeros(fitted, fits.second)
+
+
+def _with_zeros(fitted: Calibration, second: _SecondFit) -> Calibration:
+    """Calibration with what was fitted once more beside it, and what is known of its errors."""
+    fitted = replace(fitted, rezero_models=second.models, moves=second.moves)
+    fitted = fitted.with_metadata(zeros=second.zeros)
     used = fitted.fitted_for(rezeroing=True)
-    baseline = fit_effort_baseline(used, [part.recording for part in fits.second.parts])
+    baseline = fit_effort_baseline(used, [part.recording for part in second.parts])
     return replace(fitted, effort_baseline=baseline)
 
 
@@ -354,6 +377,54 @@ def _fit_at_one_zero(
     again, others, _ = _fit(task, at_zero, n_features, report)
     zeros = {"of": zero, "names": names, "offsets": found.tolist()}
     return _SecondFit({"model": again, **others}, at_zero, moves, zeros)
+
+
+def _judged_zeros(
+    fitted: Calibration,
+    recordings: Sequence[Recording],
+    fit_rate: float | None,
+    tell: Callable[[str], None] | None,
+    report: Progress,
+) -> tuple[_SecondFit | None, dict[str, Any]]:
+    """Fit what was chosen with a zero for each recording where that is better, and tell of it."""
+
+    def of(some: Sequence[Recording]) -> _Task:
+        model = fitted.model.settled()
+        return _Task.of(some, model, fitted.feature_set, fitted.joints, fitted.target, None)
+
+    def say(what: str, share: float) -> None:
+        report(share)
+        if tell is not None:
+            tell(what)
+
+    few = _distinct(recordings)
+    if len(few) < FEW:
+        return None, {"kept": False, "note": f"it takes {FEW} recordings"}
+    if not (fitted.feature_set.counts_samples or fitted.model.family.counts_samples):
+        most = share_of([len(one) for one in few], MOST_ROWS)
+        few = [one.rows(np.arange(0, len(one), -(-len(one) // most))) for one in few]
+    task = of(few)
+    stride = max(stride_of(fit_rate, task.dt), -(-sum(map(len, few)) // FITTED_ROWS))
+    parts = task.rows(stride)
+    plain = replace(fitted, gap_limit=task.gap_limit)
+
+    def fit(seen: Sequence[int]) -> tuple[Calibration, Calibration]:
+        own = [parts[index] for index in seen]
+        each, _ = _at_one_zero(own, np.arange(len(own)), None, ())
+        first, again = (
+            replace(plain, model=_fit_model(clone(task.model), some, task.target, untold))
+            for some in (own, each)
+        )
+        return first, again.with_metadata(zeros={"of": "recording"})
+
+    kept, told = judge_zeros(few, folds(few), fit, say)
+    if not kept:
+        return None, told
+    whole = of(recordings)
+    n_features = len(whole.feature_set) - len(fitted.metadata["unused_features"])
+    own_parts, groups = whole.rows(stride_of(fit_rate, whole.dt)), _groups(recordings, "recording")
+    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, untold)
+    return second, told
 
 
 def reseeded(
@@ -403,7 +474,7 @@ def reseeded(
     return [
         replace(
             fitted,
-            model=_fit_model(model, parts, fitted.target, lambda _fraction: None),
+            model=_fit_model(model, parts, fitted.target, untold),
             interval=None,
             effort_baseline=None,
         ).with_metadata(settings=" ".join(repr(model).split()))
@@ -533,6 +604,10 @@ def _member_names(model: JointRegressor) -> list[str]:
     return [str(getattr(one, "name", one)) for one in members]
 
 
+def untold(_fraction: float) -> None:
+    """Progress that nobody asked for."""
+
+
 def within(report: Progress, begin: float, share: float) -> Progress:
     """Progress of a part of what `report` is told of, from `begin` on."""
     return lambda fraction: report(begin + share * fraction)
@@ -582,15 +657,13 @@ def known_loads(recording: Recording, names: Sequence[str]) -> Array:
     return np.column_stack([recording.table.get(name, none) for name in names])
 
 
-def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers] | None:
-    """Names of what recordings share a zero with, and which of them each does; None: one for all.
+def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers]:
+    """Names of what recordings share a zero with, and which of them each does.
 
     A recording whose homing has no name is one of its own.
     """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    if zero == "shared":
-        return None
     origins = [recording.provenance for recording in recordings]
     keys = [(zero == "homing" and one.homing_id) or i for i, one in enumerate(origins)]
     different = list(dict.fromkeys(keys))
