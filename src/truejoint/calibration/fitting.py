@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import time
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -81,8 +82,9 @@ def calibrate(
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
 
     Rows without truth, and gross outliers of it, are left out and counted in the metadata as
-    ``rows_without_truth`` and ``outliers``. Of a row with an outlier, the baselines and the network
-    are still fitted to the other joints (`JointRegressor.partial`).
+    ``rows_without_truth`` and ``outliers``, beside the time that it took, ``fit_seconds``. Of a row
+    with an outlier, the baselines and the network are still fitted to the other joints
+    (`JointRegressor.partial`).
 
     Parameters
     ----------
@@ -134,7 +136,7 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
-    report = progress or (lambda _fraction: None)
+    report, began = progress or (lambda _fraction: None), time.perf_counter()
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
         choice = _choose(
@@ -147,7 +149,8 @@ def calibrate(
             progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
         )  # fmt: skip
         unseen = _of_unseen(fitted.effort_baseline, choice, fitted.joints)
-        return replace(fitted, effort_baseline=unseen).with_metadata(choice=choice.told)
+        chosen = replace(fitted, effort_baseline=unseen)
+        return chosen.with_metadata(choice=choice.told, fit_seconds=_since(began))
     groups = _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
@@ -156,7 +159,12 @@ def calibrate(
     parts = task.rows(stride_of(fit_rate, task.dt))
     fits = _fits(task, parts, groups, zero, report)
     report(1.0)
-    return _assembled(task, parts, fits, *checks)
+    return _assembled(task, parts, fits, *checks).with_metadata(fit_seconds=_since(began))
+
+
+def _since(began: float) -> float:
+    """Time [s] that has gone by, to a millisecond."""
+    return round(time.perf_counter() - began, 3)
 
 
 def _of_unseen(
