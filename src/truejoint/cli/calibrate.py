@@ -192,14 +192,8 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         ]
         ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
         took = f"{of['seconds']:.1f}" if "seconds" in of else ""
-        return [
-            name,
-            str(len(of.get("features", ())) or ""),
-            ratio,
-            *cells,
-            took,
-            of.get("note", ""),
-        ]
+        n_features = str(len(of.get("features", ())) or "")
+        return [name, n_features, ratio, *cells, took, of.get("note", "")]
 
     rows = [row(one["estimator"], one) for one in told["tried"]]
     rows.append(row("chosen", told["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
