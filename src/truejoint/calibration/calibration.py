@@ -93,9 +93,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             "joints": ", ".join(self.joints),
             **self.feature_set.summary(),
         }
-        rows, duration = facts.get("rows"), facts.get("duration")
+        rows, duration, took = (facts.get(key) for key in ("rows", "duration", "fit_seconds"))
         if isinstance(rows, int) and isinstance(duration, float):
-            about["trained on"] = f"{rows} rows, {duration / 60:.1f} min"
+            within = f", in {took:.1f} s" if isinstance(took, float) else ""
+            about["trained on"] = f"{rows} rows, {duration / 60:.1f} min{within}"
         if self.rezero_models:
             of = "recording" if self.moves is None else "homing"
             about["zero"] = f"for use after re-zeroing, fitted with one for each {of}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import platform
+import time
 from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -94,8 +95,9 @@ def calibrate(
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
 
     Rows without truth, and gross outliers of it, are left out and counted in the metadata as
-    ``rows_without_truth`` and ``outliers``. Of a row with an outlier, the baselines and the network
-    are still fitted to the other joints (`JointRegressor.partial`).
+    ``rows_without_truth`` and ``outliers``, beside the time that it took, ``fit_seconds``. Of a row
+    with an outlier, the baselines and the network are still fitted to the other joints
+    (`JointRegressor.partial`).
 
     Parameters
     ----------
@@ -149,7 +151,7 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
-    report = progress or untold
+    report, began = progress or untold, time.perf_counter()
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
         choice = _choose(
@@ -168,7 +170,8 @@ def calibrate(
             second, told["zero"] = _judged_zeros(sure, recordings, fit_rate, wanted.tell, last)
             fitted = fitted if second is None else _with_zeros(fitted, second)
         report(1.0)
-        return _of_unseen(fitted, choice).with_metadata(choice=told)
+        chosen = _of_unseen(fitted, choice)
+        return chosen.with_metadata(choice=told, fit_seconds=_since(began))
     zero = zero or "shared"
     groups = None if zero == "shared" else _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
@@ -178,7 +181,12 @@ def calibrate(
     parts = task.rows(stride_of(fit_rate, task.dt))
     fits = _fits(task, parts, groups, zero, report)
     report(1.0)
-    return _assembled(task, parts, fits, *checks)
+    return _assembled(task, parts, fits, *checks).with_metadata(fit_seconds=_since(began))
+
+
+def _since(began: float) -> float:
+    """Time [s] that has gone by, to a millisecond."""
+    return round(time.perf_counter() - began, 3)
 
 
 def _of_unseen(fitted: Calibration, choice: Choice) -> Calibration:

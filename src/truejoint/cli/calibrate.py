@@ -191,16 +191,18 @@ def print_choice(fitted: truejoint.Calibration) -> None:
             for joint, unit in shown
         ]
         ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
-        return [name, str(len(of.get("features", ())) or ""), ratio, *cells, of.get("note", "")]
+        took = f"{of['seconds']:.1f}" if "seconds" in of else ""
+        n_features = str(len(of.get("features", ())) or "")
+        return [name, n_features, ratio, *cells, took, of.get("note", "")]
 
     rows = [row(one["estimator"], one) for one in told["tried"]]
-    rows.append(row("chosen", told["chosen"]))
+    rows.append(row("chosen", told["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
     header = ["estimator", "features", f"to {told['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in shown]
     if told["not_in_all"]:
         say(f"not in every recording, so not learnt of: {', '.join(told['not_in_all'])}")
     title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
-    print_table([*header, "note"], rows, title=title)
+    print_table([*header, "time [s]", "note"], rows, title=title)
     if "zero" in told:
         say(zeros_in_words(told["zero"]))
 

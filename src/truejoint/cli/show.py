@@ -105,7 +105,7 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 
 # What stands in a model's summary, or beside it in other words.
-_TOLD = frozenset({"estimator", "rows", "duration", "homing_ids", "held_out"})
+_TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
 
 
 def _loads(metadata: Mapping[str, Any]) -> list[str]:

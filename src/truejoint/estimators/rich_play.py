@@ -411,8 +411,8 @@ class RichPlay(JointRegressor):
         crossed = play_bank.n_constant(params, X.shape[1])
         history = np.cumsum(dt == 0.0)
         starts = np.where(np.diff(history[kept], prepend=0) > 0, 0.0, 1.0)
-        if history[-1] >= BLOCKS:  # as many as a fit to all has, though one may be hidden from this
-            starts[1:] = 1.0
+        if self.learner != "gaussian_process" and history[-1] >= BLOCKS:
+            starts[1:] = 1.0  # as many as a fit to all has, though one may be hidden from this
         if self.pairs_ and not self._gains(seen, crossed, X.shape[1], y[kept], starts):
             self.pairs_, seen = (), np.ascontiguousarray(seen[:, :crossed])
         unfitted = self._unfitted(X.shape[1], crossed, y.shape[1])
