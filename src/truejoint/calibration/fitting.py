@@ -28,7 +28,7 @@ from truejoint.calibration.selection import (
     common_units,
     in_all,
 )
-from truejoint.calibration.sessions import session_of, source_of
+from truejoint.calibration.sessions import distinct, session_of, source_of
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
 from truejoint.calibration.training_domain import fit_training_domain, resting_features
 from truejoint.calibration.training_rows import (
@@ -421,7 +421,7 @@ def _choose(
     """Choose among the estimators that can predict the target, each with its features."""
     robot = common_robot(recordings)
     chosen = chosen_joints(robot, recordings, joints)
-    recordings = _distinct(recordings)
+    recordings = distinct(recordings)
     named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
     usual = FeatureSet.parse(in_all(recordings, named))
     common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
@@ -471,17 +471,6 @@ def _choose(
     found = choose(groups, folds(recordings), chosen, wanted.tell, progress)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
     return replace(found, told={**found.told, "not_in_all": lacking})
-
-
-def _distinct(recordings: Sequence[Recording]) -> list[Recording]:
-    """Leave out what is another recording's copy: a fit would be judged on itself."""
-    found: dict[str, Recording] = {}
-    for one in recordings:
-        digest = hashlib.sha256()
-        for name in ("t", *one.units):
-            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
-        found.setdefault(digest.hexdigest(), one)
-    return list(found.values())
 
 
 def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
