@@ -38,7 +38,7 @@ from truejoint.calibration.selection import (
     common_units,
     in_all,
 )
-from truejoint.calibration.sessions import session_of, source_of
+from truejoint.calibration.sessions import distinct, session_of, source_of
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
 from truejoint.calibration.training_domain import fit_training_domain, resting_features
 from truejoint.calibration.training_rows import (
@@ -405,7 +405,7 @@ def _judged_zeros(
         if tell is not None:
             tell(what)
 
-    few = _distinct(recordings)
+    few = distinct(recordings)
     if len(few) < FEW:
         return None, {"kept": False, "note": f"it takes {FEW} recordings"}
     if not (fitted.feature_set.counts_samples or fitted.model.family.counts_samples):
@@ -503,7 +503,7 @@ def _choose(
     """Choose among the estimators that can predict the target, each with its features."""
     robot = common_robot(recordings)
     chosen = chosen_joints(robot, recordings, joints)
-    recordings = _distinct(recordings)
+    recordings = distinct(recordings)
     named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
     usual = FeatureSet.parse(in_all(recordings, named))
     common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
@@ -579,17 +579,6 @@ def _grouped(
     rows = [Rows.of(part, target, most) for part in map(rules.rows, recordings, outlying)]
     told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
     return Group(feature_set, rows, told, target)
-
-
-def _distinct(recordings: Sequence[Recording]) -> list[Recording]:
-    """Leave out what is another recording's copy: a fit would be judged on itself."""
-    found: dict[str, Recording] = {}
-    for one in recordings:
-        digest = hashlib.sha256()
-        for name in ("t", *one.units):
-            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
-        found.setdefault(digest.hexdigest(), one)
-    return list(found.values())
 
 
 def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from truejoint.errors import CalibrationError, meant
 from truejoint.robots.robot import Robot, as_robot
@@ -30,6 +33,17 @@ def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "se
         if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
             return True
     return False
+
+
+def distinct(recordings: Sequence[Recording]) -> list[Recording]:
+    """Leave out what is another recording's copy: a fit without it would still have seen it."""
+    found: dict[str, Recording] = {}
+    for one in recordings:
+        digest = hashlib.sha256()
+        for name in ("t", *one.units):
+            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
+        found.setdefault(digest.hexdigest(), one)
+    return list(found.values())
 
 
 def session_of(recording: Recording) -> dict[str, Any]:
