@@ -125,8 +125,11 @@ def test_a_fit_does_without_the_level_of_what_it_is_judged_on():
             assert any(i % 6 == load for i in own[0])
 
 
-def test_what_comes_in_no_levels_has_no_conditions():
-    assert folds.conditions([jaw(1.0 + 0.1 * k, 1.0) for k in range(12)]) == []
+def test_what_comes_in_no_levels_is_cut_into_runs_and_what_hardly_differs_is_no_condition():
+    assert folds.conditions([jaw(1.0 + 0.002 * k) for k in range(16)]) == []
+    order = np.random.default_rng(1).permutation(16)
+    (speeds,) = folds.conditions([jaw(2.0 + 0.1 * k, n=900) for k in order])
+    assert [order[own].tolist() for own in speeds] == [[k, k + 1] for k in range(0, 16, 2)]
 
 
 def test_a_stated_mass_is_a_condition_and_one_that_parts_alike_is_none():

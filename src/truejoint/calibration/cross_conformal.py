@@ -149,9 +149,9 @@ class _Plan:
             return cls(units, dealt(units, ""), is_cut=True)
         parts = wholes(recordings)
         units = [[parts[i] for i in group] for group in groups]
-        kinds = conditions(recordings) if len(units) == len(parts) else []
-        left_out = without_levels(recordings, kinds) if kinds else dealt(units, "")
-        return cls(units, left_out, is_cut=False)
+        if len(units) < len(parts):  # several recordings of a homing
+            return cls(units, dealt(units, ""), is_cut=False)
+        return cls(units, without_levels(recordings, conditions(recordings)), is_cut=False)
 
 
 def _rows_of(recordings: Sequence[Recording], part: Part) -> Recording:

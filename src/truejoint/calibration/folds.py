@@ -24,6 +24,8 @@ _GAP: Final = 0.1  # of the time of a part, that is left out on either side of i
 _STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
 _AT_REST: Final = 0.05  # of the RMS speed of a joint, below which it counts as standing still
 _LEAST_ROWS: Final = 10  # of a part
+_DIFFERENT: Final = 0.1  # logarithm of the largest speed or effort over the least
+_RUNS: Final = 8  # of speeds or efforts that come in no levels
 
 
 @dataclass(frozen=True)
@@ -164,18 +166,24 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
 
 
 def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
-    """Places of the recordings of each level, for each condition that comes in levels.
+    """Places of the recordings of each level, from the least to the largest, of each condition.
 
-    Conditions are speed, the size of efforts and a stated mass; see
-    `truejoint.estimators.cross_validation.levels`. One that parts them as another does is none.
+    Conditions are speed and the size of efforts, where these differ by a tenth or more, and a
+    stated mass. Levels are as `truejoint.estimators.cross_validation.levels` finds them; where it
+    finds none, speeds and efforts are cut into eight runs of as many recordings. A condition that
+    parts the recordings as another does is none.
     """
     loads = np.array([recording.provenance.load for recording in recordings])
-    known = np.isfinite(loads).all()
     found: dict[frozenset[frozenset[int]], list[Integers]] = {}
-    for values in (_speeds(recordings), _efforts(recordings), loads if known else 0.0 * loads):
-        alike = levels(np.nan_to_num(values), len(values))
-        if len(alike) < len(values):
-            found.setdefault(frozenset(frozenset(own.tolist()) for own in alike), alike)
+    for sizes in (_speeds(recordings), _efforts(recordings), loads):
+        if not np.isfinite(sizes).all():
+            continue
+        alike = levels(sizes, len(sizes))
+        if len(alike) == len(sizes):
+            if sizes is loads or np.ptp(sizes) < _DIFFERENT:
+                continue
+            alike = np.array_split(np.argsort(sizes, kind="stable"), _RUNS)
+        found.setdefault(frozenset(frozenset(own.tolist()) for own in alike), alike)
     return list(found.values())
 
 
