@@ -39,7 +39,7 @@ providers._get_local_constants = lambda: providers._local_constants
 def pytest_collection_finish() -> None:
     """Spare the garbage collector what stays to the end, and have it look less often."""
     gc.freeze()
-    gc.set_threshold(10_000)
+    gc.set_threshold(50_000)
 
 
 OF_EVERY_ESTIMATOR = {

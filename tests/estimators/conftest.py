@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TypeVar
 
 import numpy as np
 import pytest
+from tests.runtime.registered import forceps
 
 from truejoint.estimators.jaw import JawEstimator
-from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
 from truejoint.recordings.forceps import record_forceps
+from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 
 Model = TypeVar("Model", bound=JawEstimator)
@@ -58,8 +60,10 @@ def fitted(pair: Pair, model: Model) -> Model:
 
 @pytest.fixture(scope="session")
 def pair() -> Pair:
-    parameters = specimen("B")
-    return Pair(
-        record_forceps(parameters, calibration_trajectory().positions[:, 0], seed=0),
-        record_forceps(parameters, verification_trajectory().positions[:, 0], seed=1),
-    )
+    return Pair(*forceps())
+
+
+@cache
+def loaded_run(test: LoadTest) -> Recording:
+    """Run of the same specimen under a weight."""
+    return record_forceps(specimen("B"), test, seed=3)

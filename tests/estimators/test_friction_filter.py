@@ -4,16 +4,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.estimators.conftest import columns, fitted, rms_deg, steps
+from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, steps
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import FrictionFilter, FrictionSmoother, friction_filter
 from truejoint.models.friction_filter import DEGREE, SHOWN
-from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.specimens import specimen
 
 
 @pytest.fixture(scope="module")
@@ -57,7 +55,7 @@ def test_without_sliding_it_is_a_kalman_filter(pair, model, monkeypatch):
 
 def test_angle_and_load_under_a_weight(pair, model):
     for test in (LoadTest(0.2, "opposing"), LoadTest(0.2, "along")):
-        run = record_forceps(specimen("B"), test, seed=3)
+        run = loaded_run(test)
         still = run.t >= test.phases["IV"][0]
         states = model.states(columns(run, model), steps(run))
         error = np.degrees((states.angle - run.column("truth/jaw"))[still])
@@ -126,7 +124,7 @@ def test_friction_that_drifts_is_less_sure_of_itself(pair):
 def test_what_stands_hides_more_than_what_moves(pair, model):
     """The stated deviations of a jaw at rest hold the friction that may have turned round."""
     test = LoadTest(0.05, "opposing")
-    run = record_forceps(specimen("B"), test, seed=3)
+    run = loaded_run(test)
     states = model.states(columns(run, model), steps(run))
     moving, still = (
         (run.t > test.phases[phase][0] + 2.0) & (run.t < test.phases[phase][1])
@@ -144,7 +142,7 @@ def test_what_stands_hides_more_than_what_moves(pair, model):
 def test_the_loop_tells_the_load(pair):
     """The same numbers, sample by sample, and OK under a load that training never saw."""
     test = LoadTest(0.2, "along")
-    run = record_forceps(specimen("B"), test, seed=3)
+    run = loaded_run(test)
     calibration = calibrate(pair.calibration, FrictionFilter())
     corrector = Corrector(calibration, level=0.9)
     corrector.set_homing(True, run.provenance.homing_id)

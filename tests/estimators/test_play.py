@@ -2,16 +2,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.estimators.conftest import columns, fitted, rms_deg
+from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import GatedPlay, Play
 from truejoint.estimators.play import ridge
 from truejoint.models.gated_play import LAYOUT, no_more, redescending
 from truejoint.models.play import bank_columns
-from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.specimens import specimen
 
 RESET = Play(("reset",))
 BOTH = Play(("reset", "motor"))
@@ -62,7 +60,7 @@ def test_hysteresis_is_learnt(pair):
 
 def test_a_load_is_not_taken_for_a_motion(pair):
     test = LoadTest(0.2)
-    run = record_forceps(specimen("B"), test, seed=3)
+    run = loaded_run(test)
     still = run.t >= test.phases["IV"][0]
     worst = {}
     for model in (BOTH, GatedPlay()):
@@ -75,7 +73,7 @@ def test_a_load_is_not_taken_for_a_motion(pair):
 def test_its_deviation_grows_with_a_load_as_its_error_does(pair):
     model = fitted(pair, GatedPlay())
     test = LoadTest(0.2)
-    run = record_forceps(specimen("B"), test, seed=3)
+    run = loaded_run(test)
     state, angles, widths = model.start(), [], []
     state.memory.memory[LAYOUT.fields["deviations"].index] = 1.0
     for i, row in enumerate(columns(run, model)):

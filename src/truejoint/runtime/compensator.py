@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
 from dataclasses import dataclass
 from numbers import Real
@@ -137,35 +137,10 @@ class Compensator:
         believed: Status = Status.OK,
         forward: FeedForward | None = None,
     ) -> None:
-        if not hasattr(corrector, "made_for"):
-            advice = "give Corrector(model)"
-            raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
+        _check_parts(corrector, robot, forward)
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
-        for name, value in numbers.items():
-            if not (_is_number(value) and 0.0 <= value < math.inf):
-                raise CommandRefused(
-                    f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
-                )
-        if not (_is_number(integral_time) and integral_time > 0.0):
-            raise CommandRefused(
-                f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
-                "infinity"
-            )
+        _check_numbers(numbers, integral_time)
         check_rate(rate, lag, gain)
-        check_robot(corrector.made_for, robot)
-        if forward is not None and not hasattr(forward, "expected"):
-            advice = "give FeedForward(model, robot)"
-            raise CommandRefused(f"compensator: {other_kind(forward, 'FeedForward', advice)}")
-        if forward is not None and forward.joints != corrector.joints:
-            raise CommandRefused(
-                f"compensator: what is fed forward is of {', '.join(forward.joints)}, the "
-                f"corrector of {', '.join(corrector.joints)}; calibrate both on the same joints"
-            )
-        if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
-            raise CommandRefused(
-                f"compensator: the corrector checks {', '.join(written)}, which a compensator "
-                "writes; make it of calibration.without_redundant()"
-            )
         self.corrector: Final = corrector
         self.rate: Final = float(rate)
         self._integral_time = integral_time
@@ -511,6 +486,43 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
 
 def _is_number(value: object) -> bool:
     return isinstance(value, Real)
+
+
+def _check_parts(
+    corrector: Corrector | Uncorrected, robot: Robot, forward: FeedForward | None
+) -> None:
+    """Refuse a corrector, a robot and what is fed forward that cannot make one loop."""
+    if not hasattr(corrector, "made_for"):
+        advice = "give Corrector(model)"
+        raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
+    check_robot(corrector.made_for, robot)
+    if forward is not None and not hasattr(forward, "expected"):
+        advice = "give FeedForward(model, robot)"
+        raise CommandRefused(f"compensator: {other_kind(forward, 'FeedForward', advice)}")
+    if forward is not None and forward.joints != corrector.joints:
+        raise CommandRefused(
+            f"compensator: what is fed forward is of {', '.join(forward.joints)}, the "
+            f"corrector of {', '.join(corrector.joints)}; calibrate both on the same joints"
+        )
+    if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
+        raise CommandRefused(
+            f"compensator: the corrector checks {', '.join(written)}, which a compensator "
+            "writes; make it of calibration.without_redundant()"
+        )
+
+
+def _check_numbers(numbers: Mapping[str, float], integral_time: float) -> None:
+    """Refuse `numbers` by what they are of that are none, or negative, and no integral time [s]."""
+    for name, value in numbers.items():
+        if not (_is_number(value) and 0.0 <= value < math.inf):
+            raise CommandRefused(
+                f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
+            )
+    if not (_is_number(integral_time) and integral_time > 0.0):
+        raise CommandRefused(
+            f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
+            "infinity"
+        )
 
 
 def check_rate(rate: float, lag: float, gain: float) -> None:
