@@ -69,7 +69,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
     "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
-    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}, {}),
+    "hybrid": _Line("elastic_hybrid", "ElasticJointHybrid", {}, {}),
     "ukf_cables": _Line("cable_filter", "CableFilter", {}),
     "hybrid_cables": _Line("cable_hybrid", "CableHybrid", {}),
 }
