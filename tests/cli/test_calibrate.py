@@ -39,6 +39,9 @@ def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path,
     model = read_calibration(path)
     assert model.estimator == "poly2"
     assert model.metadata["choice"]["reference"] == "linear"
+    assert "time [s]" in done.out
+    assert model.metadata["fit_seconds"] > 0.0
+    assert f"in {model.metadata['fit_seconds']:.1f} s" in model.summary()["trained on"]
     assert (model.interval.trajectories, model.interval.cut) == (15, 3)
     assert "15 parts of its 3 recordings" in done.out.replace("\n", " ")
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sklearn.base import clone
-from tests.runtime.registered import in_loop, model, ready, unseen
+from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
 
 from truejoint.calibration import Calibration, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
@@ -13,6 +13,7 @@ from truejoint.estimators import estimator_names, get_estimator
 from truejoint.estimators.wrapped import class_of
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import time_steps
+from truejoint.recordings import Recording
 
 WRONG = (None, "nonsense", -7.5, float("nan"), 1e300, True, (), ("nonsense",), [-1.0])
 
@@ -115,6 +116,25 @@ def test_damaged_arrays_are_refused(name, damage):
     data = EstimatorData(fitted.family.name, fitted.model_params(), arrays)
     said = "more" if damage == "extra" else first
     refused(said, type(fitted).from_data, data, fitted.n_features_in_, fitted.n_outputs_)
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_a_recording_that_does_not_suit_is_refused_in_one_line(name):
+    calibration, recording = model(name), unseen(name)
+    lacking = calibration.signals[-1]
+    without = Recording(
+        recording.table.drop(columns=lacking),
+        {column: unit for column, unit in recording.units.items() if column != lacking},
+        recording.provenance,
+    )
+    refused(f"lacks {lacking}, which the calibration needs", calibration.correct, without)
+    slow = recording.rows(np.arange(0, len(recording), 3))
+    if calibration.model.family.counts_samples:
+        refused("has a row every .* training every", calibration.correct, slow)
+    else:
+        assert np.isfinite(calibration.correct(slow)).all()
+    few = [one.rows(np.arange(5)) for one in training(name)]
+    refused("in the training rows|rows with truth", fit, name, few)
 
 
 @pytest.mark.parametrize("name", estimator_names())

@@ -5,11 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.optimize import check_grad
+from scipy.stats import multivariate_normal
+from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.gaussian_process import GaussianProcess, likeliest_kernel, unlikelihood
+from truejoint.models.gaussian_process import to_bells
 
 
 def waves(n: int = 150, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
@@ -34,9 +37,11 @@ def test_the_likelihood_and_its_gradient_are_those_of_scikit_learn():
 
 
 def test_lengths_tell_which_features_matter_and_the_noise_is_found():
-    inverse, share = likeliest_kernel(*waves())
-    assert inverse[0] > inverse[1] > 10.0 * inverse[2]
-    assert 1e-4 < share < 0.05
+    found = likeliest_kernel(*waves())
+    first, second, idle = found.inverse_lengths
+    assert first > second > 10.0 * idle
+    assert 1e-4 < found.noise < 0.05
+    assert found.zero == 0.0
 
 
 def test_a_point_for_each_row_is_the_exact_process():
@@ -47,17 +52,74 @@ def test_a_point_for_each_row_is_the_exact_process():
         scaled, target = (
             (values - values.mean(axis=0)) / values.std(axis=0) for values in (X, y[:, j])
         )
-        share = likeliest_kernel(scaled, target)[1]
+        share = likeliest_kernel(scaled, target).noise
         peer = GaussianProcessRegressor(RBF(1.0), alpha=share, optimizer=None)
         peer.fit(scaled * inverse, target)
         expected = y[:, j].mean() + y[:, j].std() * peer.predict(scaled * inverse)
         np.testing.assert_allclose(model.predict(X)[:, j], expected, atol=1e-3 * y[:, j].std())
 
 
+def histories(zeros: list[float]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of one curve in histories of as many zeros, in which they are in other places of it."""
+    X = np.concatenate([np.linspace(k, k + 4.0, 60) for k in range(len(zeros))])[:, None]
+    dt = np.where(np.arange(len(X)) % 60 == 0, 0.0, 1.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, len(X))
+    return X, np.sin(X[:, 0]) + np.repeat(zeros, 60) + noise, dt
+
+
+def test_with_zeros_the_likelihood_is_that_of_the_normal_distribution_and_has_its_gradient():
+    X, y = waves(40)
+    together = np.equal.outer(np.arange(40) // 10, np.arange(40) // 10).astype(float)
+    theta = np.log([0.7, 2.0, 30.0, 1.3, 0.02, 0.4])
+    kernel = ConstantKernel(1.3) * RBF([0.7, 2.0, 30.0])
+    covariance = kernel(X) + 0.02 * np.eye(40) + 0.4 * together
+    value = unlikelihood(theta, X, y, together)[0]
+    assert value == pytest.approx(-multivariate_normal(cov=covariance).logpdf(y), rel=1e-9)
+    pair = (lambda t, k=k: unlikelihood(t, X, y, together)[k] for k in (0, 1))
+    assert check_grad(*pair, theta) < 1e-3
+
+
+def test_with_zeros_it_predicts_what_is_common_to_the_histories():
+    """The mean of the exact process whose kernel has a part of each history, without that part."""
+    X, y, dt = histories([0.4, -0.3, 0.1, -0.2])
+    model = GaussianProcess(points=len(X)).fit(X, y, dt=dt)
+    scaled, target = (X - X.mean()) / X.std(), (y - y.mean()) / y.std()
+    history = np.cumsum(dt == 0.0)
+    found = likeliest_kernel(scaled, target, history)
+    bells = RBF(1.0)(scaled * found.inverse_lengths)
+    together = np.equal.outer(history, history)
+    covariance = bells + found.noise * np.eye(len(X)) + found.zero * together
+    expected = y.mean() + y.std() * bells @ np.linalg.solve(covariance, target)
+    np.testing.assert_allclose(model.predict(X), expected, atol=1e-3)
+
+
+def test_zeros_of_histories_do_not_bend_what_is_learnt():
+    X, y, dt = histories([0.4, -0.3, 0.1, -0.2])
+    between = np.linspace(1.0, 6.0, 101)
+
+    def bent(model: GaussianProcess) -> float:
+        return float(np.std(model.predict(between[:, None]) - np.sin(between)))
+
+    model = GaussianProcess(points=60)
+    told, untold = bent(clone(model).fit(X, y, dt=dt)), bent(clone(model).fit(X, y))
+    assert told < 0.06
+    assert told < 0.5 * untold
+
+
 def test_far_from_its_rows_it_predicts_the_mean():
     X, y = waves()
     model = GaussianProcess(points=50).fit(X, y)
     np.testing.assert_allclose(model.predict(np.full((1, 3), 1e4)), y.mean(), atol=1e-9)
+
+
+def test_a_bell_is_the_exponential_and_ends_at_nothing():
+    squares = np.concatenate([np.linspace(0.0, 90.0, 10_001), [1e3, 1e300, np.inf]])
+    bells = squares.copy()
+    to_bells(bells)
+    np.testing.assert_allclose(bells, np.exp(-0.5 * squares), rtol=0.0, atol=1e-15)
+    assert bells[0] == 1.0
+    assert (bells >= 0.0).all()
+    assert (bells[squares >= 80.0] == 0.0).all()
 
 
 def test_a_feature_that_never_changes_is_not_learnt_of():

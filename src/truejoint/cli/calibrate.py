@@ -191,13 +191,29 @@ def print_choice(fitted: truejoint.Calibration) -> None:
             for joint, unit in shown
         ]
         ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
-        return [name, str(len(of.get("features", ())) or ""), ratio, *cells, of.get("note", "")]
+        took = f"{of['seconds']:.1f}" if "seconds" in of else ""
+        n_features = str(len(of.get("features", ())) or "")
+        return [name, n_features, ratio, *cells, took, of.get("note", "")]
 
     rows = [row(one["estimator"], one) for one in told["tried"]]
-    rows.append(row("chosen", told["chosen"]))
+    rows.append(row("chosen", told["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
     header = ["estimator", "features", f"to {told['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in shown]
     if told["not_in_all"]:
         say(f"not in every recording, so not learnt of: {', '.join(told['not_in_all'])}")
     title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
-    print_table([*header, "note"], rows, title=title)
+    print_table([*header, "time [s]", "note"], rows, title=title)
+    if "zero" in told:
+        say(zeros_in_words(told["zero"]))
+
+
+def zeros_in_words(judged: Mapping[str, Any]) -> str:
+    """Tell whether a zero for each recording is kept beside, and how much better it was."""
+    if "note" in judged:
+        return f"a zero for each recording is not judged: {judged['note']}"
+    verdict = "kept for recordings that are re-zeroed" if judged["kept"] else "not kept"
+    return (
+        f"a zero for each recording: {judged['ratio']:.2f} of the error of one for all, after "
+        f"{judged['rezeroed_from']:g} s of truth, on {len(judged['left_out'])} parts left out; "
+        f"{verdict}"
+    )

@@ -53,6 +53,7 @@ _LABELS: Final = {
     "last": "last row [s]",
     "data_sha256": "SHA-256 of the training data",
     "sample_dt": "time between rows [s]",
+    "fit_seconds": "time of the fit [s]",
     "random_state": "seed",
     "command": "command line",
 }
