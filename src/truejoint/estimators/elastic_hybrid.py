@@ -42,7 +42,7 @@ class ElasticJointHybrid(ElasticJointFilter):
     """
 
     family: ClassVar[Family] = elastic_hybrid.FAMILY
-    members: ClassVar[tuple[str, ...]] = ("rich_trees",)
+    members: ClassVar[tuple[str, ...]] = (registry.BESIDE_FILTER,)
     """What an automatic choice tries on the same signals, so that a mean of both can be taken."""
 
     def model_params(self) -> Params:

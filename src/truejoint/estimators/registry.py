@@ -20,6 +20,7 @@ BASELINES: Final = (OFFSET, "linear", "poly2")
 LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
 AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
 DEFAULT: Final = "dnn"  # what is fitted where none is named
+BESIDE_FILTER: Final = "rich_trees"  # what a choice tries on the signals of a filter with trees
 
 
 class _Line(NamedTuple):
