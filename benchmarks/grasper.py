@@ -26,6 +26,7 @@ from scipy.signal import butter, sosfiltfilt
 from truejoint import calibrate
 from truejoint.estimators import (
     ElasticJointFilter,
+    ElasticJointHybrid,
     JointRegressor,
     LinearRegressor,
     NeuralNetwork,
@@ -128,12 +129,19 @@ def offset(bench: Bench, train: Mask, test: Mask) -> tuple[float, float]:
 
 
 def elastic(
-    bench: Bench, train: Mask, test: Mask, filtered: Mask, *, smoothed: bool = False
+    bench: Bench,
+    train: Mask,
+    test: Mask,
+    filtered: Mask,
+    *,
+    smoothed: bool = False,
+    unfitted: ElasticJointFilter | None = None,
 ) -> tuple[float, float]:
     """Fit the unscented filter to angle and torque of `train`; run it over rows `filtered`."""
     seen = np.isin(bench.session, np.unique(bench.session[train]))
     truth = np.where(train[:, None], bench.truth, np.nan)
-    model = ElasticJointFilter().fit(bench.driver[seen], truth[seen], dt=bench.dt[seen])
+    own = unfitted or ElasticJointFilter()
+    model = own.fit(bench.driver[seen], truth[seen], dt=bench.dt[seen])
     estimate = model.estimate(bench.driver[filtered], bench.dt[filtered], smoothed=smoothed)
     return scores((estimate.outputs - bench.truth[filtered])[test[filtered]])
 
@@ -166,7 +174,9 @@ def honest() -> None:
         test = np.isin(bench.session, held_out)
         for name, method in METHODS.items():
             found.setdefault(name, []).extend(method(bench, fitted & ~test, test))
-        found.setdefault("ukf_elastic", []).extend(elastic(bench, fitted & ~test, test, test))
+        for own in (ElasticJointFilter(), ElasticJointHybrid()):
+            reached = elastic(bench, fitted & ~test, test, test, unfitted=own)
+            found.setdefault(own.name, []).extend(reached)
     table("honest: whole recordings held out, causal", [s.name for s in DATASET.splits], found)
     training = [r for r in recordings if r.provenance.session not in held_out]
     calibration = calibrate(training, "ukf_elastic", fit_rate=FIT_RATE)

@@ -185,7 +185,7 @@ def test_other_members_make_another_family_of_it():
 
 def test_names_stay_where_nothing_else_is_known_of_their_members():
     names = ("measured/jaw", "effort/jaw")
-    plain, paired = get_estimator("linear_trees"), get_estimator("hybrid")
+    plain, paired = get_estimator("linear_trees"), Combination(("ukf_elastic", "rich_trees"))
     robot = get_robot("davinci_grasper")
     assert plain.for_features(names, robot, ("jaw",)).members == plain.members
     told = paired.for_features(names, robot, ("jaw",))

@@ -612,8 +612,8 @@ def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointReg
 
 
 def _member_names(model: JointRegressor) -> list[str]:
-    """Names of the members of a combination with features of its own."""
-    members = vars(model).get("members", ()) if model.family.inputs is not None else ()
+    """Names of what learns the residual of a model with features of its own."""
+    members = getattr(model, "members", ()) if model.family.inputs is not None else ()
     return [str(getattr(one, "name", one)) for one in members]
 
 

@@ -2,6 +2,7 @@ from .base import JointRegressor as JointRegressor
 from .cable_filter import CableFilter as CableFilter
 from .cable_hybrid import CableHybrid as CableHybrid
 from .combination import Combination as Combination
+from .elastic_hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .elastic_joint import ElasticJointFilter as ElasticJointFilter
 from .friction_filter import FrictionFilter as FrictionFilter
 from .friction_filter import FrictionSmoother as FrictionSmoother

@@ -255,14 +255,19 @@ def _averaged(regressor: Any) -> TreeSum | None:
     scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
     if isinstance(regressor, BaggingRegressor):  # of which each sees some features
         seen = zip(scaled, regressor.estimators_features_, strict=True)
-        trees = [
-            replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
+        scaled = [
+            replace(one, trees=[
+                replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
+                for t in one.trees
+            ])
             for one, columns in seen
-            for t in one.trees
-        ]
-    else:
-        trees = [tree for one in scaled for tree in one.trees]
-    return TreeSum(trees, np.sum([one.offset for one in scaled], axis=0))
+        ]  # fmt: skip
+    return added(scaled)
+
+
+def added(sums: Sequence[TreeSum]) -> TreeSum:
+    """One sum of what several give."""
+    return TreeSum([t for one in sums for t in one.trees], np.sum([s.offset for s in sums], axis=0))
 
 
 def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:

@@ -99,7 +99,7 @@ class ElasticJointFilter(JointRegressor):
         low, high = float(X[:, 0].min()), float(X[:, 0].max())
         scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
         kept = thinned(dt, known)
-        motion, targets = _motion(X, scales, dt).pick(kept), y[kept]
+        motion, targets = motion_of(X, scales, dt).pick(kept), y[kept]
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = known[kept][settled]
         if with_truth.sum() < jaw.MIN_ROWS:
@@ -153,21 +153,26 @@ class ElasticJointFilter(JointRegressor):
         `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
         """
         arrays = self.arrays_
-        motion = _motion(X, arrays["scales"], self.time_steps(dt, len(X)))
+        motion = motion_of(X, arrays["scales"], self.time_steps(dt, len(X)))
         joint, dt = ElasticJoint.from_arrays(arrays), float(arrays["scales"][3])
         states, spread = run(joint, motion, dt, smoothed=smoothed)
         outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
         model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
         elements, scale = int(self.elements), float(arrays["scales"][2])
         return JointEstimate(
-            outputs=outputs,
+            outputs=outputs + self._beyond(X, motion.dt, states, outputs),
             deviations=np.sqrt(variance + arrays["misfit"] ** 2),
             load=states[:, elements] * scale,
             load_deviation=np.sqrt(np.maximum(spread[:, elements, elements], 0.0)) * scale,
         )
 
+    def _beyond(self, _X: Array, _dt: Array, _states: Array, told: Array) -> Array:
+        """Give what is to be added (n, n_outputs) to what the filter has `told` of its states."""
+        return np.zeros_like(told)
 
-def _motion(X: Array, scales: Array, dt: Array) -> Motion:
+
+def motion_of(X: Array, scales: Array, dt: Array) -> Motion:
+    """Rows `X` (n, 2) of driver and torque in units of the calibration, of its `scales` (4,)."""
     middle, half_range, torque, _dt = scales
     return Motion((X[:, 0] - middle) / half_range, X[:, 1] / torque, dt)
 

@@ -20,6 +20,7 @@ BASELINES: Final = (OFFSET, "linear", "poly2")
 LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
 AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
 DEFAULT: Final = "dnn"  # what is fitted where none is named
+BESIDE_FILTER: Final = "rich_trees"  # what a choice tries on the signals of a filter with trees
 
 
 class _Line(NamedTuple):
@@ -72,7 +73,7 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
     "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
     "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
-    "hybrid": _Line("combination", "Combination", {"members": ("ukf_elastic", "rich_trees")}, {}),
+    "hybrid": _Line("elastic_hybrid", "ElasticJointHybrid", {}, {}),
     "ukf_cables": _Line("cable_filter", "CableFilter", {}),
     "hybrid_cables": _Line("cable_hybrid", "CableHybrid", {}),
 }

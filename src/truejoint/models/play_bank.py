@@ -195,9 +195,9 @@ def expand_rows(
     params: Params, arrays: Mapping[str, Array], X: Array, dt: Array, kept: Mask
 ) -> Array:
     """Give what a model sees (m, n_seen) in the rows `kept` (n,) of features `X` (n, k)."""
-    packed = _packed(params, arrays, X.shape[1], Layout().pack())
+    memory = packed(params, arrays, X.shape[1])
     out = np.empty((int(kept.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
-    _expand_rows(packed.numbers, packed.memory, dt, X, kept, out)
+    _expand_rows(memory.numbers, memory.memory, dt, X, kept, out)
     return out[:-1]
 
 
@@ -256,16 +256,17 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     ((data, _),) = members(params, arrays)
     family = find_family(data.family)
     model = family.memory(data, n_seen(params, n_features), n_outputs)
-    return _packed(params, arrays, n_features, model, family)
+    return packed(params, arrays, n_features, model, family)
 
 
-def _packed(
+def packed(
     params: Params,
     arrays: Mapping[str, Array],
     k: int,
-    model: Memory,
+    model: Memory | None = None,
     family: Family | None = None,
 ) -> Memory:
+    """Memory of the plays of `k` features, and of the model of a `family`, if there is one."""
     n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
     pairs, n_growing = params["pairs"], len(params["growing"])
     coupled, shares = params["coupled"], params["shares"]
@@ -297,7 +298,7 @@ def _packed(
         n_turning=len(params["turns"]),
         turns=np.ravel(params["turns"]) if params["turns"] else nothing,
         row=0 if family is None else family.row_address(),
-        model=model,
+        model=Layout().pack() if model is None else model,
     )
 
 

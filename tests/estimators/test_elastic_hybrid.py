@@ -1,0 +1,96 @@
+"""The filter of an elastic joint with trees: what they see, learn, and must not learn by heart."""
+
+from __future__ import annotations
+
+from unittest.mock import patch
+
+import numpy as np
+import pytest
+from sklearn.tree import DecisionTreeRegressor
+from tests.estimators.test_elastic_joint import rows
+
+from truejoint.estimators import ElasticJointFilter, ElasticJointHybrid, registry
+from truejoint.estimators.elastic_hybrid import zeros
+from truejoint.models import elastic_hybrid, elastic_joint, play_bank
+from truejoint.models.family import EstimatorData
+
+ELEMENTS = 2
+
+
+def rippled(seeds):
+    """Rows of a jaw whose angle ripples over the driver's, as no cubic does."""
+    X, y, dt, _ = rows(seeds, seconds=12.0)
+    return X, y[:, :1] + 0.004 * np.sin(30.0 * X[:, :1]), dt
+
+
+@pytest.fixture(scope="module")
+def fitted():
+    X, y, dt = rippled(range(6))
+    with patch.dict(registry._TREES["boosted_trees"].params, max_iter=40):
+        return ElasticJointHybrid(elements=ELEMENTS).fit(X, y, None, dt)
+
+
+def filter_of(model):
+    """Give the filter within."""
+    filtered, *_ = elastic_hybrid.parts(model.model_params(), model.arrays_)
+    params = {name: model.model_params()[name] for name in elastic_joint.FAMILY.rules}
+    return ElasticJointFilter.from_data(EstimatorData("elastic_joint", params, filtered), 2, 1)
+
+
+def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
+    X, _, dt = rippled([20])
+    dt[400] = 0.0
+    alone = filter_of(fitted)
+    whole, told = fitted.evaluate(X, dt), alone.evaluate(X, dt)
+    found = fitted.estimate(X, dt)
+    _, scales, trees = elastic_hybrid.parts(fitted.model_params(), fitted.arrays_)
+    plays = play_bank.expand_rows(elastic_hybrid.BANK, scales, X, dt, np.ones(len(X), bool))
+    filtered = alone.estimate(X, dt)
+    assert trees.arrays["mean"].shape == (plays.shape[1] + ELEMENTS + 2 + 1,)
+    np.testing.assert_array_equal(found.load, filtered.load)
+    off = np.abs(whole - found.outputs)
+    assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree
+    assert np.ptp(whole - told) > 1e-3
+
+
+def test_trees_learn_what_the_filters_responses_lack(fitted):
+    X, y, dt = rippled(range(30, 34))
+    left, without = (np.std(one.evaluate(X, dt) - y) for one in (fitted, filter_of(fitted)))
+    assert left < 0.7 * without
+
+
+def tagged(seed, n=20, length=150):
+    """Histories of a step in the first feature, each with a zero, told apart by the second."""
+    rng = np.random.default_rng(seed)
+    history = np.repeat(np.arange(n), length)
+    own, tag = rng.normal(0.0, 0.3, n), rng.uniform(0.0, 1.0, n)
+    x = rng.uniform(0.0, 1.0, n * length)
+    y = (x > 0.5) + own[history] + 0.05 * rng.standard_normal(len(x))
+    return np.column_stack([x, tag[history]]), y[:, None], history, own
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_zeros_are_not_learnt_by_heart(seed):
+    X, y, history, own = tagged(seed)
+    trees = DecisionTreeRegressor(min_samples_leaf=20)
+    found = zeros(trees, X, y, history)
+    by_history = found[:: len(X) // len(own), 0]
+    assert np.ptp(found.reshape(len(own), -1), axis=1) == pytest.approx(0.0)
+    assert np.corrcoef(by_history, own)[0, 1] > 0.5
+    other, truth, *_ = tagged(seed + 50)
+    by_heart, without = (
+        np.mean((trees.fit(X, targets).predict(other) - truth[:, 0]) ** 2)
+        for targets in (y, y - found)
+    )
+    assert without < by_heart
+
+
+def test_what_each_history_alone_shows_is_no_zero():
+    history = np.repeat(np.arange(8), 100)
+    x = np.random.default_rng(0).uniform(0.0, 1.0, 800)
+    X = np.column_stack([x, history])  # a load of its own
+    y = (x + 2.0 * history)[:, None]
+    trees = DecisionTreeRegressor(min_samples_leaf=5)
+    assert not zeros(trees, X, y, history).any()
+    few = history < 4
+    assert not zeros(trees, X[few], y[few], history[few]).any()
