@@ -30,6 +30,7 @@ BENCHMARKS = (
     "beyond_chance",
     "clock_offset",
     "histories",
+    "beginnings",
     "sensor_floors",
     "pose_network",
     "raven_estimators",

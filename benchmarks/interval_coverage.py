@@ -2,7 +2,7 @@
 
     python -m benchmarks.interval_coverage [--sessions 60] [--minutes 5] [--estimators linear dnn]
     python -m benchmarks.interval_coverage --cross [--draws 20] [--estimators linear dnn]
-    python -m benchmarks.interval_coverage --held-out [--estimators NAME ...]
+    python -m benchmarks.interval_coverage --held-out [--estimators NAME ...] [--only PATTERN ...]
 
 One calibration session (one homing; zig-zags in direction J2-J3 of sparsity 1/4, 1/5 and 1/6)
 trains each estimator. Every other session is an arm of its own: cold, freshly homed, a random
@@ -17,17 +17,22 @@ With ``--cross`` it prints another table, of recordings of real joints: an inter
 recordings that are fitted to (`cross_interval`), judged on others. Fifteen files of the grasper's
 fifty, drawn at random, on the other thirty-five: those are exchangeable. Then what is not, as the
 data sets are split: a frequency and loads never seen, the end of a recording, another motion. With
-``--held-out`` such an interval of every estimator, on default features at 100 Hz, is judged on the
-grasper's held-out files and on the end of a motion of the dVRK. Each draw and split is kept in a
+``--held-out`` such an interval of every estimator, on default features at 100 Hz, is judged on
+files of the grasper that are like those fitted to, on a frequency and on loads that are not among
+them, on the end of a motion of the dVRK, on BROS's other file, and on the twin after other homings,
+re-zeroed from ten seconds. Each draw and split is kept in a
 file under ``--out`` and is not run again while that is there.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import sys
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from fnmatch import fnmatch
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -43,14 +48,16 @@ from truejoint.calibration import (
     measure_coverage,
     with_interval,
 )
-from truejoint.crtk import Arm, simulated_arm
+from truejoint.calibration.zero import judged_error
+from truejoint.crtk import Arm, SimulatedBackend, simulated_arm
 from truejoint.errors import CalibrationError
-from truejoint.estimators import estimator_names, get_estimator
+from truejoint.estimators import get_estimator
 from truejoint.estimators.registry import AUTO
 from truejoint.evaluation.splits import recommended_sides
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, read_dataset
+from truejoint.simulation import make_twin
 from truejoint.units import display_unit
 
 Array = NDArray[np.float64]
@@ -62,7 +69,15 @@ HELD_OUT = (
     "davinci_grasper_umn, frequency",
     "davinci_grasper_umn, load",
     "dvrk_psm_berkeley, random",
+    "bros_dual_encoder, part",
 )
+DRAWS = (0, 1)
+MOTION = 60.0  # [s] after each homing
+ESTIMATORS = (
+    "linear", "poly2", "dnn", "pose_network", "linear_trees", "network_forest", "rich_play",
+    "rich_trees", "coupled_play", "run_out", "gp", "gp_lowpass", "gru", "lstm", "tcn",
+    "ukf_elastic", "ukf_two_mass", "hybrid", AUTO,
+)  # fmt: skip
 RATE = 100.0  # [Hz] that these are thinned to
 TRAINING_SEED, OTHER_SEED, SESSION_SEED = 0, 1, 100
 
@@ -161,6 +176,7 @@ def judged(model: Calibration, testing: Sequence[Recording]) -> dict[str, Any]:
     return {
         "shares": found.shares.tolist(),
         "ratio": ratio.tolist(),
+        "half_width": found.half_width.tolist(),
         "trajectories": model.required_interval().trajectories,
     }
 
@@ -206,37 +222,90 @@ def cross_table(names: Sequence[str], draws: int, out: Path) -> None:
             )
 
 
-def held_out(name: str, split: Split) -> dict[str, Any]:
-    """Coverage of an estimator as it comes on what a split holds out; the reason if there is none.
+Sides = tuple[list[Recording], list[Recording], dict[str, Any]]
+
+
+def of_split(split: Split) -> Sides:
+    """Both sides of a split, thinned, and the rate that is fitted to."""
+    return *split.sides(RATE), {"fit_rate": DATASETS[split.dataset].fit_rate}
+
+
+def alike(seed: int) -> Sides:
+    """Twenty files of the grasper's fifty, drawn at random, and ten others."""
+    split = next(one for one in recommended() if one.dataset == "davinci_grasper_umn")
+    found = [recording for side in split.sides(RATE) for recording in side]
+    order = np.random.default_rng(seed).permutation(len(found))
+    training, testing = ([found[i] for i in part] for part in (order[:20], order[20:30]))
+    return training, testing, {"fit_rate": DATASETS[split.dataset].fit_rate}
+
+
+@cache
+def homings(seed: int) -> Sides:
+    """Random motions of the twin like peng2024's, each after a homing, re-zeroed from 10 s."""
+    twin = make_twin("raven2", "left", parameters="peng2024", seed=seed)
+    arm = Arm(SimulatedBackend(twin))
+    arm.enable()
+    found = []
+    for k in range(2 * SAME_HOMING):
+        arm.home()
+        motion = random_motion(arm.robot, MOTION, 1000 * seed + k, profile="laboratory")
+        found.append(record(arm, motion, f"h{k}"))
+    return found[:SAME_HOMING], found[SAME_HOMING:], {"rezero": REZERO}
+
+
+def sides() -> dict[str, Callable[[], Sides]]:
+    """Give what is fitted to and what is judged, by title."""
+    splits = {one.title: partial(of_split, one) for one in recommended() if one.title in HELD_OUT}
+    drawn_ = {f"davinci_grasper_umn, drawn {seed}": partial(alike, seed) for seed in DRAWS}
+    return drawn_ | splits | {f"RAVEN twin {seed}": partial(homings, seed) for seed in DRAWS}
+
+
+def held_out(name: str, make: Callable[[], Sides]) -> dict[str, Any]:
+    """Coverage of an estimator as it comes on what is held out; the reason if there is none.
 
     A level that too few trajectories can state is none either.
     """
-    training, testing = split.sides(RATE)
+    training, testing, how = make()
+    began = time.process_time()
     try:
-        rate = DATASETS[split.dataset].fit_rate
-        return judged(cross_interval(training, name, fit_rate=rate), testing)
+        model = cross_interval(training, name, **how)
     except CalibrationError as reason:
         return {"reason": str(reason)}
+    took = time.process_time() - began
+    squares = [
+        np.mean(judged_error(model, one, model.required_interval().rezero)[0] ** 2, axis=0)
+        for one in testing
+    ]
+    rmse = np.sqrt(np.mean(squares, axis=0))
+    return judged(model, testing) | {"rmse": rmse.tolist(), "seconds": took}
 
 
-def held_out_table(names: Sequence[str], out: Path) -> None:
+def held_out_table(names: Sequence[str], only: Sequence[str], out: Path) -> None:
     """Print the table of every estimator's interval on held-out recordings."""
-    splits = [one for one in recommended() if one.title in HELD_OUT]
-    print(f"| estimator | {' | '.join(one.title for one in splits)} |")
-    print("|---" * (1 + len(splits)) + "|")
-    reasons = []
+    made = {
+        title: make
+        for title, make in sides().items()
+        if any(fnmatch(title, pattern) for pattern in only)
+    }
+    head = "held out | coverage | joints | least | to RMSE | to the offset's | CPU [s]"
+    print(f"| estimator | {head} |")
+    print("|---" * 8 + "|")
     for name in names:
-        cells = []
-        for split in splits:
-            found = kept(out, f"{name}, {split.title}, held out", partial(held_out, name, split))
+        for title, make in made.items():
+            found = kept(out, f"{name}, {title}, held out", partial(held_out, name, make))
             if "reason" in found:
-                reasons.append(f"{name}, {split.title}: {found['reason']}")
-                cells.append("-")
+                print(f"{name}, {title}: {found['reason']}", file=sys.stderr)
                 continue
-            shares, width = 100.0 * np.array(found["shares"]), np.mean(found["ratio"])
-            cells.append(f"{shares.mean():.1f} %, least {shares.min():.0f} %; {width:.2f}")
-        print(f"| {name} | {' | '.join(cells)} |", flush=True)
-    print("\n" + "\n".join(reasons))
+            shares = 100.0 * np.array(found["shares"])
+            joints = shares.mean(axis=0)
+            widths = np.array(found["half_width"]) / found["rmse"]
+            print(
+                f"| {name} | {title} | {shares.mean():.1f} % "
+                f"| {joints.min():.0f} to {joints.max():.0f} | {shares.min():.0f} "
+                f"| {widths.min():.2f} to {widths.max():.2f} | {np.mean(found['ratio']):.2f} "
+                f"| {found['seconds']:.0f} |",
+                flush=True,
+            )
 
 
 def main() -> None:
@@ -249,10 +318,11 @@ def main() -> None:
     kinds.add_argument("--cross", action="store_true", help="of the recordings fitted to")
     kinds.add_argument("--held-out", action="store_true", help="the same, of every estimator")
     parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--only", nargs="+", default=["*"], help="patterns of what is held out")
     parser.add_argument("--out", type=Path, default=Path("bench/interval_coverage"))
     options = parser.parse_args()
     if options.held_out:
-        held_out_table(options.estimators or [*estimator_names(), AUTO], options.out)
+        held_out_table(options.estimators or ESTIMATORS, options.only, options.out)
         return
     names = options.estimators or ["linear", "dnn"]
     if options.cross:

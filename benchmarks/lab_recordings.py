@@ -4,55 +4,48 @@
 
 Random motion of the RAVEN twin like peng2024 at 30 Hz, three recordings of two minutes unless a row
 says otherwise, each row with one thing different; and cut recordings of real joints, where there
-are any. Everything is judged on recordings that no fit saw. Prints a Markdown table: what was
-chosen, the largest ratio over the joints of its error to that of a linear model and of a fixed
-offset on the same features, the processor time of the whole fit and the most memory that the
-process had taken by then; or the one line with which it was refused.
+are any. Everything is judged on recordings that no fit saw. Each row is a process and, of the twin,
+an arm of its own, so that it is the same whichever others are asked for. Prints a Markdown table:
+what was chosen, the largest ratio over the joints of its error to that of a linear model and of a
+fixed offset on the same features, the processor time of the whole fit, and the most memory that the
+process took, before the fit and in all; or the one line with which it was refused.
 """
 
 from __future__ import annotations
 
 import argparse
 import resource
+import sys
 import time
 from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from fnmatch import fnmatch
-from functools import cache
+from multiprocessing import get_context
 
 import numpy as np
 
 from benchmarks.automatic_choice import Split
 from truejoint import calibrate
 from truejoint.calibration import Calibration
-from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.metrics import rmse
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import sessions as s
 
 MINUTES = (120.0, 120.0, 120.0)  # [s] of the usual recordings
+JUDGED = 120.0  # [s] of the recording that it is judged on
 MISSING = 0.01  # share of the truth
 Sides = tuple[list[Recording], list[Recording]]  # training and test
 
 
-@cache
-def arm() -> Arm:
-    """Arm that all recordings of the twin are of."""
-    name = "peng2024"
-    return s.homed(s.specimens([name])[name], seed=0)[0]
-
-
-@cache
-def motion(seconds: float, seed: int, rate: float) -> Recording:
-    """Random motion of the twin, with truth in every row."""
-    return s.random_test(arm(), seconds, seed, rate).with_truth(s.JOINTS)
-
-
 def twin(seconds: Sequence[float] = MINUTES, rate: float = s.STATE_RATE) -> Sides:
-    """Give recordings of so many seconds each, and one to judge on."""
-    training = [motion(own, seed, rate) for seed, own in enumerate(seconds)]
-    return training, [motion(120.0, s.TEST_SEED, rate)]
+    """Record so many seconds each with an arm that was just homed, and what is judged on."""
+    name = "peng2024"
+    arm, _ = s.homed(s.specimens([name])[name], seed=0)
+    seeds = [*enumerate(seconds), (s.TEST_SEED, JUDGED)]
+    found = [s.random_test(arm, own, seed, rate).with_truth(s.JOINTS) for seed, own in seeds]
+    return found[:-1], found[-1:]
 
 
 def changed(one: Callable[[Recording], Recording], count: int = len(MINUTES)) -> Sides:
@@ -80,6 +73,12 @@ def gapped(recording: Recording) -> Recording:
     return replace(recording, table=table)
 
 
+def twice() -> Sides:
+    """Give each of the usual recordings two times."""
+    training, test = twin()
+    return 2 * training, test
+
+
 def efforts(recording: Recording) -> list[str]:
     """Names of its columns of effort."""
     return [f"effort/{channel}" for channel in recording.joints_of("effort")]
@@ -101,7 +100,7 @@ CASES: dict[str, Callable[[], Sides]] = {
     "three of 20, 45 and 180 s": lambda: twin((20.0, 45.0, 180.0)),
     "three of 20 s, 20 s and 10 min": lambda: twin((20.0, 20.0, 600.0)),
     "as usual": twin,
-    "each recording twice": lambda: (2 * twin()[0], twin()[1]),
+    "each recording twice": twice,
     "effort of the elbow constant in one": lambda: changed(unmoved, 1),
     "effort of the elbow lacks in one": lambda: changed(lambda r: without(r, "effort/elbow"), 1),
     "no efforts": lambda: changed(lambda r: without(r, *efforts(r))),
@@ -145,6 +144,37 @@ def errors(model: Calibration, test: Sequence[Recording]) -> dict[str, np.ndarra
     }
 
 
+def row(title: str) -> str:
+    """One row of the table."""
+    training, test = CASES[title]()
+    n, before, began = sum(map(len, training)), peak(), time.process_time()
+    try:
+        model = calibrate(training, "auto", progress=shown(title))
+    except CalibrationError as reason:
+        return f"| {title} | {n} | refused: {reason} | - | - | - | - |"
+    took = time.process_time() - began
+    found = errors(model, test)
+    ratios = [(found["auto"] / found[name]).max() for name in ("linear", "offset")]
+    cells = " | ".join(f"{ratio:.2f}" for ratio in ratios)
+    memory = f"{before:.0f}, {peak():.0f}"
+    return f"| {title} | {n} | {chosen(model)} | {cells} | {took:.0f} | {memory} |"
+
+
+def peak() -> float:
+    """Most memory that this process has taken so far [MiB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def shown(title: str) -> Callable[[float], None]:
+    """Show how much of a fit is done, where somebody looks."""
+
+    def show(fraction: float) -> None:
+        if sys.stderr.isatty():
+            print(f"\r{title}: {fraction:4.0%}", end="\r", file=sys.stderr, flush=True)
+
+    return show
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -155,25 +185,10 @@ def main() -> None:
         + "|---" * 7
         + "|"
     )
-    for title, sides in CASES.items():
-        if not any(fnmatch(title, only) for only in options.only):
-            continue
-        training, test = sides()
-        began = time.process_time()
-        n = sum(map(len, training))
-        try:
-            model = calibrate(training, "auto")
-        except CalibrationError as reason:
-            print(f"| {title} | {n} | refused: {reason} | - | - | - | - |", flush=True)
-            continue
-        took = time.process_time() - began
-        found = errors(model, test)
-        ratios = [(found["auto"] / found[name]).max() for name in ("linear", "offset")]
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        cells = " | ".join(f"{ratio:.2f}" for ratio in ratios)
-        print(
-            f"| {title} | {n} | {chosen(model)} | {cells} | {took:.0f} | {peak:.0f} |", flush=True
-        )
+    titles = [t for t in CASES if any(fnmatch(t, only) for only in options.only)]
+    with ProcessPoolExecutor(1, get_context("spawn"), max_tasks_per_child=1) as processes:
+        for told in processes.map(row, titles):
+            print(told, flush=True)
 
 
 if __name__ == "__main__":

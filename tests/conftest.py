@@ -10,7 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from hypothesis.internal.conjecture import providers
 from tests.synthetic import build_recording, make_recording
+from xdist.remote import Producer
+from xdist.scheduler import LoadFileScheduling
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
@@ -28,12 +31,36 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("steady")
+# Numbers in the source files that a process happens to have imported would be among the examples:
+# others where tests are dealt out in another way. Reading all files for them takes two seconds.
+providers._get_local_constants = lambda: providers._local_constants
 
 
 def pytest_collection_finish() -> None:
     """Spare the garbage collector what stays to the end, and have it look less often."""
     gc.freeze()
     gc.set_threshold(10_000)
+
+
+OF_EVERY_ESTIMATOR = {
+    "tests/calibration/test_zero.py",
+    "tests/estimators/test_contract.py",
+    "tests/export/test_registered_c.py",
+    "tests/runtime/test_registered.py",
+}
+
+
+class _ByModels(LoadFileScheduling):
+    """A file at a time to a process, but those that fit the same models to one."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = super()._split_scope(nodeid)
+        return "models" if file in OF_EVERY_ESTIMATOR else file
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> _ByModels | None:
+    return _ByModels(config, log) if config.getvalue("dist") == "loadfile" else None
 
 
 @pytest.fixture(autouse=True)

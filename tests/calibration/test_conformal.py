@@ -21,7 +21,11 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.conformal import conformal_threshold, exchangeable_units
+from truejoint.calibration.conformal import (
+    conformal_threshold,
+    exchangeable_units,
+    trajectory_scores,
+)
 from truejoint.calibration.interval import (
     decode_interval,
     inverse_span,
@@ -183,6 +187,26 @@ def test_rezeroing_makes_the_interval_blind_to_the_offset_of_a_homing(calibratio
     assert (as_homed.half_width(0.9) > 3 * zeroed.half_width(0.9)).all()
     assert "any homing (22 homings seen)" in as_homed.meaning
     assert "re-zeroing from 2 s of truth" in zeroed.meaning
+
+
+def test_the_errors_are_those_of_what_will_be_believed_of_a_zero(calibration, motions):
+    """Their size is known from the interval's own recordings, no longer from the training's."""
+    small = calibration.effort_baseline
+    sure = replace(calibration, effort_baseline=replace(small, residual=0.1 * small.residual))
+    for one in (calibration, sure):
+        stated = with_interval(one, motions, rezero=0.2)
+        scores = [trajectory_scores(stated, m, 0.2, stated.interval.growth)[0] for m in motions]
+        for k, half_width in enumerate(stated.interval.half_width(0.9)):
+            expected = conformal_threshold([own[k] for own in scores], 0.9)
+            assert half_width == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_copy_is_no_further_trajectory(calibration, motions):
+    once = with_interval(calibration, motions[:12]).interval
+    renamed = replace(motions[3], provenance=replace(motions[3].provenance, homing_id="again"))
+    again = with_interval(calibration, [*motions[:12], motions[0], renamed]).interval
+    assert again.trajectories == 12
+    np.testing.assert_array_equal(again.half_widths, once.half_widths)
 
 
 def test_recordings_of_one_homing_count_once_where_there_are_several(calibration, motions):

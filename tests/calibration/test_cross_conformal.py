@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sklearn.neighbors import KNeighborsRegressor
 from tests.calibration.test_choice import bent
+from tests.calibration.test_folds import crossed, jaw
 
 from truejoint.calibration import (
     calibrate,
     cross_interval,
+    folds,
     measure_coverage,
     read_calibration,
     write_calibration,
 )
-from truejoint.calibration.conformal import conformal_threshold
+from truejoint.calibration.conformal import conformal_threshold, trajectory_scores
 from truejoint.errors import CalibrationError
+from truejoint.recordings import Recording
 
 
 def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
@@ -73,3 +77,86 @@ def test_what_is_chosen_is_chosen_once_and_kept():
 def test_what_cannot_be_stated_is_refused(how, said):
     with pytest.raises(CalibrationError, match=said):
         cross_interval([bent(seed, 0.2) for seed in range(3)], "linear", **how)
+
+
+def test_copies_are_no_further_trajectories():
+    recordings = [bent(seed, 0.2) for seed in range(10)]
+    once = cross_interval(recordings, "poly2").interval
+    again = cross_interval([*recordings, *recordings[:5]], "poly2").interval
+    assert again.trajectories == once.trajectories == 10
+    # A fit that is judged on a recording has not seen its copy either.
+    np.testing.assert_array_equal(again.half_widths, once.half_widths)
+    alone = cross_interval([recordings[0]] * 12, "linear").interval
+    assert (alone.trajectories, alone.cut) == (15, 1)
+
+
+def test_the_errors_are_those_of_what_will_be_believed_of_a_zero():
+    recordings = [bent(seed, 0.2) for seed in range(10)]
+    model = cross_interval(recordings, "linear", rezero=0.5, growth=0.0)
+    scores = []
+    for i, recording in enumerate(recordings):
+        fit = calibrate([r for k, r in enumerate(recordings) if k % 5 != i % 5], "linear")
+        known = folds.replace(fit, effort_baseline=model.effort_baseline)
+        scores.append(trajectory_scores(known, recording, 0.5, 0.0)[0, 0])
+    expected = conformal_threshold(scores, 0.9)
+    assert model.interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
+
+
+OFFSETS = np.random.default_rng(5).normal(0.0, 0.01, 14)  # [rad], of loads: nobody can know them
+
+
+def loaded(number: int, seed: int) -> Recording:
+    """Jaw with the offset of its load, which its effort shows."""
+    rng = np.random.default_rng(seed)
+    one = jaw(rng.uniform(1.0, 1.5), 1.0, n=120, session=f"s{seed}")
+    q = one.column("measured/jaw")
+    effort = 5.0 + number + 0.1 * one.column("effort/jaw")
+    truth = q + OFFSETS[number] + rng.normal(0.0, 1e-3, len(q))
+    return Recording(
+        one.table.assign(**{"effort/jaw": effort, "truth/jaw": truth}), one.units, one.provenance
+    )
+
+
+@pytest.mark.parametrize(
+    "estimator",
+    ["linear", "linear_trees", "gp", KNeighborsRegressor(1, algorithm="brute")],
+    ids=str,
+)
+def test_what_is_stated_holds_under_loads_that_were_never_seen(estimator):
+    """Whether an estimator remembers loads or not: its errors under those left out say how far."""
+    unseen = 2, 5, 8, 11
+    training = [loaded(k, 20 * k + i) for k in range(14) for i in (0, 1) if k not in unseen]
+    model = cross_interval(training, estimator)
+    tests = [loaded(k, 300 + k) for k in unseen]
+    errors = [one.error(["jaw"]) - model.predict_error(one) for one in tests]
+    found = measure_coverage(model, tests, 0.9)
+    assert found.mean[0] > 0.7, found.shares
+    assert found.half_width[0] < 3.0 * np.sqrt(np.mean(np.square(errors)))
+
+
+def test_a_level_never_seen_is_covered_as_theory_says_and_not_by_shuffled_folds():
+    """Offsets of ten loads, remembered: the nearest load's is another draw (exchangeable)."""
+    recordings = crossed([1.0, 1.0, 1.0], 2.0 ** np.arange(10))
+    parts, load_of = folds.wholes(recordings), np.arange(30) % 10
+    shuffled = (load_of + np.arange(30) // 10) % 5  # no fold has all recordings of a load
+    plans = [
+        folds.without_levels(recordings, folds.conditions(recordings)),
+        [folds.Fold("", tuple(parts[i] for i in np.flatnonzero(shuffled == k))) for k in range(5)],
+    ]
+    rng = np.random.default_rng(0)
+    shares = np.empty((400, 2))
+    for draw, number in np.ndindex(shares.shape):
+        offsets = rng.normal(size=11)
+        scores = []
+        for fold in plans[number]:
+            left = [part.recording for part in fold.parts]
+            known = np.unique(np.delete(load_of, left))
+            for one in load_of[left]:
+                nearest = known[np.argmin(np.abs(known - one))]
+                scores.append(np.abs([offsets[one] - offsets[nearest]]))
+        new = abs(offsets[10] - offsets[9])
+        shares[draw, number] = new <= conformal_threshold(scores, 0.9)
+    # Of 31 weights 3.1 may lie above: 1 of what is to come, of 24 recordings of levels between.
+    error = np.sqrt(0.12 * 0.88 / len(shares))
+    assert 1.0 - 3.1 / 25 - 4 * error < shares[:, 0].mean() < 0.9 * 11 / 10
+    assert shares[:, 1].mean() < 0.1  # what is remembered has no error

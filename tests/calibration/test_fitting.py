@@ -201,6 +201,8 @@ def test_missing_columns_are_named(recording):
     refused("no column 'truth/wrist'", recording, joints=["wrist"])
     refused("lacks effort/wrist", [recording, without(recording, "effort/wrist")])
     refused("lacks current/elbow", recording, features=["measured/elbow", "current/elbow"])
+    refused("lacks current/m0, .*, current/m11, 8 more, which the features need",
+            recording, features=[f"current/m{i}" for i in range(20)])  # fmt: skip
     with pytest.raises(RobotError, match="no joint called 'thumb'"):
         calibrate(recording, "linear", joints=["thumb"])
     refused("no joints to correct", recording, joints=[])

@@ -97,3 +97,41 @@ def test_stated_homings_and_loads_are_left_out():
 def test_too_few_rows_to_cut_are_refused():
     with pytest.raises(CalibrationError, match="synthetic-0: 40 rows are too few"):
         folds.folds([jaw(n=40)])
+
+
+def crossed(speeds, loads) -> list[Recording]:
+    """A recording of every speed under every load."""
+    return [jaw(speed, load * (1.0 + 0.01 * speed)) for speed in speeds for load in loads]
+
+
+def test_a_fit_does_without_the_level_of_what_it_is_judged_on():
+    recordings = crossed([1.0, 2.0, 3.0, 4.0], [1.0, 2.0, 4.0, 8.0, 16.0, 32.0])
+    kinds = folds.conditions(recordings)
+    assert [len(groups) for groups in kinds] == [4, 6]
+    left_out = [{p.recording for p in f.parts} for f in folds.without_levels(recordings, kinds)]
+    assert len(left_out) == 5
+    assert max(map(len, left_out)) <= 8
+    every = set(range(24))
+    for index, (speed, load) in enumerate(itertools.product(range(4), range(6))):
+        own = [every - left for left in left_out if index in left]  # what the fits see
+        between = (0 < speed < 3) + (0 < load < 5)
+        assert len(own) == max(between, 1)
+        if 0 < speed < 3:
+            assert any(all(i // 6 != speed for i in seen) for seen in own)
+        if 0 < load < 5:
+            assert any(all(i % 6 != load for i in seen) for seen in own)
+        if between == 0:  # no fit is asked for what lies beyond all that it saw
+            assert any(i // 6 == speed for i in own[0])
+            assert any(i % 6 == load for i in own[0])
+
+
+def test_what_comes_in_no_levels_has_no_conditions():
+    assert folds.conditions([jaw(1.0 + 0.1 * k, 1.0) for k in range(12)]) == []
+
+
+def test_a_stated_mass_is_a_condition_and_one_that_parts_alike_is_none():
+    recordings = [jaw(1.0, 1.0 + k % 3, load=0.1 * (k % 3)) for k in range(12)]
+    (loads,) = folds.conditions(recordings)
+    assert [own.tolist() for own in loads] == [[0, 3, 6, 9], [1, 4, 7, 10], [2, 5, 8, 11]]
+    nameless = [jaw(load=0.1 * (k % 3)) for k in range(11)] + [jaw()]
+    assert folds.conditions(nameless) == []

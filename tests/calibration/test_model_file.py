@@ -148,8 +148,8 @@ def with_header(header: Any, data: bytes = b"") -> bytes:
         {"__metadata__": {"truejoint": "[" * 50_000}}, {"__metadata__": {"truejoint": "[]"}},
         {"__metadata__": {"truejoint": '{"format": true}'}},
         {"__metadata__": {"truejoint": '{"format": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 3, "a": 1e999}'}},
-        {"__metadata__": {"truejoint": '{"format": 3, "a": "\\ud800"}'}},
+        {"__metadata__": {"truejoint": '{"format": 4, "a": 1e999}'}},
+        {"__metadata__": {"truejoint": '{"format": 4, "a": "\\ud800"}'}},
     ],
     ids=lambda header: str(header)[:40],
 )  # fmt: skip
@@ -174,13 +174,13 @@ def test_hostile_headers_are_refused(tmp_path, header):
     ids=str,
 )  # fmt: skip
 def test_headers_that_lie_about_tensors_are_refused(tmp_path, entry):
-    header = {"__metadata__": {"truejoint": '{"format": 3}'}, "a": entry}
+    header = {"__metadata__": {"truejoint": '{"format": 4}'}, "a": entry}
     refused(tmp_path, with_header(header, bytes(16)), "tensor")
 
 
 @pytest.mark.parametrize(
     ("version", "said"),
-    [(4, "version 4 is newer .* update"), (2, "version 2 is older .* calibrate again")],
+    [(5, "version 5 is newer .* update"), (3, "version 3 is older .* calibrate again")],
 )
 def test_another_format_is_told_from_damage(tmp_path, saved, version, said):
     length = int.from_bytes(saved[:8], "little")

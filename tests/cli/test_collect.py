@@ -118,8 +118,11 @@ def test_the_joint_itself_is_taken_along(call, motion, tmp_path):
     model = tmp_path / "jaw.st"
     recording = tmp_path / "jaw.parquet"
     assert call("calibrate", recording, "-e", "play_reset", "-o", model).code == 0
-    steered = ("--compensate", model, "--rezero-s", 5, "--seed", 4, "--force")
-    made = call("collect", motion, *arguments, *steered)
+    way = tmp_path / "way.csv"
+    drawn = call("trajectory", "random", "--robot", "forceps", "--minutes", "0.1", "-o", way)
+    assert drawn.code == 0
+    steered = ("--compensate", model, "--rezero-s", 2, "--seed", 4)
+    made = call("collect", way, *arguments, *steered)
     assert made.code == 0, made.err
     assert "steps of the loop by what was said of the sample: OK" in made.err
     path = tmp_path / "short.csv"

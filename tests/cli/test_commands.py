@@ -312,8 +312,27 @@ def test_wrong_calls_are_exit_code_2(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_no_words_are_answered_with_the_help(call: Call) -> None:
-    result = call()
+@pytest.mark.parametrize(
+    ("arguments", "command"),
+    [
+        (["trajectory", "random", "--seed"], "trajectory random"),
+        (["forceps", "sweep", "--seed"], "study"),
+        (["--debug", "show", "--robot"], "show"),
+    ],
+)
+def test_an_option_without_its_value_is_told_with_its_command(
+    call: Call, arguments: list[str], command: str
+) -> None:
+    result = call(*arguments)
+    assert result.err.endswith(
+        f"Option '{arguments[-1]}' requires an argument. See `truejoint {command} --help`.\n"
+    )
+    assert ("Traceback" in result.err) == ("--debug" in arguments)
+
+
+@pytest.mark.parametrize("arguments", [[], ["--debug"]])
+def test_no_words_are_answered_with_the_help(call: Call, arguments: list[str]) -> None:
+    result = call(*arguments)
     assert result.code == 2
     assert "Commands" in result.out
     assert not result.err

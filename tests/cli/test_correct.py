@@ -133,6 +133,7 @@ def test_stamps_since_1970_are_given_as_the_file_had_them(
         (["-o", "a.txt"], "call it .csv or .parquet"),
         (["-o", "nosuch/a.csv"], "the folder nosuch does not exist"),
         (["-o", "a.csv", "--level", "100"], "level 1.0 is not a share"),
+        (["-o", "a.csv", "--level", "90"], "states no interval; make one"),
         (["random.parquet", "-o", "a.csv"], "named twice"),
         (["zigzag.csv", "-o", "a.csv"], "zigzag.csv"),
     ],
@@ -182,6 +183,21 @@ def test_show_tells_what_a_model_is(call: Call, session: Path) -> None:
     text = call("show", session / "m.st").out
     for word in ("seed 0, homing 1", "truejoint calibrate", "measured/elbow", "deg"):
         assert word in text
+
+
+def test_show_shortens_settings_that_hold_a_whole_mechanism(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    settings = f"CableFilter({'mechanism ' * 500})"
+    model = read_calibration(session / "m.st").with_metadata(settings=settings)
+    path = tmp_path / "long.safetensors"
+    write_calibration(model, path)
+    text = call("show", path).out
+    assert "CableFilter(" in text
+    assert " ... " in text
+    assert text.count("mechanism") < 40
+    (shown,) = json.loads(call("show", path, "--json").out)["shown"]
+    assert shown["settings"] == settings
 
 
 def test_show_tells_what_a_recording_is(call: Call, session: Path) -> None:

@@ -108,6 +108,18 @@ def test_without_weights_each_member_is_fitted_to_what_is_left():
     np.testing.assert_array_equal(steps.members_[0].predict(X).ravel(), linear.predict(X))
 
 
+def test_members_without_a_memory_are_fitted_to_so_many_rows_at_most():
+    X = np.linspace(-1.0, 1.0, 400)[:, None]
+    y = np.where(np.arange(400) % 4 == 0, 2.0 * X[:, 0], 7.0)  # every fourth row is on a line
+    model = Combination((LinearRegressor(),), rows=100).fit(X, y)
+    np.testing.assert_allclose(model.predict(X), 2.0 * X[:, 0], atol=1e-12)
+    settled = Combination(rows=100).fit(X, y).settled()
+    assert (settled.rows, settled.name) == (100, "linear_trees")
+    assert np.abs(Combination((LinearRegressor(),), rows=400).fit(X, y).predict(X) - y).min() > 0.1
+    with pytest.raises(CalibrationError, match="rows of a combination is 0; it must be an integer"):
+        Combination(rows=0).fit(X, y)
+
+
 def test_a_seed_goes_to_the_members():
     X = np.random.default_rng(0).normal(size=(400, 2))
     nets = [Combination((NETWORK,), random_state=s).fit(X, X[:, 0]) for s in (3, 3, 4)]

@@ -12,6 +12,7 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.gaussian_process import GaussianProcess, likeliest_kernel, unlikelihood
+from truejoint.models.gaussian_process import to_bells
 
 
 def waves(n: int = 150, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:
@@ -109,6 +110,16 @@ def test_far_from_its_rows_it_predicts_the_mean():
     X, y = waves()
     model = GaussianProcess(points=50).fit(X, y)
     np.testing.assert_allclose(model.predict(np.full((1, 3), 1e4)), y.mean(), atol=1e-9)
+
+
+def test_a_bell_is_the_exponential_and_ends_at_nothing():
+    squares = np.concatenate([np.linspace(0.0, 90.0, 10_001), [1e3, 1e300, np.inf]])
+    bells = squares.copy()
+    to_bells(bells)
+    np.testing.assert_allclose(bells, np.exp(-0.5 * squares), rtol=0.0, atol=1e-15)
+    assert bells[0] == 1.0
+    assert (bells >= 0.0).all()
+    assert (bells[squares >= 80.0] == 0.0).all()
 
 
 def test_a_feature_that_never_changes_is_not_learnt_of():

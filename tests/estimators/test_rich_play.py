@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from sklearn import linear_model
+from sklearn.preprocessing import StandardScaler
 from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
@@ -112,6 +114,15 @@ def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
     assert left < 0.3 * without  # the plays of which explain the zig-zag alone
 
 
+def test_products_of_positions_that_turn_capstans_are_seen_behind_an_effort_too():
+    random = np.random.default_rng(0)
+    q, effort = random.uniform(-0.4, 0.4, (800, 2)), random.normal(size=(800, 1))
+    model = RichPlay(turn=True, turns=((0.0, 11.0, 0.0), (0.0, 1.5, 10.0)))
+    model.fit(np.hstack([effort, q])[:400], eccentric(q[:400]))
+    left = model.predict(np.hstack([effort, q])[400:], np.zeros(400)) - eccentric(q[400:])
+    assert np.std(left) < 1e-3  # of 6e-3 that are squares of positions
+
+
 @pytest.mark.parametrize("turns", [None, ()])
 def test_where_capstans_are_not_known_it_says_what_to_do(turns):
     with pytest.raises(CalibrationError, match="run_out must know how capstans turn; take a robot"):
@@ -199,6 +210,49 @@ def test_without_penalty_ridge_is_least_squares_and_noise_makes_it_larger():
     assert model.shares_[0] == 1.0
     np.testing.assert_allclose(model.predict(X)[:, 0], y[:, 0], atol=1e-5)
     assert np.std(model.predict(X)[:, 1]) < 0.1 * np.std(noise)
+
+
+def bursts(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Features, two outputs, of which one is far off in `count` rows where a feature is large."""
+    rng = np.random.default_rng(3)
+    X = rng.normal(size=(600, 8))
+    y = X @ rng.normal(size=(8, 2)) + 0.1 * rng.normal(size=(600, 2))
+    off = np.argsort(X[:, 0])[len(X) - count :]
+    y[off, 1] += 5.0
+    return X, y, np.setdiff1d(np.arange(len(X)), off)
+
+
+def test_ridge_is_not_fitted_to_a_few_rows_that_are_far_off():
+    X, y, kept = bursts(12)
+    model = Ridge(first=0, trimmed=True).fit(X, y)
+    every = np.arange(len(X))
+    for j, rows in enumerate((every, kept)):
+        scaler = StandardScaler().fit(X[rows])
+        peer = linear_model.Ridge(len(X[rows]) * model.penalties_[j])
+        peer.fit(scaler.transform(X[rows]), y[rows, j])
+        expected = peer.predict(scaler.transform(X))
+        np.testing.assert_allclose(model.predict(X)[:, j], expected, rtol=0, atol=1e-8)
+
+
+def test_many_rows_that_are_far_off_are_no_exceptions():
+    X, y, _ = bursts(60)
+    model, plain = (Ridge(first=0, trimmed=trimmed).fit(X, y) for trimmed in (True, False))
+    np.testing.assert_array_equal(model.predict(X), plain.predict(X))
+
+
+def test_trees_learn_what_the_ridge_before_them_is_not_fitted_to():
+    X, y = slack()
+    far = np.flatnonzero((X[:, 0] > 0.9) & (X[:, 1] > 0.6))
+    assert 0 < len(far) < 0.05 * len(X)
+    burst = y.copy()
+    burst[far] += 3.0
+    elsewhere = np.setdiff1d(np.arange(len(X)), far)
+    model = RichPlay("trees").fit(X, burst)
+    left = model.predict(X) - burst
+    assert np.std(left[far]) < 0.3
+    ridge, _ = model.model_.members_
+    assert ridge.trimmed
+    assert np.std(left[elsewhere]) < 0.5 * np.std(y)
 
 
 def test_progress_goes_on_to_the_end():

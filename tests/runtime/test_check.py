@@ -113,6 +113,8 @@ def test_a_recording_without_truth_or_another_level_is_refused(calibration):
         check_calibration(calibration, sparse(motion(25), []))
     with pytest.raises(CalibrationError, match="99 % interval"):
         check_calibration(calibration, motion(25), level=0.99)
+    with pytest.raises(CalibrationError, match="states no interval"):
+        check_calibration(replace(calibration, interval=None), motion(25), level=0.9)
 
 
 def test_the_loop_takes_a_rezeroed_file_for_zeroed(calibration):

@@ -308,7 +308,7 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     told.joints, told.signals = ("insertion",), ("measured/insertion",)
     robot = lagging_arm.robot
     start = robot.home[2]
-    path = Trajectory(("insertion",), ("m",), start + np.array([[0.0], [0.02], [0.005]]))
+    path = Trajectory(("insertion",), ("m",), start + np.array([[0.0], [0.01], [0.003]]))
     blocks, shares = [], []
 
     def progress(share):
@@ -325,8 +325,8 @@ def test_a_trajectory_is_followed_by_the_joint_itself_and_taken_up_after_a_pause
     measured = np.concatenate([b.measured for b in blocks if hasattr(b, "measured")])
     true = measured[:, robot.channels.index("insertion")] + 0.002
     cut = 0.004 * BLEND / 4  # of the corner
-    assert true.max() == pytest.approx(start + 0.02 - cut, abs=1e-4)
-    assert true[-1] == pytest.approx(start + 0.005, abs=2e-4)
+    assert true.max() == pytest.approx(start + 0.01 - cut, abs=1e-4)
+    assert true[-1] == pytest.approx(start + 0.003, abs=2e-4)
     assert shares[-1] == 1.0
 
 

@@ -165,6 +165,14 @@ def test_half_width_is_that_of_the_level_and_grows_outside_the_range(calibration
         Corrector(model, level=0.99)
 
 
+def test_a_level_is_refused_where_nothing_is_stated(calibration):
+    assert calibration.interval is None
+    with pytest.raises(CalibrationError, match="states no interval; make one"):
+        Corrector(calibration, level=0.9)
+    with pytest.raises(CalibrationError, match="states no interval; make one"):
+        calibration.correct_table(recording(LOOP[:2]), level=0.9)
+
+
 def test_without_an_interval_the_half_width_is_infinite(calibration):
     corrector = ready(calibration)
     assert corrector.step(LOOP[0], stream(LOOP[:1])[0]) == Status.OK

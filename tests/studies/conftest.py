@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from truejoint.studies import Option, Study
+from truejoint.studies import Option, Study, StudyResult, figures, write_study
 
 MODULE = """
 import os
@@ -85,3 +86,23 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
     options = (Option("count", 4, "parts", small=2), Option("scale", 1.0, "size"))
     study = Study("toy", "A toy & its <parts>", "toy2020", "toy_study", options)
     return Toy(study, tmp_path / "log", lambda text: monkeypatch.setenv("TOY_TROUBLE", text))
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of few dots, not laid out, which takes long; `test_figures` sees one whole."""
+    monkeypatch.setattr(figures, "_DPI", 20)
+    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
+
+
+@pytest.fixture
+def drawn(tmp_path: Path, coarse: None) -> Callable[[StudyResult], bool]:
+    """Whether every figure of a study can be drawn."""
+
+    def draw(result: StudyResult) -> bool:
+        pictures = [file for file in write_study(result, tmp_path) if file.suffix == ".png"]
+        return bool(pictures) and all(
+            file.read_bytes().startswith(b"\x89PNG\r\n") for file in pictures
+        )
+
+    return draw

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
-from truejoint.calibration.interval import Interval, inverse_span, range_excesses
+from truejoint.calibration.interval import LEVEL, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
 from truejoint.calibration.sessions import check_arm, check_columns, check_robot, check_unit
 from truejoint.calibration.signal_shift import shift_signals
@@ -78,11 +78,6 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         """Name of the estimator, for instance ``"dnn"`` or ``"RandomForestRegressor"``."""
         name = self.metadata.get("estimator")
         return name if isinstance(name, str) and name.isidentifier() else self.model.name
-
-    @property
-    def title(self) -> str:
-        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
-        return Robot(self.robot, (), self.arm).title
 
     def summary(self) -> dict[str, str]:
         """Robot, model, training, and how far off it may be where that is known, by label."""
@@ -153,16 +148,17 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             return predicted
         return recording.columns("measured", self.joints) + predicted
 
-    def correct_table(self, recording: Recording, level: float = 0.9) -> pd.DataFrame:
+    def correct_table(self, recording: Recording, level: float | None = None) -> pd.DataFrame:
         """Correct a recording into a table; raises as `correct`.
 
-        Columns ``t`` [s] and ``corrected/<joint>``, and with an interval ``half_width/<joint>`` at
-        that `level` [rad or m].
+        Columns ``t`` [s] and ``corrected/<joint>``, and with an interval ``half_width/<joint>``
+        [rad or m], at a `level` of 0.9 unless another is asked for; raises CalibrationError if one
+        is that the calibration does not state.
         """
         columns = {"t": recording.t}
         values = {"corrected": self.correct(recording)}
-        if self.interval is not None:
-            values["half_width"] = self.half_widths(recording, level)
+        if self.interval is not None or level is not None:
+            values["half_width"] = self.half_widths(recording, LEVEL if level is None else level)
         for name, array in values.items():
             columns |= {f"{name}/{joint}": array[:, k] for k, joint in enumerate(self.joints)}
         return pd.DataFrame(columns)
@@ -192,15 +188,6 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         interval = self.required_interval()
         widening = 1.0 + interval.growth * self.range_excess(recording)
         return widening[:, None] * interval.half_width(level)
-
-    def required_interval(self) -> Interval:
-        """Interval that is stated; raises CalibrationError when there is none."""
-        if self.interval is None:
-            raise CalibrationError(
-                f"the calibration of {self.title} states no interval; make one of recordings that "
-                "it has not seen: truejoint calibrate ... --interval RECORDING"
-            )
-        return self.interval
 
     def range_excess(self, recording: Recording) -> Array:
         """How far outside the trained range each row (n,) is, as a share of it; 0 inside."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final, Self
@@ -29,12 +29,13 @@ _BETTER: Final = 0.1  # share by which the best simple model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
-_ROWS: Final = 6_000  # that a fit for the choice sees, at most
+FITTED_ROWS: Final = 6_000  # that a fit for the choice sees, at most
 _JUDGED: Final = 100_000  # that a fold judges, at most
-MOST_ROWS: Final = 60_000  # that models with a history run over, at most, and so many fitted to
+MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
 _TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
 _WORSE: Final = 0.25  # it is worse than the best by this share and has no weight,
 _HOPELESS: Final = 1.0  # or worse by this one
+_FIRST_SHARE: Final = 0.8  # of the progress, where what was chosen is tried with more features
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +52,17 @@ class Automatic:
     the logarithm's mean over the folds. Elsewhere that simple model stays. The fits that serve the
     choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
     metadata under ``choice``. Where no features are asked for, the default ones are tried, every
-    measured position and effort, and these with every motor current, of what all recordings have.
+    measured position and effort, and these with every motor current, of what all recordings have;
+    then, of three recordings or more whose rows are at most 0.1 s apart, what is best so far once
+    more, with the rates of the measured positions beside.
+
+    Nor does the choice end there: a brief truth may set the zero of a recording to come. Where that
+    is so is not known, so what is chosen, fitted with one zero, corrects positions as they come. Of
+    three recordings or more the choice judges besides whether, once each that is left out is
+    re-zeroed from its first 2 s, a fit with a zero for each recording is better, by the same rule
+    in a joint and no worse in any. It is then kept beside the other, as ``zero="recording"`` of
+    `calibrate` does it; ``zero="shared"`` leaves that out. See ``choice``, ``zero`` in the
+    metadata.
 
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
@@ -190,9 +201,14 @@ class Group:
             trial.seconds += time.perf_counter() - began
         self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
         if len(self.products) >= _TRIED_ON:
-            self._give_up()
+            self._give_up_some()
 
-    def _give_up(self) -> None:
+    def give_up(self) -> None:
+        """Say of what was still tried that it is not any more."""
+        for trial in self.trials:
+            trial.note = trial.note or f"given up after {trial.folds} folds"
+
+    def _give_up_some(self) -> None:
         """Try no more what no joint wants, nor what is hopeless in every one."""
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
@@ -216,7 +232,7 @@ class Group:
         unseen = np.flatnonzero(known & np.concatenate(judged))
         if not len(unseen):
             raise CalibrationError(f"no row of {fold.name} has a known truth")
-        return _spread(seen, _ROWS), _spread(unseen, _JUDGED)
+        return _spread(seen, FITTED_ROWS), _spread(unseen, _JUDGED)
 
     def _predict(self, trial: _Trial, seen: Integers, unseen: Integers) -> tuple[Array, Array]:
         """Fit to the rows `seen`, settle what that found, and predict the rows `unseen`.
@@ -407,42 +423,89 @@ def _square(products: Array, weights: Array) -> Array:
     return np.asarray(np.einsum("mj,jmp,pj->j", weights, known, weights))
 
 
+@dataclass(frozen=True, eq=False)
+class _Option:
+    """What may be chosen: weights of the candidates of a group, and how they do."""
+
+    group: Group
+    weights: Array  # (m, n_joints)
+    square: Array  # (n_folds, n_joints), mean square error
+
+    @property
+    def names(self) -> set[str]:
+        """Names of the candidates that have a weight."""
+        used = np.flatnonzero(self.weights.any(axis=1))
+        return {self.group.trials[number].candidate.name for number in used}
+
+
 def choose(
     groups: Sequence[Group],
     left_out: Sequence[Fold],
     joints: Sequence[str],
     tell: Callable[[str], None] | None = None,
     progress: Progress | None = None,
+    extended: Callable[[Group, Collection[str]], Group | None] | None = None,
 ) -> Choice:
     """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
 
-    A fold without which the linear model of the first features cannot be fitted is passed over;
-    raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
-    more of them take more rows, are left out.
+    `extended` makes a group with more features of what was chosen: its group, and the names of the
+    candidates with a weight, which alone are tried again; or None. A fold without which the linear
+    model of the first features cannot be fitted is passed over; raises CalibrationError if that is
+    every one. Other features with which it cannot be fitted, as more of them take more rows, are
+    left out.
     """
     tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
+    share = _FIRST_SHARE if extended else 1.0
+
+    def say(begin: float, width: float, name: str, fold: Fold, fraction: float) -> None:
+        tell(f"Choosing: {name} without {fold.name}")
+        report(begin + width * fraction)
+
+    judged, whole, behind = _judged(groups, left_out, partial(say, 0.0, share))
+    chosen = _best([option for group in whole for option in _options(group)])
+    tried = [*whole, *behind]
+    more = extended(chosen.group, chosen.names) if extended and len(judged) > 1 else None
+    if more is not None:
+        if _gains(more, chosen, judged, partial(say, share, 1.0 - share)):
+            chosen = _best([chosen, *_options(more)])
+        tried += [more] if more.products else []
+    tell("Fitting what was chosen")
+    return _choice(chosen, tried, judged, joints)
+
+
+def _judged(
+    groups: Sequence[Group], left_out: Sequence[Fold], say: Callable[[str, Fold, float], None]
+) -> tuple[list[Fold], list[Group], list[Group]]:
+    """Folds on which the first group could be judged, groups that were on all of these, and others.
+
+    Those are not so much better than the first on the first folds, and are given up.
+    """
     starts = np.cumsum([0, *(len(group.trials) for group in groups)])
 
-    def say(number: int, start: int, name: str, trial: int) -> None:
-        tell(f"Choosing: {name} without {left_out[number].name}")
-        report((number + (start + trial) / starts[-1]) / len(left_out))
+    def told(number: int, start: int, name: str, trial: int) -> None:
+        done = (number + (start + trial) / starts[-1]) / len(left_out)
+        say(name, left_out[number], done)
 
     judged: list[Fold] = []
+    behind: list[Group] = []
     others = list(zip(groups[1:], starts[1:], strict=False))
     for number, fold in enumerate(left_out):
         try:
-            groups[0].judge(fold, partial(say, number, 0))
+            groups[0].judge(fold, partial(told, number, 0))
             judged.append(fold)
         except CalibrationError:
             if fold is left_out[-1] and not judged:
                 raise
             continue
         others = [
-            (one, at) for one, at in others if _is_judged(one, fold, partial(say, number, at))
+            (one, at) for one, at in others if _is_judged(one, fold, partial(told, number, at))
         ]
-    tell("Fitting what was chosen")
-    return _best([groups[0], *(group for group, _ in others)], judged, joints)
+        if len(judged) == _TRIED_ON:
+            usual = next(_options(groups[0]))
+            behind = [one for one, _ in others if _is_behind(one, usual)]
+            others = [(one, at) for one, at in others if one not in behind]
+    return judged, [groups[0], *(group for group, _ in others)], behind
 
 
 def _is_judged(group: Group, fold: Fold, say: Callable[[str, int], None]) -> bool:
@@ -453,37 +516,78 @@ def _is_judged(group: Group, fold: Fold, say: Callable[[str, int], None]) -> boo
     return True
 
 
-def _best(groups: Sequence[Group], judged: Sequence[Fold], joints: Sequence[str]) -> Choice:
-    reference = groups[0].linear
-    options: list[tuple[Group, Array, Array]] = []
-    for group in groups:
-        weights, square = group.combined()
-        options.append((group, weights, square))
-        for number, trial in enumerate(group.trials):
-            if not trial.is_member and trial.folds == len(judged) and group.usable[number].all():
-                alone = np.zeros_like(weights)
-                alone[number] = 1.0
-                options.append((group, alone, group.alone[:, number]))
-    usual = options[0]
-    group, weights, square = min(
-        (o for o in options if o is usual or is_better(log_ratio(o[2], usual[2]).mean(axis=1))),
-        key=lambda option: log_ratio(option[2], reference).mean(),
-    )
+def _gains(
+    group: Group, chosen: _Option, judged: Sequence[Fold], say: Callable[[str, Fold, float], None]
+) -> bool:
+    """Judge a group, unless it does no better on the first folds; whether it was on all."""
+
+    def told(number: int, name: str, trial: int) -> None:
+        say(name, judged[number], (number + trial / len(group.trials)) / len(judged))
+
+    for number, fold in enumerate(judged):
+        if number == _TRIED_ON and _is_behind(group, chosen):
+            return False
+        if not _is_judged(group, fold, partial(told, number)):
+            return False
+    return True
+
+
+def _is_behind(group: Group, chosen: _Option) -> bool:
+    """Give a group up that is not, so far, as much better as it must be in the end."""
+    reference, least = chosen.square[: len(group.products)], math.log(1.0 - _BETTER)
+    if any(log_ratio(one.square, reference).mean() <= least for one in _options(group)):
+        return False
+    group.give_up()
+    return True
+
+
+def _options(group: Group) -> Iterator[_Option]:
+    """Give what may be chosen of a group: a weighted mean, or what only works offline alone."""
+    weights, square = group.combined()
+    yield _Option(group, weights, square)
+    for number, trial in enumerate(group.trials):
+        if (
+            not trial.is_member
+            and trial.folds == len(group.products)
+            and group.usable[number].all()
+        ):
+            alone = np.zeros_like(weights)
+            alone[number] = 1.0
+            yield _Option(group, alone, group.alone[:, number])
+
+
+def _best(options: Sequence[_Option]) -> _Option:
+    """Best of those that are better than the first without doubt, or the first."""
+    usual, *others = options
+    ratios = [log_ratio(one.square, usual.square) for one in others]
+    better = [
+        (ratio.mean(), number)
+        for number, ratio in enumerate(ratios)
+        if is_better(ratio.mean(axis=1))
+    ]
+    return others[min(better)[1]] if better else usual
+
+
+def _choice(
+    chosen: _Option, groups: Sequence[Group], judged: Sequence[Fold], joints: Sequence[str]
+) -> Choice:
+    """Make the choice of what was chosen, and tell of what was tried."""
+    reference, (group, square) = groups[0].linear, (chosen.group, chosen.square)
     told = {
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
         "chosen": {
-            "rmse": _by_joint(joints, square),
-            "median": _by_joint(joints, np.median(square, axis=0, keepdims=True)),
+            "rmse": by_joint(joints, square),
+            "median": by_joint(joints, np.median(square, axis=0, keepdims=True)),
         }
         | _ratio(log_ratio(square, reference)),
         "tried": [
-            _told(one, number, reference, joints, weights[number] if one is group else None)
+            _told(one, number, reference, joints, chosen.weights[number] if one is group else None)
             for one in groups
             for number in range(len(one.trials))
         ],
     }
-    return Choice(group.estimator(weights), group.features, group.target, told)
+    return Choice(group.estimator(chosen.weights), group.features, group.target, told)
 
 
 def _told(
@@ -503,9 +607,10 @@ def _told(
     if apart:
         entry["note"] = f"needs signals that move together: {', '.join(apart)}"
     square = group.alone[:, number]
+    reference = reference[: len(square)]
     tried = np.isfinite(square).all(axis=1)
     if tried.any():
-        entry["rmse"] = _by_joint(joints, square[tried])
+        entry["rmse"] = by_joint(joints, square[tried])
         entry |= _ratio(log_ratio(square[tried], reference[tried]))
     return entry
 
@@ -519,6 +624,6 @@ def _ratio(ratios: Array) -> dict[str, float]:
     return told
 
 
-def _by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
+def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
     """RMSE by joint, of the mean squares (n_folds, n_joints) of errors."""
     return dict(zip(joints, np.sqrt(np.mean(square, axis=0)).tolist(), strict=True))

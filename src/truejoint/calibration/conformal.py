@@ -14,7 +14,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration.effort_fitting import residual_statistics
 from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
-from truejoint.calibration.sessions import session_of, source_of, trained_on
+from truejoint.calibration.sessions import distinct, session_of, source_of, trained_on
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.models.names import OFFSET
@@ -44,10 +44,12 @@ def with_interval(
     of the scores at the stated level (Lee, Barber and Willett, arXiv:2306.06342).
 
     What counts as one trajectory is what was recorded after one homing, where the recordings
-    span several homings and are not re-zeroed; otherwise it is one recording.
+    span several homings and are not re-zeroed; otherwise it is one recording. Copies of a recording
+    count once.
 
     Where the calibration keeps an `EffortBaseline`, its size of errors becomes that of these
-    recordings, which the fit could not adapt to.
+    recordings, which the fit could not adapt to; so much is then believed of a zero, in the errors
+    that make the interval as in those to come.
 
     Parameters
     ----------
@@ -75,7 +77,7 @@ def with_interval(
     9
     """
     check_interval(levels, rezero, growth)
-    recordings = as_recordings(recordings)
+    recordings = distinct(as_recordings(recordings))
     for recording in recordings:
         if trained_on(as_calibration(calibration).metadata, recording):
             raise CalibrationError(
@@ -84,11 +86,14 @@ def with_interval(
             )
     units = exchangeable_units(recordings, per_homing=rezero == 0.0)
     possible = possible_levels(levels, len(units))
-    used = calibration.fitted_for(rezeroing=rezero > 0.0)
+    is_rezeroed = rezero > 0.0
+    used = calibration.fitted_for(rezeroing=is_rezeroed)
+    calibration = knowing_errors(calibration, [(used, recordings)])
+    used = calibration.fitted_for(rezeroing=is_rezeroed)
     scores = [trajectory_scores(used, one, rezero, growth) for one in recordings]
     joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
     interval = interval_of(joined, possible, recordings, growth=growth, rezero=rezero)
-    return state_interval(calibration, interval, recordings, [(used, recordings)])
+    return state_interval(calibration, interval, recordings)
 
 
 def check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
@@ -138,19 +143,32 @@ def interval_of(
     )
 
 
-def state_interval(
-    calibration: Calibration,
-    interval: Interval,
-    recordings: Sequence[Recording],
-    judged: Sequence[tuple[Calibration, Sequence[Recording]]],
+def knowing_errors(
+    calibration: Calibration, judged: Sequence[tuple[Calibration, Sequence[Recording]]]
 ) -> Calibration:
-    """Calibration with an interval, and the errors of fits on recordings that they did not see."""
+    """Calibration that knows how large errors are: of fits on recordings that they did not see.
+
+    What is believed of a zero rests on that size, so an interval is made of errors after it.
+    """
     baseline = calibration.effort_baseline
-    if baseline is not None:
-        sizes, times = zip(*(residual_statistics(*pair) for pair in judged), strict=True)
-        residual = np.sqrt(np.mean(np.square(sizes), axis=0))
-        baseline = replace(baseline, residual=residual, correlation=np.median(times, axis=0))
-    stated = replace(calibration, interval=interval, effort_baseline=baseline)
+    if baseline is None:
+        return calibration
+    found = [residual_statistics(*pair) for pair in judged]
+    sizes, times, beginnings = zip(*found, strict=True)
+    baseline = replace(
+        baseline,
+        residual=np.sqrt(np.mean(np.square(sizes), axis=0)),
+        correlation=np.median(times, axis=0),
+        beginning=np.sqrt(np.mean(np.square(beginnings), axis=0)),
+    )
+    return replace(calibration, effort_baseline=baseline)
+
+
+def state_interval(
+    calibration: Calibration, interval: Interval, recordings: Sequence[Recording]
+) -> Calibration:
+    """Calibration with an interval that was made of these recordings."""
+    stated = replace(calibration, interval=interval)
     return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from dataclasses import dataclass, replace
+from typing import Any, Final, Self
 
 import numpy as np
 
@@ -14,14 +15,26 @@ from truejoint.calibration.conformal import (
     check_interval,
     exchangeable_units,
     interval_of,
+    knowing_errors,
     possible_levels,
     state_interval,
     trajectory_scores,
 )
 from truejoint.calibration.fitting import calibrate, within
-from truejoint.calibration.folds import FOLDS, Fold, Part, blocks, dealt, wholes, without
+from truejoint.calibration.folds import (
+    FOLDS,
+    Fold,
+    Part,
+    blocks,
+    conditions,
+    dealt,
+    wholes,
+    without,
+    without_levels,
+)
 from truejoint.calibration.interval import GROWTH, LEVELS
 from truejoint.calibration.selection import common_robot
+from truejoint.calibration.sessions import distinct
 from truejoint.estimators.base import Progress
 from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.wrapped import Regressor
@@ -44,11 +57,14 @@ def cross_interval(
 ) -> Calibration:
     """Fit as `calibrate` does, with an interval of the same recordings (cross-conformal).
 
-    Five more fits do without a fifth of the recordings each, and their errors on that fifth make
-    the interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
-    same, and one more, infinitely bad, stands for the one to come. From ten recordings on (or
-    homings, where the recordings span several) they are the trajectories; fewer are cut into
-    fifteen parts or more, five or more each, with a tenth of a part left out on either side.
+    Five more fits do without some of the recordings each, and their errors on these make the
+    interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the same,
+    and one more, infinitely bad, stands for the one to come. From ten recordings on (or homings,
+    where the recordings span several) they are the trajectories, copies of one counting once; fewer
+    are cut into fifteen parts or more, five or more each, with a tenth of a part left out on either
+    side. Recordings that come in levels of speed, effort or stated mass are left out by level:
+    a fit that remembers loads would else be judged on loads that it knows
+    (`truejoint.calibration.folds.without_levels`).
 
     What is stated is to be expected of more recordings like these, as far as the five fits err as
     the fit of all does. That cannot be proved as for recordings that no fit saw; what can
@@ -81,54 +97,62 @@ def cross_interval(
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or (lambda _fraction: None)
-    units, is_cut = _units(recordings, per_homing=rezero == 0.0)
-    possible = possible_levels(levels, len(units))
-    left_out = dealt(units, "", FOLDS)
-    share = 1.0 / (len(left_out) + 1)
+    apart = distinct(recordings)
+    plan = _Plan.of(apart, per_homing=rezero == 0.0)
+    possible = possible_levels(levels, len(plan.units))
+    share = 1.0 / (len(plan.left_out) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
     again = {**how, "features": fitted.feature_set, "target": fitted.target}
-    again["joints"] = fitted.joints
-    scores: dict[Part, Array] = {}
-    judged = []
-    for k, fold in enumerate(left_out):
+    again |= {"joints": fitted.joints, "zero": fitted.metadata["zeros"]["of"]}
+    others = []
+    for k, fold in enumerate(plan.left_out):
         done = within(report, (k + 1) * share, share)
-        training = without(recordings, fold.parts)
+        training = without(apart, fold.parts)
         other = calibrate(training, fitted.model.settled(), progress=done, **again)
-        other = other.fitted_for(rezeroing=rezero > 0.0)
-        scores |= _scores_of(other, recordings, fold, rezero, growth)
-        judged.append((other, _unseen(recordings, fold)))
+        others.append(other.fitted_for(rezeroing=rezero > 0.0))
+    unseen = [[_rows_of(apart, part) for part in fold.parts] for fold in plan.left_out]
+    fitted = knowing_errors(fitted, list(zip(others, unseen, strict=True)))
+    scores: dict[Part, list[Array]] = {}
+    for other, fold in zip(others, plan.left_out, strict=True):
+        used = replace(other, effort_baseline=fitted.effort_baseline)
+        for part in fold.parts:
+            recording = apart[part.recording]
+            found = trajectory_scores(used, recording, rezero, growth, part.rows(len(recording)))
+            scores.setdefault(part, []).append(found)
     interval = interval_of(
-        [np.concatenate([scores[part] for part in unit], axis=2) for unit in units],
+        [np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in plan.units],
         possible,
-        recordings,
+        apart,
         growth=growth,
         rezero=rezero,
-        folds=len(left_out),
-        cut=len(recordings) if is_cut else 0,
+        folds=len(plan.left_out),
+        cut=len(apart) if plan.is_cut else 0,
     )
-    return state_interval(fitted, interval, recordings, judged)
+    return state_interval(fitted, interval, apart)
 
 
-def _units(recordings: Sequence[Recording], *, per_homing: bool) -> tuple[list[list[Part]], bool]:
-    """Parts of each trajectory that weighs as one, and whether recordings were cut for them."""
-    whole = exchangeable_units(recordings, per_homing=per_homing)
-    if len(whole) < WHOLE_FROM:
-        each = max(FOLDS, -(-PARTS // len(recordings)))
-        return [[part] for part in blocks(recordings, each)], True
-    return [[wholes(recordings)[i] for i in unit] for unit in whole], False
+@dataclass(frozen=True)
+class _Plan:
+    """What weighs as one trajectory, and what each fit does without."""
+
+    units: list[list[Part]]
+    left_out: list[Fold]
+    is_cut: bool  # whether recordings were cut for it
+
+    @classmethod
+    def of(cls, recordings: Sequence[Recording], *, per_homing: bool) -> Self:
+        """Plan for recordings, none a copy of another, as `cross_interval` says."""
+        groups = exchangeable_units(recordings, per_homing=per_homing)
+        if len(groups) < WHOLE_FROM:
+            each = max(FOLDS, -(-PARTS // len(recordings)))
+            units = [[part] for part in blocks(recordings, each)]
+            return cls(units, dealt(units, ""), is_cut=True)
+        parts = wholes(recordings)
+        units = [[parts[i] for i in group] for group in groups]
+        kinds = conditions(recordings) if len(units) == len(parts) else []
+        left_out = without_levels(recordings, kinds) if kinds else dealt(units, "")
+        return cls(units, left_out, is_cut=False)
 
 
-def _scores_of(
-    fitted: Calibration, recordings: Sequence[Recording], fold: Fold, rezero: float, growth: float
-) -> dict[Part, Array]:
-    """Scores of each part of a fold, by a fit that did without it."""
-    found = {}
-    for part in fold.parts:
-        recording = recordings[part.recording]
-        among = part.rows(len(recording))
-        found[part] = trajectory_scores(fitted, recording, rezero, growth, among)
-    return found
-
-
-def _unseen(recordings: Sequence[Recording], fold: Fold) -> list[Recording]:
-    return [recordings[part.recording].rows(slice(part.first, part.end)) for part in fold.parts]
+def _rows_of(recordings: Sequence[Recording], part: Part) -> Recording:
+    return recordings[part.recording].rows(slice(part.first, part.end))

@@ -32,6 +32,9 @@ SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN = 4.0, 2.0
 averages out), and so many times what a held-out training recording shows: a quarter of an hour of
 zig-zags shows as little as a fifth of what two hours of work do (twelve virtual arms)."""
 
+BEGINNINGS: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+"""Times [s] from the start of a recording of which the errors are known."""
+
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
 N_TRAVEL: Final = 5
 
@@ -40,7 +43,7 @@ N_TRAVEL: Final = 5
 class EffortBaseline:
     """What was seen while the calibration held; made by `fit_effort_baseline`.
 
-    Each of shape (n_joints,), but for `coef`.
+    Each of shape (n_joints,), but for `coef` and `beginning`.
     """
 
     lower: Array  # range of each measured position [rad or m]
@@ -54,6 +57,19 @@ class EffortBaseline:
     friction_limit: Array
     residual: Array  # standard deviation of corrected positions about their mean error [rad or m]
     correlation: Array  # time over which such errors resemble each other [s]
+    # (n, n_joints), standard deviation [rad or m] of the offset of the first `BEGINNINGS` about the
+    # mean error of the recording: the calibration does not know what was before them.
+    beginning: Array
+
+    def beginning_sd(self, duration: float) -> Array:
+        """Deviation (n_joints,) [rad or m] of the offset of a beginning so long [s].
+
+        Beyond the longest that was looked at it falls with the root of the time.
+        """
+        longest = max(duration / BEGINNINGS[-1], 1.0)
+        of_log = np.log(max(duration, BEGINNINGS[0])), np.log(BEGINNINGS)
+        found = [np.interp(*of_log, values) for values in self.beginning.T]
+        return np.asarray(np.array(found) / np.sqrt(longest), dtype=np.float64)
 
 
 def count_effort_terms(n_joints: int) -> int:
@@ -174,9 +190,13 @@ def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float,
 def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> EffortBaseline:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
     shapes = {field.name: (n_joints,) for field in fields(EffortBaseline)}
-    wanted = {**shapes, "coef": (n_joints, count_effort_terms(n_joints))}
+    wanted = {
+        **shapes,
+        "coef": (n_joints, count_effort_terms(n_joints)),
+        "beginning": (len(BEGINNINGS), n_joints),
+    }
     baseline = decode_arrays(EffortBaseline, "effort baseline", arrays, wanted)
-    positive = ("scale", "shift_limit", "friction_limit", "residual", "correlation")
+    positive = ("scale", "shift_limit", "friction_limit", "residual", "correlation", "beginning")
     if (
         not all((arrays[name] > 0.0).all() for name in positive)
         or not (baseline.lower < baseline.upper).all()

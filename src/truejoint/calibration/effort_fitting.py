@@ -9,6 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.effort_baseline import (
+    BEGINNINGS,
     FRICTION_MARGIN,
     MAX_JOINTS,
     RANGES_EACH_WAY,
@@ -22,11 +23,14 @@ from truejoint.calibration.effort_baseline import (
     effort_steps,
     largest_shifts,
 )
+from truejoint.calibration.zero import beginnings
 from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
+
+_STARTS, _STARTS_EACH = 24, 3  # at least, from which beginnings are looked at; of each recording
 
 
 def fit_effort_baseline(
@@ -55,7 +59,7 @@ def fit_effort_baseline(
         coef[j], scale[j] = _fit_effort(np.concatenate(own))
         shift[j], friction[j] = _held_out_shifts(own)
         monitored[j] = 1.0
-    residual, correlation = residual_statistics(calibration, recordings)
+    residual, correlation, beginning = residual_statistics(calibration, recordings)
     return EffortBaseline(
         lower=lower,
         upper=upper,
@@ -66,23 +70,30 @@ def fit_effort_baseline(
         friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN * friction),
         residual=residual,
         correlation=correlation,
+        beginning=beginning,
     )
 
 
 def residual_statistics(
     calibration: Calibration, recordings: Sequence[Recording]
-) -> tuple[Array, Array]:
+) -> tuple[Array, Array, Array]:
     """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
 
-    About each recording's mean; in that time the autocorrelation falls to 1/e. Raises
-    CalibrationError if no recording has the truth of two rows.
+    About each recording's mean; in that time the autocorrelation falls to 1/e. And the deviation
+    (n, n_joints) [rad or m] from that mean of the offset that the first `BEGINNINGS` of a motion
+    show, over 24 starts or more, three or more in each recording: a fit knows how these began, but
+    not what it takes for a beginning in their midst. Raises CalibrationError if no recording has
+    the truth of two rows.
     """
-    errors = []
+    errors, off = [], []
+    count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
     for recording in recordings:
         error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
         known = np.isfinite(error).all(axis=1)
         if known.sum() >= 2:
-            errors.append((recording.t[known], error[known] - error[known].mean(axis=0)))
+            mean = error[known].mean(axis=0)
+            errors.append((recording.t[known], error[known] - mean))
+            off += [found - mean for found in beginnings(calibration, recording, count)]
     if not errors:
         raise CalibrationError(
             "no recording has the truth of two rows, so nothing tells how errors vary; give one "
@@ -91,7 +102,24 @@ def residual_statistics(
     sizes = np.sqrt(np.mean(np.concatenate([error for _, error in errors]) ** 2, axis=0))
     times = [[_correlation_time(t, error[:, j]) for j in range(len(sizes))] for t, error in errors]
     smallest = np.finfo(float).tiny
-    return np.maximum(sizes, smallest), np.maximum(np.median(times, axis=0), 1e-3)
+    beginning = _root_mean_square(np.reshape(off, (-1, len(BEGINNINGS), len(sizes))))
+    return (
+        np.maximum(sizes, smallest),
+        np.maximum(np.median(times, axis=0), 1e-3),
+        np.maximum(beginning, smallest),
+    )
+
+
+def _root_mean_square(off: Array) -> Array:
+    """Root mean square (n, n_joints) of deviations (m, n, n_joints) that are known, not NaN.
+
+    Of a beginning that is too long for any recording, that of the next shorter one.
+    """
+    known = np.isfinite(off)
+    square = np.where(known, off, 0.0) ** 2
+    found = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
+    last = np.where(known.any(axis=(0, 2)), np.arange(off.shape[1]), 0)
+    return np.asarray(found[np.maximum.accumulate(last)])
 
 
 def _pieces(recordings: Sequence[Recording]) -> list[Recording]:

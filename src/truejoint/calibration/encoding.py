@@ -85,6 +85,11 @@ class CalibrationData(Generic[Model]):
     """(n_signals, n_joints), how far a signal moves with the zero of each joint: then the zero is
     one of the measured positions, as after a homing. None: it is added to the output."""
 
+    @property
+    def title(self) -> str:
+        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
+        return Robot(self.robot, (), self.arm).title
+
     @cached_property
     def signals(self) -> tuple[str, ...]:
         """Columns that are needed: those of the features, then any other measured position."""
@@ -107,6 +112,15 @@ class CalibrationData(Generic[Model]):
             }
             domain = replace(domain, **kept)
         return replace(self, training_domain=domain, parity=None, redundant={})
+
+    def required_interval(self) -> Interval:
+        """Interval that is stated; raises CalibrationError when there is none."""
+        if self.interval is None:
+            raise CalibrationError(
+                f"the calibration of {self.title} states no interval; make one of recordings that "
+                "it has not seen: truejoint calibrate ... --interval RECORDING"
+            )
+        return self.interval
 
     @cached_property
     def offset(self) -> Array:

@@ -5,19 +5,28 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from importlib.metadata import version
 from typing import Any, Final, Literal, Self, get_args
 
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
-from truejoint.calibration.effort_baseline import EffortBaseline
+from truejoint.calibration.choice import (
+    FITTED_ROWS,
+    MOST_ROWS,
+    Automatic,
+    Choice,
+    Group,
+    Rows,
+    choose,
+    share_of,
+)
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.parity import ParityEquations, fit_parity_equations
@@ -29,7 +38,7 @@ from truejoint.calibration.selection import (
     common_units,
     in_all,
 )
-from truejoint.calibration.sessions import session_of, source_of
+from truejoint.calibration.sessions import distinct, session_of, source_of
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
 from truejoint.calibration.training_domain import fit_training_domain, resting_features
 from truejoint.calibration.training_rows import (
@@ -40,6 +49,7 @@ from truejoint.calibration.training_rows import (
     partly_known,
     stride_of,
 )
+from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
@@ -60,7 +70,10 @@ ZeroOf = Literal["shared", "recording", "homing"]
 
 _MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
 """Quantities of which a choice tries all columns, where it chooses features."""
-_CHOICE_SHARE: Final = 0.9  # of the progress bar, where there is a choice
+_RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
+_RATE_DT: Final = 0.1  # [s] between rows, beyond which they show steps and no rates
+_CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
+_ZEROS_SHARE: Final = 0.2  # and of judging zeros then
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
 _SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
 _FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
@@ -76,7 +89,7 @@ def calibrate(
     redundant: Sequence[str] | None = None,
     fit_rate: float | None = None,
     random_state: int | None = None,
-    zero: ZeroOf = "shared",
+    zero: ZeroOf | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit an estimator, and the baselines beside it, to recordings with truth (peng2024, II-C).
@@ -111,13 +124,15 @@ def calibrate(
         with a history still see every row.
     random_state : int, optional
         Seed, where the estimator has one; its own by default.
-    zero : {"shared", "recording", "homing"}
-        Whether the recordings share one zero. With ``"recording"``, the estimator is fitted a
-        second time, with an offset of truth against measured position for each recording; with
-        ``"homing"``, for each homing, by which the measured positions themselves are off, inputs of
-        the model included. The zeros are those of a linear model on the same features. The second
-        fit (`Calibration.fitted_for`) is for motions that begin with re-zeroing and is useless
-        without, as all that differs between recordings has gone into the zeros.
+    zero : {"shared", "recording", "homing"}, optional
+        Whether the recordings share one zero, as they do by default; of what was chosen
+        automatically, one for each recording is kept beside where it is better: see `Automatic`.
+        With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
+        measured position for each recording; with ``"homing"``, for each homing, by which the
+        measured positions themselves are off, inputs of the model included. The zeros are those of
+        a linear model on the same features. The second fit (`Calibration.fitted_for`) is for
+        motions that begin with re-zeroing and is useless without, as all that differs between
+        recordings has gone into the zeros.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
 
@@ -136,7 +151,7 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
-    report, began = progress or (lambda _fraction: None), time.perf_counter()
+    report, began = progress or untold, time.perf_counter()
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
         choice = _choose(
@@ -146,12 +161,19 @@ def calibrate(
         fitted = calibrate(
             recordings, choice.estimator, features=choice.features, joints=joints,
             target=choice.target, redundant=redundant, fit_rate=fit_rate, zero=zero,
-            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE),
+            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE - _ZEROS_SHARE),
         )  # fmt: skip
-        unseen = _of_unseen(fitted.effort_baseline, choice, fitted.joints)
-        chosen = replace(fitted, effort_baseline=unseen)
-        return chosen.with_metadata(choice=choice.told, fit_seconds=_since(began))
-    groups = _groups(recordings, zero)
+        told = dict(choice.told)
+        if zero is None:
+            last = within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE)
+            sure = _of_unseen(fitted, choice)
+            second, told["zero"] = _judged_zeros(sure, recordings, fit_rate, wanted.tell, last)
+            fitted = fitted if second is None else _with_zeros(fitted, second)
+        report(1.0)
+        chosen = _of_unseen(fitted, choice)
+        return chosen.with_metadata(choice=told, fit_seconds=_since(began))
+    zero = zero or "shared"
+    groups = None if zero == "shared" else _groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
@@ -167,17 +189,17 @@ def _since(began: float) -> float:
     return round(time.perf_counter() - began, 3)
 
 
-def _of_unseen(
-    baseline: EffortBaseline | None, choice: Choice, joints: Sequence[str]
-) -> EffortBaseline | None:
-    """Baseline whose size of errors is that on what the fits of a choice did not see, if larger.
+def _of_unseen(fitted: Calibration, choice: Choice) -> Calibration:
+    """State as its size of errors that on what the fits of a choice did not see, if larger.
 
     The median of the parts: some lie far beyond what the others show.
     """
+    baseline = fitted.effort_baseline
     if baseline is None:
-        return None
-    unseen = [choice.told["chosen"]["median"][joint] for joint in joints]
-    return replace(baseline, residual=np.maximum(baseline.residual, unseen))
+        return fitted
+    unseen = [choice.told["chosen"]["median"][joint] for joint in fitted.joints]
+    baseline = replace(baseline, residual=np.maximum(baseline.residual, unseen))
+    return replace(fitted, effort_baseline=baseline)
 
 
 @dataclass(frozen=True)
@@ -315,8 +337,6 @@ def _assembled(
         upper=X.max(axis=0),
         model=fits.model,
         baseline_models=fits.baselines,
-        rezero_models=fits.second.models,
-        moves=fits.second.moves,
         training_domain=fit_training_domain(
             task.recordings,
             (*task.units, *redundant),
@@ -334,12 +354,18 @@ def _assembled(
             "settings": " ".join(repr(task.model).split()),
             "unused_features": fits.unused,
             "baseline_notes": fits.notes,
-            "zeros": fits.second.zeros,
             **({"identified": fits.model.identified} if fits.model.identified else {}),
         },
     )
+    return _with_zeros(fitted, fits.second)
+
+
+def _with_zeros(fitted: Calibration, second: _SecondFit) -> Calibration:
+    """Calibration with what was fitted once more beside it, and what is known of its errors."""
+    fitted = replace(fitted, rezero_models=second.models, moves=second.moves)
+    fitted = fitted.with_metadata(zeros=second.zeros)
     used = fitted.fitted_for(rezeroing=True)
-    baseline = fit_effort_baseline(used, [part.recording for part in fits.second.parts])
+    baseline = fit_effort_baseline(used, [part.recording for part in second.parts])
     return replace(fitted, effort_baseline=baseline)
 
 
@@ -359,6 +385,54 @@ def _fit_at_one_zero(
     again, others, _ = _fit(task, at_zero, n_features, report)
     zeros = {"of": zero, "names": names, "offsets": found.tolist()}
     return _SecondFit({"model": again, **others}, at_zero, moves, zeros)
+
+
+def _judged_zeros(
+    fitted: Calibration,
+    recordings: Sequence[Recording],
+    fit_rate: float | None,
+    tell: Callable[[str], None] | None,
+    report: Progress,
+) -> tuple[_SecondFit | None, dict[str, Any]]:
+    """Fit what was chosen with a zero for each recording where that is better, and tell of it."""
+
+    def of(some: Sequence[Recording]) -> _Task:
+        model = fitted.model.settled()
+        return _Task.of(some, model, fitted.feature_set, fitted.joints, fitted.target, None)
+
+    def say(what: str, share: float) -> None:
+        report(share)
+        if tell is not None:
+            tell(what)
+
+    few = distinct(recordings)
+    if len(few) < FEW:
+        return None, {"kept": False, "note": f"it takes {FEW} recordings"}
+    if not (fitted.feature_set.counts_samples or fitted.model.family.counts_samples):
+        most = share_of([len(one) for one in few], MOST_ROWS)
+        few = [one.rows(np.arange(0, len(one), -(-len(one) // most))) for one in few]
+    task = of(few)
+    stride = max(stride_of(fit_rate, task.dt), -(-sum(map(len, few)) // FITTED_ROWS))
+    parts = task.rows(stride)
+    plain = replace(fitted, gap_limit=task.gap_limit)
+
+    def fit(seen: Sequence[int]) -> tuple[Calibration, Calibration]:
+        own = [parts[index] for index in seen]
+        each, _ = _at_one_zero(own, np.arange(len(own)), None, ())
+        first, again = (
+            replace(plain, model=_fit_model(clone(task.model), some, task.target, untold))
+            for some in (own, each)
+        )
+        return first, again.with_metadata(zeros={"of": "recording"})
+
+    kept, told = judge_zeros(few, folds(few), fit, say)
+    if not kept:
+        return None, told
+    whole = of(recordings)
+    n_features = len(whole.feature_set) - len(fitted.metadata["unused_features"])
+    own_parts, groups = whole.rows(stride_of(fit_rate, whole.dt)), _groups(recordings, "recording")
+    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, untold)
+    return second, told
 
 
 def reseeded(
@@ -408,7 +482,7 @@ def reseeded(
     return [
         replace(
             fitted,
-            model=_fit_model(model, parts, fitted.target, lambda _fraction: None),
+            model=_fit_model(model, parts, fitted.target, untold),
             interval=None,
             effort_baseline=None,
         ).with_metadata(settings=" ".join(repr(model).split()))
@@ -429,7 +503,7 @@ def _choose(
     """Choose among the estimators that can predict the target, each with its features."""
     robot = common_robot(recordings)
     chosen = chosen_joints(robot, recordings, joints)
-    recordings = _distinct(recordings)
+    recordings = distinct(recordings)
     named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
     usual = FeatureSet.parse(in_all(recordings, named))
     common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
@@ -463,33 +537,48 @@ def _choose(
     for ones in by_features.values():  # what learns a filter's residual, without the filter too
         within_one = {name for one in ones for name in _member_names(one)}
         ones += [one for one in free if one.name in within_one and one not in ones]
-    gap_limit, stride = default_gap_limit(recordings), stride_of(fit_rate, sample_dt(recordings))
-    outlying = outlying_values(recordings, chosen)
-    groups = []
-    for feature_set, candidates in by_features.items():
-        rules = RowRules(feature_set, chosen, gap_limit, stride)
-        parts = map(rules.rows, recordings, outlying)
-        own_target = targets.get(feature_set, target or TARGETS[0])
-        thinned = not any(one.family.counts_samples for one in candidates)
-        sizes = [len(one) for one in recordings]
-        most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        rows = [Rows.of(part, own_target, most) for part in parts]
-        told = [one.for_features(feature_set.names, robot, chosen) for one in candidates]
-        groups.append(Group(feature_set, rows, told, own_target))
-    found = choose(groups, folds(recordings), chosen, wanted.tell, progress)
+    grouped = partial(
+        _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
+        stride_of(fit_rate, sample_dt(recordings)),
+    )  # fmt: skip
+
+    def with_rates(group: Group, names: Collection[str]) -> Group | None:
+        """Give candidates of these names the rates of the group's measured positions as well."""
+        positions = [name for name in group.features.names if name.startswith("measured/")]
+        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
+        tried = [one for one in free if one.name in names]
+        more = FeatureSet.parse([*group.features.names, *rates])
+        return grouped(more, tried, group.target) if rates else None
+
+    groups = [
+        grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
+        for feature_set, ones in by_features.items()
+    ]
+    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
+    extended = with_rates if features is None and free and shows_rates else None
+    found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
     return replace(found, told={**found.told, "not_in_all": lacking})
 
 
-def _distinct(recordings: Sequence[Recording]) -> list[Recording]:
-    """Leave out what is another recording's copy: a fit would be judged on itself."""
-    found: dict[str, Recording] = {}
-    for one in recordings:
-        digest = hashlib.sha256()
-        for name in ("t", *one.units):
-            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
-        found.setdefault(digest.hexdigest(), one)
-    return list(found.values())
+def _grouped(
+    recordings: Sequence[Recording],
+    outlying: Sequence[Mask],
+    robot: Robot,
+    joints: tuple[str, ...],
+    stride: int,
+    feature_set: FeatureSet,
+    candidates: Sequence[JointRegressor],
+    target: Target,
+) -> Group:
+    """Candidates with the rows of recordings, as many as serve a choice, that they see."""
+    rules = RowRules(feature_set, joints, default_gap_limit(recordings), stride)
+    thinned = not any(one.family.counts_samples for one in candidates)
+    sizes = [len(one) for one in recordings]
+    most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
+    rows = [Rows.of(part, target, most) for part in map(rules.rows, recordings, outlying)]
+    told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
+    return Group(feature_set, rows, told, target)
 
 
 def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
@@ -510,6 +599,10 @@ def _member_names(model: JointRegressor) -> list[str]:
     """Names of the members of a combination with features of its own."""
     members = vars(model).get("members", ()) if model.family.inputs is not None else ()
     return [str(getattr(one, "name", one)) for one in members]
+
+
+def untold(_fraction: float) -> None:
+    """Progress that nobody asked for."""
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:
@@ -561,15 +654,13 @@ def known_loads(recording: Recording, names: Sequence[str]) -> Array:
     return np.column_stack([recording.table.get(name, none) for name in names])
 
 
-def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers] | None:
-    """Names of what recordings share a zero with, and which of them each does; None: one for all.
+def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers]:
+    """Names of what recordings share a zero with, and which of them each does.
 
     A recording whose homing has no name is one of its own.
     """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    if zero == "shared":
-        return None
     origins = [recording.provenance for recording in recordings]
     keys = [(zero == "homing" and one.homing_id) or i for i, one in enumerate(origins)]
     different = list(dict.fromkeys(keys))

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.sessions import source_of
 from truejoint.errors import CalibrationError
 from truejoint.estimators.cross_validation import levels
@@ -161,6 +161,48 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     for name, values in stated.items():
         found += _by_value(parts, name, values)
     return found or dealt([[part] for part in parts], "recordings")
+
+
+def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
+    """Places of the recordings of each level, for each condition that comes in levels.
+
+    Conditions are speed, the size of efforts and a stated mass; see
+    `truejoint.estimators.cross_validation.levels`. One that parts them as another does is none.
+    """
+    loads = np.array([recording.provenance.load for recording in recordings])
+    known = np.isfinite(loads).all()
+    found: dict[frozenset[frozenset[int]], list[Integers]] = {}
+    for values in (_speeds(recordings), _efforts(recordings), loads if known else 0.0 * loads):
+        alike = levels(np.nan_to_num(values), len(values))
+        if len(alike) < len(values):
+            found.setdefault(frozenset(frozenset(own.tolist()) for own in alike), alike)
+    return list(found.values())
+
+
+def without_levels(
+    recordings: Sequence[Recording], kinds: Sequence[Sequence[Integers]]
+) -> list[Fold]:
+    """Leave out in turn the levels between others of each kind, as `conditions` gives them.
+
+    So a recording is judged by a fit to which its level is new, as one under a load that was never
+    tried is; one that lies between others in two conditions is left out twice. The least and the
+    largest levels, which no fit knows anything beyond, are left out a recording at a time, each
+    with the smallest fold.
+    """
+    left_out = list[set[int]]()
+    for number, groups in enumerate(kinds):
+        between = groups[1:-1]
+        count = min(len(between), (FOLDS - len(left_out)) // (len(kinds) - number))
+        left_out += [set(np.concatenate(between[k::count]).tolist()) for k in range(count)]
+    left_out += [set() for _ in range(FOLDS - len(left_out))]
+    for index in sorted(set(range(len(recordings))).difference(*left_out)):
+        min(left_out, key=len).add(index)
+    parts = wholes(recordings)
+    return [
+        Fold(f"levels {k + 1}", tuple(parts[i] for i in sorted(own)))
+        for k, own in enumerate(left_out)
+        if own
+    ]
 
 
 def _by_value(

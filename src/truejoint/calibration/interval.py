@@ -16,6 +16,7 @@ from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
 
 LEVELS: Final = (0.8, 0.9, 0.95)
+LEVEL: Final = 0.9  # where none is asked for
 GROWTH: Final = 2.0  # growth of the interval outside the trained range: see `Interval.growth`
 MAX_LEVELS: Final = 16
 

@@ -8,7 +8,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from truejoint.calibration.parity import redundant_columns
-from truejoint.calibration.sessions import check_arm, check_columns, check_unit, source_of
+from truejoint.calibration.sessions import (
+    check_arm,
+    check_columns,
+    check_unit,
+    listed,
+    source_of,
+)
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor
 from truejoint.models.features import FeatureSet, default_features
@@ -51,7 +57,7 @@ def chosen_joints(
             if column not in recording.table.columns:
                 raise CalibrationError(
                     f"{source_of(recording)} has no column {column!r}, which calibrating "
-                    f"{', '.join(chosen)} needs; it has {', '.join(recording.units)}"
+                    f"{', '.join(chosen)} needs; it has {listed(list(recording.units))}"
                 )
     return chosen
 

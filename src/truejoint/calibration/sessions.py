@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 from truejoint.errors import CalibrationError, meant
 from truejoint.robots.robot import Robot, as_robot
@@ -32,6 +35,17 @@ def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "se
     return False
 
 
+def distinct(recordings: Sequence[Recording]) -> list[Recording]:
+    """Leave out what is another recording's copy: a fit without it would still have seen it."""
+    found: dict[str, Recording] = {}
+    for one in recordings:
+        digest = hashlib.sha256()
+        for name in ("t", *one.units):
+            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
+        found.setdefault(digest.hexdigest(), one)
+    return list(found.values())
+
+
 def session_of(recording: Recording) -> dict[str, Any]:
     """Tell a recording from others, as JSON values."""
     kept = ("source", "sha256", "session", "homing_id", "load", "start")
@@ -48,12 +62,16 @@ def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> N
     if missing:
         quantity = missing[0].partition("/")[0] + "/"  # of another one nothing can be meant
         alike = [name for name in recording.units if name.startswith(quantity)]
-        shown = list(recording.units)[:_SHOWN]
-        more = len(recording.units) - len(shown)
         raise CalibrationError(
-            f"{source_of(recording)} lacks {', '.join(missing)}, which the {whose};"
-            f"{meant(missing[0], alike)} it has {', '.join(shown)}{f', {more} more' * (more > 0)}"
+            f"{source_of(recording)} lacks {listed(missing)}, which the {whose};"
+            f"{meant(missing[0], alike)} it has {listed(list(recording.units))}"
         )
+
+
+def listed(columns: Sequence[str]) -> str:
+    """First columns by name, and how many more there are."""
+    more = len(columns) - _SHOWN
+    return ", ".join([*columns[:_SHOWN], *[f"{more} more"] * (more > 0)])
 
 
 def check_unit(recording: Recording, column: str, unit: str, where: str) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array, Mask
+from truejoint.calibration.effort_baseline import BEGINNINGS
 from truejoint.calibration.encoding import as_calibration, as_recorded
 from truejoint.errors import CalibrationError
 from truejoint.models.features import time_steps
@@ -23,6 +24,7 @@ CORRELATION_MARGIN: Final = 3.0
 """Errors may resemble each other for longer than in the motions of the baseline by this factor:
 a slower motion stays longer where the calibration errs one way."""
 
+_DOUBT: Final = 1.5  # deviations of an offset that errors may explain
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
 _LEAST_PAST, _ENOUGH_PAST = 1e-3, 5.0  # [s]; the first row alone is worth something
 _MOST_ROUNDS: Final = 20  # of moving the inputs of a model until its output fits
@@ -46,7 +48,9 @@ class Zero:
     sd : ndarray, shape (n_joints,)
         Standard deviation of `offset` as an estimate of the offset of a whole motion [rad or m].
         Errors of a model resemble each other over seconds, so a brief truth knows less than its
-        number of readings suggests. NaN where the calibration keeps no `EffortBaseline`.
+        number of readings suggests; and of what was before it starts a model knows nothing, so it
+        is no less than what beginnings of the training show. NaN where the calibration keeps no
+        `EffortBaseline`.
     rows : int
         Readings of the truth.
     duration : float
@@ -68,20 +72,22 @@ class Zero:
 def believed(offset: ArrayLike, sd: ArrayLike) -> Array:
     """Estimate zeros (n,) [rad or m] of offsets that are known to `sd` (n,), where few zeros move.
 
-    That is ``offset (1 - sd^2 / offset^2)``, and nothing below `sd`: the mean of a Gaussian zero
-    whose variance is what today's offset has beyond that of the errors (empirical Bayes, as Efron
-    and Morris, JASA 68, 1973, here of a single mean; in form Breiman's non-negative garrote,
-    Technometrics 37, 1995). A zero that moved by ten deviations is found to a tenth of one more;
-    errors of a brief stretch that lie all to one side are no zero. The price is a zero that moved
-    by more than 1.2 deviations: its mean square error is up to 1.5 of that of the whole offset (at
-    2.5), for 0.33 where it did not move. All of an offset whose `sd` is NaN.
+    That is ``offset (1 - (1.5 sd / offset)^2)``, and nothing below 1.5 `sd`. With 1 for 1.5 it is
+    the mean of a Gaussian zero whose variance is what today's offset has beyond that of the errors
+    (empirical Bayes, as Efron and Morris, JASA 68, 1973, here of a single mean; in form Breiman's
+    non-negative garrote, Technometrics 37, 1995); 1.5 is for errors of beginnings, which now and
+    then are several deviations. A zero that moved by ten deviations is found to two tenths of one
+    more; errors of a brief stretch that lie all to one side are no zero. Where the zero did not
+    move, the mean square error is 0.12 of that of the whole offset; the price is a zero that moved
+    by more than 1.1 deviations: up to 2.2 times (at 2.6). All of an offset whose `sd` is NaN.
 
     Examples
     --------
-    >>> believed([0.5, 10.0], [1.0, 1.0])
-    array([0. , 9.9])
+    >>> believed([1.2, 10.0], [1.0, 1.0])
+    array([0.   , 9.775])
     """
     whole, spread = (np.asarray(values, dtype=np.float64) for values in (offset, sd))
+    spread = _DOUBT * spread
     by_errors = np.divide(spread**2, whole, out=whole.copy(), where=np.abs(whole) > spread)
     return np.where(np.isnan(spread), whole, whole - by_errors)
 
@@ -124,9 +130,39 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
     baseline = calibration.effort_baseline
     if baseline is not None:
         alike = [float(np.sum(pairs * np.exp(-apart / time))) for time in baseline.correlation]
-        sd = baseline.residual * np.sqrt(alike)
+        running = float(t[-1] - recording.t[0])
+        sd = np.maximum(baseline.residual * np.sqrt(alike), baseline.beginning_sd(running))
     moves = calibration.metadata.get("zeros", {}).get("of", "shared") != "shared"
     return Zero(offset, offset if moves else believed(offset, sd), sd, len(t), float(t[-1] - t[0]))
+
+
+def beginnings(calibration: Calibration, recording: Recording, count: int) -> list[Array]:
+    """Offsets (n, n_joints) [rad or m] of the first `BEGINNINGS` from each of `count` starts.
+
+    NaN for those that are longer than half of the recording, but for the shortest; of each start
+    with a truth, spread evenly. The calibration starts there anew.
+    """
+    t, length = recording.t, min(BEGINNINGS[-1], 0.5 * recording.duration)
+    starts = np.linspace(t[0], t[-1] - length, count)
+    spans = [np.arange(*np.searchsorted(t, (one, one + length))) for one in starts]
+    piece = np.repeat(np.arange(count), [len(span) for span in spans])
+    rows = np.concatenate(spans)
+    apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
+    table = recording.table.iloc[rows].reset_index(drop=True).assign(t=t[rows] + apart * piece)
+    pieces = replace(recording, table=table)
+    error = pieces.columns("truth", calibration.joints) - calibration.correct(pieces)
+    known = np.asarray(np.isfinite(error).all(axis=1))
+    weights, found = _past(calibration, pieces, known), []
+    for number in np.unique(piece[known]):
+        own = piece[known] == number
+        since = t[rows[known][own]] - starts[number]
+        off = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
+        for row, duration in enumerate(BEGINNINGS):
+            used = since < duration
+            if used.any() and (row == 0 or duration <= length):
+                off[row] = _median(error[known][own][used], weights[own][used])
+        found.append(off)
+    return found
 
 
 def _past(calibration: Calibration, recording: Recording, known: Mask) -> Array:

@@ -34,11 +34,11 @@ def main() -> None:
     try:
         code = _run(stopped)
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # the last resort
-        if debug:
+        code, message = _outcome(error)
+        if debug and (message or code == INTERRUPTED):
             import traceback  # noqa: PLC0415
 
             traceback.print_exc()
-        code, message = _outcome(error)
     finally:
         stopped.ignores()  # all is written by now, but for this line
     if stopped.asked or code == INTERRUPTED:
@@ -121,8 +121,7 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             return INTERRUPTED, ""
         case usage_error():
             what = " ".join(error.format_message().split())
-            # Of an option without its value it is not said of which command.
-            where = error.ctx.command_path if error.ctx else " ".join(["truejoint", *sys.argv[1:2]])
+            where = error.ctx.command_path if error.ctx else _command_of(sys.argv[1:])
             # An empty one means that help was shown.
             return FAILED, f"{what} See `{where} --help`." if what else ""
         case TruejointError():
@@ -139,6 +138,19 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
         f"{kind}: {error}. This is a fault of truejoint, not of yours: please report it with the "
         f"command and what it prints with {DEBUG}"
     )
+
+
+def _command_of(arguments: list[str]) -> str:
+    """Command that a line begins with: of an option without its value, nothing else says which."""
+    from truejoint.cli.commands import built  # noqa: PLC0415  # once Ctrl-C is looked after
+
+    words, command = ["truejoint"], built()
+    for word in _spelt_out(arguments):
+        command = getattr(command, "commands", {}).get(word)
+        if command is None:
+            break
+        words.append(word)
+    return " ".join(words)
 
 
 def _silence() -> None:

@@ -203,3 +203,17 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         say(f"not in every recording, so not learnt of: {', '.join(told['not_in_all'])}")
     title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
     print_table([*header, "time [s]", "note"], rows, title=title)
+    if "zero" in told:
+        say(zeros_in_words(told["zero"]))
+
+
+def zeros_in_words(judged: Mapping[str, Any]) -> str:
+    """Tell whether a zero for each recording is kept beside, and how much better it was."""
+    if "note" in judged:
+        return f"a zero for each recording is not judged: {judged['note']}"
+    verdict = "kept for recordings that are re-zeroed" if judged["kept"] else "not kept"
+    return (
+        f"a zero for each recording: {judged['ratio']:.2f} of the error of one for all, after "
+        f"{judged['rezeroed_from']:g} s of truth, on {len(judged['left_out'])} parts left out; "
+        f"{verdict}"
+    )

@@ -49,7 +49,7 @@ def check(
             "needs no truth."
         ),
     ] = None,
-    level_percent: options.Level = 90.0,
+    level_percent: options.Level = None,
     part: options.Part = None,
     force: options.Force = False,
     as_json: options.Json = False,
@@ -57,23 +57,24 @@ def check(
     files: Files,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    from truejoint.calibration.interval import check_level  # noqa: PLC0415  # needs NumPy
+    from truejoint.calibration.interval import LEVEL, check_level  # noqa: PLC0415  # needs NumPy
 
-    level = level_percent / 100.0
-    check_level(level)
+    level = options.share(level_percent)
+    if level is not None:
+        check_level(level)
     if rezero is not None:
         check_model_target(rezero, force)
         if against is not None:
             raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
     calibration = truejoint.read_calibration(model)
     other = None if against is None else truejoint.read_calibration(against)
-    if calibration.interval is not None:
-        calibration.interval.index(level)
+    if level is not None or calibration.interval is not None:
+        calibration.required_interval().index(LEVEL if level is None else level)
     loaded = files.one(recording, part=part, model=calibration)
     if other is not None:
         with progress("Comparing the two calibrations"):
             agreement = truejoint.calibration.compare_calibrations(
-                calibration, other, loaded, level
+                calibration, other, loaded, LEVEL if level is None else level
             )
         _report_agreement(calibration, agreement, as_json)
         holds: bool | None = bool(agreement.consistent.all())

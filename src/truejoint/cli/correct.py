@@ -38,7 +38,7 @@ def correct(
             "on the jaw, Nm) and status of every row.",
         ),
     ],
-    level_percent: options.Level = 90.0,
+    level_percent: options.Level = None,
     rezero_s: Annotated[
         float, typer.Option(help="Re-zero on so much truth at the start of each recording [s].")
     ] = 0.0,
@@ -58,6 +58,7 @@ def correct(
         raise RecordingError(f"{output}: call it .csv or .parquet")
     check_target(output, overwrite=force)
     accepted = check_names(accept)
+    level = options.share(level_percent)
     calibration = truejoint.read_calibration(model)
     inputs = calibration.feature_set
     loaded = files.find(recordings, part=part, model=calibration, inputs=inputs)()
@@ -71,7 +72,7 @@ def correct(
                 if rezero_s
                 else calibration
             )
-            tables.append(correct_rows(at_zero, recording, level_percent / 100.0))
+            tables.append(correct_rows(at_zero, recording, level))
             done(count / len(loaded))
     found = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
     _write(names, tables, output, force)
@@ -92,7 +93,7 @@ def correct(
 
 
 def correct_rows(
-    calibration: truejoint.Calibration, recording: truejoint.Recording, level: float
+    calibration: truejoint.Calibration, recording: truejoint.Recording, level: float | None
 ) -> pd.DataFrame:
     """Time, corrected positions, half-widths and status of every row, by the loop's own kernel.
 

@@ -73,8 +73,6 @@ def export(
         )
     check_folder(folder, error=ExportError)
     calibration = truejoint.read_calibration(model)
-    if level is not None and not _states_level(calibration):
-        calibration.required_interval()
     if compensate:
         given["compensator"] = _compensator(calibration)
     paths = _written(calibration, kind, folder, prefix, precision, given, overwrite=force)
@@ -87,13 +85,6 @@ def export(
         from truejoint.export import check_command  # noqa: PLC0415  # compiles
 
         out.print(f"check it:  {check_command(paths)}", soft_wrap=True)
-
-
-def _states_level(calibration: Calibration) -> bool:
-    """Whether the model states half-widths, of positions or of what it tells beside them."""
-    family, params = calibration.model.family, calibration.model.model_params()
-    by_itself = bool(family.beside) or family.knows_deviation(params)
-    return by_itself or calibration.interval is not None
 
 
 def _compensator(calibration: Calibration) -> Compensator:

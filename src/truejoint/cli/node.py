@@ -73,7 +73,7 @@ def correct(
     model: options.Model,
     profile: Profile = "",
     namespace: Namespace = "",
-    level_percent: options.Level = 90.0,
+    level_percent: options.Level = None,
     homing_id: Annotated[
         str | None, typer.Option(help="Name of the homing that the positions refer to now.")
     ] = None,
@@ -95,7 +95,7 @@ def correct(
         choices = [calibration]
         if calibration.redundant:
             choices.append(calibration.without_redundant())
-        correctors = [Corrector(choice, level=level_percent / 100.0) for choice in choices]
+        correctors = [Corrector(choice, level=options.share(level_percent)) for choice in choices]
         node = CorrectorNode(
             transport, correctors, robot, profile, namespace=namespace,
             homing_id=homing_id, say=say,

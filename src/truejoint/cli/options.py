@@ -32,16 +32,21 @@ Model = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
 ]
 Level = Annotated[
-    float,
+    float | None,
     typer.Option(
         "--level",
-        help="Probability of the stated interval [%].",
+        help="Probability of the stated interval [%]; default: 90.",
         autocompletion=complete.percent_levels,
     ),
 ]
 DatasetName = Annotated[
     str, typer.Argument(help="Name of the data set.", autocompletion=complete.datasets)
 ]
+
+
+def share(percent: float | None) -> float | None:
+    """Probability of so many percent, where they are given."""
+    return None if percent is None else percent / 100.0
 
 
 def recordings(name: str, help: str) -> Any:  # noqa: A002  # as typer calls it

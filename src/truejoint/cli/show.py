@@ -11,7 +11,7 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.console import print_facts, print_table, result_json
+from truejoint.cli.console import print_facts, print_table, result_json, shortened
 from truejoint.cli.correct import accepted_homings
 from truejoint.cli.inputs import Files, takes_files
 from truejoint.units import display_unit
@@ -145,11 +145,15 @@ def _column_texts(column: Mapping[str, Any]) -> list[str]:
 
 
 def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Facts as text; of what is nested in them each a line, of sessions how many there are."""
+    """Facts as text; of what is nested in them each a line, of sessions how many there are.
+
+    Settings may hold a whole mechanism, of which begin and end are enough beside ``--json``.
+    """
     for key, value in facts.items():
         if isinstance(value, Mapping):
             yield from ((f"{key}.{name}", text) for name, text in _texts(value))
         elif isinstance(value, list):
             yield key, f"{len(value)}" if key == "sessions" else ", ".join(map(str, value))
         elif value not in (None, ""):
-            yield key, f"{value:.6g}" if isinstance(value, float) else str(value)
+            text = f"{value:.6g}" if isinstance(value, float) else str(value)
+            yield key, shortened(text, 300) if key == "settings" else text

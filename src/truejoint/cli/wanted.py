@@ -83,12 +83,13 @@ class Wanted:
         typer.Option(help="Fit to rows at most at this rate [Hz]; features still see every row."),
     ] = None
     zero: Annotated[
-        Literal["shared", "recording", "homing"],
+        Literal["shared", "recording", "homing"] | None,
         typer.Option(
             help="Whether the recordings share one zero, or a second fit, for motions that begin "
-            "with re-zeroing, takes one for each recording (truth) or homing (measured positions)."
+            "with re-zeroing, takes one for each recording (truth) or homing (measured positions). "
+            f"Default: shared; with {AUTO}, one for each recording where that is better."
         ),
-    ] = "shared"
+    ] = None
     seed: options.Seed = 0
 
     def suited_to(self, dataset: str | None) -> Wanted:

@@ -17,7 +17,7 @@ from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models import combination, combination_with_memory, hybrid
-from truejoint.models.family import EstimatorData, Family, Params, find_family
+from truejoint.models.family import EstimatorData, Family, Params, find_family, is_integer
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -53,6 +53,8 @@ class Combination(JointRegressor):
         for which it has a weight other than 0, one without any is left out.
     random_state : int, optional
         Seed of the members; their own by default.
+    rows : int, optional
+        Most rows that members without a memory are fitted to, evenly spread; by default all.
 
     Attributes
     ----------
@@ -73,6 +75,7 @@ class Combination(JointRegressor):
     members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
     weights: Sequence[Sequence[float]] | None = None
     random_state: int | None = None
+    rows: int | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.members, list | tuple):
@@ -114,6 +117,11 @@ class Combination(JointRegressor):
                     f"weights of a combination have shape {weights.shape}; give a finite one for "
                     f"each of {len(unfitted)} members and each output, not all 0 for an output"
                 )
+        if not (self.rows is None or is_integer(self.rows, 1, 10**9)):
+            raise CalibrationError(
+                f"rows of a combination is {self.rows!r:.60}; it must be an integer from 1, or "
+                "None for all"
+            )
         super().check_params()
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
@@ -192,10 +200,12 @@ class Combination(JointRegressor):
             if self.random_state is not None:
                 seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
                 member.set_params(**dict.fromkeys(seeds, self.random_state))
-            rows = np.isfinite(left).all(axis=1) | member.family.remembers
+            rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
+            if self.rows is not None and not member.family.remembers:
+                rows = rows[:: -(-len(rows) // int(self.rows))]
             member.fit(X[rows], left[rows][:, outputs], told, dt[rows])
             member.memory()  # refuses what only works offline
-            if self.weights is None:
+            if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
             self.members_.append(member)
             arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}

@@ -77,7 +77,24 @@ def cross_validated(
     return PenalisedFit(np.array(columns).T, np.array(PENALTIES)[penalty], chosen, flat.min(axis=0))
 
 
-def _solutions(products: Array, weights: Array, n_outputs: int) -> Array:
+def penalised(products: Array, weights: Array, penalty: float) -> Array:
+    """Constant and coefficients (1 + n_terms,) of one output with a penalty.
+
+    Of sums of `products` (m, m) and of `weights` (n_terms,) as `cross_validated` takes them.
+
+    Examples
+    --------
+    >>> x = np.linspace(-1.0, 1.0, 90)
+    >>> table = np.column_stack([np.ones(90), x, 3.0 * x])
+    >>> penalised(table.T @ table, np.ones(1), 0.5).round(3) + 0.0  # two thirds of it
+    array([0., 2.])
+    """
+    return np.asarray(_solutions(products, weights, 1, (penalty,))[0, :, 0])
+
+
+def _solutions(
+    products: Array, weights: Array, n_outputs: int, penalties: Sequence[float] = PENALTIES
+) -> Array:
     """Constants and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
 
     Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
@@ -93,8 +110,8 @@ def _solutions(products: Array, weights: Array, n_outputs: int) -> Array:
     inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
     values, vectors = np.linalg.eigh(inner)
     right = vectors.T @ (spread[terms, targets][used] * own[:, None])
-    found = np.zeros((len(PENALTIES), 1 + n_terms, n_outputs))
-    for at, penalty in enumerate(PENALTIES):
+    found = np.zeros((len(penalties), 1 + n_terms, n_outputs))
+    for at, penalty in enumerate(penalties):
         shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
         found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
         found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]

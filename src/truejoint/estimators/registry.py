@@ -31,7 +31,8 @@ class _Line(NamedTuple):
     tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
 
 
-_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256, "rows": 100_000}
+_MANY: Final = 100_000  # rows, evenly spread, that what takes long is fitted to for a choice
+_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256, "rows": _MANY}
 """Of a network that converges in seconds.
 
 Its epochs are those of the few thousand rows of a choice; over a million they would take minutes.
@@ -43,7 +44,9 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "dnn": _Line("network", "NeuralNetwork", {}, _SMALL),
     "pose_network": _Line("network", "PoseNetwork", {}),
     "poly2_ridge": _Line("rich_play", "Ridge", {}, {}),
-    "linear_trees": _Line("combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {}),
+    "linear_trees": _Line(
+        "combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {"rows": _MANY}
+    ),
     "network_forest": _Line("combination", "Combination", {"members": ("dnn", "random_forest")}),
     "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge"}, {}),
     "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees"}, {}),

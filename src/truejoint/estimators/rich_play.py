@@ -22,7 +22,13 @@ from truejoint.estimators.base import (
 )
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.coupled_play import identify_coupling
-from truejoint.estimators.cross_validation import BLOCKS, blocks, cross_validated
+from truejoint.estimators.cross_validation import (
+    BLOCKS,
+    PenalisedFit,
+    blocks,
+    cross_validated,
+    penalised,
+)
 from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.polynomial import TermsRegressor, polynomial_design
 from truejoint.models import interactions, offset, play_bank
@@ -47,6 +53,10 @@ _NARROW: Final = 4
 """Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
 of one speed just as well, and something else of any other motion."""
 _IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
+_FAR: Final = 6.0  # standard deviations, beyond which a row is not fitted to
+_NORMAL: Final = 0.6745  # median of a normal error's size, over its standard deviation
+_MOST_FAR: Final = 0.05  # share of the rows that may be; more of them are no exceptions
+_ROUNDS: Final = 5
 _GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
 
 
@@ -67,6 +77,11 @@ class Ridge(TermsRegressor):
         Features that are multiplied, `first` or more; by default as many as `first`.
     squared : int, optional
         Of the features, by whose squares they are multiplied too; by default none.
+    trimmed : bool
+        Whether it is fitted again without rows that it is off by more than six standard deviations
+        in (by the median's size), where these are a twentieth at most. They are left to what learns
+        the residual: a roll is ill conditioned where the wrist is bent by a right angle, and a few
+        such rows bend the model everywhere.
 
     Attributes
     ----------
@@ -88,6 +103,7 @@ class Ridge(TermsRegressor):
     first: int | None = None
     crossed: int | None = None
     squared: int = 0
+    trimmed: bool = False
 
     def model_params(self) -> Params:
         """Parameters of the family: by default, the numbers for what it is fitted to."""
@@ -118,7 +134,11 @@ class Ridge(TermsRegressor):
         found = cross_validated(products, weights, progress)
         self.shares_, self.penalties_ = np.array(shares)[found.weights], found.penalties
         self.errors_ = np.sqrt(np.maximum(found.errors, 0.0) / len(X))
-        table = found.coefficients * scales["target_scale"]
+        table = found.coefficients
+        if self.trimmed:
+            own = np.array(weights)[found.weights]
+            table = _without_far(scaled, targets, factors, products.sum(axis=0), own, found)
+        table = table * scales["target_scale"]
         return {
             "mean": mean,
             "inverse_scale": inverse_scale,
@@ -137,6 +157,38 @@ def _products(scaled: Array, y: Array, factors: Integers) -> Array:
         table = np.column_stack([np.ones(len(terms)), terms, y[rows]])
         total += table.T @ table
     return total
+
+
+def _without_far(
+    scaled: Array, y: Array, factors: Integers, products: Array, weights: Array, fit: PenalisedFit
+) -> Array:
+    """Coefficients (1 + n_terms, n_outputs), each output fitted again without rows far off.
+
+    `products` (m, m) are the sums of `_products` over all rows, `weights` (n_outputs, n_terms)
+    those of the terms; penalties stay.
+    """
+    table, n_terms = fit.coefficients.copy(), len(factors)
+    before = np.zeros(y.shape, dtype=bool)
+    for _ in range(_ROUNDS):
+        left = np.abs(y - _linear(scaled, factors, table))
+        far = left > _FAR / _NORMAL * np.median(left, axis=0)
+        far &= far.mean(axis=0) <= _MOST_FAR
+        for j in np.flatnonzero((far != before).any(axis=0)):
+            rows = np.flatnonzero(far[:, j])
+            kept = products - _products(scaled[rows], y[rows], factors)
+            places = [*range(1 + n_terms), 1 + n_terms + j]
+            table[:, j] = penalised(kept[np.ix_(places, places)], weights[j], fit.penalties[j])
+        if (far == before).all():
+            break
+        before = far
+    return table
+
+
+def _linear(scaled: Array, factors: Integers, table: Array) -> Array:
+    """Values (n, n_outputs) of coefficients (1 + n_terms, n_outputs), the constants first."""
+    chunks = (scaled[i : i + _CHUNK] for i in range(0, len(scaled), _CHUNK))
+    values = [table[0] + polynomial_design(own, factors) @ table[1:] for own in chunks]
+    return np.concatenate(values)
 
 
 @dataclass(eq=False, repr=False)
@@ -181,7 +233,7 @@ class RichPlay(JointRegressor):
     leading : int, optional
         By how many of the features, the first ones, everything is multiplied; by default the
         `squared`, or, without, all if that makes few enough products, else only features by
-        features. Where capstans turn, only the first ones that turn them, by each other.
+        features. Where capstans turn, up to the last feature that turns one, by each other.
     squared : int
         By the squares of how many of them, the first ones, everything is multiplied too.
     pairs : sequence of (int, int), optional
@@ -410,9 +462,9 @@ class RichPlay(JointRegressor):
         """
         squared = min(int(self.squared), n_features)
         if self.turn and self.turns and self.leading is None and not squared:
-            turning = np.any(self.turns, axis=0)
-            first = n_features if turning.all() else int(np.argmin(turning))
-            return first, first, 0
+            first = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
+            if first**2 <= _PRODUCTS:
+                return first, first, 0
         if self.leading is None and not squared:
             choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
             return (*next(pair for pair in choices if pair[0] * pair[1] <= _PRODUCTS), 0)
@@ -429,7 +481,8 @@ class RichPlay(JointRegressor):
         """Model for so many features, what of them and their plays is multiplied, and joints."""
         if self.learner == "gaussian_process":
             return GaussianProcess()
-        ridge = Ridge(*self._products(n_features, n_crossed))
+        products = self._products(n_features, n_crossed)
+        ridge = Ridge(*products, trimmed=self.learner == "trees")
         if self.learner == "ridge":
             return ridge
         trees = registry.member("boosted_trees")

@@ -51,7 +51,7 @@ def make_vectors(
     calibration: Calibration,
     data: CalibrationData[EstimatorData],
     limits: Limits,
-    level: float,
+    level: float | None,
     range_margin: float,
     dtype: type,
     compensator: Compensator | None = None,
@@ -113,7 +113,7 @@ class _RoundedCorrector(Corrector):
 
     __slots__ = ("_kept",)
 
-    def __init__(self, model: Calibration, *, level: float, range_margin: float) -> None:
+    def __init__(self, model: Calibration, *, level: float | None, range_margin: float) -> None:
         super().__init__(model, level=level, range_margin=range_margin)
         self._kept = np.ones(len(self._memory), dtype=np.bool_)
         for field_ in self._packed.layout.fields.values():

@@ -15,6 +15,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
+from truejoint.calibration.interval import LEVEL
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
@@ -68,7 +69,7 @@ def export_c(
     *,
     prefix: str | None = None,
     precision: Precision = "double",
-    level: float = 0.9,
+    level: float | None = None,
     range_margin: float = RANGE_MARGIN,
     compensator: Compensator | None = None,
     overwrite: bool = False,
@@ -101,7 +102,7 @@ def export_c(
     Raises
     ------
     ExportError
-        If the estimator has no C source, the interval does not state that level, the prefix is no
+        If the estimator has no C source, the model does not state that level, the prefix is no
         name, the compensator is of other joints or feeds forward, a file exists without
         `overwrite`, or a number does not fit the precision.
     ModelFileError
@@ -124,7 +125,7 @@ def source_files(
     prefix: str | None = None,
     precision: Precision = "double",
     *,
-    level: float = 0.9,
+    level: float | None = None,
     range_margin: float = RANGE_MARGIN,
     compensator: Compensator | None = None,
 ) -> dict[str, bytes]:
@@ -161,8 +162,9 @@ def source_files(
         calibration, data, limits, level, range_margin, dtype, compensator
     )
     context |= {
-        "prefix": prefix, "guard": prefix.upper(), "level": level, "title": calibration.title,
-        "estimator": calibration.estimator, "rows": vectors, "vector_offset": offset,
+        "prefix": prefix, "guard": prefix.upper(), "level": LEVEL if level is None else level,
+        "title": calibration.title, "estimator": calibration.estimator, "rows": vectors,
+        "vector_offset": offset,
     }  # fmt: skip
     context |= _calibration_context(data) | _precision_context(
         precision, data.joints, error,

@@ -16,7 +16,7 @@ from truejoint.models.family import Family, Params, Shape, integer
 MAX_TREES: Final = 10**5
 MAX_NODES: Final = 6 * 10**6
 """Most nodes of all trees together, and most values of their leaves."""
-ABREAST: Final = 8
+ABREAST: Final = 16
 """Trees that are walked through together, so that none waits for what another asks."""
 
 LAYOUT: Final = Layout()
@@ -27,12 +27,13 @@ MEAN: Final = LAYOUT.array("mean", "taken from each feature")
 SCALE: Final = LAYOUT.array("scale", "that each feature is then divided by")
 SCALED: Final = LAYOUT.array("scaled", "features of one row, then 0")
 OFFSET: Final = LAYOUT.array("offset", "of each output, which the values are added to")
-ROOT: Final = LAYOUT.integers("root", "node at which each tree begins")
-LEVELS: Final = LAYOUT.integers("levels", "of the deepest of every 8 trees, below its root")
+ROOT: Final = LAYOUT.integers("root", "node at which each tree begins, flat trees first")
+LEVELS: Final = LAYOUT.integers("levels", "of the deepest of every so many trees, below its root")
 OUTPUT: Final = LAYOUT.integers("output", "that each tree adds to; -1: to every one")
 FEATURE: Final = LAYOUT.integers("feature", "that each node asks for; of a leaf the 0")
-CHILD: Final = LAYOUT.integers("child", "up to the threshold, above it; a leaf: itself, its value")
-NODE: Final = LAYOUT.integers("node", "at which 8 trees are")
+CHILD: Final = LAYOUT.integers("child", "up to the threshold; above it, the next; a leaf: itself")
+FIRST: Final = LAYOUT.integers("first", "value of each leaf")
+NODE: Final = LAYOUT.integers("node", "at which trees that are walked through together are")
 THRESHOLD: Final = LAYOUT.array("threshold", "of each node; 0 for a leaf")
 VALUE: Final = LAYOUT.array("value", "of the leaves")
 
@@ -55,7 +56,7 @@ def trees_row(
         find_leaves(numbers, memory, scaled, begin, node)
         for i in range(count):
             output = numbers[numbers[OUTPUT] + begin + i]
-            first = numbers[numbers[CHILD] + 2 * node[i] + 1]
+            first = numbers[numbers[FIRST] + node[i]]
             if output >= 0:
                 out[output] += value[first]
             else:
@@ -65,28 +66,60 @@ def trees_row(
 
 @compiled
 def find_leaves(numbers: Integers, memory: Array, x: Array, begin: int, node: Integers) -> None:
-    """Leaves of 8 trees from `begin` on, into `node` (8,).
+    """Leaves of the trees from `begin` on, into `node` (ABREAST,).
 
     All go down as many levels, where a leaf stays, and a comparison picks the next node without a
     branch, which no processor could foresee.
     """
     n_nodes = numbers[N_NODES]
     feature = vector(numbers, numbers[FEATURE], n_nodes)
-    child = vector(numbers, numbers[CHILD], 2 * n_nodes)
+    child = vector(numbers, numbers[CHILD], n_nodes)
     threshold = vector(memory, numbers[THRESHOLD], n_nodes)
     copy(vector(numbers, numbers[ROOT] + begin, ABREAST), node, ABREAST)
     for _level in range(numbers[numbers[LEVELS] + begin // ABREAST]):
         for i in range(ABREAST):
             at = node[i]
-            node[i] = child[2 * at + int(x[feature[at]] > threshold[at])]
+            node[i] = child[at] + int(x[feature[at]] > threshold[at])
 
 
 @compiled
-def count_levels(feature: Integers, right: Integers, levels: Integers) -> None:
-    """Levels of nodes below each one, into `levels` (n_nodes,); children come after it."""
-    for node in range(feature.shape[0] - 1, -1, -1):
+def measure_trees(feature: Integers, right: Integers, size: Integers, levels: Integers) -> bool:
+    """Nodes of the tree that each node (n_nodes,) is the root of, and levels below it.
+
+    False if one to the right does not stand behind all that are to the left, or nowhere.
+    """
+    n_nodes = feature.shape[0]
+    for node in range(n_nodes - 1, -1, -1):
+        size[node], levels[node] = 1, 0
         if feature[node] >= 0:
-            levels[node] = 1 + max(levels[node + 1], levels[right[node]])
+            left, other = node + 1, right[node]
+            if other >= n_nodes or left >= n_nodes or other != left + size[left]:
+                return False
+            size[node] += size[left] + size[other]
+            levels[node] = 1 + max(levels[left], levels[other])
+    return True
+
+
+@compiled
+def by_levels(
+    feature: Integers, right: Integers, size: Integers, order: Integers, child: Integers
+) -> None:
+    """Order of nodes in which trees stand one level after the other, two children side by side.
+
+    What is asked first then stands together, and one step leads from a `child` to the other. Both
+    are (n_nodes,), `child` by the new places.
+    """
+    begin = 0
+    while begin < feature.shape[0]:
+        order[begin] = begin
+        free = begin + 1
+        for place in range(begin, begin + size[begin]):
+            node = order[place]
+            child[place] = place
+            if feature[node] >= 0:
+                order[free], order[free + 1], child[place] = node + 1, right[node], free
+                free += 2
+        begin += size[begin]
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -110,31 +143,31 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     output = _whole("output", arrays["output"], -1, n_outputs - 1)
     feature = _whole("feature", arrays["feature"], -1, n_features - 1)
     right = _whole("right", arrays["right"], 0, max(n_nodes, n_values) - 1)
-    sizes = np.diff(root, append=n_nodes)
-    if root[0] != 0 or (sizes < 1).any():
-        raise CalibrationError("trees do not follow one another from the first node on")
-    end = np.repeat(root + sizes, sizes)
-    width = np.repeat(np.where(output < 0, n_outputs, 1), sizes)
-    within = (right > np.arange(n_nodes) + 1) & (right < end)
-    if not np.where(feature < 0, right + width <= n_values, within).all():
+    size, levels, order, child = np.zeros((4, n_nodes), dtype=np.int64)
+    within = measure_trees(feature, right, size, levels)
+    if not within or root[0] != 0 or (np.diff(root, append=n_nodes) != size[root]).any():
         raise CalibrationError("trees have a node that leads out of its tree, or back")
+    inner, width = feature >= 0, np.repeat(np.where(output < 0, n_outputs, 1), size[root])
+    if (right[~inner] + width[~inner] > n_values).any():
+        raise CalibrationError("trees have a leaf whose value is none of theirs")
     if (arrays["scale"] == 0.0).any():
         raise CalibrationError("trees array 'scale' divides by zero")
-    inner, places = feature >= 0, np.arange(n_nodes)
-    levels = np.zeros(n_nodes, dtype=np.int64)
-    count_levels(feature, right, levels)
-    more = -len(root) % ABREAST
-    roots = np.append(root, np.full(more, root[-1]))
+    by_levels(feature, right, size, order, child)
+    inner = inner[order]
+    trees = np.argsort(levels[root], kind="stable")
+    roots = np.append(root[trees], np.full(-len(root) % ABREAST, root[trees[-1]]))
     return LAYOUT.pack(
         **params,
-        **{name: arrays[name] for name in ("mean", "scale", "offset", "output", "value")},
+        **{name: arrays[name] for name in ("mean", "scale", "offset", "value")},
         scaled=np.zeros(n_features + 1),
         root=roots,
         levels=levels[roots].reshape(-1, ABREAST).max(axis=1),
-        feature=np.where(inner, feature, n_features),
-        child=np.column_stack([np.where(inner, places + 1, places), right]),
+        output=output[trees],
+        feature=np.where(inner, feature[order], n_features),
+        child=child,
+        first=np.where(inner, 0, right[order]),
         node=np.zeros(ABREAST, dtype=np.int64),
-        threshold=np.where(inner, arrays["threshold"], 0.0),
+        threshold=np.where(inner, arrays["threshold"][order], 0.0),
     )
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.compiled import compiled
+from truejoint.compiled import compiled, local_matrix
 from truejoint.errors import RobotError
 
 _RIGID_TOLERANCE: Final = 1e-6
@@ -178,44 +178,49 @@ def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
 
 
 @compiled
+def to_base(frame: Array) -> None:
+    """Make `frame` (3, 4) that of the base."""
+    for i in range(3):
+        for j in range(4):
+            frame[i, j] = 1.0 if i == j else 0.0
+
+
+@compiled
 def _link_frames(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, frames: Array
 ) -> None:
     """Fill `frames` (n, m, 4, 4) with those of the last m axes."""
-    first, base = table.shape[0] - frames.shape[1], np.eye(3, 4)
+    first, frame = table.shape[0] - frames.shape[1], local_matrix(3, 4)
     for n in range(joints.shape[0]):
-        frames[n, 0, :3] = base
+        to_base(frame)
         for k in range(table.shape[0]):
-            frame = frames[n, max(k - first, 0), :3]
-            if k > first:
-                frame[:] = frames[n, k - first - 1, :3]
             advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
-        frames[n, :, 3, :3] = 0.0
-        frames[n, :, 3, 3] = 1.0
+            if k >= first:
+                for j in range(4):
+                    for i in range(3):
+                        frames[n, k - first, i, j] = frame[i, j]
+                    frames[n, k - first, 3, j] = 1.0 if j == 3 else 0.0
 
 
 @compiled
 def _jacobian(
     table: Array, prismatic: NDArray[np.bool_], mapping: Array, joints: Array, out: Array
 ) -> None:
-    n_axes = table.shape[0]
-    frame, base = np.empty((3, 4)), np.eye(3, 4)
-    direction = np.empty((n_axes, 3))
-    origin = np.empty((n_axes, 3))
+    n_axes, frame = table.shape[0], local_matrix(3, 4)
     for n in range(joints.shape[0]):
-        frame[:] = base
+        to_base(frame)
         for k in range(n_axes):
             advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
-            direction[k] = frame[:, 2]
-            origin[k] = frame[:, 3]
+            for i in range(3):  # each axis' place and direction, until the tool's place is known
+                out[n, i, k], out[n, 3 + i, k] = frame[i, 3], frame[i, 2]
         for k in range(n_axes):
-            z = direction[k]
+            zx, zy, zz = out[n, 3, k], out[n, 4, k], out[n, 5, k]
+            x, y = frame[0, 3] - out[n, 0, k], frame[1, 3] - out[n, 1, k]
+            z = frame[2, 3] - out[n, 2, k]
             if prismatic[k]:
-                out[n, :3, k] = z
-                out[n, 3:, k] = 0.0
+                out[n, 0, k], out[n, 1, k], out[n, 2, k] = zx, zy, zz
+                out[n, 3, k], out[n, 4, k], out[n, 5, k] = 0.0, 0.0, 0.0
             else:
-                arm = frame[:, 3] - origin[k]
-                out[n, 0, k] = z[1] * arm[2] - z[2] * arm[1]
-                out[n, 1, k] = z[2] * arm[0] - z[0] * arm[2]
-                out[n, 2, k] = z[0] * arm[1] - z[1] * arm[0]
-                out[n, 3:, k] = z
+                out[n, 0, k] = zy * z - zz * y
+                out[n, 1, k] = zz * x - zx * z
+                out[n, 2, k] = zx * y - zy * x

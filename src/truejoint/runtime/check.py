@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from truejoint.calibration.encoding import as_calibration
+from truejoint.calibration.interval import LEVEL
 from truejoint.calibration.zero import find_zero, known_error, rezeroed
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 
@@ -96,7 +98,7 @@ class CalibrationCheck:
 
 
 def check_calibration(
-    calibration: Calibration, recording: Recording, level: float = 0.9
+    calibration: Calibration, recording: Recording, level: float | None = None
 ) -> CalibrationCheck:
     """Compare a calibration with a brief truth.
 
@@ -106,19 +108,22 @@ def check_calibration(
     recording : Recording
         Short, of the arm as it is now; truth may be missing in most rows (one short motion with a
         sensor, a touched stop, a marker seen now and then).
-    level : float
-        Which interval to judge by, where the calibration has one.
+    level : float, optional
+        Which interval to judge by; 0.9 by default, where the calibration has one.
 
     Raises
     ------
     CalibrationError
-        If the recording does not fit, holds no truth, or the interval is not of that level.
+        If the recording does not fit, holds no truth, or the calibration does not state that level.
 
     Examples
     --------
     >>> check_calibration(model, test).rows
     400
     """
+    if level is not None:
+        as_calibration(calibration).required_interval().index(level)
+    level = LEVEL if level is None else level
     t, error, known = known_error(calibration, recording)
     zero = find_zero(calibration, recording)
     left = known_error(rezeroed(calibration, recording), recording)[1]

@@ -85,9 +85,9 @@ class Corrector(Summarised):
     ----------
     model : path-like or Calibration
         Model file, or what `calibrate` gave.
-    level : float
+    level : float, optional
         Probability of the half-width: of the model's interval or, where it has none, of the normal
-        distribution that a filter takes its error for.
+        distribution that a filter takes its error for; 0.9 by default.
     range_margin : float
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.
@@ -127,7 +127,7 @@ class Corrector(Summarised):
         If the file is missing, damaged or of a newer format, lacks what the checks need, or its
         estimator uses later rows.
     CalibrationError
-        If the interval does not state that level, the margin is not from 0 to 1, or a calibration
+        If the model does not state that level, the margin is not from 0 to 1, or a calibration
         that is given as such uses later rows.
 
     Notes
@@ -156,7 +156,7 @@ class Corrector(Summarised):
         self,
         model: str | os.PathLike[str] | Calibration,
         *,
-        level: float = 0.9,
+        level: float | None = None,
         range_margin: float = RANGE_MARGIN,
         rezeroing: bool = False,
     ) -> None:

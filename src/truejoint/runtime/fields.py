@@ -9,7 +9,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.calibration.interval import check_level, inverse_span
+from truejoint.calibration.interval import LEVEL, check_level, inverse_span
 from truejoint.layout import Layout, Memory
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime.limits import Limits
@@ -116,23 +116,29 @@ MEASURED: Final = LAYOUT.integers("measured", "signal that is the joint's measur
 MODEL: Final = LAYOUT.part("model", "the estimator")
 
 
-def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float) -> Memory:
+def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | None) -> Memory:
     """Memory of a corrector before its first sample, not homed.
 
-    `level` says which half-widths of the interval to use, where there is one. Raises
-    CalibrationError if that is no share, or the estimator only works offline.
+    `level` says which half-widths of the interval to use; without one 0.9, where there is an
+    interval. Raises CalibrationError if it is no share, the model states no half-width for it to
+    be of, or the estimator only works offline.
     """
-    check_level(level)
+    family = find_family(data.model.family)
+    knows_deviation = family.knows_deviation(data.model.params)
+    if level is not None:
+        check_level(level)
+        if not (knows_deviation or family.beside):
+            data.required_interval()
+    level = LEVEL if level is None else level
     operation, source, parameter, slot = data.feature_set.program
     signals = data.loop_signals
     n_signals, k, n_joints = len(signals), len(data.feature_set), len(data.joints)
     base, growth = np.full(n_joints, np.inf), 0.0
     if data.interval is not None:
         base, growth = data.interval.half_width(level), data.interval.growth
-    family = find_family(data.model.family)
     model = family.memory(data.model, k, n_joints)
     deviations = NormalDist().inv_cdf(0.5 + 0.5 * level)
-    if data.interval is None and family.knows_deviation(data.model.params):
+    if data.interval is None and knows_deviation:
         own = model.layout.fields["deviations"].index
         model.memory[own] = deviations
     if family.beside:

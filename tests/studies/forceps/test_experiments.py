@@ -21,13 +21,6 @@ from truejoint.studies.forceps.population import share
 from truejoint.studies.forceps.sweep import front
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
-PNG = b"\x89PNG\r\n"
-
-
-def drawn(result, folder):
-    """Whether every figure of a study could be drawn."""
-    pictures = [file for file in write_study(result, folder) if file.suffix == ".png"]
-    return pictures and all(file.read_bytes().startswith(PNG) for file in pictures)
 
 
 @pytest.fixture(scope="module")
@@ -35,7 +28,7 @@ def unloaded():
     return run_study("forceps-unloaded", {"methods": FEW})
 
 
-def test_table_2_has_the_order_of_the_paper(unloaded, tmp_path):
+def test_table_2_has_the_order_of_the_paper(unloaded, drawn):
     errors = unloaded.parts["unloaded"].numbers["verification"]
     rms = {key: np.degrees(error["rms"]) for key, error in errors.items()}
     assert rms["lsm"] > rms["lsm_compensated"] > rms["ukf_compensated"]
@@ -44,7 +37,7 @@ def test_table_2_has_the_order_of_the_paper(unloaded, tmp_path):
     assert rms["play_gated"] <= 0.05
     # The encoder's own error is learnt.
     assert errors["play_gated"]["exact_rms"] > errors["play_gated"]["rms"]
-    assert drawn(unloaded, tmp_path)
+    assert drawn(unloaded)
 
 
 def test_errors_are_those_of_the_estimates(unloaded):
@@ -70,7 +63,7 @@ def test_claims_of_the_paper_are_judged(unloaded):
     assert len(verdicts) == 4
 
 
-def test_table_3_separates_the_methods(tmp_path):
+def test_table_3_separates_the_methods(drawn):
     result = run_study(
         "forceps-loaded",
         {"masses_g": "250", "methods": "ukf_compensated,play_gated", "draws": 2},
@@ -101,32 +94,32 @@ def test_table_3_separates_the_methods(tmp_path):
     assert np.abs(along.curves[0].y).max() > 2.0
     angles = result.summary.figures["forceps-loaded-angles"].panels[0][1]
     assert np.max(angles.curves[0].y) > 30.0
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
-def test_strategies_name_their_sensors(tmp_path):
+def test_strategies_name_their_sensors(drawn):
     options = {"specimen": "B", "masses_g": "100", "methods": "play_motor,play_gated,play_cables"}
     result = run_study("forceps-strategies", options)
     assert [row[1] for row in result.summary.tables[0].rows] == ["1", "2", "3"]
     errors = result.parts["unloaded"].numbers["verification"]
     assert errors["play_motor"]["rms"] > errors["play_gated"]["rms"]
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
-def test_a_larger_population_begins_with_the_smaller(tmp_path):
+def test_a_larger_population_begins_with_the_smaller(drawn, tmp_path):
     methods = "lsm,lsm_compensated,ukf_compensated,play_gated"
     one = run_study("forceps-population", {"count": 1, "methods": methods}, folder=tmp_path)
     two = run_study("forceps-population", {"count": 2, "methods": methods}, folder=tmp_path)
     assert two.computed == 1
     assert one.parts["specimen-00000"].numbers == two.parts["specimen-00000"].numbers
-    assert drawn(two, tmp_path)
+    assert drawn(two)
     with pytest.raises(TruejointError, match="a population of 0"):
         run_study("forceps-population", {"count": 0})
     with pytest.raises(TruejointError, match="homing deviation"):
         run_study("forceps-population", {"homing_um": -1})
 
 
-def test_other_frictions_and_weights_are_judged_together(tmp_path):
+def test_other_frictions_and_weights_are_judged_together(drawn):
     options = {"count": 1, "masses_g": "100", "methods": "ukf_compensated,play_gated"}
     result = run_study("forceps-mixed", options)
     for part in result.parts.values():
@@ -141,7 +134,7 @@ def test_other_frictions_and_weights_are_judged_together(tmp_path):
     assert table.notes[1].startswith("The reference encoder's noise and counts alone are 0.03")
     assert table.notes[2].startswith("In 0.0 % of the cases in phase IV the weight turned the jaw")
     assert table.notes[3].startswith("gated plays (our default): a stated 90 % holds in")
-    assert drawn(result, tmp_path)
+    assert drawn(result)
     with pytest.raises(TruejointError, match="no prior called 'dahl'"):
         run_study("forceps-mixed", {"prior": "dahl"})
     with pytest.raises(TruejointError, match="a load of 9 kg"):
@@ -172,7 +165,7 @@ def test_shares_count_specimens():
     assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
 
 
-def test_loads_are_weighed(tmp_path):
+def test_loads_are_weighed(drawn):
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
     (found,) = (part.numbers for part in result.parts.values())
     opposing, along = found["weighed"]
@@ -185,10 +178,10 @@ def test_loads_are_weighed(tmp_path):
     weights, errors = result.summary.tables
     assert "Dead band" in weights.markdown()
     assert "Stiffness within 5 % in 100 %." in errors.markdown()
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
-def test_friction_in_physical_parameters_is_found_and_compared(tmp_path):
+def test_friction_in_physical_parameters_is_found_and_compared(drawn):
     result = run_study(
         "forceps-physical",
         {"specimen": "nominal", "masses_g": "200", "directions": "along", "motion": "calibration"},
@@ -199,10 +192,10 @@ def test_friction_in_physical_parameters_is_found_and_compared(tmp_path):
     assert jaw == pytest.approx(friction_at_pretension(specimen())[0], rel=0.5)
     assert slider == pytest.approx(friction_at_pretension(specimen())[1], rel=0.6)
     assert np.degrees(found["unloaded"]["physical"]) < 0.08
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
-def test_homing_is_mended(tmp_path):
+def test_homing_is_mended(drawn):
     result = run_study(
         "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
     )
@@ -210,10 +203,10 @@ def test_homing_is_mended(tmp_path):
     assert case["found"] == case["taken_off"] == pytest.approx(2e-5, abs=3e-6)
     assert case["before"]["play_gated"]["rms"] > np.radians(0.2)
     assert case["after"]["play_gated"]["rms"] < np.radians(0.06)
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
-def test_the_jaw_follows_in_a_closed_loop(tmp_path):
+def test_the_jaw_follows_in_a_closed_loop(drawn):
     options = {
         "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 3, "count": 1,
         "rate_hz": 125, "gain": 1,
@@ -226,7 +219,7 @@ def test_the_jaw_follows_in_a_closed_loop(tmp_path):
         assert closed["rms"] < 0.2 * open_loop["rms"]
         assert closed["corrected"] > 0.99
     assert result.parts["margin-00000"].numbers["stable"][0]
-    assert drawn(result, tmp_path)
+    assert drawn(result)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
 
@@ -251,7 +244,7 @@ def test_a_loop_that_refuses_is_not_within(monkeypatch):
     assert "1; not within" in table.notes[1]
 
 
-def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
+def test_a_sweep_says_what_a_designer_must_pay(drawn):
     options = {
         "layouts": "motor,x2,motor+x2", "resolutions_um": "1,20", "prices": "4,1",
         "stiffnesses_kNm": "6", "homings_um": "0,10", "count": 1,
@@ -266,7 +259,7 @@ def test_a_sweep_says_what_a_designer_must_pay(tmp_path):
     assert [float(row[1]) for row in best.rows] == sorted({float(row[1]) for row in best.rows})
     assert len(every.rows) == 1 + 2 * 2 * 2
     assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
-    assert drawn(result, tmp_path)
+    assert drawn(result)
     for wrong, why in (("layouts", "no layout x9"), ("prices", "one for each")):
         with pytest.raises(StudyError, match=why):
             run_study("forceps-sweep", {**options, wrong: "x9" if wrong == "layouts" else "1"})

@@ -8,7 +8,7 @@ import pytest
 from truejoint.errors import StudyError
 from truejoint.estimators import registry
 from truejoint.estimators.network import WideNetwork
-from truejoint.studies import figures, get_study, run_study, write_study
+from truejoint.studies import get_study, run_study
 from truejoint.studies.raven2 import (
     ablation,
     directions,
@@ -34,20 +34,13 @@ def session():
 
 @pytest.fixture(scope="module", autouse=True)
 def quick():
-    """Hours of 20 s, networks that have just begun to learn, and coarse pictures."""
+    """Hours of 20 s, and networks that have just begun to learn."""
     hasty = registry._ESTIMATORS["dnn"]._replace(params={"epochs": 2})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(s, "HOUR", 20.0)
         patch.setattr(s, "_IDLE_TEST", 12.0)
-        patch.setattr(figures, "_DPI", 20)
         patch.setitem(registry._ESTIMATORS, "dnn", hasty)
         yield
-
-
-def drawn(result, folder):
-    files = write_study(result, folder)
-    pictures = [file for file in files if file.suffix == ".png"]
-    return pictures and all(file.read_bytes().startswith(b"\x89PNG\r\n") for file in pictures)
 
 
 def test_sparsities_are_recorded_once_for_all_combinations(session):
@@ -86,7 +79,7 @@ def table_1():
     return run_study("directions", FEW | options)
 
 
-def test_table_1_stands_beside_the_papers(table_1, tmp_path):
+def test_table_1_stands_beside_the_papers(table_1, drawn):
     text = table_1.summary.tables[0].markdown()
     row = next(line for line in text.splitlines() if "J2-J3, shoulder" in line)
     assert "(0.104) |" in row  # the paper's network
@@ -96,7 +89,7 @@ def test_table_1_stands_beside_the_papers(table_1, tmp_path):
     here = table_1.parts["peng2024-J2-J3-0"].numbers["fine"]
     share = 100 * here["dnn"][0][0] / here["offset"][0][0]
     assert f"{share:.1f} (12.1)" in percents
-    assert drawn(table_1, tmp_path)
+    assert drawn(table_1)
     # Claims on the best direction need all seven.
     assert table_1.summary.claims == []
 
@@ -131,12 +124,12 @@ def test_the_best_direction_is_found():
     assert "number 2 of 7" in best.found
 
 
-def test_six_hours_are_judged_hour_by_hour(tmp_path):
+def test_six_hours_are_judged_hour_by_hour(drawn):
     result = run_study("endurance", FEW | {"sets": "1", "hours": 2})
     assert [len(part.numbers["hours"]) for part in result.parts.values()] == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
     assert texts == [claim.text for claim in endurance.CLAIMS]
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
 def test_a_load_is_hung_on_the_tool_after_the_training():
@@ -190,12 +183,12 @@ def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
     assert done == [4, "test", "home", 5, "test", (4, 5)]
 
 
-def test_homings_are_judged_one_by_one(tmp_path):
+def test_homings_are_judged_one_by_one(drawn):
     options = {"training": "1+2", "homings": 1, "sessions": 1, "minutes": 0.2}
     result = run_study("homing", FEW | options)
     assert all(len(part.numbers["tests"]) == 2 for part in result.parts.values())
     assert len(result.summary.claims) == len(homing.CLAIMS)
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
 def test_either_target_is_the_same_to_the_linear_model():
@@ -209,13 +202,13 @@ def test_either_target_is_the_same_to_the_linear_model():
     assert "0.328" in result.summary.tables[0].markdown()
 
 
-def test_more_time_is_judged_by_the_seconds_it_takes(tmp_path):
+def test_more_time_is_judged_by_the_seconds_it_takes(drawn):
     result = run_study("sparsity", FEW | {"sets": "2,1", "repeats": 1, "minutes": 0.2})
     conditions = [row[0] for row in result.summary.tables[0].rows]
     assert conditions[0].startswith("1, ")  # the shorter one, though named last
     assert conditions[3].startswith("2, ")
     assert len(result.summary.claims) == len(sparsity.CLAIMS)
-    assert drawn(result, tmp_path)
+    assert drawn(result)
     spread = sparsity.CLAIMS[-1]
     usual = {"dnn": 0.2, "poly2": 0.2, "linear": 0.2}
     assert spread.judged({"2": synthetic(usual)}).verdict == "cannot be told"
@@ -261,7 +254,7 @@ def test_fits_and_samples_are_timed():
     assert len(result.summary.claims) == 4
 
 
-def test_features_are_all_of_the_message(tmp_path, monkeypatch):
+def test_features_are_all_of_the_message(drawn, monkeypatch):
     monkeypatch.setattr(
         "truejoint.studies.raven2.features.WideNetwork",
         lambda: WideNetwork(hidden_layer_sizes=(8, 8), epochs=2),
@@ -274,10 +267,10 @@ def test_features_are_all_of_the_message(tmp_path, monkeypatch):
     assert "wide" not in numbers["errors"]["1"]["all"]
     text = result.summary.tables[0].markdown()
     assert "122 of one arm" in text
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
-def test_groups_are_left_out_and_spoilt(tmp_path, monkeypatch):
+def test_groups_are_left_out_and_spoilt(drawn, monkeypatch):
     monkeypatch.setattr(ablation, "_FIT_RATE", 30.0)
     few = {name: ablation.GROUPS[name] for name in ("positions", "torques")}
     monkeypatch.setattr(ablation, "GROUPS", few)
@@ -291,7 +284,7 @@ def test_groups_are_left_out_and_spoilt(tmp_path, monkeypatch):
     assert np.mean(errors["selected, noise on positions"]["linear"]) > np.mean(
         errors["16 selected"]["linear"]
     )
-    assert drawn(result, tmp_path)
+    assert drawn(result)
 
 
 def test_an_arm_of_ones_own_stands_beside_the_shipped_one(tmp_path):

@@ -7,10 +7,8 @@ import pytest
 
 from truejoint.errors import StudyError
 from truejoint.simulation.raven2 import Raven2Parameters
-from truejoint.studies import run_study, write_study
+from truejoint.studies import run_study
 from truejoint.studies.raven2 import efficiency, transfer
-
-PNG = b"\x89PNG\r\n"
 
 
 def test_a_time_is_that_at_which_the_joints_together_are_as_good():
@@ -36,7 +34,7 @@ def test_recordings_are_cut_by_the_time_of_all(recording):
     assert len(efficiency.until(pair, 0.5 * whole)) == 1
 
 
-def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
+def test_efficiency_compares_three_motions(drawn, tmp_path, monkeypatch):
     monkeypatch.setattr(efficiency, "_FINE", (1,))
     monkeypatch.setattr(efficiency, "_FIRST_LOOK", 30.0)
     monkeypatch.setattr(efficiency, "_LOOK", 60.0)
@@ -52,13 +50,11 @@ def test_efficiency_compares_three_motions(tmp_path, monkeypatch):
     assert 30.0 <= parts["designed"].numbers["stopped"] < 65.0  # with the way to the start
     assert len(result.summary.claims) == 3
     assert len(result.summary.tables[0].rows) == 5
-    page, *others = write_study(result, tmp_path)
-    assert page.name == "efficiency.html"
-    assert (tmp_path / "efficiency.png").read_bytes().startswith(PNG)
-    assert others
+    assert drawn(result)
+    assert {"efficiency.html", "efficiency.png"} <= {file.name for file in tmp_path.iterdir()}
 
 
-def test_transfer_starts_from_the_first_calibration(tmp_path, monkeypatch):
+def test_transfer_starts_from_the_first_calibration(drawn, monkeypatch):
     monkeypatch.setattr(transfer, "_SECONDS", transfer._SHOWN)
     options = {"specimens": "nominal", "sessions": 1, "first": 2, "test": 0.5}
     result = run_study("transfer", {**options, "changes": "homing"})
@@ -75,7 +71,7 @@ def test_transfer_starts_from_the_first_calibration(tmp_path, monkeypatch):
     assert claim.text == "a new homing takes 10 s for the accuracy of a whole calibration"
     (table,) = result.summary.tables
     assert [row[-1] for row in table.rows if row[0].endswith("own")] == ["1.00"]
-    assert write_study(result, tmp_path)
+    assert drawn(result)
     with pytest.raises(StudyError, match="no change called 'weather'"):
         run_study("transfer", {**options, "changes": "weather"})
 

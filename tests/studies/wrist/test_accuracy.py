@@ -72,6 +72,7 @@ def test_the_filter_finds_the_instrument_and_says_how_well_it_knows_it(result):
         assert test["load"]["covered"] > 0.6
 
 
+@pytest.mark.usefixtures("coarse")
 def test_its_table_and_figures_can_be_drawn(result):
     summary = summarise(*result)
     assert [row[0] for row in summary.tables[0].rows][:2] == ["coupling inverse", "linear, motors"]

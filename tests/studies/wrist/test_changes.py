@@ -60,6 +60,7 @@ def test_a_test_too_short_to_settle_is_refused():
         study.parts(study.settings(options={"test_s": "2"}))
 
 
+@pytest.mark.usefixtures("coarse")
 def test_its_tables_and_figure_can_be_drawn(result):
     summary = changes.summarise(*result)
     assert [row[0] for row in summary.tables[0].rows] == list(changes.CHANGES)

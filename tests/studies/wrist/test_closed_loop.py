@@ -101,6 +101,7 @@ def test_a_grip_is_judged_after_its_steps_and_by_how_far_it_goes_beyond():
     assert found["rms"] == pytest.approx(np.sqrt(np.mean((force - wanted)[2000:] ** 2)))
 
 
+@pytest.mark.usefixtures("coarse")
 def test_its_table_and_figure_can_be_drawn(result):
     summary = summarise(*result)
     assert len(summary.tables[0].rows) == len(CASES) * len(KEYS)

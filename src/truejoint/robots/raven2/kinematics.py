@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.compiled import compiled
+from truejoint.compiled import compiled, local_matrix, local_vector
 from truejoint.errors import RobotError
-from truejoint.robots.chain import Axis, SerialChain, advance, rigid
+from truejoint.robots.chain import Axis, SerialChain, advance, rigid, to_base
 
 Arm = Literal["left", "right"]
 
@@ -78,7 +78,8 @@ class Raven2Kinematics(SerialChain):
         axes = np.full((8, 6), np.nan)
         status = _solve(target, self._arrays[0], axes)
         found = axes[np.isfinite(axes).all(axis=1)]
-        if len(found) == 0:
+        # At the centre also where the wrist could bend the other way: the arm would leap there.
+        if status == _AT_CENTRE or len(found) == 0:
             x, y, z = 1e3 * target[:3, 3]
             raise RobotError(
                 f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached: "
@@ -142,26 +143,31 @@ def _solve(pose: Array, table: Array, out: Array) -> int:
     jaw axis' direction share a plane: that gives the wrist, the wrist gives the shaft, the shaft
     gives shoulder and elbow, and what rotation is left gives roll, wrist and jaws.
     """
-    tool, x6, z6 = pose[:3, 3].copy(), pose[:3, 0].copy(), pose[:3, 2].copy()
+    tool, x6, z6 = local_vector(3), local_vector(3), local_vector(3)
+    for i in range(3):
+        tool[i], x6[i], z6[i] = pose[i, 3], pose[i, 0], pose[i, 2]
+    across, x5, wrist = local_vector(3), local_vector(3), local_vector(3)
     wrist_length, shaft_offset = table[5, 2], table[3, 3]
     # The wrist lies where the remote centre is seen from the tool, across the jaw axis.
-    across = (tool @ z6) * z6 - tool
-    distance = np.sqrt(across @ across)
+    along = _dot(tool, z6)
+    for i in range(3):
+        across[i] = along * z6[i] - tool[i]
+    distance = np.sqrt(_dot(across, across))
     if not (distance > 1e-9):
         return _WRIST_UNDEFINED
     status = _OUT_OF_CONE
     row = 0
     for bend in (-1.0, 1.0):
-        x5 = bend * across / distance
-        wrist = tool - wrist_length * x5
-        depth = np.sqrt(wrist @ wrist)
+        for i in range(3):
+            x5[i] = bend * across[i] / distance
+            wrist[i] = tool[i] - wrist_length * x5[i]
+        depth = np.sqrt(_dot(wrist, wrist))
         if not (depth > _REMOTE_CENTRE):
-            # Also where the wrist could bend the other way: the arm would leap there.
-            out[:] = np.nan
             return _AT_CENTRE
         for side in (-1.0, 1.0):
             # The shaft's direction, seen before the shoulder turns, gives the elbow.
-            v_x, y, z = wrist / (side * depth)
+            away = side * depth
+            v_x, y, z = wrist[0] / away, wrist[1] / away, wrist[2] / away
             v_y = table[0, 0] * y + table[0, 1] * z
             v_z = table[0, 0] * z - table[0, 1] * y
             cosine = (table[1, 0] * table[2, 0] - v_z) / (table[1, 1] * table[2, 1])
@@ -196,16 +202,28 @@ def _finish(
     out[0] = theta1 - table[0, 4]
     out[1] = theta2 - table[1, 4]
     out[2] = insertion
-    frame = np.eye(3, 4)
+    frame, tip, jaw = local_matrix(3, 4), local_vector(3), local_vector(3)
+    to_base(frame)
     advance(frame, table[0], out[0], False)
     advance(frame, table[1], out[1], False)
     advance(frame, table[2], out[2], True)
-    to_frame3 = np.ascontiguousarray(frame[:, :3].T)
-    tip = to_frame3 @ x5
-    jaw = to_frame3 @ z6
+    for k in range(3):
+        tip[k], jaw[k] = _along(frame, k, x5), _along(frame, k, z6)
     cos5, sin5 = -jaw[2], tip[2]
     theta4 = np.arctan2(cos5 * tip[1] + sin5 * jaw[1], cos5 * tip[0] + sin5 * jaw[0])
-    z5 = np.sin(theta4) * frame[:, 0] - np.cos(theta4) * frame[:, 1]
+    z5_along_x6 = np.sin(theta4) * _along(frame, 0, x6) - np.cos(theta4) * _along(frame, 1, x6)
     out[3] = theta4 - table[3, 4]
     out[4] = np.arctan2(sin5, cos5) - table[4, 4]
-    out[5] = np.arctan2(z5 @ x6, x5 @ x6) - table[5, 4]
+    out[5] = np.arctan2(z5_along_x6, _dot(x5, x6)) - table[5, 4]
+
+
+@compiled
+def _dot(a: Array, b: Array) -> float:
+    """Scalar product of two vectors (3,)."""
+    return float(a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+
+
+@compiled
+def _along(frame: Array, k: int, vector: Array) -> float:
+    """Component of a vector (3,) along axis `k` of a frame (3, 4)."""
+    return float(frame[0, k] * vector[0] + frame[1, k] * vector[1] + frame[2, k] * vector[2])

@@ -1,0 +1,147 @@
+"""A zero for each recording, kept where re-zeroed recordings that no fit saw are better for it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from tests.calibration.test_folds import jaw
+
+from truejoint.calibration import (
+    Automatic,
+    calibrate,
+    cross_interval,
+    find_zero,
+    read_calibration,
+    rezeroed,
+    write_calibration,
+)
+from truejoint.calibration.folds import FOLDS, Fold, Part
+from truejoint.calibration.zero import judged_error
+from truejoint.calibration.zero_choice import judge_zeros
+from truejoint.errors import CalibrationError
+from truejoint.estimators import get_estimator
+from truejoint.recordings import Recording
+
+START = 2.0  # [s] of truth
+
+
+def loaded(seed: int, zero: float) -> Recording:
+    """Jaw under a load of its own, whose truth is off by a zero that no signal tells."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(600) / 30.0
+    q = 0.4 * np.sin(rng.uniform(2.0, 3.0) * t + seed)
+    effort = rng.normal() + 0.2 * np.cos(5.0 * t + seed)
+    truth = 1.05 * q + 0.1 * effort + zero * rng.normal() + rng.normal(0.0, 1e-3, len(t))
+    columns = {"t": t, "measured/jaw": q, "effort/jaw": effort, "truth/jaw": truth}
+    return Recording.from_columns(columns, jaw(session=f"s{seed}").provenance)
+
+
+def several(zero: float, count: int = 5) -> list[Recording]:
+    return [loaded(seed, zero) for seed in range(count)]
+
+
+LINEAR = Automatic([get_estimator("linear")])
+
+
+@pytest.fixture(scope="module")
+def kept():
+    return calibrate(several(0.3), LINEAR)
+
+
+def rmse(model, recording: Recording, start: float) -> float:
+    return float(np.sqrt(np.mean(judged_error(model, recording, start)[0] ** 2)))
+
+
+def test_zeros_that_moved_are_fitted_beside_the_chosen_model(kept, tmp_path):
+    told = kept.metadata["choice"]["zero"]
+    assert told["kept"]
+    assert told["rezeroed_from"] == pytest.approx(START, rel=0.01)
+    assert told["left_out"] == [f"recordings {k}" for k in (1, 2, 3, 4, 5)]
+    assert told["recording"]["jaw"] < 0.5 * told["shared"]["jaw"]
+    test = loaded(9, 0.3)
+    plain = calibrate(several(0.3), LINEAR, zero="shared")
+    assert kept.correct(test).tobytes() == plain.correct(test).tobytes()
+    assert "zero" not in plain.metadata["choice"]
+    stated = calibrate(several(0.3), LINEAR, zero="recording")
+    both = [rezeroed(one, test, START).correct(test) for one in (kept, stated)]
+    assert both[0].tobytes() == both[1].tobytes()
+    own = kept.fitted_for(rezeroing=True)
+    assert rmse(own, test, START) < 0.5 * rmse(plain, test, START)
+    write_calibration(kept, tmp_path / "m.safetensors")
+    again = rezeroed(read_calibration(tmp_path / "m.safetensors"), test, START)
+    assert again.correct(test).tobytes() == both[0].tobytes()
+
+
+def test_zeros_that_did_not_move_change_nothing():
+    recordings = several(0.0)
+    model, plain = calibrate(recordings, LINEAR), calibrate(recordings, LINEAR, zero="shared")
+    assert not model.metadata["choice"]["zero"]["kept"]
+    assert model.rezero_models == {}
+    assert model.fitted_for(rezeroing=True) is model
+    test = loaded(9, 0.0)
+    for start in (0.5, START):
+        again = [rezeroed(one, test, start).correct(test) for one in (model, plain)]
+        assert again[0].tobytes() == again[1].tobytes()
+
+
+def test_two_recordings_do_not_tell_and_it_is_said():
+    model = calibrate(several(0.3, 2), LINEAR)
+    assert model.metadata["choice"]["zero"] == {"kept": False, "note": "it takes 3 recordings"}
+    assert model.rezero_models == {}
+
+
+def test_an_interval_of_the_same_recordings_is_made_of_such_fits(monkeypatch):
+    asked = []
+
+    def fitted(*args, **how):
+        asked.append(how.get("zero"))
+        return calibrate(*args, **how)
+
+    monkeypatch.setattr("truejoint.calibration.cross_conformal.calibrate", fitted)
+    model = cross_interval(several(0.3), LINEAR, rezero=0.5)
+    assert model.rezero_models
+    assert asked == [None] + 5 * ["recording"]
+
+
+def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
+    recordings = several(0.3, 4)
+    units = [Part(k, 0, len(one)) for k, one in enumerate(recordings)]
+    left_out = [Fold("a", (units[0], units[2])), Fold("all but one", tuple(units[:3])),
+                Fold("b", (units[1],)), Fold("cannot be fitted", (units[3],))]  # fmt: skip
+    better = replace(kept, offsets={"model": np.array([0.01])}).with_metadata(zeros={"of": "none"})
+    assert len(left_out) <= FOLDS
+    seen: list[list[int]] = []
+
+    def fit(indices):
+        seen.append(list(indices))
+        if 3 not in indices:
+            raise CalibrationError("too few rows")
+        return better, kept
+
+    is_kept, told = judge_zeros(recordings, left_out, fit, lambda _what, _share: None)
+    assert seen == [[1, 3], [0, 2, 3], [0, 1, 2]]
+    assert told["left_out"] == ["a", "b"]
+    for name, model in (("shared", better), ("recording", kept)):
+        folds = []
+        for out in ([0, 2], [1]):
+            left = []
+            for one in (recordings[i] for i in out):
+                zero = find_zero(model, one, told["rezeroed_from"]).believed
+                error = one.column("truth/jaw") - model.correct(one)[:, 0] - zero
+                left.append(error[one.t - one.t[0] >= told["rezeroed_from"]])
+            folds.append(np.mean(np.concatenate(left) ** 2))
+        assert told[name]["jaw"] == pytest.approx(np.sqrt(np.mean(folds)), rel=1e-12)
+    assert is_kept is told["kept"]
+
+
+def test_zeros_that_are_no_better_are_given_up_after_three_parts(kept):
+    recordings = several(0.3, 7)
+    left_out = [Fold(str(k), (Part(k, 0, len(one)),)) for k, one in enumerate(recordings)]
+    worse = replace(kept, model=kept.baseline_models["offset"]).with_metadata(zeros={"of": "none"})
+    for pair, judged in (((kept, worse), "024"), ((worse, kept), "0246")):
+        found, told = judge_zeros(recordings, left_out, lambda _, p=pair: p, lambda *_: None)
+        assert "".join(told["left_out"]) == judged
+        assert found is (judged != "024")
+        assert np.exp(np.mean(np.log(told["ratios"]))) == pytest.approx(told["ratio"])
