@@ -73,10 +73,10 @@ class GaussianProcess(JointRegressor):
         scaled = (X - scales["mean"]) * scales["inverse_scale"]
         targets = (y - scales["target_mean"]) / scales["target_scale"]
         some = np.linspace(0, len(X) - 1, int(self.points)).round().astype(np.int64)
-        history = np.cumsum(dt == 0.0) - 1
+        kept, history = np.unique(some), np.cumsum(dt == 0.0) - 1
         inverse, weights = [], []
         for number, target in enumerate(targets.T):
-            own = likeliest_kernel(*(rows[np.unique(some)] for rows in (scaled, target, history)))
+            own = likeliest_kernel(scaled[kept], target[kept], history[kept])
             inverse.append(own.inverse_lengths)
             weights.append(_weights(scaled * own.inverse_lengths, target, history, some, own))
             progress((number + 1) / len(targets.T))
