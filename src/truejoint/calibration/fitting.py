@@ -508,24 +508,9 @@ def _choose(
     usual = FeatureSet.parse(in_all(recordings, named))
     common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
     models = [_unfitted(one, None, random_state) for one in wanted.candidates]
-    by_features: dict[FeatureSet, list[JointRegressor]] = {}
-    targets: dict[FeatureSet, Target] = {}
-    for model in models:
-        own = model.family.inputs is not None
-        wants = target or (model.family.targets if own else TARGETS)[0]
-        knowing = _knowing(model, recordings)
-        if wants not in model.family.targets or knowing is None:
-            continue
-        asked = usual if features is None else features
-        known = chosen_features(knowing, robot, recordings, None if own else asked)
-        by_features.setdefault(known, []).append(knowing)
-        targets.setdefault(known, wants)
-    if not by_features:
-        names = ", ".join(one.name for one in models)
-        raise CalibrationError(
-            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
-            f"{target or TARGETS[0]}; give other candidates"
-        )
+    by_features, targets = _with_their_features(
+        models, robot, recordings, usual if features is None else features, target
+    )
     free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
     if free and wanted.default_features and features is not None and len(recordings) >= FEW:
         by_features.setdefault(usual, free)
@@ -559,6 +544,37 @@ def _choose(
     found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
     return replace(found, told={**found.told, "not_in_all": lacking})
+
+
+def _with_their_features(
+    models: Sequence[JointRegressor],
+    robot: Robot,
+    recordings: Sequence[Recording],
+    asked: FeatureSet | Iterable[str],
+    target: Target | None,
+) -> tuple[dict[FeatureSet, list[JointRegressor]], dict[FeatureSet, Target]]:
+    """Models that can be tried, by the features that they see, and what these then predict.
+
+    Features are those that are `asked` for, or the model's own.
+    """
+    by_features: dict[FeatureSet, list[JointRegressor]] = {}
+    targets: dict[FeatureSet, Target] = {}
+    for model in models:
+        own = model.family.inputs is not None
+        wants = target or (model.family.targets if own else TARGETS)[0]
+        knowing = _knowing(model, recordings)
+        if wants not in model.family.targets or knowing is None:
+            continue
+        known = chosen_features(knowing, robot, recordings, None if own else asked)
+        by_features.setdefault(known, []).append(knowing)
+        targets.setdefault(known, wants)
+    if not by_features:
+        names = ", ".join(one.name for one in models)
+        raise CalibrationError(
+            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
+            f"{target or TARGETS[0]}; give other candidates"
+        )
+    return by_features, targets
 
 
 def _grouped(
