@@ -73,10 +73,10 @@ class GaussianProcess(JointRegressor):
         scaled = (X - scales["mean"]) * scales["inverse_scale"]
         targets = (y - scales["target_mean"]) / scales["target_scale"]
         some = np.linspace(0, len(X) - 1, int(self.points)).round().astype(np.int64)
-        history = np.cumsum(dt == 0.0) - 1
+        history, likely = np.cumsum(dt == 0.0) - 1, np.unique(some)
         inverse, weights = [], []
         for number, target in enumerate(targets.T):
-            own = likeliest_kernel(*(rows[np.unique(some)] for rows in (scaled, target, history)))
+            own = likeliest_kernel(scaled[likely], target[likely], history[likely])
             inverse.append(own.inverse_lengths)
             weights.append(_weights(scaled * own.inverse_lengths, target, history, some, own))
             progress((number + 1) / len(targets.T))
