@@ -28,7 +28,7 @@ from typing import get_args
 from benchmarks.automatic_choice import REZERO, Split, harder, left, recommended
 from truejoint import calibrate
 from truejoint.calibration import Calibration
-from truejoint.calibration.fitting import ZeroOf
+from truejoint.calibration.own_zeros import ZeroOf
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS

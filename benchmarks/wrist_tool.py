@@ -26,7 +26,7 @@ from scipy.signal import savgol_filter
 
 from truejoint import calibrate
 from truejoint.calibration import Calibration
-from truejoint.calibration.fitting import ZeroOf
+from truejoint.calibration.own_zeros import ZeroOf
 from truejoint.calibration.zero import find_zero, zeroed
 from truejoint.estimators import RichPlay
 from truejoint.recordings import Recording

@@ -18,8 +18,8 @@ from tests.estimators.test_elastic_joint import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
+from truejoint.calibration.candidates import _knowing
 from truejoint.calibration.choice import Group, Rows, apart, share_of, stacking_weights
-from truejoint.calibration.fitting import _knowing
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     Combination,
@@ -419,7 +419,7 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
 def test_rows_that_are_left_out_do_not_move_what_is_judged(monkeypatch):
     tried = [PolynomialRegressor(2)]
     every = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
-    monkeypatch.setattr("truejoint.calibration.fitting.MOST_ROWS", 400)
+    monkeypatch.setattr("truejoint.calibration.candidates.MOST_ROWS", 400)
     few = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
     counting = [*tried, RecurrentNetwork(epochs=1, units=2)]  # of rows that are one step apart
     assert told(choose(0.2, counting))["poly2"]["rmse"]["jaw"] == every

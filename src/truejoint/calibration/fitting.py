@@ -5,30 +5,22 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from importlib.metadata import version
-from typing import Any, Final, Literal, Self, get_args
+from typing import Any, Final, Self
 
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import (
-    FITTED_ROWS,
-    MOST_ROWS,
-    Automatic,
-    Choice,
-    Group,
-    Rows,
-    choose,
-    share_of,
-)
+from truejoint.calibration.candidates import choice_of, unfitted
+from truejoint.calibration.choice import FITTED_ROWS, MOST_ROWS, Automatic, Choice, share_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds
+from truejoint.calibration.own_zeros import ZeroOf, at_one_zero, zero_groups
 from truejoint.calibration.parity import ParityEquations, fit_parity_equations
 from truejoint.calibration.selection import (
     chosen_features,
@@ -36,10 +28,9 @@ from truejoint.calibration.selection import (
     chosen_redundant,
     common_robot,
     common_units,
-    in_all,
 )
-from truejoint.calibration.sessions import distinct, session_of, source_of
-from truejoint.calibration.signal_shift import shift_signals, signal_moves
+from truejoint.calibration.sessions import distinct, session_of
+from truejoint.calibration.signal_shift import signal_moves
 from truejoint.calibration.training_domain import fit_training_domain, resting_features
 from truejoint.calibration.training_rows import (
     RowRules,
@@ -53,30 +44,16 @@ from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
-from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
-from truejoint.models.family import TARGETS, Target
-from truejoint.models.features import (
-    FeatureSet,
-    check_sample_dt,
-    default_features,
-    default_gap_limit,
-    sample_dt,
-)
+from truejoint.estimators.wrapped import Regressor, get_estimator
+from truejoint.models.family import Target
+from truejoint.models.features import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
-ZeroOf = Literal["shared", "recording", "homing"]
-
-_MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
-"""Quantities of which a choice tries all columns, where it chooses features."""
-_RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
-_RATE_DT: Final = 0.1  # [s] between rows, beyond which they show steps and no rates
 _CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
 _ZEROS_SHARE: Final = 0.2  # and of judging zeros then
 _BASELINE_SHARE: Final = 0.1  # of the progress bar
-_SETTLED: Final = 1e-7  # [rad or m] that zeros of homings are found to
-_FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions moved by it
 
 
 def calibrate(
@@ -154,7 +131,7 @@ def calibrate(
     report, began = progress or untold, time.perf_counter()
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
-        choice = _choose(
+        choice = choice_of(
             recordings, wanted, features, joints, target, fit_rate, random_state,
             within(report, 0.0, _CHOICE_SHARE),
         )  # fmt: skip
@@ -173,7 +150,7 @@ def calibrate(
         chosen = _of_unseen(fitted, choice)
         return chosen.with_metadata(choice=told, fit_seconds=_since(began))
     zero = zero or "shared"
-    groups = None if zero == "shared" else _groups(recordings, zero)
+    groups = None if zero == "shared" else zero_groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
@@ -228,7 +205,7 @@ class _Task:
     ) -> Self:
         """Find what is not told, as `calibrate` says; raises CalibrationError as it does."""
         robot = common_robot(recordings)
-        model = _unfitted(estimator, target, random_state).for_recordings(recordings)
+        model = unfitted(estimator, target, random_state).for_recordings(recordings)
         chosen = chosen_joints(robot, recordings, joints)
         feature_set = chosen_features(model, robot, recordings, features)
         model = model.for_features(feature_set.names, robot, chosen)
@@ -381,7 +358,7 @@ def _fit_at_one_zero(
     names, index = groups
     signals = tuple(task.units)
     moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
-    at_zero, found = _at_one_zero(parts, index, moves, signals)
+    at_zero, found = at_one_zero(parts, index, moves, signals)
     again, others, _ = _fit(task, at_zero, n_features, report)
     zeros = {"of": zero, "names": names, "offsets": found.tolist()}
     return _SecondFit({"model": again, **others}, at_zero, moves, zeros)
@@ -418,7 +395,7 @@ def _judged_zeros(
 
     def fit(seen: Sequence[int]) -> tuple[Calibration, Calibration]:
         own = [parts[index] for index in seen]
-        each, _ = _at_one_zero(own, np.arange(len(own)), None, ())
+        each, _ = at_one_zero(own, np.arange(len(own)), None, ())
         first, again = (
             replace(plain, model=_fit_model(clone(task.model), some, task.target, untold))
             for some in (own, each)
@@ -430,7 +407,8 @@ def _judged_zeros(
         return None, told
     whole = of(recordings)
     n_features = len(whole.feature_set) - len(fitted.metadata["unused_features"])
-    own_parts, groups = whole.rows(stride_of(fit_rate, whole.dt)), _groups(recordings, "recording")
+    own_parts = whole.rows(stride_of(fit_rate, whole.dt))
+    groups = zero_groups(recordings, "recording")
     second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, untold)
     return second, told
 
@@ -478,7 +456,7 @@ def reseeded(
     rules = RowRules(fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
     parts = list(map(rules.rows, recordings, outlying_values(recordings, fitted.joints)))
     told = fitted.feature_set.names, common_robot(recordings), fitted.joints
-    models = [_unfitted(fitted.model, fitted.target, one).for_features(*told) for one in seeds]
+    models = [unfitted(fitted.model, fitted.target, one).for_features(*told) for one in seeds]
     return [
         replace(
             fitted,
@@ -488,133 +466,6 @@ def reseeded(
         ).with_metadata(settings=" ".join(repr(model).split()))
         for model in models
     ]
-
-
-def _choose(
-    recordings: Sequence[Recording],
-    wanted: Automatic,
-    features: FeatureSet | Iterable[str] | None,
-    joints: Sequence[str] | None,
-    target: Target | None,
-    fit_rate: float | None,
-    random_state: int | None,
-    progress: Progress,
-) -> Choice:
-    """Choose among the estimators that can predict the target, each with its features."""
-    robot = common_robot(recordings)
-    chosen = chosen_joints(robot, recordings, joints)
-    recordings = distinct(recordings)
-    named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
-    usual = FeatureSet.parse(in_all(recordings, named))
-    common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
-    models = [_unfitted(one, None, random_state) for one in wanted.candidates]
-    by_features, targets = _with_their_features(
-        models, robot, recordings, usual if features is None else features, target
-    )
-    free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
-    if free and wanted.default_features and features is not None and len(recordings) >= FEW:
-        by_features.setdefault(usual, free)
-    for quantities in _MORE if features is None and free else ():
-        columns = [name for name in recordings[0].units if name.split("/")[0] in quantities]
-        more = FeatureSet.parse(in_all(recordings, columns))
-        if not any(set(more.names) == set(one.names) for one in by_features):
-            by_features[more] = free
-    for ones in by_features.values():  # what learns a filter's residual, without the filter too
-        within_one = {name for one in ones for name in _member_names(one)}
-        ones += [one for one in free if one.name in within_one and one not in ones]
-    grouped = partial(
-        _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
-        stride_of(fit_rate, sample_dt(recordings)),
-    )  # fmt: skip
-
-    def with_rates(group: Group, names: Collection[str]) -> Group | None:
-        """Give candidates of these names the rates of the group's measured positions as well."""
-        positions = [name for name in group.features.names if name.startswith("measured/")]
-        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
-        tried = [one for one in free if one.name in names]
-        more = FeatureSet.parse([*group.features.names, *rates])
-        return grouped(more, tried, group.target) if rates else None
-
-    groups = [
-        grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
-        for feature_set, ones in by_features.items()
-    ]
-    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
-    extended = with_rates if features is None and free and shows_rates else None
-    found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
-    lacking = [] if features is not None else [name for name in named if name not in usual.names]
-    return replace(found, told={**found.told, "not_in_all": lacking})
-
-
-def _with_their_features(
-    models: Sequence[JointRegressor],
-    robot: Robot,
-    recordings: Sequence[Recording],
-    asked: FeatureSet | Iterable[str],
-    target: Target | None,
-) -> tuple[dict[FeatureSet, list[JointRegressor]], dict[FeatureSet, Target]]:
-    """Models that can be tried, by the features that they see, and what these then predict.
-
-    Features are those that are `asked` for, or the model's own.
-    """
-    by_features: dict[FeatureSet, list[JointRegressor]] = {}
-    targets: dict[FeatureSet, Target] = {}
-    for model in models:
-        own = model.family.inputs is not None
-        wants = target or (model.family.targets if own else TARGETS)[0]
-        knowing = _knowing(model, recordings)
-        if wants not in model.family.targets or knowing is None:
-            continue
-        known = chosen_features(knowing, robot, recordings, None if own else asked)
-        by_features.setdefault(known, []).append(knowing)
-        targets.setdefault(known, wants)
-    if not by_features:
-        names = ", ".join(one.name for one in models)
-        raise CalibrationError(
-            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
-            f"{target or TARGETS[0]}; give other candidates"
-        )
-    return by_features, targets
-
-
-def _grouped(
-    recordings: Sequence[Recording],
-    outlying: Sequence[Mask],
-    robot: Robot,
-    joints: tuple[str, ...],
-    stride: int,
-    feature_set: FeatureSet,
-    candidates: Sequence[JointRegressor],
-    target: Target,
-) -> Group:
-    """Candidates with the rows of recordings, as many as serve a choice, that they see."""
-    rules = RowRules(feature_set, joints, default_gap_limit(recordings), stride)
-    thinned = not any(one.family.counts_samples for one in candidates)
-    sizes = [len(one) for one in recordings]
-    most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-    rows = [Rows.of(part, target, most) for part in map(rules.rows, recordings, outlying)]
-    told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
-    return Group(feature_set, rows, told, target)
-
-
-def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
-    """Unfitted copy that knows the recordings; None where they lack what it takes of its own."""
-    own = model.family.inputs
-    if own is None:
-        return model.for_recordings(recordings)
-    try:
-        told = model.for_recordings(recordings)
-    except CalibrationError:
-        return None
-    signals = FeatureSet.parse(own(told.model_params())).signals
-    has_all = all(name in one.table.columns for one in recordings for name in signals)
-    return told if has_all else None
-
-
-def _member_names(model: JointRegressor) -> list[str]:
-    """Names of what learns the residual of a model with features of its own."""
-    members = getattr(model, "members", ()) if model.family.inputs is not None else ()
-    return [str(getattr(one, "name", one)) for one in members]
 
 
 def untold(_fraction: float) -> None:
@@ -668,94 +519,6 @@ def known_loads(recording: Recording, names: Sequence[str]) -> Array:
     """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none."""
     none = np.zeros(len(recording))
     return np.column_stack([recording.table.get(name, none) for name in names])
-
-
-def _groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers]:
-    """Names of what recordings share a zero with, and which of them each does.
-
-    A recording whose homing has no name is one of its own.
-    """
-    if zero not in get_args(ZeroOf):
-        raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    origins = [recording.provenance for recording in recordings]
-    keys = [(zero == "homing" and one.homing_id) or i for i, one in enumerate(origins)]
-    different = list(dict.fromkeys(keys))
-    names = [key if isinstance(key, str) else source_of(recordings[key]) for key in different]
-    if len(names) < 2:
-        raise CalibrationError(
-            f"a zero for each {zero} takes two of them; all recordings are of {names[0]}: give "
-            "more, or let them share one zero"
-        )
-    return names, np.array([different.index(key) for key in keys])
-
-
-def _at_one_zero(
-    parts: Sequence[TrainingRows],
-    group: Integers,
-    moves: Array | None,
-    signals: Sequence[str],
-) -> tuple[Sequence[TrainingRows], Array]:
-    """Parts without the zeros of their groups, and these zeros (n_groups, n_joints) [rad or m].
-
-    `group` (n_parts,) numbers the groups. The zeros are taken off the truth, or with `moves`
-    (n_signals, n_joints) added to the `signals`. They are about their mean. Raises CalibrationError
-    where the signals leave open what was added to them.
-    """
-    found = _group_zeros(parts, group)
-    if moves is None:
-        pairs = zip(parts, found[group], strict=True)
-        return [replace(p, error=p.error - z, truth=p.truth - z) for p, z in pairs], found
-    zeros, at_zero, left = np.zeros_like(found), parts, found
-    while np.abs(left).max() > _SETTLED:
-        zeros = zeros + left
-        at_zero = [
-            part.rules.rows(shift_signals(part.recording, signals, moves @ own), part.outlying)
-            for part, own in zip(parts, zeros[group], strict=True)
-        ]
-        before, left = left, _group_zeros(at_zero, group)
-        if not np.abs(left).max() < _FOLLOWS * np.abs(before).max():
-            raise CalibrationError(
-                "the true position hardly follows the measured one where other signals are known, "
-                "so the zero of a homing cannot be found; choose a zero for each recording"
-            )
-    return at_zero, zeros
-
-
-def _group_zeros(parts: Sequence[TrainingRows], group: Integers) -> Array:
-    """Zeros (n_groups, n_joints) [rad or m] about their mean: least squares with the linear model.
-
-    The slopes are those within the groups, so a feature that changes between them alone has none.
-    """
-    rows = np.repeat(group, [len(part.fitted) for part in parts])
-    X, error = (fitted_rows(parts, name) for name in ("features", "error"))
-    inputs, errors = np.zeros_like(X), np.zeros_like(error)
-    for number in range(int(group.max()) + 1):
-        own = rows == number
-        varies = ~constant_columns(X[own])
-        inputs[np.ix_(own, varies)] = (X[own] - X[own].mean(axis=0))[:, varies]
-        errors[own] = error[own] - error[own].mean(axis=0)
-    left = error - get_estimator("linear").fit(inputs, errors).predict(X)
-    zeros = np.array([left[rows == n].mean(axis=0) for n in range(int(group.max()) + 1)])
-    return np.asarray(zeros - zeros.mean(axis=0))
-
-
-def _unfitted(
-    estimator: str | Regressor, target: Target | None, random_state: int | None
-) -> JointRegressor:
-    if target not in (None, *TARGETS):
-        raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
-    named = get_estimator(estimator) if isinstance(estimator, str) else estimator
-    model: JointRegressor = clone(joint_regressor(named))
-    if target is not None and target not in model.family.targets:
-        raise CalibrationError(
-            f"{model.name} cannot predict the {target}; use target "
-            f"{' or '.join(map(repr, model.family.targets))}"
-        )
-    if random_state is not None:
-        seeds = [name for name in model.get_params() if name.split("__")[-1] == "random_state"]
-        model.set_params(**dict.fromkeys(seeds, random_state))
-    model.check_params()
-    return model
 
 
 def _fit_baselines(

@@ -1,0 +1,182 @@
+"""Candidates of an automatic choice: which can be tried on recordings, each with its features."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+from sklearn.base import clone
+
+from truejoint.array_types import Mask
+from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
+from truejoint.calibration.folds import FEW, folds
+from truejoint.calibration.selection import (
+    chosen_features,
+    chosen_joints,
+    common_robot,
+    common_units,
+    in_all,
+)
+from truejoint.calibration.sessions import distinct
+from truejoint.calibration.training_rows import RowRules, outlying_values, stride_of
+from truejoint.errors import CalibrationError
+from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
+from truejoint.models.family import TARGETS, Target
+from truejoint.models.features import FeatureSet, default_features, default_gap_limit, sample_dt
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
+
+_MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
+"""Quantities of which a choice tries all columns, where it chooses features."""
+_RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
+_RATE_DT: Final = 0.1  # [s] between rows, beyond which they show steps and no rates
+
+
+def choice_of(
+    recordings: Sequence[Recording],
+    wanted: Automatic,
+    features: FeatureSet | Iterable[str] | None,
+    joints: Sequence[str] | None,
+    target: Target | None,
+    fit_rate: float | None,
+    random_state: int | None,
+    progress: Progress,
+) -> Choice:
+    """Choose among the estimators that can predict the target, each with its features."""
+    robot = common_robot(recordings)
+    chosen = chosen_joints(robot, recordings, joints)
+    recordings = distinct(recordings)
+    named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
+    usual = FeatureSet.parse(in_all(recordings, named))
+    common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
+    models = [unfitted(one, None, random_state) for one in wanted.candidates]
+    by_features, targets = _with_their_features(
+        models, robot, recordings, usual if features is None else features, target
+    )
+    free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
+    if free and wanted.default_features and features is not None and len(recordings) >= FEW:
+        by_features.setdefault(usual, free)
+    for quantities in _MORE if features is None and free else ():
+        columns = [name for name in recordings[0].units if name.split("/")[0] in quantities]
+        more = FeatureSet.parse(in_all(recordings, columns))
+        if not any(set(more.names) == set(one.names) for one in by_features):
+            by_features[more] = free
+    for ones in by_features.values():  # what learns a filter's residual, without the filter too
+        within_one = {name for one in ones for name in _member_names(one)}
+        ones += [one for one in free if one.name in within_one and one not in ones]
+    grouped = partial(
+        _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
+        stride_of(fit_rate, sample_dt(recordings)),
+    )  # fmt: skip
+
+    def with_rates(group: Group, names: Collection[str]) -> Group | None:
+        """Give candidates of these names the rates of the group's measured positions as well."""
+        positions = [name for name in group.features.names if name.startswith("measured/")]
+        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
+        tried = [one for one in free if one.name in names]
+        more = FeatureSet.parse([*group.features.names, *rates])
+        return grouped(more, tried, group.target) if rates else None
+
+    groups = [
+        grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
+        for feature_set, ones in by_features.items()
+    ]
+    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
+    extended = with_rates if features is None and free and shows_rates else None
+    found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
+    lacking = [] if features is not None else [name for name in named if name not in usual.names]
+    return replace(found, told={**found.told, "not_in_all": lacking})
+
+
+def _with_their_features(
+    models: Sequence[JointRegressor],
+    robot: Robot,
+    recordings: Sequence[Recording],
+    asked: FeatureSet | Iterable[str],
+    target: Target | None,
+) -> tuple[dict[FeatureSet, list[JointRegressor]], dict[FeatureSet, Target]]:
+    """Models that can be tried, by the features that they see, and what these then predict.
+
+    Features are those that are `asked` for, or the model's own.
+    """
+    by_features: dict[FeatureSet, list[JointRegressor]] = {}
+    targets: dict[FeatureSet, Target] = {}
+    for model in models:
+        own = model.family.inputs is not None
+        wants = target or (model.family.targets if own else TARGETS)[0]
+        knowing = _knowing(model, recordings)
+        if wants not in model.family.targets or knowing is None:
+            continue
+        known = chosen_features(knowing, robot, recordings, None if own else asked)
+        by_features.setdefault(known, []).append(knowing)
+        targets.setdefault(known, wants)
+    if not by_features:
+        names = ", ".join(one.name for one in models)
+        raise CalibrationError(
+            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
+            f"{target or TARGETS[0]}; give other candidates"
+        )
+    return by_features, targets
+
+
+def _grouped(
+    recordings: Sequence[Recording],
+    outlying: Sequence[Mask],
+    robot: Robot,
+    joints: tuple[str, ...],
+    stride: int,
+    feature_set: FeatureSet,
+    candidates: Sequence[JointRegressor],
+    target: Target,
+) -> Group:
+    """Candidates with the rows of recordings, as many as serve a choice, that they see."""
+    rules = RowRules(feature_set, joints, default_gap_limit(recordings), stride)
+    thinned = not any(one.family.counts_samples for one in candidates)
+    sizes = [len(one) for one in recordings]
+    most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
+    rows = [Rows.of(part, target, most) for part in map(rules.rows, recordings, outlying)]
+    told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
+    return Group(feature_set, rows, told, target)
+
+
+def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
+    """Unfitted copy that knows the recordings; None where they lack what it takes of its own."""
+    own = model.family.inputs
+    if own is None:
+        return model.for_recordings(recordings)
+    try:
+        told = model.for_recordings(recordings)
+    except CalibrationError:
+        return None
+    signals = FeatureSet.parse(own(told.model_params())).signals
+    has_all = all(name in one.table.columns for one in recordings for name in signals)
+    return told if has_all else None
+
+
+def _member_names(model: JointRegressor) -> list[str]:
+    """Names of what learns the residual of a model with features of its own."""
+    members = getattr(model, "members", ()) if model.family.inputs is not None else ()
+    return [str(getattr(one, "name", one)) for one in members]
+
+
+def unfitted(
+    estimator: str | Regressor, target: Target | None, random_state: int | None
+) -> JointRegressor:
+    """Unfitted copy that can predict the target; raises CalibrationError where it cannot."""
+    if target not in (None, *TARGETS):
+        raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
+    named = get_estimator(estimator) if isinstance(estimator, str) else estimator
+    model: JointRegressor = clone(joint_regressor(named))
+    if target is not None and target not in model.family.targets:
+        raise CalibrationError(
+            f"{model.name} cannot predict the {target}; use target "
+            f"{' or '.join(map(repr, model.family.targets))}"
+        )
+    if random_state is not None:
+        seeds = [name for name in model.get_params() if name.split("__")[-1] == "random_state"]
+        model.set_params(**dict.fromkeys(seeds, random_state))
+    model.check_params()
+    return model
