@@ -189,7 +189,7 @@ def test_names_stay_where_nothing_else_is_known_of_their_members():
     robot = get_robot("davinci_grasper")
     assert plain.for_features(names, robot, ("jaw",)).members == plain.members
     told = paired.for_features(names, robot, ("jaw",))
-    assert told.name == "hybrid"
+    assert told.name == "combination_with_filter"
     assert told.members[1].pairs == ((0, 1),)
 
 
@@ -208,5 +208,5 @@ def test_what_a_physical_filter_leaves_is_learnt_from_its_features():
         np.testing.assert_array_equal(both.model.evaluate(X, dt), summed)
         before, after = before + np.var(filtered - truth), after + np.var(summed - truth)
     assert after < before
-    again = class_of("hybrid").from_data(both.model.data, 2, 1)
+    again = class_of("combination_with_filter").from_data(both.model.data, 2, 1)
     np.testing.assert_array_equal(again.evaluate(X, dt), summed)

@@ -16,7 +16,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.wrapped import Regressor, joint_regressor
-from truejoint.models import combination, combination_with_memory, hybrid
+from truejoint.models import combination, combination_with_filter, combination_with_memory
 from truejoint.models.family import EstimatorData, Family, Params, find_family, is_integer
 
 if TYPE_CHECKING:
@@ -229,7 +229,7 @@ class Combination(JointRegressor):
 def _family(members: Sequence[Family]) -> Family:
     """Give the family of a combination of members of these."""
     if any(one.inputs for one in members):
-        return hybrid.FAMILY
+        return combination_with_filter.FAMILY
     remembers = any(one.remembers for one in members)
     return combination_with_memory.FAMILY if remembers else combination.FAMILY
 
