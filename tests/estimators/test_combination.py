@@ -27,6 +27,7 @@ from truejoint.estimators import (
     RichPlay,
     get_estimator,
 )
+from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.wrapped import class_of
 from truejoint.models.combination import FAMILY
 from truejoint.models.family import EstimatorData
@@ -118,6 +119,18 @@ def test_members_without_a_memory_are_fitted_to_so_many_rows_at_most():
     assert np.abs(Combination((LinearRegressor(),), rows=400).fit(X, y).predict(X) - y).min() > 0.1
     with pytest.raises(CalibrationError, match="rows of a combination is 0; it must be an integer"):
         Combination(rows=0).fit(X, y)
+
+
+def test_histories_begin_where_rows_before_are_left_out():
+    X = np.linspace(-1.0, 1.0, 400)[:, None]
+    y = X[:, 0] ** 2 + np.repeat([0.3, -0.2], 200)
+    process, dt = GaussianProcess(points=20), np.where(np.arange(400) % 200 == 0, 0.0, 1.0)
+    few = slice(None, None, 3)  # and so not the first of the second
+    told = np.where(np.arange(400)[few] // 200 == np.arange(-3, 397)[few] // 200, 1.0, 0.0)
+    alone = process.fit(X[few], y[few], dt=told)
+    both = Combination((clone(process),), rows=134).fit(X, y, dt=dt)
+    np.testing.assert_array_equal(both.members_[0].weights_, alone.weights_)
+    assert (told == 0.0).sum() == 2
 
 
 def test_a_seed_goes_to_the_members():

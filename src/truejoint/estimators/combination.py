@@ -193,7 +193,7 @@ class Combination(JointRegressor):
             unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
-        left = y.copy()
+        left, history = y.copy(), np.cumsum(dt == 0.0)
         for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(own)
             told = partial(_share, progress, number, len(unfitted))
@@ -203,7 +203,9 @@ class Combination(JointRegressor):
             rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
-            member.fit(X[rows], left[rows][:, outputs], told, dt[rows])
+            fresh = np.diff(history[rows], prepend=0) > 0  # also where its first row is left out
+            steps = np.where(fresh, 0.0, dt[rows])
+            member.fit(X[rows], left[rows][:, outputs], told, steps)
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
