@@ -27,6 +27,7 @@ from truejoint.estimators import (
     RichPlay,
     get_estimator,
 )
+from truejoint.estimators.gaussian_process import GaussianProcess
 from truejoint.estimators.wrapped import class_of
 from truejoint.models.combination import FAMILY
 from truejoint.models.family import EstimatorData
@@ -120,6 +121,18 @@ def test_members_without_a_memory_are_fitted_to_so_many_rows_at_most():
         Combination(rows=0).fit(X, y)
 
 
+def test_histories_begin_where_rows_before_are_left_out():
+    X = np.linspace(-1.0, 1.0, 400)[:, None]
+    y = X[:, 0] ** 2 + np.repeat([0.3, -0.2], 200)
+    process, dt = GaussianProcess(points=20), np.where(np.arange(400) % 200 == 0, 0.0, 1.0)
+    few = slice(None, None, 3)  # and so not the first of the second
+    told = np.where(np.arange(400)[few] // 200 == np.arange(-3, 397)[few] // 200, 1.0, 0.0)
+    alone = process.fit(X[few], y[few], dt=told)
+    both = Combination((clone(process),), rows=134).fit(X, y, dt=dt)
+    np.testing.assert_array_equal(both.members_[0].weights_, alone.weights_)
+    assert (told == 0.0).sum() == 2
+
+
 def test_a_seed_goes_to_the_members():
     X = np.random.default_rng(0).normal(size=(400, 2))
     nets = [Combination((NETWORK,), random_state=s).fit(X, X[:, 0]) for s in (3, 3, 4)]
@@ -189,7 +202,7 @@ def test_names_stay_where_nothing_else_is_known_of_their_members():
     robot = get_robot("davinci_grasper")
     assert plain.for_features(names, robot, ("jaw",)).members == plain.members
     told = paired.for_features(names, robot, ("jaw",))
-    assert told.name == "hybrid"
+    assert told.name == "combination_with_filter"
     assert told.members[1].pairs == ((0, 1),)
 
 
@@ -208,5 +221,5 @@ def test_what_a_physical_filter_leaves_is_learnt_from_its_features():
         np.testing.assert_array_equal(both.model.evaluate(X, dt), summed)
         before, after = before + np.var(filtered - truth), after + np.var(summed - truth)
     assert after < before
-    again = class_of("hybrid").from_data(both.model.data, 2, 1)
+    again = class_of("combination_with_filter").from_data(both.model.data, 2, 1)
     np.testing.assert_array_equal(again.evaluate(X, dt), summed)

@@ -72,7 +72,7 @@ def tagged(seed, n=20, length=150):
 @pytest.mark.parametrize("seed", range(3))
 def test_zeros_are_not_learnt_by_heart(seed):
     X, y, history, own = tagged(seed)
-    trees = DecisionTreeRegressor(min_samples_leaf=20)
+    trees = DecisionTreeRegressor(min_samples_leaf=20, random_state=0)
     found = zeros(trees, X, y, history)
     by_history = found[:: len(X) // len(own), 0]
     assert np.ptp(found.reshape(len(own), -1), axis=1) == pytest.approx(0.0)
@@ -90,7 +90,7 @@ def test_what_each_history_alone_shows_is_no_zero():
     x = np.random.default_rng(0).uniform(0.0, 1.0, 800)
     X = np.column_stack([x, history])  # a load of its own
     y = (x + 2.0 * history)[:, None]
-    trees = DecisionTreeRegressor(min_samples_leaf=5)
+    trees = DecisionTreeRegressor(min_samples_leaf=5, random_state=0)
     assert not zeros(trees, X, y, history).any()
     few = history < 4
     assert not zeros(trees, X[few], y[few], history[few]).any()

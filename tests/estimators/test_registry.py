@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,7 @@ from truejoint.estimators import (
     get_estimator,
 )
 from truejoint.estimators.registry import BASELINES, DEFAULT, OWN, TITLES, parameter_names
+from truejoint.models.family import find_family
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.
@@ -64,6 +66,12 @@ def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
 )
 def test_an_estimator_is_called_as_it_is_registered_or_else_by_its_family(estimator, name):
     assert estimator.name == name
+
+
+def test_no_family_is_called_as_an_estimator_of_another():
+    for name in OWN:
+        with suppress(CalibrationError):
+            assert find_family(name) is get_estimator(name).family
 
 
 def strings(source: str) -> list[tuple[int, str]]:

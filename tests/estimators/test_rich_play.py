@@ -234,6 +234,14 @@ def test_ridge_is_not_fitted_to_a_few_rows_that_are_far_off():
         np.testing.assert_allclose(model.predict(X)[:, j], expected, rtol=0, atol=1e-8)
 
 
+def test_a_feature_that_only_rows_far_off_have_is_not_learnt():
+    X, y, kept = bursts(6)
+    X[kept, 1] = 0.0
+    model = Ridge(first=0, trimmed=True).fit(X, y)
+    assert model.coef_[1, 1] == 0.0
+    assert model.coef_[1, 0] != 0.0
+
+
 def test_many_rows_that_are_far_off_are_no_exceptions():
     X, y, _ = bursts(60)
     model, plain = (Ridge(first=0, trimmed=trimmed).fit(X, y) for trimmed in (True, False))

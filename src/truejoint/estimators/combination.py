@@ -16,7 +16,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.wrapped import Regressor, joint_regressor
-from truejoint.models import combination, combination_with_memory, hybrid
+from truejoint.models import combination, combination_with_filter, combination_with_memory
 from truejoint.models.family import EstimatorData, Family, Params, find_family, is_integer
 
 if TYPE_CHECKING:
@@ -193,7 +193,7 @@ class Combination(JointRegressor):
             unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
-        left = y.copy()
+        left, history = y.copy(), np.cumsum(dt == 0.0)
         for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(own)
             told = partial(_share, progress, number, len(unfitted))
@@ -203,7 +203,9 @@ class Combination(JointRegressor):
             rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
-            member.fit(X[rows], left[rows][:, outputs], told, dt[rows])
+            fresh = np.diff(history[rows], prepend=0) > 0  # also where its first row is left out
+            steps = np.where(fresh, 0.0, dt[rows])
+            member.fit(X[rows], left[rows][:, outputs], told, steps)
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
@@ -229,7 +231,7 @@ class Combination(JointRegressor):
 def _family(members: Sequence[Family]) -> Family:
     """Give the family of a combination of members of these."""
     if any(one.inputs for one in members):
-        return hybrid.FAMILY
+        return combination_with_filter.FAMILY
     remembers = any(one.remembers for one in members)
     return combination_with_memory.FAMILY if remembers else combination.FAMILY
 

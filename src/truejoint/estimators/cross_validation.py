@@ -14,6 +14,7 @@ PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
 BLOCKS: Final = 5  # that are left out in turn
 
+_LEAST: Final = 1e-6  # deviation of a term; what rows taken off a sum leave of one is rounding
 _FEWEST_LEVELS: Final = 3  # with fewer, or larger ones, a fit would see too little
 _APART: Final = 1.5  # least gap between levels, in largest gaps within them
 
@@ -104,7 +105,7 @@ def _solutions(
     spread = products / n - np.outer(mean, mean)
     terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
     deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
-    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > 1e-9)
+    scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > _LEAST)
     used = np.flatnonzero(scale)
     own = scale[used]
     inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)

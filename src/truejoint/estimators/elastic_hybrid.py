@@ -33,7 +33,8 @@ class ElasticJointHybrid(ElasticJointFilter):
     recording has a zero that no signal shows, and these trees would learn it by heart, by the load
     and speed that a recording has and no other; what they are fitted to is therefore less the
     `zeros` of the histories. Those of the other see what the filter estimates besides, its friction
-    and load included. What it needs is what the filter needs.
+    and load included. What it needs is what the filter needs; loads, and all deviations that
+    `estimate` gives, are the filter's own.
 
     Examples
     --------

@@ -78,10 +78,10 @@ class Ridge(TermsRegressor):
     squared : int, optional
         Of the features, by whose squares they are multiplied too; by default none.
     trimmed : bool
-        Whether it is fitted again without rows that it is off by more than six standard deviations
-        in (by the median's size), where these are a twentieth at most. They are left to what learns
-        the residual: a roll is ill conditioned where the wrist is bent by a right angle, and a few
-        such rows bend the model everywhere.
+        Whether it is fitted again without rows in which it errs by more than six standard
+        deviations (by the median's size), where these are a twentieth at most. They are left to
+        what learns the residual: a roll is ill conditioned where the wrist is bent by a right
+        angle, and a few such rows bend the model everywhere.
 
     Attributes
     ----------

@@ -34,7 +34,10 @@ BANK: Final[Params] = {
     "shares": (1.0,),
     "turns": (),
 }
-"""Parameters of `play_bank`, for what trees see of the signals."""
+"""Parameters of `play_bank`, for what trees see of the signals.
+
+They do not stand in model files: trees that are to see other plays need a family of their own.
+"""
 _TREES: Final = "trees/"  # begins the names of their arrays
 SIZES: Final = tuple(trees.FAMILY.rules)
 """Parameters that tell the sizes of the trees."""

@@ -512,7 +512,7 @@ def _check_parts(
 
 
 def _check_numbers(numbers: Mapping[str, float], integral_time: float) -> None:
-    """Refuse `numbers` by what they are of that are none, or negative, and no integral time [s]."""
+    """Refuse what is no number, or negative, naming it, and an integral time [s] of 0 or less."""
     for name, value in numbers.items():
         if not (_is_number(value) and 0.0 <= value < math.inf):
             raise CommandRefused(

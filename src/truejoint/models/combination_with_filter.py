@@ -20,5 +20,8 @@ def _inputs(params: Params) -> tuple[str, ...]:
 
 
 FAMILY: Final = replace(
-    combination_with_memory.FAMILY, name="hybrid", inputs=_inputs, targets=("position",)
+    combination_with_memory.FAMILY,
+    name="combination_with_filter",
+    inputs=_inputs,
+    targets=("position",),
 )
