@@ -20,8 +20,8 @@ data sets are split: a frequency and loads never seen, the end of a recording, a
 ``--held-out`` such an interval of every estimator, on default features at 100 Hz, is judged on
 files of the grasper that are like those fitted to, on a frequency and on loads that are not among
 them, on the end of a motion of the dVRK, on BROS's other file, and on the twin after other homings,
-re-zeroed from ten seconds. Each draw and split is kept in a
-file under ``--out`` and is not run again while that is there.
+re-zeroed from ten seconds. Each draw and split is kept in a file under ``--out`` and is not run
+again while that is there.
 """
 
 from __future__ import annotations
