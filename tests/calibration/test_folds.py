@@ -64,6 +64,15 @@ def test_recordings_are_left_out_whole():
     assert len(folds.without(recordings, found[0].parts)) == 5
 
 
+@pytest.mark.parametrize(("n", "whole"), [(300, [0, 1]), (90, [0, 1]), (60, [1])])
+def test_of_two_recordings_one_is_left_out_whole_where_enough_stays(n, whole):
+    """A fit to a minute shows nothing of one to half an hour."""
+    found = folds.folds([jaw(), jaw(n=n)])
+    assert [[part.recording for part in fold.parts] for fold in found] == [
+        *[[0, 1]] * 5, *[[k] for k in whole]
+    ]  # fmt: skip
+
+
 def test_many_recordings_are_left_out_by_speed_and_by_effort():
     rng = np.random.default_rng(0)
     speeds, efforts = rng.permutation(10), rng.permutation(10)

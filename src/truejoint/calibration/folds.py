@@ -24,6 +24,7 @@ _GAP: Final = 0.1  # of the time of a part, that is left out on either side of i
 _STEP: Final = 0.1  # [s], over which speed is taken: an encoder's counts make a shorter one noise
 _AT_REST: Final = 0.05  # of the RMS speed of a joint, below which it counts as standing still
 _LEAST_ROWS: Final = 10  # of a part
+_LEAST_LEFT: Final = 0.2  # of the time in all, that a fit sees beside a recording left out whole
 _DIFFERENT: Final = 0.1  # logarithm of the largest speed or effort over the least
 _RUNS: Final = 8  # of speeds or efforts that come in no levels
 
@@ -141,17 +142,20 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
     One or two recordings lose a fifth of the time in which they move, so that no part is at rest,
-    which shows no more than one error; two or more are left out whole. Ten or more are left out by
-    how fast they move and by how large their efforts are, a fifth at a time, so that an estimator
-    shows what it does beyond them; those of one speed, or under one load, all at once
-    (`truejoint.estimators.cross_validation.levels`). Where several homings, or masses on the tool,
-    are stated, these are left out too.
+    which shows no more than one error; two or more are left out whole, but of two not one beside
+    which less than a fifth of the time stays: what a fit to so little does, the one that is used
+    will not. Ten or more are left out by how fast they move and by how large their efforts are, a
+    fifth at a time, so that an estimator shows what it does beyond them; those of one speed, or
+    under one load, all at once (`truejoint.estimators.cross_validation.levels`). Where several
+    homings, or masses on the tool, are stated, these are left out too.
     """
     parts, found = wholes(recordings), list[Fold]()
     if len(recordings) < FEW:
         shares = blocks(recordings, FOLDS, in_motion=True)
         found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
-        return found if len(parts) == 1 else found + dealt([[p] for p in parts], "recordings")
+        times = [recording.duration for recording in recordings]
+        enough = [sum(times) - time >= _LEAST_LEFT * sum(times) for time in times]
+        return found + dealt([[parts[i]] for i in np.flatnonzero(enough)], "recordings")
     if len(recordings) >= SORTED_FROM:
         for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
             if np.ptp(sizes) > 0.0:
