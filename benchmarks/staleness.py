@@ -95,15 +95,14 @@ def rezeroed_errors(
     t, corrected, error = errors(calibration, recording)
     rng = np.random.default_rng(0)
     filter_ = ReZero(calibration, truth_sd=TRUTH_NOISE)
-    offset, believed = np.empty_like(error), np.zeros(3)
+    offset = np.empty_like(error)
     with_truth = (t >= begin) & ((t - begin) % TRUTH_EVERY < TRUTH_FOR)
     for i in range(len(t)):
         if with_truth[i]:
             noise = rng.normal(size=3) * (OUTLIER if rng.random() < OUTLIERS else 1.0)
             truth = corrected[i] + error[i] + TRUTH_NOISE * noise
             filter_.update(t[i], corrected[i], truth)
-            believed = filter_.believed
-        offset[i] = believed
+        offset[i] = filter_.offset
     judged = ~with_truth & (t >= begin)
     return t[judged], (error - offset)[judged]
 
