@@ -246,6 +246,30 @@ def test_called_faster_than_trained_it_says_so(name):
     assert (statuses & Status.STALE > 0).mean() > 0.7
 
 
+@pytest.mark.parametrize("name", [n for n in CAUSAL if FAMILIES[n].counts_samples])
+def test_called_slower_than_trained_it_says_so_and_starts_anew(name):
+    calibration, recording = model(name), unseen(name).rows(np.arange(400))
+    step = float(np.median(np.diff(recording.t)))
+    slow, end = slice(100, 140), 140
+    t = np.array(recording.t)
+    t[slow] += step * np.arange(1, 41)
+    t[end:] += 40 * step
+    samples = recording.table[list(calibration.loop_signals)].to_numpy()
+    statuses, _, _, corrections = run(ready(calibration, range_margin=1.0), t, samples)
+    flagged = statuses & Status.TIME_JUMP > 0
+    assert not flagged[:115].any()
+    assert flagged[122:end].all()
+    assert not flagged[end + 20 :].any()
+    assert (statuses[end + 20 :] == Status.OK).mean() > 0.5
+    with pytest.raises(CalibrationError, match="resample it, or calibrate at this rate"):
+        calibration.correct(restamped(recording.rows(slow), t[slow]))
+    rest = restamped(recording.rows(np.arange(end - 1, 400)), t[end - 1 :])  # the last late one
+    assert np.isfinite(corrections[end - 1 :]).all()
+    np.testing.assert_allclose(
+        corrections[end - 1 :], calibration.predict_error(rest)[:, 0], rtol=0, atol=1e-12
+    )
+
+
 @pytest.mark.parametrize("level", [0.9, 0.5])
 @pytest.mark.parametrize("name", CAUSAL)
 def test_half_width_is_the_filters_own_where_it_knows_one(name, level):

@@ -20,9 +20,10 @@ SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4
 
 
 def rezero(noise=NOISE, **settings) -> ReZero:
-    baseline = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN)
+    baseline = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN,
+                               beginning_sd=np.zeros_like)  # fmt: skip
     calibration = SimpleNamespace(robot="raven2", arm="left", joints=("elbow", "insertion"),
-                                  effort_baseline=baseline)  # fmt: skip
+                                  effort_baseline=baseline, metadata={})  # fmt: skip
     return ReZero(calibration, truth_sd=noise, **settings)
 
 
@@ -198,7 +199,7 @@ def touched_block(**change) -> tuple[BlockPose, np.ndarray, SimpleNamespace]:
         "covariance": np.diag([1e-14] * 6), "scale": 1.0, "scale_sd": 1e-7,
     }  # fmt: skip
     baseline = SimpleNamespace(residual=np.array([1e-3, 1e-3, 1e-4]),
-                               correlation=np.full(3, 2.0))  # fmt: skip
+                               correlation=np.full(3, 2.0), beginning_sd=np.zeros_like)  # fmt: skip
     calibration = SimpleNamespace(robot="raven2", arm="left", effort_baseline=baseline,
                                   joints=("shoulder", "elbow", "insertion"))  # fmt: skip
     return BlockPose(**pose | change), joint, calibration
@@ -255,7 +256,8 @@ def test_touches_that_do_not_tell_the_joints_are_refused():
     with pytest.raises(CalibrationError, match="each in its own way"):
         ReZero(turns).touch(0.0, joint[0, [0, 1, 3]], joint[0], "1", block)
     calibration.joints = ("shoulder", "elbow")
-    calibration.effort_baseline = SimpleNamespace(residual=SIZE, correlation=TIME)
+    calibration.effort_baseline.residual = SIZE
+    calibration.effort_baseline.correlation = TIME
     with pytest.raises(CalibrationError, match="three joints"):
         ReZero(calibration).touch(0.0, joint[0, :2], joint[0], "1", block)
     assert np.isinf(filter_.sd).all()

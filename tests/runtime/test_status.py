@@ -283,6 +283,35 @@ def test_a_model_that_counts_samples_corrects_at_no_faster_rate():
     assert not bits[1:].any()
 
 
+def test_a_model_that_counts_samples_corrects_at_no_slower_rate():
+    for steps, flagged in ((1.45, 0), (1.55, 278), (3.0, 278), (9.0, 278), (11.0, 299)):
+        t = 1.0 + steps / 30 * np.arange(300)
+        bits = corrected_with_lags(t)
+        assert (bits & Status.TIME_JUMP > 0).sum() == flagged
+        assert (bits[-flagged:] == Status.TIME_JUMP).all() or not flagged
+        every = Corrector(trained())  # which counts nothing
+        every.set_homing(True, "h1")
+        assert steps > 10.0 or not run(every, t, stream(t))[0].any()
+
+
+def test_stamps_that_jitter_and_samples_that_are_lost_are_no_slower_rate():
+    rng = np.random.default_rng(0)
+    even = np.arange(3000)
+    lost = even[rng.random(3000) > 0.2]
+    jittered = even + rng.uniform(-0.45, 0.45, 3000), np.cumsum(rng.uniform(0.5, 1.5, 3000))
+    for count in (*jittered, lost):
+        bits = corrected_with_lags(1.0 + count / 30)
+        assert not (bits & Status.TIME_JUMP).any()
+        assert (bits == 0).mean() > 0.7
+
+
+def corrected_with_lags(t: np.ndarray) -> np.ndarray:
+    """Status bits of the stream at stamps, by a model that counts samples at 30 Hz."""
+    corrector = Corrector(trained(features=HISTORY))
+    corrector.set_homing(True, "h1")
+    return run(corrector, t, stream(t))[0]
+
+
 def test_a_channel_that_never_changed_in_training_may_stand_still_or_not():
     corrector = Corrector(trained(features=(*SIGNALS, "effort/unused")))
     corrector.set_homing(True, "h1")

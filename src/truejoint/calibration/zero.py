@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.effort_baseline import BEGINNINGS
-from truejoint.calibration.encoding import as_calibration, as_recorded
+from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.errors import CalibrationError
 from truejoint.models.features import time_steps
 
@@ -42,9 +42,7 @@ class Zero:
         calibration looks at the past, a reading weighs as much as the past before it is long, up to
         5 s: how friction stood before a recording is not known.
     believed : ndarray, shape (n_joints,)
-        By how much to move the zero [rad or m]. Where the calibration was fitted with a zero for
-        each recording or homing, zeros are known to move, and this is `offset`; else it is less, as
-        `truejoint.calibration.zero.believed` says.
+        By how much to move the zero [rad or m], as `truejoint.calibration.zero.believed_zero` says.
     sd : ndarray, shape (n_joints,)
         Standard deviation of `offset` as an estimate of the offset of a whole motion [rad or m].
         Errors of a model resemble each other over seconds, so a brief truth knows less than its
@@ -92,6 +90,16 @@ def believed(offset: ArrayLike, sd: ArrayLike) -> Array:
     return np.where(np.isnan(spread), whole, whole - by_errors)
 
 
+def believed_zero(calibration: CalibrationData[Any], offset: Array, sd: Array) -> Array:
+    """By how much (n_joints,) [rad or m] to move the zero for an offset that is known to `sd`.
+
+    Where the calibration was fitted with a zero for each recording or homing, zeros are known to
+    move, and it is all of `offset`; else it is less, as `believed` says.
+    """
+    moves = calibration.metadata.get("zeros", {}).get("of", "shared") != "shared"
+    return offset.copy() if moves else believed(offset, sd)
+
+
 def find_zero(calibration: Calibration, recording: Recording, duration: float = math.inf) -> Zero:
     """Offset of a calibration against the truth in a recording, however little there is of it.
 
@@ -132,8 +140,8 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
         alike = [float(np.sum(pairs * np.exp(-apart / time))) for time in baseline.correlation]
         running = float(t[-1] - recording.t[0])
         sd = np.maximum(baseline.residual * np.sqrt(alike), baseline.beginning_sd(running))
-    moves = calibration.metadata.get("zeros", {}).get("of", "shared") != "shared"
-    return Zero(offset, offset if moves else believed(offset, sd), sd, len(t), float(t[-1] - t[0]))
+    moved_by = believed_zero(calibration, offset, sd)
+    return Zero(offset, moved_by, sd, len(t), float(t[-1] - t[0]))
 
 
 def beginnings(calibration: Calibration, recording: Recording, count: int) -> list[Array]:

@@ -26,6 +26,7 @@ NOTHING, SET_HOMING, REZERO, ACKNOWLEDGE = 0, 1, 2, 3
 _QUIET: Final = 12  # ordinary samples between two faults
 _START: Final = 60  # ordinary samples before the first
 _SLOWLY: Final = 6  # signals that go out of range slowly
+_SLOW: Final = 28  # samples at too slow a rate
 _STANDING: Final = 40  # samples between two times that the joints are to stand still
 _FASTEST: Final = 0.3  # Hz
 _LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes without that fault
@@ -248,7 +249,7 @@ class _Motion:
 
 
 def _faulty_stamps(motion: _Motion) -> Iterator[list[Vector]]:
-    """Numbers that are not finite; stale stamps; a gap; a clock that was set back."""
+    """Numbers not finite; stale stamps; too slow for a model; a gap; a clock that was set back."""
     n = len(motion.middle)
     yield [
         motion.with_signal(0, np.nan), motion.with_signal(n - 1, np.inf),
@@ -258,6 +259,8 @@ def _faulty_stamps(motion: _Motion) -> Iterator[list[Vector]]:
     first, second = motion.next(), motion.next()
     yield [first, first, second, replace(motion.next(), t=first.t)]
     bridged, dt = motion.limits.longest, motion.limits.training_dt
+    if np.isfinite(motion.limits.slowest):
+        yield [motion.next(1.5 * motion.limits.slowest / dt) for _ in range(_SLOW)]
     yield [motion.next(3 * bridged / dt)]
     yield [motion.next(-5 * bridged / dt)]
 

@@ -13,7 +13,7 @@ from truejoint.models.family import call_row
 from truejoint.models.feature_kernels import feature_row
 from truejoint.models.products import add_triangle
 from truejoint.runtime import fields as at
-from truejoint.runtime.limits import BRIEFLY, SLIP_SHARE
+from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SLIP_SHARE
 from truejoint.runtime.status import Status
 
 _NOT_FINITE: Final = int(Status.NOT_FINITE)
@@ -52,6 +52,7 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
         return status | doubts
     status |= judge_parity(numbers, memory)
     remember(numbers, memory)
+    status |= judge_rate(numbers, memory)
     step = memory[at.T] - vector(memory, numbers[at.CLOCK], 2)[1]
     fresh = compute_features(numbers, memory)
     status |= judge_features(numbers, memory)
@@ -117,6 +118,7 @@ def forget(numbers: Integers, memory: Array) -> None:
     """Let the next sample be the first."""
     numbers[at.HAS_STAMP] = 0
     numbers[at.HAS_LAST] = 0
+    memory[at.LATE] = 0.0
     forget_spikes(numbers)
     vector(memory, numbers[at.CLOCK], 2)[0] = 0.0
     restart_standstill(numbers, memory)
@@ -342,6 +344,22 @@ def remember(numbers: Integers, memory: Array) -> None:
     numbers[at.HAS_LAST] = 1
     numbers[at.WAS_STALE] = 0
     memory[at.LAST_T] = memory[at.T]
+
+
+@compiled
+def judge_rate(numbers: Integers, memory: Array) -> int:
+    """Status bit while most samples come late, for a model that counts them: it starts anew."""
+    clock = vector(memory, numbers[at.CLOCK], 2)
+    step = memory[at.T] - clock[1]
+    if clock[0] == 0.0 or step > memory[at.LONGEST]:
+        return 0
+    late = step > memory[at.SLOWEST]
+    memory[at.LATE] += ((1.0 if late else 0.0) - memory[at.LATE]) / RATE_STEPS
+    if memory[at.LATE] <= 0.5:
+        return 0
+    if late:
+        clock[0] = 0.0
+    return _TIME_JUMP
 
 
 @compiled

@@ -53,6 +53,10 @@ PARITY_T: Final = LAYOUT.scalar("parity_t", "when parity last held [s]", is_time
 PATIENCE: Final = LAYOUT.scalar("patience", "for parity that does not hold [s]", is_time=True)
 CHANGED_T: Final = LAYOUT.scalar("changed_t", "when a signal last changed [s]", is_time=True)
 SHORTEST: Final = LAYOUT.scalar("shortest", "time between two samples [s]", is_time=True)
+SLOWEST: Final = LAYOUT.scalar(
+    "slowest", "time between two samples of a loop that is as fast as the training", is_time=True
+)
+LATE: Final = LAYOUT.scalar("late", "share of the last samples that came later than that")
 LONGEST: Final = LAYOUT.scalar("longest", "that a history bridges [s]", is_time=True)
 TRAINING_DT: Final = LAYOUT.scalar(
     "training_dt", "in which a signal may change by its reach [s]", is_time=True

@@ -62,6 +62,9 @@ SHORTEST_STEP: Final = 1e-3
 Where features (`lag`) or the estimator count samples it is 1 / `MAX_RATE_RATIO`: such a model knows
 no faster rate.
 """
+RATE_STEPS: Final = 32.0
+"""Over how many samples it is judged whether a loop is slower than such a model knows: most of them
+come later than `MAX_RATE_RATIO` times the training time step, as in a recording that is refused."""
 
 _ROUNDING: Final = 1e-9
 
@@ -71,6 +74,7 @@ class Limits:
     """Thresholds of the corrector in SI units, each a field of its memory (`runtime.fields`)."""
 
     shortest: float
+    slowest: float  # infinite where nothing counts samples
     longest: float
     training_dt: float
     hold: float
@@ -143,6 +147,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
         correction_lower, correction_upper = correction_lower - turned, correction_upper + turned
     return Limits(
         shortest=shortest * seen.dt,
+        slowest=MAX_RATE_RATIO * seen.dt if counts else np.inf,
         longest=data.gap_limit,
         training_dt=seen.dt,
         hold=hold,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array, floats
 from truejoint.calibration.encoding import CalibrationData, as_calibration
 from truejoint.calibration.plate import TOUCH_SD, BlockPose
-from truejoint.calibration.zero import CORRELATION_MARGIN
+from truejoint.calibration.zero import CORRELATION_MARGIN, believed_zero
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
@@ -38,7 +38,9 @@ class ReZero:
     given back. The other is the calibration's own error here and now, which has the size and three
     times the correlation time that the model file states: it keeps ten seconds of truth in one
     corner of the workspace from being taken for a thousand independent readings. A reading that
-    does not fit is left out, until ten on end do not fit on the same side.
+    does not fit is left out, until ten on end do not fit on the same side. What was before the
+    first reading the calibration does not know: no offset is known better than `find_zero` has it
+    of a recording that begins there.
 
     Parameters
     ----------
@@ -53,9 +55,12 @@ class ReZero:
     Attributes
     ----------
     offset : ndarray, shape (n_joints,)
-        To be added to the corrected position [rad or m]; 0 before any truth.
+        How far true positions are from corrected ones [rad or m]; 0 before any truth.
     sd : ndarray, shape (n_joints,)
         Its standard deviation [rad or m]; infinite before any truth.
+    believed : ndarray, shape (n_joints,)
+        By how much to move the zero [rad or m], for `Corrector.rezero`: what `sd` leaves to be
+        believed of `offset`, as `Zero.believed`.
     rejected : ndarray, shape (n_joints,)
         How many readings on end were left out.
 
@@ -81,6 +86,7 @@ class ReZero:
                 f"the calibration of {calibration.robot} does not say how large its errors are; "
                 "calibrate it again"
             )
+        self._calibration, self._baseline = calibration, baseline
         self._arm, self._joints = (calibration.robot, calibration.arm), calibration.joints
         n_joints = len(calibration.joints)
         noise = floats(truth_sd, "truth_sd", CalibrationError)
@@ -112,6 +118,12 @@ class ReZero:
         self._state[LAST] = np.nan
         self.offset[:] = 0.0
         self.sd[:] = np.inf
+        self._start, self._running = math.nan, 0.0
+
+    @property
+    def believed(self) -> Array:
+        """By how much to move the zero (n_joints,) [rad or m]."""
+        return believed_zero(self._calibration, self.offset, self.sd)
 
     def update(self, t: float, corrected: ArrayLike, truth: ArrayLike) -> None:
         """Take a reading of the truth at `t` [s]; changes `offset` and `sd` in place.
@@ -126,7 +138,17 @@ class ReZero:
             raise CalibrationError(
                 f"corrected {here.shape} and truth {true.shape} must hold {len(self.offset)} joints"
             )
-        take_truth(float(t), here, true, self._noise, self._state, self.offset, self.sd)
+        self._take(float(t), here, true, self._noise)
+
+    def _take(self, t: float, here: Array, true: Array, noise: Array) -> None:
+        take_truth(t, here, true, noise, self._state, self.offset, self.sd)
+        if not math.isfinite(t):
+            return
+        if math.isnan(self._start):
+            self._start = t
+        if np.isfinite(true - here).any():
+            self._running = max(self._running, t - self._start)
+        np.maximum(self.sd, self._baseline.beginning_sd(self._running), out=self.sd)
 
     def touch(
         self,
@@ -182,7 +204,7 @@ class ReZero:
         noise = self._noise.copy()
         noise[2] = np.maximum(noise[2], np.sqrt(np.diag(inverse @ spread @ inverse.T)))
         true = here + inverse @ miss
-        take_truth(float(t), here, true, noise, self._state, self.offset, self.sd)
+        self._take(float(t), here, true, noise)
 
     def advance(self, t: float) -> None:
         """Let time pass without truth: `sd` grows by the drift; `offset` stays."""

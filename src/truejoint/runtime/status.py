@@ -43,7 +43,10 @@ _MEANINGS: Final = {
     Status.NOT_FINITE: "a signal, or the time stamp, is NaN or infinite",
     Status.WRONG_SIZE: "sample or stamp are not numbers, or not as many as the model has signals",
     Status.STALE: "the stamp is that of the last sample or an older one",
-    Status.TIME_JUMP: "the stamp is further from the last one than the history may bridge",
+    Status.TIME_JUMP: (
+        "the stamp is further from the last one than the history may bridge, or the model "
+        "counts samples and they come slower than in training"
+    ),
     Status.SPIKE: "a signal changed faster than it ever did in training",
     Status.FROZEN: (
         "a signal stands still, or nearly, while its joint moves, or all of them do for long"
