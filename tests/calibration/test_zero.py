@@ -143,6 +143,32 @@ def test_beginnings_are_started_anew_and_as_long_as_they_say():
     assert sd[5] == sd[4]
 
 
+def test_beginnings_without_truth_are_as_the_next_longer_one_and_no_size_is_ever_zero(tmp_path):
+    t = np.arange(0.0, 60.0, 0.05)
+    often = np.isin(np.arange(len(t)), np.arange(0, len(t), 8))
+    q = 0.3 * np.sin(t)
+    truth = np.where(often & (t % 20.0 > 1.0), q + 0.01 * np.sin(0.3 * t), np.nan)
+    columns = {"t": t, "measured/jaw": q, "effort/jaw": np.cos(t), "truth/jaw": truth}
+    recording = Recording.from_columns(columns, "davinci_grasper")
+    off = beginnings(Late(), recording, 3)
+    assert np.isnan(np.array(off)[:, :2]).all()
+    sd = residual_statistics(Late(), [recording])[2][:, 0]
+    assert sd[0] == sd[1] == sd[2] > 0.0
+    perfect = recording.table.assign(**{"truth/jaw": q})
+    exact = Recording(perfect, recording.units, replace(recording.provenance, source="exact"))
+    model = calibrate(exact, "offset")
+    others = [
+        replace(exact, provenance=replace(exact.provenance, source=f"other {k}"), table=own)
+        for k in range(4)
+        for own in [perfect.assign(**{"measured/jaw": q + 1e-3 * k, "truth/jaw": q + 1e-3 * k})]
+    ]
+    stated = with_interval(model, others, [0.8])
+    write_calibration(stated, tmp_path / "m.safetensors")
+    again = read_calibration(tmp_path / "m.safetensors").effort_baseline
+    assert (again.residual > 0.0).all()
+    assert (again.beginning > 0.0).all()
+
+
 def test_an_offset_of_a_beginning_is_as_sure_as_beginnings_of_the_training_are(build, recording):
     calibration = calibrate(recording, "linear", features=FEATURES)
     known = calibration.effort_baseline
