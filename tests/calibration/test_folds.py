@@ -141,6 +141,25 @@ def test_what_comes_in_no_levels_is_cut_into_runs_and_what_hardly_differs_is_no_
     assert [order[own].tolist() for own in speeds] == [[k, k + 1] for k in range(0, 16, 2)]
 
 
+def test_speeds_and_efforts_that_hardly_differ_are_no_condition_in_levels_either():
+    recordings = [jaw(2.0, 1.0 + 0.02 * (k % 3) + 1e-4 * k, n=900) for k in range(12)]
+    assert folds.conditions(recordings) == []
+
+
+def test_of_three_conditions_no_fit_knows_the_ends_alone():
+    places = np.arange(64)
+    digits = [places // base % 4 for base in (1, 4, 16)]
+    kinds = [[np.flatnonzero(own == level) for level in range(4)] for own in digits]
+    left_out = [
+        {part.recording for part in fold.parts}
+        for fold in folds.without_levels([jaw(n=10)] * 64, kinds)
+    ]
+    assert len(left_out) == 6
+    for left in left_out:
+        seen = np.setdiff1d(places, list(left))
+        assert all(len(np.unique(own[seen])) >= 3 for own in digits)
+
+
 def test_a_stated_mass_is_a_condition_and_one_that_parts_alike_is_none():
     recordings = [jaw(1.0, 1.0 + k % 3, load=0.1 * (k % 3)) for k in range(12)]
     (loads,) = folds.conditions(recordings)

@@ -19,8 +19,9 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
+from truejoint.calibration.conformal import knowing_errors
 from truejoint.calibration.effort_baseline import BEGINNINGS
-from truejoint.calibration.effort_fitting import residual_statistics
+from truejoint.calibration.effort_fitting import _root_mean_square, residual_statistics
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
 from truejoint.calibration.zero import CORRELATION_MARGIN, beginnings, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
@@ -141,6 +142,25 @@ def test_beginnings_are_started_anew_and_as_long_as_they_say():
     mean = np.mean(1.0 / (1.0 + t))
     assert sd[:5] == pytest.approx(np.abs(found[0][:5, 0] - mean), rel=0.05)
     assert sd[5] == sd[4]
+
+
+def test_a_beginning_that_shows_nothing_is_as_the_next_one_that_does():
+    off = np.full((2, len(BEGINNINGS), 1), np.nan)
+    off[:, 2], off[0, 3] = [[3.0], [-4.0]], 2.0
+    found = _root_mean_square(off)[:, 0]
+    np.testing.assert_allclose(found, [*3 * [np.sqrt(12.5)], 2.0, 2.0, 2.0])
+    assert _root_mean_square(off[:0]).tolist() == [[0.0]] * len(BEGINNINGS)
+
+
+def test_a_model_that_errs_nowhere_is_kept_in_a_file_too(recording, tmp_path):
+    model = calibrate(recording, "linear", features=FEATURES)
+    columns = {f"truth/{j}": model.correct(recording)[:, k] for k, j in enumerate(model.joints)}
+    right = replace(recording, table=recording.table.assign(**columns))
+    path = tmp_path / "m.safetensors"
+    write_calibration(knowing_errors(model, [(model, [right])]), path)
+    known = read_calibration(path).effort_baseline
+    assert (known.residual < 1e-12).all()
+    assert (known.beginning < 1e-12).all()
 
 
 def test_an_offset_of_a_beginning_is_as_sure_as_beginnings_of_the_training_are(build, recording):

@@ -46,6 +46,20 @@ def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path,
     assert "15 parts of its 3 recordings" in done.out.replace("\n", " ")
 
 
+def test_a_chosen_model_is_a_prior_and_its_choice_is_told_once(call: Call, tmp_path, monkeypatch):
+    few = [get_estimator("poly2")]
+    monkeypatch.setattr("truejoint.estimators.candidates", lambda: few)
+    paths = [tmp_path / f"s{seed}.parquet" for seed in range(2)]
+    for seed, path in enumerate(paths):
+        write_parquet(build_recording(900, seed), path)
+    prior, changed = tmp_path / "prior.st", tmp_path / "changed.st"
+    assert call("calibrate", paths[0], "-e", "auto", "-o", prior, "--accept", "unit").code == 0
+    done = call("calibrate", paths[1], "--prior", prior, "-o", changed, "--accept", "unit")
+    assert done.code == 0, done.err
+    assert "left out (share" not in done.out
+    assert "prior" in read_calibration(changed).metadata
+
+
 def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions, tmp_path):
     path = tmp_path / "m.safetensors"
     how = ["-e", "linear", "--interval", "cross", "--interval-rezero-s", "1", "--json"]

@@ -32,7 +32,7 @@ from truejoint.robots import Robot
 _MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
 """Quantities of which a choice tries all columns, where it chooses features."""
 _RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
-_RATE_DT: Final = 0.1  # [s] between rows, beyond which they show steps and no rates
+_RATE_DT: Final = 0.101  # [s] between rows, beyond which they show steps and no rates; 10 Hz do
 
 
 def choice_of(

@@ -57,9 +57,9 @@ def cross_interval(
 ) -> Calibration:
     """Fit as `calibrate` does, with an interval of the same recordings (cross-conformal).
 
-    Five more fits do without some of the recordings each, and their errors on these make the
-    interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the same,
-    and one more, infinitely bad, stands for the one to come. From ten recordings on (or homings,
+    Five more fits, or six, do without some of the recordings each, and their errors on these make
+    the interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
+    same, and one more, infinitely bad, stands for that to come. From ten recordings on (or homings,
     where the recordings span several) they are the trajectories, copies of one counting once; fewer
     are cut into fifteen parts or more, five or more each, with a tenth of a part left out on either
     side. Recordings that come in levels of speed, effort or stated mass are left out by level:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
 _STARTS, _STARTS_EACH = 24, 3  # at least, from which beginnings are looked at; of each recording
+_SMALLEST: Final = 1e-150  # [rad or m] of a deviation; its square is not 0 either
 
 
 def fit_effort_baseline(
@@ -101,25 +102,28 @@ def residual_statistics(
         )
     sizes = np.sqrt(np.mean(np.concatenate([error for _, error in errors]) ** 2, axis=0))
     times = [[_correlation_time(t, error[:, j]) for j in range(len(sizes))] for t, error in errors]
-    smallest = np.finfo(float).tiny
     beginning = _root_mean_square(np.reshape(off, (-1, len(BEGINNINGS), len(sizes))))
     return (
-        np.maximum(sizes, smallest),
+        np.maximum(sizes, _SMALLEST),
         np.maximum(np.median(times, axis=0), 1e-3),
-        np.maximum(beginning, smallest),
+        np.maximum(beginning, _SMALLEST),
     )
 
 
 def _root_mean_square(off: Array) -> Array:
     """Root mean square (n, n_joints) of deviations (m, n, n_joints) that are known, not NaN.
 
-    Of a beginning that is too long for any recording, that of the next shorter one.
+    Of a beginning that is too long for any recording, that of the next shorter one; of one in which
+    no truth lies, that of the next longer one.
     """
     known = np.isfinite(off)
     square = np.where(known, off, 0.0) ** 2
     found = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
-    last = np.where(known.any(axis=(0, 2)), np.arange(off.shape[1]), 0)
-    return np.asarray(found[np.maximum.accumulate(last)])
+    places = np.arange(off.shape[1])
+    seen = places[known.any(axis=(0, 2))]
+    if not len(seen):
+        return np.zeros_like(found)
+    return np.asarray(found[seen[np.maximum(np.searchsorted(seen, places, "right") - 1, 0)]])
 
 
 def _pieces(recordings: Sequence[Recording]) -> list[Recording]:

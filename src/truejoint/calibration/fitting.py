@@ -128,9 +128,11 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
-    report, began = progress or untold, time.perf_counter()
+    report, began = progress or _untold, time.perf_counter()
+    groups = None if zero is None or zero == "shared" else zero_groups(recordings, zero)
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
+        zeros_share = _ZEROS_SHARE if zero is None else 0.0
         choice = choice_of(
             recordings, wanted, features, joints, target, fit_rate, random_state,
             within(report, 0.0, _CHOICE_SHARE),
@@ -138,25 +140,23 @@ def calibrate(
         fitted = calibrate(
             recordings, choice.estimator, features=choice.features, joints=joints,
             target=choice.target, redundant=redundant, fit_rate=fit_rate, zero=zero,
-            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE - _ZEROS_SHARE),
+            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE - zeros_share),
         )  # fmt: skip
         told = dict(choice.told)
         if zero is None:
-            last = within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE)
+            last = within(report, 1.0 - zeros_share, zeros_share)
             sure = _of_unseen(fitted, choice)
             second, told["zero"] = _judged_zeros(sure, recordings, fit_rate, wanted.tell, last)
             fitted = fitted if second is None else _with_zeros(fitted, second)
         report(1.0)
         chosen = _of_unseen(fitted, choice)
         return chosen.with_metadata(choice=told, fit_seconds=_since(began))
-    zero = zero or "shared"
-    groups = None if zero == "shared" else zero_groups(recordings, zero)
     task = _Task.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
-    fits = _fits(task, parts, groups, zero, report)
+    fits = _fits(task, parts, groups, zero or "shared", report)
     report(1.0)
     return _assembled(task, parts, fits, *checks).with_metadata(fit_seconds=_since(began))
 
@@ -397,7 +397,7 @@ def _judged_zeros(
         own = [parts[index] for index in seen]
         each, _ = at_one_zero(own, np.arange(len(own)), None, ())
         first, again = (
-            replace(plain, model=_fit_model(clone(task.model), some, task.target, untold))
+            replace(plain, model=_fit_model(clone(task.model), some, task.target, _untold))
             for some in (own, each)
         )
         return first, again.with_metadata(zeros={"of": "recording"})
@@ -409,7 +409,7 @@ def _judged_zeros(
     n_features = len(whole.feature_set) - len(fitted.metadata["unused_features"])
     own_parts = whole.rows(stride_of(fit_rate, whole.dt))
     groups = zero_groups(recordings, "recording")
-    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, untold)
+    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, _untold)
     return second, told
 
 
@@ -460,7 +460,7 @@ def reseeded(
     return [
         replace(
             fitted,
-            model=_fit_model(model, parts, fitted.target, untold),
+            model=_fit_model(model, parts, fitted.target, _untold),
             interval=None,
             effort_baseline=None,
         ).with_metadata(settings=" ".join(repr(model).split()))
@@ -468,7 +468,7 @@ def reseeded(
     ]
 
 
-def untold(_fraction: float) -> None:
+def _untold(_fraction: float) -> None:
     """Progress that nobody asked for."""
 
 

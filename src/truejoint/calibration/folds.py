@@ -27,6 +27,7 @@ _LEAST_ROWS: Final = 10  # of a part
 _LEAST_LEFT: Final = 0.2  # of the time in all, that a fit sees beside a recording left out whole
 _DIFFERENT: Final = 0.1  # logarithm of the largest speed or effort over the least
 _RUNS: Final = 8  # of speeds or efforts that come in no levels
+_EACH: Final = 2  # folds that a condition is left out in, at least, where it has so many levels
 
 
 @dataclass(frozen=True)
@@ -180,11 +181,11 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
     loads = np.array([recording.provenance.load for recording in recordings])
     found: dict[frozenset[frozenset[int]], list[Integers]] = {}
     for sizes in (_speeds(recordings), _efforts(recordings), loads):
-        if not np.isfinite(sizes).all():
+        if not np.isfinite(sizes).all() or (sizes is not loads and np.ptp(sizes) < _DIFFERENT):
             continue
         alike = levels(sizes, len(sizes))
         if len(alike) == len(sizes):
-            if sizes is loads or np.ptp(sizes) < _DIFFERENT:
+            if sizes is loads:
                 continue
             alike = np.array_split(np.argsort(sizes, kind="stable"), _RUNS)
         found.setdefault(frozenset(frozenset(own.tolist()) for own in alike), alike)
@@ -196,15 +197,17 @@ def without_levels(
 ) -> list[Fold]:
     """Leave out in turn the levels between others of each kind, as `conditions` gives them.
 
+    Five folds, or six where all three conditions have levels, so that no fit knows but the ends of
+    one.
     So a recording is judged by a fit to which its level is new, as one under a load that was never
     tried is; one that lies between others in two conditions is left out twice. The least and the
     largest levels, which no fit knows anything beyond, are left out a recording at a time, each
     with the smallest fold.
     """
-    left_out = list[set[int]]()
+    left_out, most = list[set[int]](), max(FOLDS, _EACH * len(kinds))
     for number, groups in enumerate(kinds):
         between = groups[1:-1]
-        count = min(len(between), (FOLDS - len(left_out)) // (len(kinds) - number))
+        count = min(len(between), (most - len(left_out)) // (len(kinds) - number))
         left_out += [set(np.concatenate(between[k::count]).tolist()) for k in range(count)]
     left_out += [set() for _ in range(FOLDS - len(left_out))]
     for index in sorted(set(range(len(recordings))).difference(*left_out)):

@@ -78,7 +78,7 @@ def write_model_file(
 def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:
     """Read the description and the arrays of a model file.
 
-    Raises ModelFileError if it is missing, too large, truncated, edited, or of a newer format.
+    Raises ModelFileError if it is missing, too large, truncated, edited, or of another format.
     """
     if not isinstance(path, str | os.PathLike):
         raise ModelFileError(other_kind(path, "path", "give that of a model file"))

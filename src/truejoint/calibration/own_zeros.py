@@ -25,7 +25,8 @@ _FOLLOWS: Final = 0.5  # of a zero that may be left when the measured positions 
 def zero_groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str], Integers]:
     """Names of what recordings share a zero with, and which of them each does.
 
-    A recording whose homing has no name is one of its own.
+    A recording whose homing has no name is one of its own. Raises CalibrationError if `zero` is
+    nothing of the kind, or there are fewer than two.
     """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")

@@ -19,11 +19,8 @@ if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
-REZERO: Final = 2.0  # [s] of truth that each recording is re-zeroed from to be judged,
+_REZERO: Final = 2.0  # [s] of truth that each recording is re-zeroed from to be judged,
 _SHARE: Final = 0.1  # or this share of the shortest one
-_EVERY: Final = (
-    2  # of the parts that a choice leaves out, of which one is left out of two more fits
-)
 _TRIED_ON: Final = 3  # parts, after which zeros that are not better on the average are given up
 
 Pair = Callable[[Sequence[int]], "tuple[Calibration, Calibration]"]
@@ -44,7 +41,7 @@ def judge_zeros(
     worse on the average in any. `say` is told what is done and the share of it.
     """
     began = time.perf_counter()
-    stretch = min(REZERO, _SHARE * min(one.duration for one in recordings))
+    stretch = min(_REZERO, _SHARE * min(one.duration for one in recordings))
     judged, squares = list[str](), list[Array]()
     left_out = left_out[:: -(-len(left_out) // FOLDS)]
     for number, fold in enumerate(left_out):
