@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
@@ -107,7 +109,7 @@ def test_the_errors_are_those_of_what_will_be_believed_of_a_zero():
     known = model.effort_baseline
     scores = [
         [
-            trajectory_scores(folds.replace(fit, effort_baseline=known), one, 0.5, 0.0)[0, 0]
+            trajectory_scores(replace(fit, effort_baseline=known), one, 0.5, 0.0)[0, 0]
             for fit in fits
         ]
         for one, fits in zip(recordings, unknowing(recordings), strict=True)
