@@ -33,15 +33,22 @@ settings.register_profile(
 settings.load_profile("steady")
 # Numbers in the source files that a process happens to have imported would be among the examples:
 # others where tests are dealt out in another way. Reading all files for them takes two seconds.
+# There is no setting for it; this is from within Hypothesis, which reads them from 6.131.1 on.
 providers._get_local_constants = lambda: providers._local_constants
 
 
 def pytest_collection_finish() -> None:
-    """Spare the garbage collector what stays to the end, and have it look less often."""
+    """Spare the garbage collector what stays to the end, and have it look less often.
+
+    It looks for cycles alone; what none refers to goes at once all the same. Python's own threshold
+    is some hundreds of objects, with which it looks while tables are read and pages written.
+    """
     gc.freeze()
     gc.set_threshold(50_000)
 
 
+# Each process fits the models of `tests.runtime.registered` that its tests ask for, once. In these
+# files all are asked for: in two processes all would be fitted twice.
 OF_EVERY_ESTIMATOR = {
     "tests/calibration/test_zero.py",
     "tests/estimators/test_contract.py",
@@ -51,7 +58,7 @@ OF_EVERY_ESTIMATOR = {
 
 
 class _ByModels(LoadFileScheduling):
-    """A file at a time to a process, but those that fit the same models to one."""
+    """Gives processes a file at a time, but the files of `OF_EVERY_ESTIMATOR` to one of them."""
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)

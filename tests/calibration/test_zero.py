@@ -178,7 +178,7 @@ def test_an_offset_of_a_beginning_is_as_sure_as_beginnings_of_the_training_are(b
     np.testing.assert_array_equal(plain.offset, zero.offset)
 
 
-def test_the_share_that_is_believed_has_the_least_error_whatever_the_zeros_spread():
+def test_what_is_believed_of_an_offset_does_little_harm_whatever_the_zeros_spread():
     """Against the best share in hindsight: what errors explain is not taken for a zero."""
     rng, sd = np.random.default_rng(0), np.ones(20_000)
     for spread in (0.0, 0.5, 1.0, 3.0, 20.0):
@@ -189,6 +189,10 @@ def test_the_share_that_is_believed_has_the_least_error_whatever_the_zeros_sprea
         assert left < (0.15 if spread < 0.5 else 1.0 if spread < 2.0 else 1.45) * all_of_it
         assert left < best + 0.5
         assert left < np.mean(zeros**2) + 0.13  # it never harms by more
+    errors = rng.normal(size=len(sd))
+    for zero, times in ((0.0, 0.12), (1.1, 1.0), (2.6, 2.2)):  # as its docstring says
+        left = np.mean((believed(zero + errors, sd) - zero) ** 2)
+        assert left / np.mean(errors**2) == pytest.approx(times, rel=0.1)
     assert believed([1.0, 0.0, 2.0], [np.nan, 1.0, 0.0]).tolist() == [1.0, 0.0, 2.0]
 
 

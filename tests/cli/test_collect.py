@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from truejoint.crtk import SimulatedBackend, TruthBlock
-from truejoint.motion import Trajectory, write_trajectory
+from truejoint.motion import Trajectory, read_trajectory, write_trajectory
 from truejoint.recordings import read_parquet, read_recorded_topics, serial_sensors
 
 SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
@@ -125,6 +125,10 @@ def test_the_joint_itself_is_taken_along(call, motion, tmp_path):
     made = call("collect", way, *arguments, *steered)
     assert made.code == 0, made.err
     assert "steps of the loop by what was said of the sample: OK" in made.err
+    jaw = read_parquet(tmp_path / "way.parquet")
+    wanted = read_trajectory(way).positions[-1, 0]
+    truth, motor = (jaw.column(f"{of}/jaw")[-1] for of in ("truth", "measured"))
+    assert abs(truth - wanted) < 0.2 * abs(motor - wanted)
     path = tmp_path / "short.csv"
     path.write_text(SHORT)
     refused = call("collect", path, "--compensate", model, "-o", tmp_path / "x")

@@ -32,6 +32,20 @@ def test_a_box_stands_where_its_values_are():
     assert np.ptp(columns) > 150  # both boxes
 
 
+def test_a_legend_below_hides_nothing(monkeypatch):
+    drawn, savefig = [], mpl_figure.Figure.savefig
+
+    def keep(picture, *arguments, **how):
+        drawn.append(picture)
+        savefig(picture, *arguments, **how)
+
+    monkeypatch.setattr(mpl_figure.Figure, "savefig", keep)
+    png(Figure("", [[Panel([Curve([0, 1], [0, 1], "label")], "x", "y")]], legend=True))
+    (picture,) = drawn
+    ((axis,), (legend,)) = picture.axes, picture.legends
+    assert legend.get_window_extent().y1 <= axis.get_tightbbox().y0
+
+
 def test_an_axis_over_many_decades_has_room_for_its_numbers():
     panel = Panel([Curve([0.15, 170.0], [0, 1], style="o")], x="RMSE", log="x")
     axis = mpl_figure.Figure().subplots()
