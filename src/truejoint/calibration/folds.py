@@ -197,11 +197,10 @@ def without_levels(
 ) -> list[Fold]:
     """Leave out in turn the levels between others of each kind, as `conditions` gives them.
 
-    Five folds, or six where all three conditions have levels, so that no fit knows but the ends of
-    one.
-    So a recording is judged by a fit to which its level is new, as one under a load that was never
-    tried is; one that lies between others in two conditions is left out twice. The least and the
-    largest levels, which no fit knows anything beyond, are left out a recording at a time, each
+    Five folds, or six where all three conditions have levels, so that no fit knows the ends of one
+    alone. A recording is so judged by a fit to which its level is new, as one under a load that was
+    never tried is; one that lies between others in two conditions is left out twice. The least and
+    the largest levels, which no fit knows anything beyond, are left out a recording at a time, each
     with the smallest fold.
     """
     left_out, most = list[set[int]](), max(FOLDS, _EACH * len(kinds))
