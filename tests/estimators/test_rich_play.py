@@ -10,9 +10,10 @@ from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor, RichPlay, rich_play
+from truejoint.estimators import LinearRegressor, RichPlay, ridge
 from truejoint.estimators.cross_validation import PENALTIES, blocks
-from truejoint.estimators.rich_play import Ridge, capstan_turns, loaded_pairs
+from truejoint.estimators.rich_play import capstan_turns, loaded_pairs
+from truejoint.estimators.ridge import Ridge
 from truejoint.models import play_bank
 from truejoint.models.features import FeatureSet, time_steps
 from truejoint.models.play_bank import expand_rows
@@ -173,7 +174,7 @@ def test_a_recording_that_is_hidden_changes_no_blocks_of_the_ridge(monkeypatch, 
     (X, y), told = slack(0), []
     dt = np.where(np.arange(2000) % (2000 // histories) == 0, 0.0, 0.02)
     y = np.where(np.arange(2000) >= 1600, np.nan, y)
-    monkeypatch.setattr(rich_play, "blocks", lambda own: told.append(own) or blocks(own))
+    monkeypatch.setattr(ridge, "blocks", lambda own: told.append(own) or blocks(own))
     RichPlay().fit(X, y, dt=dt)
     assert (told[0].size, (told[0] == 0.0).sum()) == (1600, seen)
 

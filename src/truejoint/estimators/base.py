@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
-from truejoint.models.family import EstimatorData, Family, Params, evaluate
+from truejoint.models.family import EstimatorData, Family, Params, Rule, check_rules, evaluate
 from truejoint.threads import one_thread
 
 if TYPE_CHECKING:
@@ -61,6 +61,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     family: ClassVar[Family]  # what runs it
     least_rows: ClassVar[int] = 10
     rows_per_feature: ClassVar[int] = 0
+    training: ClassVar[Mapping[str, Rule]] = {}  # rules of parameters that its family is not told
     partial: ClassVar[bool] = False  # a target that is NaN is left out, its row's others are not
 
     @property
@@ -149,7 +150,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def model_params(self) -> Params:
         """Parameters as the family knows them."""
-        return dict(self.get_params(deep=False))
+        given = self.get_params(deep=False)
+        return {name: value for name, value in given.items() if name not in self.training}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -202,6 +204,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        check_rules(self.name, self.training, self.get_params(deep=False))
         self.family.check_params(self.model_params())
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
