@@ -30,6 +30,10 @@ Progress = Callable[[float], None]
 _REGULAR: Final = 5e-3  # [s], 200 Hz
 
 
+def untold(_fraction: float) -> None:
+    """Progress that nobody asked for."""
+
+
 @dataclass(frozen=True, eq=False)
 class RowState:
     """What an estimator remembers between rows; made by `JointRegressor.start`."""
@@ -102,7 +106,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with one_thread():
             times = self.time_steps(dt, len(inputs))
-            self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
+            self.arrays_ = self._learn(inputs, targets, times, progress or untold)
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
