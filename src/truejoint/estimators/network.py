@@ -97,7 +97,8 @@ class NeuralNetwork(JointRegressor):
 
     def model_params(self) -> Params:
         """Parameters as the family knows them: once fitted, with the epochs that it took."""
-        return super().model_params() | {"epochs": self.epochs or vars(self).get("epochs_", 0)}
+        epochs = self.epochs or vars(self).get("epochs_", 0)
+        return {**super().model_params(), "epochs": epochs}
 
     def penalties(self) -> Penalties:
         """Penalties beside that on the squared weights: none."""
