@@ -189,6 +189,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             "rows could change; take a linear or quadratic model, or one of plays by a ridge"
         )
 
+    def with_params(self, **changed: Any) -> Self:
+        """Unfitted copy with some other parameters."""
+        copy: Self = clone(self).set_params(**changed)
+        return copy
+
     def with_arrays(self, arrays: Arrays) -> Self:
         """Fitted copy with other arrays."""
         data = EstimatorData(self.family.name, self.model_params(), {**self.arrays_, **arrays})
@@ -196,7 +201,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def settled(self) -> Self:
         """Unfitted copy, in which what this one found while it was fitted is a parameter."""
-        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params()
 
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
@@ -220,7 +225,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Raises CalibrationError when they cannot serve to fit it.
         """
-        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params()
 
     def truth_beside(self) -> tuple[str, ...]:
         """Columns of known loads, 0 where there are none, that `fit` takes as `loads`, (n, k)."""
@@ -231,7 +236,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Raises CalibrationError when these cannot serve it.
         """
-        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params()
 
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""

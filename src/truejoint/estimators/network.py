@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from sklearn.base import clone
 from sklearn.utils import check_random_state
 
 from truejoint.array_types import Array
@@ -110,7 +109,7 @@ class NeuralNetwork(JointRegressor):
         In an automatic choice that is the one without the first part: for the median over all
         parts, each would need a search of its own, which trains the network a second time.
         """
-        return clone(self).set_params(**self.model_params())  # type: ignore[no-any-return]
+        return self.with_params(**self.model_params())
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if self.rows is not None:

@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 import numpy as np
-from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
@@ -68,10 +67,8 @@ class PoseNetwork(NeuralNetwork):
         of a joint that is corrected is no feature.
         """
         if not (self.tool is None or isinstance(self.tool, ToolMotion)):
-            return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
-        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
-            tool=ToolMotion.of(self.name, names, robot, joints)
-        )
+            return self.with_params()
+        return self.with_params(tool=ToolMotion.of(self.name, names, robot, joints))
 
     def squares(self, X: Array, target_scale: Array) -> Floats:
         """Weigh squared differences from standardised targets (n, k, k) by what the tool does."""

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
-from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
@@ -153,9 +152,7 @@ class RichPlay(JointRegressor):
         turns = self.turns
         if self.turn and turns is None:
             turns = capstan_turns(names, robot, joints)
-        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
-            pairs=pairs, positions=positions, turns=turns
-        )
+        return self.with_params(pairs=pairs, positions=positions, turns=turns)
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
