@@ -160,6 +160,10 @@ def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
             assert str(caught.value).endswith(f"; it must be {rule.text}")
         with pytest.raises(CalibrationError, match="it needs"):
             family.check_params({k: v for k, v in params.items() if k != parameter})
+    for parameter, rule in get_estimator(name).training.items():
+        for value in (value for value in WRONG if not rule.holds(value)):
+            wrong = get_estimator(name).set_params(**{parameter: value})
+            refused(f" parameter {parameter} is .*; it must be ", wrong.check_params)
 
 
 @pytest.mark.parametrize("name", estimator_names())
