@@ -230,6 +230,8 @@ def test_a_smoother_is_refused_in_one_line(tmp_path):
     calibration = model("ukf_friction_smoothed")
     with pytest.raises(CalibrationError, match="uses later rows and cannot run in a loop"):
         Corrector(calibration)
+    with pytest.raises(CalibrationError, match="cannot run in a loop"):
+        calibration.start()
     path = tmp_path / "model.safetensors"
     write_calibration(calibration, path)
     with pytest.raises(ModelFileError, match=r"model\.safetensors: .*later rows") as caught:
