@@ -251,7 +251,7 @@ def rmse(calibration: Calibration, recording: Recording, rezero: float = START) 
     return np.sqrt(np.mean(judged_error(calibration, recording, rezero)[0] ** 2, axis=0))
 
 
-ENOUGH = {"forceps": 5000, "davinci_grasper": 1300}
+ENOUGH = {"davinci_grasper": 1300}
 """Rows of a recording that are fitted to, where it has many more."""
 
 
