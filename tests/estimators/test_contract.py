@@ -10,6 +10,7 @@ from tests.runtime.registered import fit, in_loop, model, ready, training, unsee
 from truejoint.calibration import Calibration, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
+from truejoint.estimators.jaw import JawEstimator
 from truejoint.estimators.wrapped import class_of
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import time_steps
@@ -93,6 +94,7 @@ def test_it_survives_its_data_and_its_file(name, tmp_path):
     write_calibration(calibration, tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors")
     assert read.estimator == name
+    assert read.target == ("position" if isinstance(made, JawEstimator) else calibration.target)
     assert dict(read.model.model_params()) == dict(made.model_params())
     np.testing.assert_array_equal(read.model.evaluate(X, dt), expected)
 

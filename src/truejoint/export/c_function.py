@@ -346,8 +346,10 @@ class Function(Expressions):
             raise self.fail(s, "the step of a range is not known")
         if isinstance(start, Known) and isinstance(stop, Known):
             rounds = range(start.value, stop.value, step.value)
-            leaves = any(isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s))
-            if not rounds or marked or (len(rounds) == 1 and not leaves):
+            one = len(rounds) == 1 and not any(
+                isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s)
+            )
+            if not rounds or marked or one:
                 return self.rounds(s, s.target.id, rounds)
         if marked:
             raise self.fail(s, "the rounds of an unrolled loop are not known")
