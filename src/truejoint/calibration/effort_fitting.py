@@ -60,7 +60,9 @@ def fit_effort_baseline(
         coef[j], scale[j] = _fit_effort(np.concatenate(own))
         shift[j], friction[j] = _held_out_shifts(own)
         monitored[j] = 1.0
-    residual, correlation, beginning = residual_statistics(calibration, recordings)
+    residual, correlation, beginning = residual_statistics(
+        calibration, recordings, (upper - lower) / STEPS_PER_RANGE
+    )
     return EffortBaseline(
         lower=lower,
         upper=upper,
@@ -76,15 +78,15 @@ def fit_effort_baseline(
 
 
 def residual_statistics(
-    calibration: Calibration, recordings: Sequence[Recording]
+    calibration: Calibration, recordings: Sequence[Recording], step: Array
 ) -> tuple[Array, Array, Array]:
     """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
 
     About each recording's mean; in that time the autocorrelation falls to 1/e. And the deviation
     (n, n_joints) [rad or m] from that mean of the offset that the first `BEGINNINGS` of a motion
     show, over 24 starts or more, three or more in each recording: a fit knows how these began, but
-    not what it takes for a beginning in their midst. Raises CalibrationError if no recording has
-    the truth of two rows.
+    not what it takes for a beginning in their midst. A joint moves by a `step` (n_joints,) [rad or
+    m], or rests. Raises CalibrationError if no recording has the truth of two rows.
     """
     errors, off = [], []
     count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
@@ -94,7 +96,7 @@ def residual_statistics(
         if known.sum() >= 2:
             mean = error[known].mean(axis=0)
             errors.append((recording.t[known], error[known] - mean))
-            off += [found - mean for found in beginnings(calibration, recording, count)]
+            off += [found - mean for found in beginnings(calibration, recording, count, step)]
     if not errors:
         raise CalibrationError(
             "no recording has the truth of two rows, so nothing tells how errors vary; give one "
