@@ -201,7 +201,7 @@ def _in_motion(calibration: Calibration, recording: Recording, step: Array | Non
 def _since_start(calibration: Calibration, recording: Recording, in_motion: Array) -> Array:
     """Time in motion (n, n_joints) [s] since the history of each row began."""
     starts = time_steps(np.array(recording.t), calibration.gap_limit) == 0.0
-    return in_motion - in_motion[starts][np.cumsum(starts) - 1]
+    return np.asarray(in_motion - in_motion[starts][np.cumsum(starts) - 1])
 
 
 def _past(calibration: Calibration, recording: Recording, in_motion: Array) -> Array:
