@@ -197,6 +197,9 @@ def test_a_beginning_that_shows_nothing_is_as_the_next_one_that_does():
     off[:, 2], off[0, 3] = [[3.0], [-4.0]], 2.0
     found = _root_mean_square(off)[:, 0]
     np.testing.assert_allclose(found, [*3 * [np.sqrt(12.5)], 2.0, 2.0, 2.0, 2.0])
+    both = np.concatenate([off, np.full_like(off, np.nan)], axis=2)
+    both[:, 0, 1] = 5.0  # a joint that never was in motion
+    np.testing.assert_allclose(_root_mean_square(both), np.column_stack([found, [5.0] * 7]))
     assert _root_mean_square(off[:0]).tolist() == [[0.0]] * len(BEGINNINGS)
 
 

@@ -115,17 +115,18 @@ def residual_statistics(
 def _root_mean_square(off: Array) -> Array:
     """Root mean square (n, n_joints) of deviations (m, n, n_joints) that are known, not NaN.
 
-    Of a beginning that is too long for any recording, that of the next shorter one; of one in which
-    no truth lies, that of the next longer one.
+    Of a beginning that is too long for any recording, or in which a joint never was in motion for
+    so long, that of the next shorter one; of one in which no truth lies, that of the next longer.
     """
     known = np.isfinite(off)
     square = np.where(known, off, 0.0) ** 2
     found = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     places = np.arange(off.shape[1])
-    seen = places[known.any(axis=(0, 2))]
-    if not len(seen):
-        return np.zeros_like(found)
-    return np.asarray(found[seen[np.maximum(np.searchsorted(seen, places, "right") - 1, 0)]])
+    for values, seen in zip(found.T, known.any(axis=0).T, strict=True):
+        if seen.any():
+            there = np.searchsorted(places[seen], places, "right") - 1
+            values[:] = values[seen][np.maximum(there, 0)]
+    return np.asarray(found)
 
 
 def _pieces(recordings: Sequence[Recording]) -> list[Recording]:
