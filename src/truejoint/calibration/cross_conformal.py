@@ -22,7 +22,6 @@ from truejoint.calibration.conformal import (
 )
 from truejoint.calibration.fitting import calibrate, within
 from truejoint.calibration.folds import (
-    FEW,
     FOLDS,
     Fold,
     Part,
@@ -60,8 +59,8 @@ def cross_interval(
 ) -> Calibration:
     """Fit as `calibrate` does, with an interval of the same recordings (cross-conformal).
 
-    Five more fits, or six, do without some of the recordings each, and their errors on these make
-    the interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
+    Two to six more fits do without some of the recordings each, and their errors on these make the
+    interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
     same, and one more, infinitely bad, stands for that to come. From ten recordings on (or homings,
     where the recordings span several) they are the trajectories, copies of one counting once.
     Recordings that come in levels of speed, effort or stated mass are left out by level: a fit that
@@ -69,12 +68,12 @@ def cross_interval(
     (`truejoint.calibration.folds.without_levels`).
 
     Fewer than ten are cut into fifteen parts or more, five or more each, which are the
-    trajectories. Three recordings (or homings) or more are left out whole all the same, unless one
-    is nearly all the time or the fit without it is refused; else a fit does without parts, and a
-    tenth of a part on either side. Parts of few recordings say nothing of another day, and of n
-    that differ no more than n of n + 1 can be promised for the next.
+    trajectories. Two recordings (or homings) or more are left out whole all the same, unless one is
+    nearly all the time or the fit without it is refused; else a fit does without parts, and a tenth
+    of a part on either side. Parts of one recording say nothing of another day, and of n that
+    differ no more than n of n + 1 can be promised for the next.
 
-    What is stated is to be expected of more recordings like these, as far as the five fits err as
+    What is stated is to be expected of more recordings like these, as far as those fits err as
     the fit of all does. That cannot be proved as for recordings that no fit saw; what can
     (Barber et al., Annals of Statistics 49(1), 2021, theorem 4, for intervals that keep all
     fits) is 80 % for a stated 90 %.
@@ -98,8 +97,8 @@ def cross_interval(
 
     Examples
     --------
-    >>> truejoint.calibration.cross_interval(training, "linear").interval.folds
-    5
+    >>> truejoint.calibration.cross_interval(training, "linear").interval.levels.tolist()
+    [0.8, 0.9]
     """
     check_interval(levels, rezero, growth)
     recordings = as_recordings(recordings)
@@ -157,7 +156,7 @@ def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
         parts = blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))
         units = [[part] for part in parts]
         by_part = _Plan(units, dealt(units, ""), len(recordings))
-        if len(groups) < FEW or not enough_beside(recordings, groups).all():
+        if len(groups) == 1 or not enough_beside(recordings, groups).all():
             return [by_part]
         whole = [[part for part in parts if part.recording in group] for group in groups]
         return [_Plan(units, dealt(whole, ""), len(recordings), len(groups)), by_part]
