@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.base import clone
 from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
 
-from truejoint.calibration import Calibration, read_calibration, write_calibration
+from truejoint.calibration import (
+    Calibration,
+    measure_coverage,
+    read_calibration,
+    with_interval,
+    write_calibration,
+)
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
 from truejoint.estimators.jaw import JawEstimator
 from truejoint.estimators.wrapped import class_of
+from truejoint.evaluation import part_by_time
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
@@ -183,3 +192,18 @@ def test_name_family_and_class_lead_to_each_other(name):
 def test_data_of_an_unknown_family_is_refused_by_name():
     data = EstimatorData("oracle", {}, {})
     refused("'oracle'", lambda: class_of(data.family).from_data(data, 1, 1))
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_an_interval_holds_on_what_it_is_not_made_of(name):
+    calibration, recording = model(name), unseen(name)
+    other = replace(recording, provenance=replace(recording.provenance, session="unseen"))
+    parts = [part_by_time(other, k / 18, (k + 1) / 18) for k in range(18)]
+    stated = with_interval(calibration, parts[::2], growth=0.0)
+    errors = [
+        np.abs(one.columns("truth", calibration.joints) - calibration.correct(one))
+        for one in parts[::2]
+    ]
+    largest = np.nanmax(np.concatenate(errors), axis=0)  # 90 % of nine trajectories
+    np.testing.assert_allclose(stated.interval.half_width(0.9), largest, rtol=1e-9)
+    assert (measure_coverage(stated, parts[1::2], 0.9).mean > 0.8).all()
