@@ -60,7 +60,7 @@ def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
     every = np.ones(len(X), bool)
     plays = play_bank.expand_rows(elastic_hybrid.bank(params), scales, X, dt, every)
     filtered = alone.estimate(X, dt)
-    assert trees.arrays["mean"].shape == (plays.shape[1] + ELEMENTS + 2 + 2,)
+    assert trees.arrays["mean"].shape == (plays.shape[1] + ELEMENTS + 2 + 1,)
     np.testing.assert_array_equal(found.load, filtered.load)
     off = np.abs(whole - found.outputs[:, :1])
     assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree
@@ -94,6 +94,12 @@ def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
         told.append(state.memory.view("torque")[0])
     off = np.abs(told - fitted.estimate(X, dt).outputs[:, 1])
     assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree
+
+
+def test_trees_of_the_filter_do_not_smooth(fitted):
+    X, _, dt = rippled([20])
+    with pytest.raises(CalibrationError, match="smooth with ukf_elastic"):
+        fitted.estimate(X, dt, smoothed=True)
 
 
 def test_a_mean_tells_the_torque_of_its_member(fitted):

@@ -6,14 +6,21 @@ from dataclasses import dataclass
 from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.conversion import TreeSum, added, tree_sum, trees_data
 from truejoint.estimators.cross_validation import BLOCKS
-from truejoint.estimators.elastic_joint import ElasticJointFilter, motion_of, run
+from truejoint.estimators.elastic_joint import (
+    ElasticJointFilter,
+    JointEstimate,
+    motion_of,
+    run,
+)
 from truejoint.estimators.wrapped import Regressor, WrappedRegressor
 from truejoint.models import elastic_hybrid, play_bank
 from truejoint.models.elastic_joint import ElasticJoint, output_terms
@@ -69,16 +76,29 @@ class ElasticJointHybrid(ElasticJointFilter):
         told = np.column_stack([columns @ response for response in filtered["outputs"]])
         seen = self._sight(scales, X, dt, kept, states[kept], told)
         left, history = self._targets(y)[kept] - told, motion.history[kept]
-        n_plays, n_outputs = elastic_hybrid.n_plays(self.found_), left.shape[1]
-        sums = []
-        for j in range(n_outputs):
-            rows = np.isfinite(left[:, j])
-            own = seen[rows, : seen.shape[1] - n_outputs + 1 + j]  # the angle's without the torque
-            sums.append(_fitted_trees(own, n_plays, left[rows, j], history[rows]))
-            progress(_FILTERED + (1.0 - _FILTERED) * (j + 1) / n_outputs)
+        sums, n_plays = [], elastic_hybrid.n_plays(self.found_)
+        for j, own in enumerate(left.T, 1):
+            rows = np.isfinite(own)
+            sums.append(_fitted_trees(seen[rows], n_plays, own[rows], history[rows]))
+            progress(_FILTERED + (1.0 - _FILTERED) * j / left.shape[1])
         trees = trees_data(sums, np.zeros(seen.shape[1]), np.ones(seen.shape[1]))
         self.found_ = {**self.found_, **trees.params}
         return elastic_hybrid.joined(filtered, scales, trees.arrays)
+
+    def estimate(
+        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
+    ) -> JointEstimate:
+        """Angle, torque and load, as the filter tells them, with what the trees add.
+
+        Raises CalibrationError where it is to be `smoothed`: the trees know what the filter leaves,
+        and on smoothed states they err more than on its own.
+        """
+        if smoothed:
+            raise CalibrationError(
+                f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
+                "ukf_elastic, or take smoothed=False"
+            )
+        return super().estimate(X, dt)
 
     def _beyond(self, X: Array, dt: Array, states: Array, told: Array) -> Array:
         _, scales, data = elastic_hybrid.parts(self.model_params(), self.arrays_)
@@ -88,10 +108,13 @@ class ElasticJointHybrid(ElasticJointFilter):
     def _sight(
         self, scales: Arrays, X: Array, dt: Array, kept: Flags, states: Array, told: Array
     ) -> Array:
-        """Give what trees see in rows `kept` (n,) of `X` (n, 2); states, outputs are of those."""
+        """Give what trees see in rows `kept` (n,) of `X` (n, 2); states and what is told of those.
+
+        Of the latter the angle alone: trees that see the torque err more between loads.
+        """
         bank = elastic_hybrid.bank(self.model_params())
         plays = play_bank.expand_rows(bank, scales, X, dt, kept)
-        return np.hstack([plays, states, told])
+        return np.hstack([plays, states, told[:, :1]])
 
 
 def _fitted_trees(seen: Array, n_plays: int, left: Array, history: Integers) -> TreeSum:

@@ -39,7 +39,7 @@ BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the torque's half-width
 STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
 N_STATES: Final = LAYOUT.integer("n_states", "of the filter")
 N_PLAYS: Final = LAYOUT.integer("n_plays", "signals, their plays and low-passes")
-SEEN: Final = LAYOUT.array("seen", "by the trees: these, states and outputs of the filter")
+SEEN: Final = LAYOUT.array("seen", "by the trees: these, states and angle of the filter")
 LEFT: Final = LAYOUT.array("left", "by the filter, as the trees tell")
 TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]")
 FILTER: Final = LAYOUT.part("filter", "of the elastic joint")
@@ -64,7 +64,7 @@ def n_plays(params: Params) -> int:
 
 def n_seen(params: Params) -> int:
     """Count what the trees see."""
-    return n_plays(params) + n_states(params) + n_told(params)
+    return n_plays(params) + n_states(params) + 1
 
 
 @compiled
@@ -83,7 +83,7 @@ def elastic_hybrid_row(
     if memory[STARTED] == 0.0:
         return  # plays would remember it
     n, first, n_told = numbers[N_STATES], numbers[N_PLAYS], own[elastic_joint.N_TOLD]
-    seen = vector(memory, numbers[SEEN], first + n + n_told)
+    seen = vector(memory, numbers[SEEN], first + n + 1)
     plays = part_numbers(numbers, PLAYS)
     expand(plays, part_memory(numbers, memory, PLAYS), dt, x, seen)
     inner = part_numbers(own, elastic_joint.FILTER)
@@ -91,8 +91,6 @@ def elastic_hybrid_row(
     for i in range(n):
         seen[first + i] = estimate[i]
     seen[first + n] = out[0]
-    if n_told > 1:
-        seen[first + n + 1] = torque[0]
     left = vector(memory, numbers[LEFT], n_told)
     walked = part_numbers(numbers, TREES)
     trees_row(walked, part_memory(numbers, memory, TREES), dt, seen, left, half_width)
