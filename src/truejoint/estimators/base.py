@@ -79,12 +79,14 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         y: ArrayLike,
         progress: Progress | None = None,
         dt: ArrayLike | None = None,
+        loads: ArrayLike | None = None,
     ) -> Self:
         """Fit to rows `X` (n, k) and targets `y` (n,) or (n, n_outputs).
 
         `progress` is called with the fraction done, 0 to 1; rows are 5 ms apart where there is no
-        `dt`. Raises CalibrationError if a parameter breaks its rule, or the rows cannot tell what
-        is to be learnt, and ValueError if a shape or a value is wrong.
+        `dt`, and `loads` (n, m), what `truth_beside` names, are 0 where they are not given. Raises
+        CalibrationError if a parameter breaks its rule, or the rows cannot tell what is to be
+        learnt, and ValueError if a shape or a value is wrong.
         """
         self.check_params()
         if self.family.remembers:
@@ -106,7 +108,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with one_thread():
             times = self.time_steps(dt, len(inputs))
-            self.arrays_ = self._learn(inputs, targets, times, progress or untold)
+            self._loads = self._known_loads(loads, len(inputs))
+            try:
+                self.arrays_ = self._learn(inputs, targets, times, progress or untold)
+            finally:
+                del self._loads
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
@@ -248,6 +254,17 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             )
         times[:1] = 0.0
         return times
+
+    def _known_loads(self, loads: ArrayLike | None, n: int) -> Array:
+        """Check loads (n, m) of what `truth_beside` names; 0 where they are not given."""
+        names = self.truth_beside()
+        given = np.asarray(np.zeros((n, len(names))) if loads is None else loads, dtype=np.float64)
+        if given.shape != (n, len(names)):
+            raise CalibrationError(
+                f"{self.name}: loads have shape {given.shape}; give {(n, len(names))}: "
+                f"{', '.join(names) or 'it takes none'}"
+            )
+        return given
 
     def _known(self, y: Array) -> Flags:
         """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""

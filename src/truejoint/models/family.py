@@ -25,6 +25,7 @@ from truejoint.plugins import load_plugin, plugins
 
 Params = Mapping[str, Any]
 Shape = tuple[int, ...]
+Path = tuple[str, ...]
 Target = Literal["error", "position"]
 
 TARGETS: Final[tuple[Target, ...]] = get_args(Target)
@@ -150,9 +151,10 @@ class Family:
     inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
     targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
     states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
-    beside: tuple[str, ...] = ()
-    """Quantities that the row tells beside the position, in SI units: arrays of these names in its
-    layout, (2,), of the value and its half-width, ``beside_deviations`` of the model's own."""
+    beside: Callable[[Params], Mapping[str, Path]] = lambda _params: {}
+    """Quantities that the row tells beside the position, in SI units, each with the parts of its
+    layout, outermost first, in the last of which (of none: in its own) it stands: an array of that
+    name, (2,), of the value and its half-width, ``beside_deviations`` of the model's own."""
     bears_load: Callable[[Params], bool] | None = None
     """Whether it still holds where a load moves the joint off what its motor says, so that signals
     that disagree more than in training are no fault."""
