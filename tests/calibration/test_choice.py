@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -30,6 +31,7 @@ from truejoint.estimators import (
     get_estimator,
     registry,
 )
+from truejoint.estimators.rich_play import Ridge as ProductRidge
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
@@ -116,6 +118,8 @@ def test_a_part_that_is_easy_for_all_weighs_no_more_than_another():
     group = Group(FeatureSet.parse(["measured/jaw"]), [rows_of_one()], candidates()[3:4], "error")
     group.trials = group.trials[:2]
     group._spreads = np.zeros((2, 1))
+    for trial in group.trials:
+        trial.folds = 3
     moving, resting = np.diag([100.0, 1.0]), np.diag([1e-4, 4e-4])
     group.products = [moving[None], moving[None], resting[None]]
     assert group.weights()[1, 0] > 0.5
@@ -216,6 +220,57 @@ def test_what_cannot_be_fitted_is_told_and_not_chosen():
     assert model.estimator == "linear"
     assert told(model)["SVR"]["folds"] == 0
     assert "cannot be fitted" in told(model)["SVR"]["note"]
+
+
+class Demanding(PolynomialRegressor):
+    """A polynomial that asks for more rows than it takes."""
+
+    needed = 0
+
+    def minimum_rows(self, n_features: int) -> int:
+        return self.needed
+
+
+@pytest.mark.parametrize(("rows", "needed", "folds"), [
+    ((100, 100, 100, 400), 350, 3),  # too few without the long one alone
+    ((100, 300, 300, 300), 750, 1),  # enough without the short one alone
+    ((200, 200, 200, 200), 700, 0),
+])  # fmt: skip
+def test_what_lacks_rows_without_one_recording_is_judged_by_the_others(
+    monkeypatch, rows, needed, folds
+):
+    monkeypatch.setattr(Demanding, "needed", needed)
+    recordings = [bent(seed, 0.2).rows(np.arange(n)) for seed, n in enumerate(rows)]
+    model = calibrate(recordings, Automatic([Demanding(2)]))
+    tried = told(model)["poly2"]
+    assert (
+        f"{min(n for n in (sum(rows) - one for one in rows) if n < needed)} rows" in (tried["note"])
+    )
+    assert tried["folds"] == folds
+    assert model.estimator == ("poly2" if folds == 3 else "linear")
+
+
+class Watched(ProductRidge):
+    """Says how many histories each of its fits was told of."""
+
+    histories: ClassVar[list[int]] = []
+
+    def _learn(self, X, y, dt, progress):
+        self.histories.append(int((dt == 0.0).sum()))
+        return super()._learn(X, y, dt, progress)
+
+
+def test_what_has_no_memory_is_judged_and_used_with_the_same_histories():
+    """A Gaussian process gives each a zero of its own."""
+    recordings = [bent(seed, 0.2) for seed in range(4)]
+    Watched.histories.clear()
+    calibrate(recordings, Automatic([Watched()]), zero="shared")
+    *judged, used = Watched.histories
+    assert set(judged) == {3}
+    assert used == 4
+    both = Combination((Watched(), "linear"), ((0.5,), (0.5,)))
+    calibrate(recordings, both)
+    assert Watched.histories[-1] == 4
 
 
 def test_a_candidate_with_a_wrong_parameter_is_refused():

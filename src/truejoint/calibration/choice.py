@@ -16,7 +16,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
 from truejoint.calibration.training_rows import TrainingRows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import JointRegressor, Progress, steps_of
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.polynomial import FixedOffset, Raw
 from truejoint.estimators.registry import LINEAR
@@ -117,8 +117,7 @@ class Rows:
         t, targets = part.recording.t, part.targets(target)
         known = np.flatnonzero(np.isfinite(targets).any(axis=1))
         kept = np.union1d(_spread(np.arange(len(t)), most), _spread(known, most))
-        starts = np.diff(np.cumsum(part.dt == 0.0)[kept], prepend=0) > 0
-        dt = np.where(starts, 0.0, np.diff(t[kept], prepend=t[0]))
+        dt = np.where(steps_of(part.dt, kept) == 0.0, 0.0, np.diff(t[kept], prepend=t[0]))
         return cls(t, kept, dt, part.features[kept], targets[kept])
 
 
@@ -138,9 +137,10 @@ class _Trial:
 
     candidate: JointRegressor  # of which a first fit settles what it finds
     is_member: bool = True  # whether it can be one
-    folds: int = 0
+    folds: int = 0  # that it was fitted without
     seconds: float = 0.0
-    note: str = ""
+    note: str = ""  # why it is not tried any more
+    lacking: str = ""  # why it could not be fitted without the last fold where that is so
 
 
 @dataclass(eq=False)
@@ -197,11 +197,30 @@ class Group:
             except CalibrationError as reason:
                 if number == 0:
                     raise
-                trial.note = str(reason)
+                if number < self._n_simple:
+                    trial.note = str(reason)
+                else:
+                    trial.lacking = str(reason)
+                    errors[number] = self._stand_in(errors[: self._n_simple])
             trial.seconds += time.perf_counter() - began
         self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
         if len(self.products) >= _TRIED_ON:
             self._give_up_some()
+
+    def _stand_in(self, errors: Array) -> Array:
+        """Errors (n, n_joints) of the best of simple models, of theirs (m, n, n_joints).
+
+        They count for what cannot be fitted without a fold, as of few rows beside a long recording:
+        other folds may tell what it does, and it is not used where they are few.
+        """
+        square = np.where(self.usable[: self._n_simple], np.mean(errors**2, axis=1), np.inf)
+        best = np.nanargmin(square, axis=0)
+        return np.stack([errors[number, :, joint] for joint, number in enumerate(best)], axis=1)
+
+    def stands(self, number: int) -> bool:
+        """Whether a candidate is not given up, and was fitted without half of the folds or more."""
+        trial = self.trials[number]
+        return not trial.note and 2 * trial.folds >= len(self.products)
 
     def give_up(self) -> None:
         """Say of what was still tried that it is not any more."""
@@ -216,7 +235,7 @@ class Group:
         unwanted |= (worse > math.log1p(_HOPELESS)).all(axis=1)
         for number, trial in enumerate(self.trials):
             tried = number >= self._n_simple and trial.is_member and not trial.note
-            if tried and unwanted[number]:
+            if tried and unwanted[number] and trial.folds >= _TRIED_ON:
                 trial.note = f"given up after {trial.folds} folds"
 
     def _split(self, fold: Fold) -> tuple[Integers, Integers]:
@@ -256,7 +275,8 @@ class Group:
             predicted = model.evaluate(self._inputs[told], self._dt[told])
             predicted = predicted[np.searchsorted(np.flatnonzero(told), unseen)]
         else:
-            model.fit(self._inputs[seen], self._targets[seen])
+            dt = steps_of(self._dt, seen)
+            model.fit(self._inputs[seen], self._targets[seen], None, dt)
             predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
         trial.is_member = model.family.row is not None and (
             model.family.inputs is None or self.target == "position"
@@ -299,7 +319,8 @@ class Group:
         scales = np.maximum(least, _TINY)[:, :, None, None]
         relative = np.mean(np.array(self.products)[kept] / scales, axis=0)
         for number, trial in enumerate(self.trials):
-            if not trial.is_member or isinstance(trial.candidate, Raw):  # an offset is one anyhow
+            is_raw = isinstance(trial.candidate, Raw)  # an offset is one anyhow
+            if is_raw or not (trial.is_member and self.stands(number)):
                 relative[:, number] = np.nan
         relative[~self.usable.T] = np.nan
         return np.array([stacking_weights(product) for product in relative]).T
@@ -318,7 +339,7 @@ class Group:
             options = [(best[:, joint], square[:, joint])] + [
                 (np.eye(m)[number], alone[:, number, joint])
                 for number, trial in enumerate(self.trials)
-                if trial.is_member and not trial.note and usable[number, joint]
+                if trial.is_member and self.stands(number) and usable[number, joint]
             ]
             simple = [o for o in options[1:] if o[0][: self._n_simple].any()]
             linear = self.linear[:, joint]
@@ -546,11 +567,7 @@ def _options(group: Group) -> Iterator[_Option]:
     weights, square = group.combined()
     yield _Option(group, weights, square)
     for number, trial in enumerate(group.trials):
-        if (
-            not trial.is_member
-            and trial.folds == len(group.products)
-            and group.usable[number].all()
-        ):
+        if not trial.is_member and group.stands(number) and group.usable[number].all():
             alone = np.zeros_like(weights)
             alone[number] = 1.0
             yield _Option(group, alone, group.alone[:, number])
@@ -601,7 +618,7 @@ def _told(
         "folds": trial.folds,
         "seconds": round(trial.seconds, 3),
         "weights": {} if weights is None else dict(zip(joints, weights.tolist(), strict=True)),
-        "note": trial.note,
+        "note": trial.note or trial.lacking,
     }
     apart = [j for j, good in zip(joints, group.usable[number], strict=True) if not good]
     if apart:

@@ -14,7 +14,7 @@ from sklearn.base import clone
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
-from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, steps_of
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models import combination, combination_with_filter, combination_with_memory
 from truejoint.models.family import EstimatorData, Family, Params, find_family, is_integer
@@ -193,7 +193,7 @@ class Combination(JointRegressor):
             unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
-        left, history = y.copy(), np.cumsum(dt == 0.0)
+        left = y.copy()
         for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(own)
             told = partial(_share, progress, number, len(unfitted))
@@ -203,9 +203,7 @@ class Combination(JointRegressor):
             rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
-            fresh = np.diff(history[rows], prepend=0) > 0  # also where its first row is left out
-            steps = np.where(fresh, 0.0, dt[rows])
-            member.fit(X[rows], left[rows][:, outputs], told, steps)
+            member.fit(X[rows], left[rows][:, outputs], told, steps_of(dt, rows))
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
