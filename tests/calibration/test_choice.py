@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -31,7 +30,6 @@ from truejoint.estimators import (
     get_estimator,
     registry,
 )
-from truejoint.estimators.rich_play import Ridge as ProductRidge
 from truejoint.models.features import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
@@ -263,29 +261,6 @@ def test_what_lacks_rows_without_one_recording_is_judged_by_the_others(
     )
     assert tried["folds"] == folds
     assert model.estimator == ("poly2" if folds == 3 else "linear")
-
-
-class Watched(ProductRidge):
-    """Says how many histories each of its fits was told of."""
-
-    histories: ClassVar[list[int]] = []
-
-    def _learn(self, X, y, dt, progress):
-        self.histories.append(int((dt == 0.0).sum()))
-        return super()._learn(X, y, dt, progress)
-
-
-def test_what_has_no_memory_is_judged_and_used_with_the_same_histories():
-    """A Gaussian process gives each a zero of its own."""
-    recordings = [bent(seed, 0.2) for seed in range(4)]
-    Watched.histories.clear()
-    calibrate(recordings, Automatic([Watched()]), zero="shared")
-    *judged, used = Watched.histories
-    assert set(judged) == {3}
-    assert used == 4
-    both = Combination((Watched(), "linear"), ((0.5,), (0.5,)))
-    calibrate(recordings, both)
-    assert Watched.histories[-1] == 4
 
 
 def test_a_candidate_with_a_wrong_parameter_is_refused():

@@ -16,7 +16,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
 from truejoint.calibration.training_rows import TrainingRows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, steps_of
+from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.polynomial import FixedOffset, Raw
 from truejoint.estimators.registry import LINEAR
@@ -118,7 +118,8 @@ class Rows:
         t, targets = part.recording.t, part.targets(target)
         known = np.flatnonzero(np.isfinite(targets).any(axis=1))
         kept = np.union1d(_spread(np.arange(len(t)), most), _spread(known, most))
-        dt = np.where(steps_of(part.dt, kept) == 0.0, 0.0, np.diff(t[kept], prepend=t[0]))
+        starts = np.diff(np.cumsum(part.dt == 0.0)[kept], prepend=0) > 0
+        dt = np.where(starts, 0.0, np.diff(t[kept], prepend=t[0]))
         return cls(t, kept, dt, part.features[kept], targets[kept])
 
 
@@ -288,8 +289,7 @@ class Group:
             predicted = model.evaluate(self._inputs[told], self._dt[told])
             predicted = predicted[np.searchsorted(np.flatnonzero(told), unseen)]
         else:
-            dt = steps_of(self._dt, seen)
-            model.fit(self._inputs[seen], self._targets[seen], None, dt)
+            model.fit(self._inputs[seen], self._targets[seen])
             predicted = model.evaluate(np.ascontiguousarray(self._inputs[unseen]))
         trial.is_member = model.family.row is not None and (
             model.family.inputs is None or self.target == "position"

@@ -42,7 +42,7 @@ from truejoint.calibration.training_rows import (
 )
 from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, constant_columns, steps_of
+from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
 from truejoint.estimators.wrapped import Regressor, get_estimator
 from truejoint.models.family import Target
@@ -512,8 +512,7 @@ def _fit_model(
         return model.fit(*partly_known(parts, target), report)
     if not model.family.remembers:
         known = "error" if target == "error" else "truth"
-        dt = np.concatenate([steps_of(part.dt, part.fitted) for part in parts])
-        return model.fit(fitted_rows(parts, "features"), fitted_rows(parts, known), report, dt)
+        return model.fit(fitted_rows(parts, "features"), fitted_rows(parts, known), report)
     inputs, targets, dt = (
         np.concatenate(values)
         for values in zip(*((p.features, p.targets(target), p.dt) for p in parts), strict=True)

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from sklearn.base import BaseEstimator, RegressorMixin, clone
 from sklearn.utils.validation import check_is_fitted, validate_data
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
@@ -280,21 +280,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         tags = super().__sklearn_tags__()
         tags.target_tags.multi_output = True
         return tags
-
-
-def steps_of(dt: Array, rows: Integers) -> Array:
-    """Time steps (m,) [s] of some `rows` (m,) of `dt` (n,): 0 where a history of theirs starts.
-
-    That is also where the first row of a history is left out.
-
-    Examples
-    --------
-    >>> from truejoint.estimators.base import steps_of
-    >>> steps_of(np.array([0.0, 0.1, 0.1, 0.0, 0.1, 0.1]), np.array([1, 2, 4, 5]))
-    array([0. , 0.1, 0. , 0.1])
-    """
-    starts = np.diff(np.cumsum(dt == 0.0)[rows], prepend=0) > 0
-    return np.where(starts, 0.0, dt[rows])
 
 
 def apart(y: Array) -> list[tuple[Any, Any]]:

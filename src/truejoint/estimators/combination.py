@@ -14,7 +14,7 @@ from sklearn.base import clone
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, steps_of
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models import combination, combination_with_filter, combination_with_memory
 from truejoint.models.family import EstimatorData, Family, Params, find_family, is_integer
@@ -203,7 +203,8 @@ class Combination(JointRegressor):
             rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
-            member.fit(X[rows], left[rows][:, outputs], told, steps_of(dt, rows))
+            steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
+            member.fit(X[rows], left[rows][:, outputs], told, steps)
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)
