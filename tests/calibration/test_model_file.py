@@ -193,7 +193,7 @@ def test_another_format_is_told_from_damage(tmp_path, saved, version, said):
     refused(tmp_path, with_header(header, saved[8 + length :]), said)
 
 
-@settings(max_examples=400, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_mutated_bytes_give_an_error_or_the_same_model(
     tmp_path_factory, calibration, saved, build, data
@@ -281,7 +281,7 @@ def paths(value: Any, here: tuple[Any, ...] = ()) -> list[tuple[Any, ...]]:
     return [here] * bool(here) + [p for key, v in inner for p in paths(v, (*here, key))]
 
 
-@settings(max_examples=250, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(st.data())
 def test_signed_lies_give_an_error_or_a_working_model(tmp_path_factory, saved, recording, data):
     """A forger who also makes the hash right: every field is checked on its own."""

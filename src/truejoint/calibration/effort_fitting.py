@@ -122,7 +122,7 @@ def _root_mean_square(off: Array) -> Array:
     square = np.where(known, off, 0.0) ** 2
     found = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     places = np.arange(off.shape[1])
-    for values, seen in zip(found.T, known.any(axis=0).T, strict=True):
+    for values, seen in zip(found.T, np.any(known, axis=0).T, strict=True):
         if seen.any():
             there = np.searchsorted(places[seen], places, "right") - 1
             values[:] = values[seen][np.maximum(there, 0)]
