@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -120,9 +119,7 @@ def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
 class Late:
     """Stands for a calibration that is off by 1 for as long as it runs, less by each second."""
 
-    joints, gap_limit = ("jaw",), 1.0
-    model = SimpleNamespace(family=SimpleNamespace(remembers=False))
-    feature_set = SimpleNamespace(start=lambda: SimpleNamespace(memory=np.zeros(0)))
+    joints, gap_limit, looks_back = ("jaw",), 1.0, False
 
     def correct(self, recording: Recording) -> np.ndarray:
         steps = np.diff(recording.t, prepend=-np.inf) > self.gap_limit
