@@ -18,6 +18,7 @@ from truejoint.calibration import (
 )
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
+from truejoint.estimators.jaw import JawEstimator
 from truejoint.estimators.wrapped import class_of
 from truejoint.evaluation import part_by_time
 from truejoint.models.family import EstimatorData, find_family
@@ -102,6 +103,7 @@ def test_it_survives_its_data_and_its_file(name, tmp_path):
     write_calibration(calibration, tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors")
     assert read.estimator == name
+    assert read.target == ("position" if isinstance(made, JawEstimator) else calibration.target)
     assert dict(read.model.model_params()) == dict(made.model_params())
     np.testing.assert_array_equal(read.model.evaluate(X, dt), expected)
 
@@ -169,6 +171,10 @@ def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
             assert str(caught.value).endswith(f"; it must be {rule.text}")
         with pytest.raises(CalibrationError, match="it needs"):
             family.check_params({k: v for k, v in params.items() if k != parameter})
+    for parameter, rule in get_estimator(name).training.items():
+        for value in (value for value in WRONG if not rule.holds(value)):
+            wrong = get_estimator(name).set_params(**{parameter: value})
+            refused(f" parameter {parameter} is .*; it must be ", wrong.check_params)
 
 
 @pytest.mark.parametrize("name", estimator_names())
