@@ -1,4 +1,4 @@
-"""Intervals from what a laboratory has: ten recordings, or one cut with gaps, also fitted to."""
+"""Intervals from what a laboratory has: recordings, or one cut with gaps, also fitted to."""
 
 from __future__ import annotations
 
