@@ -73,6 +73,26 @@ def test_of_two_recordings_one_is_left_out_whole_where_enough_stays(n, whole):
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("count", [3, 11])
+def test_of_several_recordings_one_that_is_nearly_all_the_time_loses_fifths(count):
+    """Without it, so little stays that nothing is shown of what is used."""
+    lengths = [60] * count
+    lengths[1] = 300 * (count - 1)
+    recordings = [jaw(1.0 + k, 1.0 + k, n) for k, n in enumerate(lengths)]
+    found = folds.folds(recordings)
+    cut = [fold.parts for fold in found if fold.name.startswith("time")]
+    assert [len(parts) for parts in cut] == [1] * 5
+    rows = sum(part.rows(lengths[1]).astype(int) for (part,) in cut)
+    assert (rows == 1).all()
+    assert {part.recording for (part,) in cut} == {1}
+    others = [fold for fold in found if not fold.name.startswith("time")]
+    whole = [part for fold in others for part in fold.parts]
+    assert {part.recording for part in whole} == {*range(count)} - {1}
+    assert set(whole) <= set(folds.wholes(recordings))
+    kinds = {"recordings"} if count < folds.SORTED_FROM else {"speed", "effort"}
+    assert {fold.name.split()[0] for fold in others} == kinds
+
+
 def test_many_recordings_are_left_out_by_speed_and_by_effort():
     rng = np.random.default_rng(0)
     speeds, efforts = rng.permutation(10), rng.permutation(10)

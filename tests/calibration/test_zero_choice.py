@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 from tests.calibration.test_folds import jaw
 
@@ -90,6 +91,36 @@ def test_two_recordings_do_not_tell_and_it_is_said():
     model = calibrate(several(0.3, 2), LINEAR)
     assert model.metadata["choice"]["zero"] == {"kept": False, "note": "it takes 3 recordings"}
     assert model.rezero_models == {}
+
+
+def test_what_zeros_are_judged_by_knows_nothing_of_the_part_left_out(monkeypatch):
+    """Not how large its errors are either, by which zeros are believed."""
+    found = []
+
+    def first_pair(recordings, left_out, fit, say):
+        found.append(fit([0, 1, 2]))
+        return False, {"kept": False}
+
+    monkeypatch.setattr("truejoint.calibration.fitting.judge_zeros", first_pair)
+    recordings = several(0.0, 4)
+    off = recordings[3].column("truth/jaw") + 0.02 * np.sin(0.4 * recordings[3].t)
+    wandering = recordings[3].table.assign(**{"truth/jaw": off})
+    for last in (recordings[3], replace(recordings[3], table=wandering)):
+        assert calibrate([*recordings[:3], last], LINEAR).estimator == "linear"
+    (one, _), (other, _) = found
+    np.testing.assert_array_equal(one.model.coef_, other.model.coef_)
+    for name in ("correlation", "beginning"):
+        left, right = (getattr(model.effort_baseline, name) for model in (one, other))
+        np.testing.assert_array_equal(left, right)
+
+
+def test_a_recording_that_is_nearly_all_the_time_is_not_left_out_to_judge_zeros():
+    long = loaded(7, 0.3)
+    parts = [replace(long, table=long.table.assign(t=long.t + k * 20.0)) for k in range(20)]
+    table = pd.concat([one.table for one in parts], ignore_index=True)
+    told = calibrate([*several(0.3, 3), replace(long, table=table)], LINEAR).metadata["choice"]
+    assert [name.split()[0] for name in told["left_out"]].count("time") == 5
+    assert told["zero"]["left_out"] == [f"recordings {k}" for k in (1, 2, 3)]
 
 
 def test_an_interval_of_the_same_recordings_is_made_of_such_fits(monkeypatch):

@@ -34,7 +34,8 @@ _JUDGED: Final = 100_000  # that a fold judges, at most
 MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
 _TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
 _WORSE: Final = 0.25  # it is worse than the best by this share and has no weight,
-_HOPELESS: Final = 1.0  # or worse by this one
+_HOPELESS: Final = 1.0  # or worse by this one,
+_AT_ONCE: Final = 2.0  # or by this one after the first, and then with more features too
 _FIRST_SHARE: Final = 0.8  # of the progress, where what was chosen is tried with more features
 
 
@@ -138,9 +139,10 @@ class _Trial:
 
     candidate: JointRegressor  # of which a first fit settles what it finds
     is_member: bool = True  # whether it can be one
-    folds: int = 0
+    folds: int = 0  # that it was fitted without
     seconds: float = 0.0
-    note: str = ""
+    note: str = ""  # why it is not tried any more
+    lacking: str = ""  # why it could not be fitted without the last fold where that is so
 
 
 @dataclass(eq=False)
@@ -158,6 +160,8 @@ class Group:
     products: list[Array] = field(default_factory=list)
     """For each fold, means (n_joints, m, m) of the products of two candidates' errors; NaN where
     one was not tried."""
+    hopeless: set[str] = field(default_factory=set)
+    """Names of the candidates that were given up after the first fold."""
 
     def __post_init__(self) -> None:
         simple = [one for one in simple_models() if self.target in one.family.targets]
@@ -197,27 +201,56 @@ class Group:
             except CalibrationError as reason:
                 if number == 0:
                     raise
-                trial.note = str(reason)
+                if number < self._n_simple:
+                    trial.note = str(reason)
+                else:
+                    trial.lacking = str(reason)
+                    errors[number] = self._stand_in(errors[: self._n_simple])
             trial.seconds += time.perf_counter() - began
         self.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(unseen))
-        if len(self.products) >= _TRIED_ON:
-            self._give_up_some()
+        self._give_up_some()
+
+    def _stand_in(self, errors: Array) -> Array:
+        """Errors (n, n_joints) of the best of simple models, of theirs (m, n, n_joints).
+
+        They count for what cannot be fitted without a fold, as of few rows beside a long recording:
+        other folds may tell what it does, and it is not used where they are few.
+        """
+        square = np.where(self.usable[: self._n_simple], np.mean(errors**2, axis=1), np.inf)
+        best = np.nanargmin(square, axis=0)
+        return np.stack([errors[number, :, joint] for joint, number in enumerate(best)], axis=1)
+
+    def stands(self, number: int) -> bool:
+        """Whether a candidate is not given up, and was fitted without half of the folds or more."""
+        trial = self.trials[number]
+        return not trial.note and 2 * trial.folds >= len(self.products)
 
     def give_up(self) -> None:
         """Say of what was still tried that it is not any more."""
         for trial in self.trials:
-            trial.note = trial.note or f"given up after {trial.folds} folds"
+            trial.note = trial.note or trial.lacking or f"given up after {trial.folds} folds"
+
+    def pass_by(self, other: Group) -> None:
+        """Do not try what is hopeless in another group, where this one has more features."""
+        if set(other.features.names) <= set(self.features.names):
+            for trial in self.trials[self._n_simple :]:
+                if trial.candidate.name in other.hopeless and not trial.note:
+                    trial.note = "hopeless with fewer features"
 
     def _give_up_some(self) -> None:
         """Try no more what no joint wants, nor what is hopeless in every one."""
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
-        unwanted = (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
-        unwanted |= (worse > math.log1p(_HOPELESS)).all(axis=1)
+        is_first = len(self.products) < _TRIED_ON
+        unwanted = (worse > math.log1p(_AT_ONCE if is_first else _HOPELESS)).all(axis=1)
+        if not is_first:
+            unwanted |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
         for number, trial in enumerate(self.trials):
             tried = number >= self._n_simple and trial.is_member and not trial.note
-            if tried and unwanted[number]:
-                trial.note = f"given up after {trial.folds} folds"
+            if tried and unwanted[number] and trial.folds >= min(_TRIED_ON, len(self.products)):
+                trial.note = f"given up after {trial.folds} fold{'s' * (not is_first)}"
+                if is_first:
+                    self.hopeless.add(trial.candidate.name)
 
     def _split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit sees, few enough, and rows that are judged."""
@@ -299,7 +332,8 @@ class Group:
         scales = np.maximum(least, _TINY)[:, :, None, None]
         relative = np.mean(np.array(self.products)[kept] / scales, axis=0)
         for number, trial in enumerate(self.trials):
-            if not trial.is_member or isinstance(trial.candidate, Raw):  # an offset is one anyhow
+            is_raw = isinstance(trial.candidate, Raw)  # an offset is one anyhow
+            if is_raw or not (trial.is_member and self.stands(number)):
                 relative[:, number] = np.nan
         relative[~self.usable.T] = np.nan
         return np.array([stacking_weights(product) for product in relative]).T
@@ -318,7 +352,7 @@ class Group:
             options = [(best[:, joint], square[:, joint])] + [
                 (np.eye(m)[number], alone[:, number, joint])
                 for number, trial in enumerate(self.trials)
-                if trial.is_member and not trial.note and usable[number, joint]
+                if trial.is_member and self.stands(number) and usable[number, joint]
             ]
             simple = [o for o in options[1:] if o[0][: self._n_simple].any()]
             linear = self.linear[:, joint]
@@ -498,6 +532,8 @@ def _judged(
             if fold is left_out[-1] and not judged:
                 raise
             continue
+        for one, _ in others:
+            one.pass_by(groups[0])
         others = [
             (one, at) for one, at in others if _is_judged(one, fold, partial(told, number, at))
         ]
@@ -546,11 +582,7 @@ def _options(group: Group) -> Iterator[_Option]:
     weights, square = group.combined()
     yield _Option(group, weights, square)
     for number, trial in enumerate(group.trials):
-        if (
-            not trial.is_member
-            and trial.folds == len(group.products)
-            and group.usable[number].all()
-        ):
+        if not trial.is_member and group.stands(number) and group.usable[number].all():
             alone = np.zeros_like(weights)
             alone[number] = 1.0
             yield _Option(group, alone, group.alone[:, number])
@@ -601,7 +633,7 @@ def _told(
         "folds": trial.folds,
         "seconds": round(trial.seconds, 3),
         "weights": {} if weights is None else dict(zip(joints, weights.tolist(), strict=True)),
-        "note": trial.note,
+        "note": trial.note or trial.lacking,
     }
     apart = [j for j, good in zip(joints, group.usable[number], strict=True) if not good]
     if apart:

@@ -19,7 +19,7 @@ from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.candidates import choice_of, unfitted
 from truejoint.calibration.choice import FITTED_ROWS, MOST_ROWS, Automatic, Choice, share_of
 from truejoint.calibration.effort_fitting import fit_effort_baseline
-from truejoint.calibration.folds import FEW, folds
+from truejoint.calibration.folds import FEW, folds, wholes
 from truejoint.calibration.own_zeros import ZeroOf, at_one_zero, zero_groups
 from truejoint.calibration.parity import ParityEquations, fit_parity_equations
 from truejoint.calibration.selection import (
@@ -145,8 +145,9 @@ def calibrate(
         told = dict(choice.told)
         if zero is None:
             last = within(report, 1.0 - zeros_share, zeros_share)
-            sure = _of_unseen(fitted, choice)
-            second, told["zero"] = _judged_zeros(sure, recordings, fit_rate, wanted.tell, last)
+            second, told["zero"] = _judged_zeros(
+                fitted, choice, recordings, fit_rate, wanted.tell, last
+            )
             fitted = fitted if second is None else _with_zeros(fitted, second)
         report(1.0)
         chosen = _of_unseen(fitted, choice)
@@ -366,16 +367,20 @@ def _fit_at_one_zero(
 
 def _judged_zeros(
     fitted: Calibration,
+    choice: Choice,
     recordings: Sequence[Recording],
     fit_rate: float | None,
     tell: Callable[[str], None] | None,
     report: Progress,
 ) -> tuple[_SecondFit | None, dict[str, Any]]:
-    """Fit what was chosen with a zero for each recording where that is better, and tell of it."""
+    """Fit what was chosen with a zero for each recording where that is better, and tell of it.
+
+    What a part that is left out shows enters no fit that it judges, nor what that knows of its own
+    errors, but for their median over all parts.
+    """
 
     def of(some: Sequence[Recording]) -> _Task:
-        model = fitted.model.settled()
-        return _Task.of(some, model, fitted.feature_set, fitted.joints, fitted.target, None)
+        return _Task.of(some, choice.estimator, choice.features, fitted.joints, choice.target, None)
 
     def say(what: str, share: float) -> None:
         report(share)
@@ -400,9 +405,13 @@ def _judged_zeros(
             replace(plain, model=_fit_model(clone(task.model), some, task.target, _untold))
             for some in (own, each)
         )
+        known = fit_effort_baseline(first, [few[index] for index in seen])
+        first = _of_unseen(replace(first, effort_baseline=known), choice)
         return first, again.with_metadata(zeros={"of": "recording"})
 
-    kept, told = judge_zeros(few, folds(few), fit, say)
+    uncut = set(wholes(few))
+    left_out = [fold for fold in folds(few) if uncut.issuperset(fold.parts)]
+    kept, told = judge_zeros(few, left_out, fit, say)
     if not kept:
         return None, told
     whole = of(recordings)

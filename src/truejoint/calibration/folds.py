@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -139,35 +139,52 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
     ]
 
 
+def enough_beside(recordings: Sequence[Recording], groups: Sequence[Sequence[int]]) -> Mask:
+    """Beside which groups (n_groups,) of recordings a fit sees a fifth of the time in all."""
+    times = np.array([recording.duration for recording in recordings])
+    own = np.array([times[list(group)].sum() for group in groups])
+    return np.asarray(times.sum() - own >= _LEAST_LEFT * times.sum())
+
+
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
     """Give what an automatic choice leaves out in turn: never single rows.
 
     One or two recordings lose a fifth of the time in which they move, so that no part is at rest,
-    which shows no more than one error; two or more are left out whole, but of two not one beside
-    which less than a fifth of the time stays: what a fit to so little does, the one that is used
-    will not. Ten or more are left out by how fast they move and by how large their efforts are, a
-    fifth at a time, so that an estimator shows what it does beyond them; those of one speed, or
-    under one load, all at once (`truejoint.estimators.cross_validation.levels`). Where several
-    homings, or masses on the tool, are stated, these are left out too.
+    which shows no more than one error; two or more are left out whole, but not one beside which
+    less than a fifth of the time stays: what a fit to so little does, the one that is used will
+    not. Of three or more that one loses fifths in their stead. Ten or more are left out by how fast
+    they move and by how large their efforts are, a fifth at a time, so that an estimator shows what
+    it does beyond them; those of one speed, or under one load, all at once
+    (`truejoint.estimators.cross_validation.levels`). Where several homings, or masses on the tool,
+    are stated, these are left out too.
     """
     parts, found = wholes(recordings), list[Fold]()
-    if len(recordings) < FEW:
-        shares = blocks(recordings, FOLDS, in_motion=True)
+    times = np.array([recording.duration for recording in recordings])
+    enough = times.sum() - times >= _LEAST_LEFT * times.sum()
+    if len(recordings) < FEW or not enough.all():
+        cut = range(len(recordings)) if len(recordings) < FEW else np.flatnonzero(~enough).tolist()
+        shares = blocks([recordings[i] for i in cut], FOLDS, in_motion=True)
+        shares = [replace(share, recording=cut[share.recording]) for share in shares]
         found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
-        times = [recording.duration for recording in recordings]
-        enough = [sum(times) - time >= _LEAST_LEFT * sum(times) for time in times]
-        return found + dealt([[parts[i]] for i in np.flatnonzero(enough)], "recordings")
+    whole = [part for part in parts if enough[part.recording]]
+    if len(recordings) < FEW:
+        return found + dealt([[part] for part in whole], "recordings")
+    by_kind = dict[str, list[list[Part]]]()
     if len(recordings) >= SORTED_FROM:
         for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
             if np.ptp(sizes) > 0.0:
-                found += dealt([[parts[i] for i in group] for group in levels(sizes)], name)
+                by_kind[name] = [[parts[i] for i in group] for group in levels(sizes)]
     stated: dict[str, Sequence[str | float | None]] = {
         "homing": [recording.provenance.homing_id or None for recording in recordings],
         "load": [None if math.isnan(r.provenance.load) else r.provenance.load for r in recordings],
     }
-    for name, values in stated.items():
-        found += _by_value(parts, name, values)
-    return found or dealt([[part] for part in parts], "recordings")
+    by_kind |= {name: _by_value(parts, values) for name, values in stated.items()}
+    if not any(by_kind.values()):
+        by_kind["recordings"] = [[part] for part in parts]
+    for name, units in by_kind.items():
+        kept = [[part for part in unit if enough[part.recording]] for unit in units]
+        found += dealt([unit for unit in kept if unit], name)
+    return found
 
 
 def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
@@ -219,14 +236,12 @@ def without_levels(
     ]
 
 
-def _by_value(
-    parts: Sequence[Part], name: str, values: Sequence[str | float | None]
-) -> Iterator[Fold]:
-    """Leave out the recordings of one value after the other, where there are two or more."""
+def _by_value(parts: Sequence[Part], values: Sequence[str | float | None]) -> list[list[Part]]:
+    """Give the recordings of each value, where there are two or more and some have the same."""
     known = list(dict.fromkeys(value for value in values if value is not None))
-    if 2 <= len(known) < len(parts):
-        units = [[p for p, v in zip(parts, values, strict=True) if v == one] for one in known]
-        yield from dealt(units, name)
+    if not 2 <= len(known) < len(parts):
+        return []
+    return [[p for p, v in zip(parts, values, strict=True) if v == one] for one in known]
 
 
 def _speeds(recordings: Sequence[Recording]) -> Array:

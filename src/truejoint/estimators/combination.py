@@ -197,7 +197,7 @@ class Combination(JointRegressor):
             unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
-        left, history, loads = y.copy(), np.cumsum(dt == 0.0), self.truth_beside()
+        left, loads = y.copy(), self.truth_beside()
         for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(own)
             told = partial(_share, progress, number, len(unfitted))
@@ -207,8 +207,7 @@ class Combination(JointRegressor):
             rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
-            fresh = np.diff(history[rows], prepend=0) > 0  # also where its first row is left out
-            steps = np.where(fresh, 0.0, dt[rows])
+            steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
             taken = [loads.index(name) for name in member.truth_beside()]
             member.fit(X[rows], left[rows][:, outputs], told, steps, self._loads[rows][:, taken])
             member.memory()  # refuses what only works offline

@@ -100,6 +100,20 @@ def random_state() -> Rule:
     return Rule(holds, "None or an integer from 0 to 2**32 - 1")
 
 
+def optional(rule: Rule) -> Rule:
+    """Rule of None, or of what another rule takes."""
+    return Rule(lambda value: value is None or rule.holds(value), f"{rule.text}, or None")
+
+
+def check_rules(name: str, rules: Mapping[str, Rule], params: Params) -> None:
+    """Raise CalibrationError, naming whose parameter, value and rule, when one breaks its rule."""
+    for key, rule in rules.items():
+        if not rule.holds(params[key]):
+            raise CalibrationError(
+                f"{name} parameter {key} is {params[key]!r:.60}; it must be {rule.text}"
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class EstimatorData:
     """A fitted estimator as data: what a model file holds."""
@@ -162,11 +176,7 @@ class Family:
             raise CalibrationError(
                 f"{self.name} has parameters {sorted(params)}; it needs {sorted(self.rules)}"
             )
-        for name, rule in self.rules.items():
-            if not rule.holds(params[name]):
-                raise CalibrationError(
-                    f"{self.name} parameter {name} is {params[name]!r:.60}; it must be {rule.text}"
-                )
+        check_rules(self.name, self.rules, params)
 
     def check_size(self, params: Params, n_features: int) -> None:
         """Raise CalibrationError unless there are as many features as it takes."""
