@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 
 from truejoint import calibrate, read_calibration, write_calibration
+from truejoint.cli.correct import correct_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.elastic_joint import ElasticJointFilter
 from truejoint.estimators.jaw import MIN_ROWS
@@ -215,6 +216,9 @@ def test_from_recordings_to_a_model_file_and_back(tmp_path):
     off = np.abs(value - unseen.column("truth_effort/jaw"))
     assert off.std() < 1.5e-3
     assert 0.7 < np.mean(off < half_width) <= 1.0
+    table = correct_rows(calibration, unseen, None)
+    np.testing.assert_array_equal(table["torque/jaw"], value)
+    np.testing.assert_array_equal(table["torque_half_width/jaw"], half_width)
     state = calibration.start()
     signals = np.column_stack([unseen.table[s].to_numpy() for s in calibration.signals])
     steps = [calibration.step(state, unseen.t[i], signals[i]) for i in range(200)]
