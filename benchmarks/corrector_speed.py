@@ -2,12 +2,12 @@
 
     python -m benchmarks.corrector_speed [--calls 20000] [--epochs 5]
 
-Fits every estimator to a simulated RAVEN-II session on the 16 inputs of peng2024, with an
-interval, and times single calls at 1 kHz stamps in a plain Python loop with garbage collection on,
-the clock included, on one thread; then every estimator of a cable-driven jaw, at 200 Hz stamps of a
-motion that it was not fitted to. The others predict with the very same network (16-100-100-3,
-checked) and check nothing of what we check. The median is over all calls; its least over ten parts
-says what an undisturbed machine does. Last, the time from a fresh interpreter to the first sample.
+Fits models to a simulated RAVEN-II session on the 16 inputs of peng2024, with an interval, and
+times single calls at 1 kHz stamps in a plain Python loop with garbage collection on, the clock
+included, on one thread (`python -m benchmarks.step_speed` times every estimator). The others
+predict with the very same network (16-100-100-3, checked) and check nothing of what we check. The
+median is over all calls; its least over ten parts says what an undisturbed machine does. Last, the
+time from a fresh interpreter to the first sample.
 """
 
 from __future__ import annotations
@@ -30,7 +30,6 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 from threadpoolctl import threadpool_limits
 
-from benchmarks.loop_jaws import jaw_models
 from benchmarks.loop_session import HOMING, Samples, simulated_session
 from truejoint.calibration import Calibration, write_calibration
 from truejoint.estimators import NeuralNetwork
@@ -199,9 +198,6 @@ def main() -> None:
     print("|---|---|---|---|---|---|")
     for model in models:
         ours = show(f"truejoint {model.estimator}", time_corrector(model, samples, calls))
-    for model, moving in jaw_models():
-        laps = time_corrector(model, moving, min(options.calls, len(moving.t)))
-        show(f"truejoint {model.estimator}", laps)
     inputs = samples.rows[:SLOW_CALLS, : len(network.signals)]
     rows = [row[None] for row in inputs]
     with tempfile.TemporaryDirectory() as folder, threadpool_limits(1):

@@ -5,7 +5,7 @@
 
 Each fault goes into a random joint and recording of each public data set under ``TRUEJOINT_DATA``
 and of a session of the digital twin, once for each seed, and counts as found when a finding of its
-name names that joint. Without options it takes one seed, a minute; docs/results.md quotes
+name names that joint. Without options it takes one seed, a minute; docs/data_check.md quotes
 ``--seeds 0:20 --healthy 100:150``. ``--keep`` appends each result to a file of JSON lines, and what
 stands there is not made again.
 """

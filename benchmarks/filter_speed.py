@@ -18,12 +18,8 @@ import numpy as np
 
 from truejoint.estimators.cable_filter import STARTS, constants, filter_inputs
 from truejoint.filters import UnscentedFilter
-from truejoint.filters.state_space import (
-    StateSpaceModel,
-    discretise,
-    linear_model,
-    van_loan,
-)
+from truejoint.filters.linear import discretise, linear_model, van_loan
+from truejoint.filters.state_space import StateSpaceModel
 from truejoint.models import cable_loops
 from truejoint.models.cable_filter import cable_filter, cable_prior
 from truejoint.simulation.wrist.twin import WristTwin

@@ -1,8 +1,9 @@
 """Coverage of the stated 90 % interval on fresh sessions of the digital twin.
 
     python -m benchmarks.interval_coverage [--sessions 60] [--minutes 5] [--estimators linear dnn]
-    python -m benchmarks.interval_coverage --cross [--draws 20] [--estimators linear dnn]
+    python -m benchmarks.interval_coverage --few
     python -m benchmarks.interval_coverage --held-out [--estimators NAME ...] [--only PATTERN ...]
+        [--draws 2]
 
 One calibration session (one homing; zig-zags in direction J2-J3 of sparsity 1/4, 1/5 and 1/6)
 trains each estimator. Every other session is an arm of its own: cold, freshly homed, a random
@@ -13,15 +14,14 @@ uses: as homed, re-zeroed from ten seconds of truth, and an interval that saw on
 last row of each estimator is a warning, not a claim. Then two calibrations of different homings are
 compared with what they state.
 
-With ``--cross`` it prints another table, of recordings of real joints: an interval of the very
-recordings that are fitted to (`cross_interval`), judged on others. Fifteen files of the grasper's
-fifty, drawn at random, on the other thirty-five: those are exchangeable. Then what is not, as the
-data sets are split: a frequency and loads never seen, the end of a recording, another motion. With
-``--held-out`` such an interval of every estimator, on default features at 100 Hz, is judged on
-files of the grasper that are like those fitted to, on a frequency and on loads that are not among
-them, on the end of a motion of the dVRK, on BROS's other file, and on the twin after other homings,
-re-zeroed from ten seconds. Each draw and split is kept in a file under ``--out`` and is not run
-again while that is there.
+With ``--few`` it prints what an interval of few recordings covers in simulation. With
+``--held-out`` it prints another table: the interval of the recordings that are fitted to
+(`cross_interval`), of every estimator as it comes, on default features at 100 Hz, judged on other
+recordings. Files of the grasper drawn at random, from twenty to two, are judged on ten others,
+which are exchangeable with them. Then what is not: a frequency and loads that are not among those
+fitted to, the end of a motion of the dVRK, BROS's other file, a sheath of the K-FLEX at an angle of
+its own, and the twin after other homings, re-zeroed from ten seconds. Each draw is kept in a file
+under ``--out`` and is not run again while that is there.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.automatic_choice import Split, kept, recommended
+from benchmarks.automatic_choice import Split, harder, kept, recommended
 from truejoint import calibrate
 from truejoint.calibration import (
     Calibration,
@@ -48,30 +48,25 @@ from truejoint.calibration import (
     measure_coverage,
     with_interval,
 )
+from truejoint.calibration.conformal import conformal_threshold
 from truejoint.calibration.zero import judged_error
 from truejoint.crtk import Arm, SimulatedBackend, simulated_arm
 from truejoint.errors import CalibrationError
-from truejoint.estimators import get_estimator
 from truejoint.estimators.registry import AUTO
-from truejoint.evaluation.splits import recommended_sides
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
-from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, read_dataset
+from truejoint.recordings.datasets import DATASETS
 from truejoint.simulation import make_twin
-from truejoint.units import display_unit
+from truejoint.units import DisplayUnit, display_unit
 
 Array = NDArray[np.float64]
 
 LEVEL = 0.9
 REZERO = 10.0  # s
 SAME_HOMING = 12  # motions after the training's homing
-HELD_OUT = (
-    "davinci_grasper_umn, frequency",
-    "davinci_grasper_umn, load",
-    "dvrk_psm_berkeley, random",
-    "bros_dual_encoder, part",
-)
-DRAWS = (0, 1)
+DRAWS = 2
+FILES = (20, 5, 3, 2)  # of the grasper's fifty, drawn at random
+JUDGED = 10  # others
 MOTION = 60.0  # [s] after each homing
 ESTIMATORS = (
     "linear", "poly2", "dnn", "pose_network", "linear_trees", "network_forest", "rich_play",
@@ -139,34 +134,29 @@ def one_homing(
     return Row(found.shares, found.half_width, found.offset_half_width)
 
 
+def units(calibration: Calibration) -> list[DisplayUnit]:
+    """Units that a person reads the joints' positions in."""
+    return [display_unit(calibration.units[f"measured/{joint}"]) for joint in calibration.joints]
+
+
+def lengths(values: Array, shown: Sequence[DisplayUnit]) -> str:
+    """Values of the joints [rad or m], for a cell."""
+    pairs = zip(values, shown, strict=True)
+    return ", ".join(f"{value * unit.scale:.3f} {unit.name}" for value, unit in pairs)
+
+
 def print_rows(calibration: Calibration, rows: dict[str, Row]) -> None:
-    """Markdown rows of one estimator."""
+    """Markdown rows of one estimator, in each cell the joints one after the other."""
     for use, row in rows.items():
-        n = len(row.shares)
-        error = row.shares.std(axis=0, ddof=1) / np.sqrt(n)
-        for k, joint in enumerate(calibration.joints):
-            shown = display_unit(calibration.units[f"measured/{joint}"])
-            own, offset = row.half_width[k] * shown.scale, row.offset_half_width[k] * shown.scale
-            print(
-                f"| {calibration.estimator} | {use} | {joint} "
-                f"| {100 * row.shares[:, k].mean():.1f} ± {100 * error[k]:.1f} % "
-                f"| {own:.3f} {shown.name} | {offset:.3f} {shown.name} | {own / offset:.2f} |",
-                flush=True,
-            )
-        mean = row.shares.mean(axis=1)
+        error = row.shares.std(axis=0, ddof=1) / np.sqrt(len(row.shares))
+        pairs = zip(100 * row.shares.mean(axis=0), 100 * error, strict=True)
+        inside = ", ".join(f"{mean:.1f} ± {by:.1f}" for mean, by in pairs)
+        ratios = ", ".join(f"{ratio:.2f}" for ratio in row.half_width / row.offset_half_width)
         print(
-            f"| {calibration.estimator} | {use} | all "
-            f"| {100 * mean.mean():.1f} ± {100 * mean.std(ddof=1) / np.sqrt(n):.1f} % | | | |"
+            f"| {calibration.estimator} | {use} | {inside} "
+            f"| {lengths(row.half_width, units(calibration))} | {ratios} |",
+            flush=True,
         )
-
-
-def crossed(
-    name: str, dataset: Dataset, training: Sequence[Recording], testing: Sequence[Recording]
-) -> dict[str, Any]:
-    """Coverage of an estimator with the settings and features of a data set, see `judged`."""
-    estimator = get_estimator(name).set_params(**dataset.settings.get(name, {}))
-    how = {"features": list(dataset.features), "fit_rate": dataset.fit_rate}
-    return judged(cross_interval(training, estimator, **how), testing)
 
 
 def judged(model: Calibration, testing: Sequence[Recording]) -> dict[str, Any]:
@@ -181,47 +171,6 @@ def judged(model: Calibration, testing: Sequence[Recording]) -> dict[str, Any]:
     }
 
 
-def drawn(name: str, seed: int) -> dict[str, Any]:
-    """Fifteen files of the grasper's fifty, drawn at random, judged on the others."""
-    dataset = DATASETS["davinci_grasper_umn"]
-    recordings = read_dataset(dataset.name, dataset.splits[0].files)
-    order = np.random.default_rng(seed).permutation(len(recordings))
-    chosen = [recordings[i] for i in order]
-    return crossed(name, dataset, chosen[:15], chosen[15:])
-
-
-def split_apart(name: str, dataset: Dataset, split: HeldOut) -> dict[str, Any]:
-    """Training side of a recommended split, judged on the other."""
-    return crossed(name, dataset, *recommended_sides(dataset, split))
-
-
-def cross_table(names: Sequence[str], draws: int, out: Path) -> None:
-    """Print the table of intervals of what is fitted to."""
-    print("| estimator | recordings | trajectories | coverage | least | width to the offset's |")
-    print("|---|---|---|---|---|---|")
-    for name in names:
-        pieces: dict[str, list[dict[str, Any]]] = {}
-        for seed in range(draws):
-            title = "grasper, 15 of 50 files, on the others"
-            made = kept(out, f"{name}, drawn {seed}", partial(drawn, name, seed))
-            pieces.setdefault(title, []).append(made)
-        for dataset in DATASETS.values():
-            for split in dataset.splits:
-                title = f"{dataset.name}, {split.name}"
-                make = partial(split_apart, name, dataset, split)
-                pieces[title] = [kept(out, f"{name}, {title}", make)]
-        for title, found in pieces.items():
-            means = np.array([np.mean(piece["shares"]) for piece in found])
-            least = min(np.min(piece["shares"]) for piece in found)
-            ratio = np.mean([np.mean(piece["ratio"]) for piece in found])
-            spread = f" ± {100 * means.std(ddof=1):.1f}" if len(means) > 1 else ""
-            print(
-                f"| {name} | {title} | {found[0]['trajectories']} "
-                f"| {100 * means.mean():.1f}{spread} % | {100 * least:.0f} % | {ratio:.2f} |",
-                flush=True,
-            )
-
-
 Sides = tuple[list[Recording], list[Recording], dict[str, Any]]
 
 
@@ -230,13 +179,14 @@ def of_split(split: Split) -> Sides:
     return *split.sides(RATE), {"fit_rate": DATASETS[split.dataset].fit_rate}
 
 
-def alike(seed: int) -> Sides:
-    """Twenty files of the grasper's fifty, drawn at random, and ten others."""
+def alike(count: int, seed: int) -> Sides:
+    """So many files of the grasper's fifty, drawn at random, and ten others."""
     split = next(one for one in recommended() if one.dataset == "davinci_grasper_umn")
     found = [recording for side in split.sides(RATE) for recording in side]
     order = np.random.default_rng(seed).permutation(len(found))
-    training, testing = ([found[i] for i in part] for part in (order[:20], order[20:30]))
-    return training, testing, {"fit_rate": DATASETS[split.dataset].fit_rate}
+    training, testing = order[:count], order[count : count + JUDGED]
+    how = {"fit_rate": DATASETS[split.dataset].fit_rate}
+    return [found[i] for i in training], [found[i] for i in testing], how
 
 
 @cache
@@ -253,61 +203,149 @@ def homings(seed: int) -> Sides:
     return found[:SAME_HOMING], found[SAME_HOMING:], {"rezero": REZERO}
 
 
-def sides() -> dict[str, Callable[[], Sides]]:
-    """Give what is fitted to and what is judged, by title."""
-    splits = {one.title: partial(of_split, one) for one in recommended() if one.title in HELD_OUT}
-    drawn_ = {f"davinci_grasper_umn, drawn {seed}": partial(alike, seed) for seed in DRAWS}
-    return drawn_ | splits | {f"RAVEN twin {seed}": partial(homings, seed) for seed in DRAWS}
+def sides(draws: int) -> dict[str, list[Callable[[], Sides]]]:
+    """Give what is fitted to and what is judged, by title; where it is drawn, so many times."""
+    known = {split.title: split for split in (*recommended(), *harder())}
+    sheaths = [split for title, split in known.items() if ", sheath at" in title]
+    seeds = range(draws)
+    return {
+        **{f"grasper, {n} files": [partial(alike, n, seed) for seed in seeds] for n in FILES},
+        "grasper, frequency": [partial(of_split, known["davinci_grasper_umn, frequency"])],
+        "grasper, loads": [partial(of_split, known["davinci_grasper_umn, load"])],
+        "dVRK, random": [partial(of_split, known["dvrk_psm_berkeley, random"])],
+        "BROS": [partial(of_split, known["bros_dual_encoder, part"])],
+        "K-FLEX, sheath": [partial(of_split, split) for split in sheaths],
+        "RAVEN twin": [partial(homings, seed) for seed in seeds],
+    }
 
 
 def held_out(name: str, make: Callable[[], Sides]) -> dict[str, Any]:
     """Coverage of an estimator as it comes on what is held out; the reason if there is none.
 
-    A level that too few trajectories can state is none either.
+    A level that too few trajectories can state is none either. And the RMSE, and CPU seconds: of
+    the fit that is used, and of all that the interval takes.
     """
     training, testing, how = make()
-    began = time.process_time()
+    began, marks = time.process_time(), list[tuple[float, float]]()
     try:
-        model = cross_interval(training, name, **how)
+        model = cross_interval(
+            training, name, progress=lambda done: marks.append((done, time.process_time())), **how
+        )
     except CalibrationError as reason:
         return {"reason": str(reason)}
     took = time.process_time() - began
+    interval = model.required_interval()
+    first = 1.0 / (interval.folds + 1)  # of the progress: the fit that is used
     squares = [
-        np.mean(judged_error(model, one, model.required_interval().rezero)[0] ** 2, axis=0)
-        for one in testing
+        np.mean(judged_error(model, one, interval.rezero)[0] ** 2, axis=0) for one in testing
     ]
-    rmse = np.sqrt(np.mean(squares, axis=0))
-    return judged(model, testing) | {"rmse": rmse.tolist(), "seconds": took}
+    return judged(model, testing) | {
+        "rmse": np.sqrt(np.mean(squares, axis=0)).tolist(),
+        "fit": next(t for done, t in marks if done >= first - 1e-9) - began,
+        "seconds": took,
+    }
 
 
-def held_out_table(names: Sequence[str], only: Sequence[str], out: Path) -> None:
-    """Print the table of every estimator's interval on held-out recordings.
+def cell(found: Sequence[dict[str, Any]]) -> str:
+    """Coverage, that of the worst joint and of the worst recording; half-width to the RMSE.
 
-    In a cell coverage, that of the worst joint and of the worst recording, and the half-width to
-    the RMSE, of the joints the range.
+    Means over draws, with their standard deviation where there are several; the last of the joints
+    the range.
     """
+    shares = [100.0 * np.array(one["shares"]) for one in found]
+    by_joint = np.mean([own.mean(axis=0) for own in shares], axis=0)
+    least = min(own.mean(axis=1).min() for own in shares)
+    means = [own.mean() for own in shares]
+    spread = f" ± {np.std(means, ddof=1):.0f}" if len(means) > 1 else ""
+    widths = np.mean([np.divide(one["half_width"], one["rmse"]) for one in found], axis=0)
+    ends = dict.fromkeys((f"{widths.min():.1f}", f"{widths.max():.1f}"))
+    worst = f"{by_joint.min():.0f}, {least:.0f}"
+    return f"{np.mean(means):.0f}{spread} %, {worst}; {' to '.join(ends)}"
+
+
+def held_out_table(names: Sequence[str], only: Sequence[str], draws: int, out: Path) -> None:
+    """Print the table of every estimator's interval on held-out recordings, as `cell` has it."""
     made = {
-        title: make
-        for title, make in sides().items()
+        title: makes
+        for title, makes in sides(draws).items()
         if any(fnmatch(title, pattern) for pattern in only)
     }
-    print(f"| estimator | {' | '.join(made)} | CPU [s] |")
+    print(f"| estimator | {' | '.join(made)} | CPU: fit, with interval [s] |")
     print("|---" * (2 + len(made)) + "|")
     for name in names:
-        cells, took = [], 0.0
-        for title, make in made.items():
-            found = kept(out, f"{name}, {title}, held out", partial(held_out, name, make))
-            if "reason" in found:
-                print(f"{name}, {title}: {found['reason']}", file=sys.stderr)
-                cells.append("-")
-                continue
-            shares = 100.0 * np.array(found["shares"])
-            widths = np.divide(found["half_width"], found["rmse"])
-            ends = dict.fromkeys((f"{widths.min():.1f}", f"{widths.max():.1f}"))
-            worst = f"{shares.mean(axis=0).min():.0f}, {shares.mean(axis=1).min():.0f}"
-            cells.append(f"{shares.mean():.0f} %, {worst}; {' to '.join(ends)}")
-            took += found["seconds"]
-        print(f"| {name} | {' | '.join(cells)} | {took:.0f} |", flush=True)
+        cells, took = [], np.zeros(2)
+        for title, makes in made.items():
+            found = [
+                kept(out, f"{name}, {title}, {number}", partial(held_out, name, make))
+                for number, make in enumerate(makes)
+            ]
+            for reason in {one["reason"] for one in found if "reason" in one}:
+                print(f"{name}, {title}: {reason}", file=sys.stderr)
+            good = [one for one in found if "reason" not in one]
+            cells.append(cell(good) if good else "-")
+            took += sum((np.array([one["fit"], one["seconds"]]) for one in good), np.zeros(2))
+        print(f"| {name} | {' | '.join(cells)} | {took[0]:.0f}, {took[1]:.0f} |", flush=True)
+
+
+def few_table(tries: int = 400) -> None:
+    """Print what parts of few recordings cover of another, and the half-width to the RMSE.
+
+    And the same of the largest error seen. Errors are normal, about a mean of each recording's own,
+    whose deviation heads the column, in those within one.
+    """
+    rng, deviations = np.random.default_rng(0), (0.0, 1.0, 3.0)
+    print(f"| recordings | {' | '.join(f'{own:g}' for own in deviations)} |")
+    print("|---" * (1 + len(deviations)) + "|")
+    for count in (2, 3, 5, 8):
+        cells = []
+        for own in deviations:
+            found = np.empty((tries, 2, 2))
+            for row in found:
+                means = own * rng.normal(size=(count + 1, 1))
+                *seen, new = np.abs(means + rng.normal(size=(count + 1, 150)))
+                each = max(5, -(-15 // count))
+                parts = [part for one in seen for part in np.array_split(one, each)]
+                widths = np.array([conformal_threshold(parts, LEVEL), np.max(seen)])
+                row[:] = (new[:, None] <= widths).mean(axis=0), widths / np.hypot(own, 1.0)
+            both = [f"{100 * share:.0f} %; {width:.1f}" for share, width in found.mean(axis=0).T]
+            cells.append(" / ".join(both))
+        print(f"| {count} | {' | '.join(cells)} |", flush=True)
+
+
+def sessions_tables(names: Sequence[str], count: int, minutes: float) -> None:
+    """Print the tables of fresh sessions, and of calibrations of two homings."""
+    arm = homed_arm(TRAINING_SEED)
+    training = training_session(arm, TRAINING_SEED)
+    same = [
+        record(arm, random_motion(arm.robot, 60.0 * minutes, i), f"h{TRAINING_SEED}", 10.0)
+        for i in range(SAME_HOMING)
+    ]
+    other = training_session(homed_arm(OTHER_SEED), OTHER_SEED)
+    sessions = [fresh_session(SESSION_SEED + k, minutes) for k in range(count)]
+    print(f"{count} sessions of {minutes:g} min, level {100 * LEVEL:g} %\n")
+    print("| estimator | interval | coverage [%] | half-width | to the fixed offset's |")
+    print("|---|---|---|---|---|")
+    pairs = []
+    for name in names:
+        calibration = calibrate(training, name, random_state=0)
+        uses = {
+            "as homed": two_fold(calibration, sessions, 0.0),
+            f"re-zeroed from {REZERO:g} s": two_fold(calibration, sessions, REZERO),
+            "saw one homing (do not do this)": one_homing(calibration, same, sessions),
+        }
+        print_rows(calibration, uses)
+        pairs.append((calibration, calibrate(other, name, random_state=1)))
+    print("\n| two of | RMS difference | both intervals | inside [%] |")
+    print("|---|---|---|---|")
+    for first, second in pairs:
+        both = [with_interval(one, sessions) for one in (first, second)]
+        found = compare_calibrations(*both, sessions[0], LEVEL)
+        shown = units(first)
+        inside = ", ".join(f"{100 * share:.0f}" for share in found.inside)
+        print(
+            f"| {first.estimator} | {lengths(found.difference, shown)} "
+            f"| {lengths(found.allowed, shown)} | {inside} |"
+        )
 
 
 def main() -> None:
@@ -316,56 +354,20 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=60)
     parser.add_argument("--minutes", type=float, default=5.0)
     parser.add_argument("--estimators", nargs="+")
-    kinds = parser.add_mutually_exclusive_group()
-    kinds.add_argument("--cross", action="store_true", help="of the recordings fitted to")
-    kinds.add_argument("--held-out", action="store_true", help="the same, of every estimator")
-    parser.add_argument("--draws", type=int, default=20)
+    parser.add_argument("--few", action="store_true", help="of few recordings, simulated")
+    parser.add_argument("--held-out", action="store_true", help="of the recordings fitted to")
+    parser.add_argument("--draws", type=int, default=DRAWS, help="of files, and of twins")
     parser.add_argument("--only", nargs="+", default=["*"], help="patterns of what is held out")
     parser.add_argument("--out", type=Path, default=Path("bench/interval_coverage"))
     options = parser.parse_args()
-    if options.held_out:
-        held_out_table(options.estimators or ESTIMATORS, options.only, options.out)
-        return
-    names = options.estimators or ["linear", "dnn"]
-    if options.cross:
-        cross_table(names, options.draws, options.out)
-        return
-    arm = homed_arm(TRAINING_SEED)
-    training = training_session(arm, TRAINING_SEED)
-    same = [
-        record(arm, random_motion(arm.robot, 60.0 * options.minutes, i), f"h{TRAINING_SEED}", 10.0)
-        for i in range(SAME_HOMING)
-    ]
-    other = training_session(homed_arm(OTHER_SEED), OTHER_SEED)
-    seeds = range(SESSION_SEED, SESSION_SEED + options.sessions)
-    sessions = [fresh_session(seed, options.minutes) for seed in seeds]
-    print(f"{options.sessions} sessions of {options.minutes:g} min, level {100 * LEVEL:g} %\n")
-    print("| estimator | interval | joint | coverage | half-width | fixed offset's | ratio |")
-    print("|---|---|---|---|---|---|---|")
-    pairs = []
-    for name in names:
-        calibration = calibrate(training, name, random_state=0)
-        print_rows(
-            calibration,
-            {
-                "as homed": two_fold(calibration, sessions, 0.0),
-                f"re-zeroed from {REZERO:g} s": two_fold(calibration, sessions, REZERO),
-                "saw one homing (do not do this)": one_homing(calibration, same, sessions),
-            },
-        )
-        pairs.append((calibration, calibrate(other, name, random_state=1)))
-    print("\n| calibrations of two homings | joint | RMS difference | both intervals | inside |")
-    print("|---|---|---|---|---|")
-    for pair in pairs:
-        first, second = (with_interval(one, sessions) for one in pair)
-        found = compare_calibrations(first, second, sessions[0], LEVEL)
-        for k, joint in enumerate(first.joints):
-            shown = display_unit(first.units[f"measured/{joint}"])
-            print(
-                f"| {first.estimator} | {joint} | {found.difference[k] * shown.scale:.3f} "
-                f"{shown.name} | ± {found.allowed[k] * shown.scale:.3f} {shown.name} "
-                f"| {100 * found.inside[k]:.0f} % |"
-            )
+    if options.few:
+        few_table()
+    elif options.held_out:
+        names = options.estimators or ESTIMATORS
+        held_out_table(names, options.only, options.draws, options.out)
+    else:
+        names = options.estimators or ["linear", "dnn"]
+        sessions_tables(names, options.sessions, options.minutes)
 
 
 if __name__ == "__main__":

@@ -12,11 +12,11 @@ import argparse
 
 import numpy as np
 
+from benchmarks.raven_estimators import sessions
 from truejoint.estimators import NeuralNetwork, PoseNetwork
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.rivals import errors_of
 
-SPECIMEN = "peng2024"
 SIZES = ((4,), (12, 12), (100, 100))
 FIRST_SEED = 50  # of the arms
 
@@ -27,13 +27,7 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=2)
     parser.add_argument("--minutes", type=float, default=10.0)
     options = parser.parse_args()
-    raven = s.specimens([SPECIMEN])[SPECIMEN]
-    recorded = []
-    for seed in range(FIRST_SEED, FIRST_SEED + options.sessions):
-        arm, _ = s.homed(raven, seed)
-        training = s.training_sets(arm, ("4+5+6",))["4+5+6"]
-        test = s.random_test(arm, 60.0 * options.minutes, s.TEST_SEED + seed)
-        recorded.append((training, test.with_truth(s.JOINTS)))
+    recorded = sessions(FIRST_SEED, options.sessions, options.minutes)
     print(f"| hidden units | estimator | {' | '.join(s.TITLES)} | tool [mm] |\n" + "|---" * 6 + "|")
     for size in SIZES:
         for kind in (NeuralNetwork, PoseNetwork):

@@ -17,6 +17,7 @@ import time
 import numpy as np
 
 from truejoint.evaluation.metrics import rmse
+from truejoint.recordings import Recording
 from truejoint.studies.raven2 import sessions as s
 
 NETWORK = "dnn"
@@ -27,6 +28,18 @@ USUAL = (
 )  # fmt: skip
 
 
+def sessions(first: int, count: int, minutes: float) -> list[tuple[list[Recording], Recording]]:
+    """Training and test of arms of seeds from `first` on, each after a homing of its own."""
+    raven = s.specimens([SPECIMEN])[SPECIMEN]
+    recorded = []
+    for seed in range(first, first + count):
+        arm, _ = s.homed(raven, seed)
+        training = s.training_sets(arm, ("4+5+6",))["4+5+6"]
+        test = s.random_test(arm, 60.0 * minutes, s.TEST_SEED + seed)
+        recorded.append((training, test.with_truth(s.JOINTS)))
+    return recorded
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -35,13 +48,7 @@ def main() -> None:
     parser.add_argument("--first-seed", type=int, default=0, help="of the arms")
     parser.add_argument("--minutes", type=float, default=10.0)
     options = parser.parse_args()
-    raven = s.specimens([SPECIMEN])[SPECIMEN]
-    recorded = []
-    for seed in range(options.first_seed, options.first_seed + options.sessions):
-        arm, _ = s.homed(raven, seed)
-        training = s.training_sets(arm, ("4+5+6",))["4+5+6"]
-        test = s.random_test(arm, 60.0 * options.minutes, s.TEST_SEED + seed)
-        recorded.append((training, test.with_truth(s.JOINTS)))
+    recorded = sessions(options.first_seed, options.sessions, options.minutes)
     print(f"| estimator | {' | '.join(s.TITLES)} | to the network | CPU [s] |\n" + "|---" * 6 + "|")
     base = None
     for name in dict.fromkeys((NETWORK, *options.estimators)):

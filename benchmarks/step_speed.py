@@ -25,7 +25,6 @@ import numpy as np
 
 from benchmarks.corrector_speed import PARTS, time_corrector
 from benchmarks.exported_c_speed import build, forceps_session, some_interval
-from benchmarks.loop_jaws import driven_jaw
 from benchmarks.loop_session import Samples, simulated_session
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import TruejointError
@@ -37,6 +36,25 @@ BARS = {"Python": 25.0, "C": 12.0}  # us
 QUICK = {"epochs": 2}
 LEAST_CORRECTED = 90.0  # %
 SIX = 6
+
+
+def driven_jaw(seed: int) -> Recording:
+    """Make a minute at 200 Hz of a jaw that rubs and gives, under one load."""
+    rng = np.random.default_rng(seed)
+    t = np.arange(12_000) / 200.0
+    driver = 0.5 + 0.45 * np.cos(2.0 * np.pi * 0.3 * t) * (0.8 + 0.2 * np.sin(0.3 * t))
+    load = 0.02 + 0.02 * seed
+    friction = np.tanh(np.gradient(driver, t) / 0.05)
+    effort = load + 0.03 * friction + 0.01 * driver + 0.002 * rng.standard_normal(len(t))
+    columns = {
+        "t": t,
+        "measured/jaw": 1.0 - 0.9 * driver,
+        "driver/jaw": driver,
+        "effort/jaw": effort,
+        "truth/jaw": 1.1 - 0.88 * driver - 0.9 * load - 0.01 * friction,
+    }
+    origin = Provenance("davinci_grasper", session=str(seed))
+    return Recording.from_columns(columns, origin, {"effort/jaw": "Nm"})
 
 
 def six_joints(seed: int) -> Recording:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import os
 import signal
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -14,7 +15,9 @@ from hypothesis.internal.conjecture import providers
 from tests.synthetic import build_recording, make_recording
 from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
+from xdist.workermanage import WorkerController
 
+from truejoint.calibration import effort_fitting
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
 from truejoint.errors import RecordingError
@@ -26,6 +29,7 @@ from truejoint.robots import get_robot
 # same in every run, so that what fails has been changed; others are what `make fuzz` is for.
 settings.register_profile(
     "steady",
+    max_examples=40,
     deadline=None,
     derandomize=True,
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
@@ -35,6 +39,12 @@ settings.load_profile("steady")
 # others where tests are dealt out in another way. Reading all files for them takes two seconds.
 # There is no setting for it; this is from within Hypothesis, which reads them from 6.131.1 on.
 providers._get_local_constants = lambda: providers._local_constants
+
+# How errors stand where a motion begins is looked at from many starts of a single recording, which
+# takes longer than most fits. Here it is from as many as of each of several recordings.
+effort_fitting._STARTS = effort_fitting._STARTS_EACH
+
+os.fsync = lambda _file: None  # what tests write need outlive no power cut
 
 
 def pytest_collection_finish() -> None:
@@ -57,17 +67,29 @@ OF_EVERY_ESTIMATOR = {
 }
 
 
-class _ByModels(LoadFileScheduling):
-    """Gives processes a file at a time, but the files of `OF_EVERY_ESTIMATOR` to one of them."""
+class _FromBothEnds(LoadFileScheduling):
+    """Gives processes a file at a time, but the files of `OF_EVERY_ESTIMATOR` to one of them.
+
+    Every other process begins with the last file. Neighbours share fixtures and kernels, which so
+    are made and compiled once, and those who meet in the middle end together.
+    """
 
     def _split_scope(self, nodeid: str) -> str:
         file = super()._split_scope(nodeid)
         return "models" if file in OF_EVERY_ESTIMATOR else file
 
+    def _assign_work_unit(self, node: WorkerController) -> None:
+        if self.nodes.index(node) % 2:
+            self.workqueue.move_to_end(next(reversed(self.workqueue)), last=False)
+        super()._assign_work_unit(node)
+
 
 @pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> _ByModels | None:
-    return _ByModels(config, log) if config.getvalue("dist") == "loadfile" else None
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> _FromBothEnds | None:
+    if config.getvalue("dist") != "loadfile":
+        return None
+    config.option.loadscopereorder = False  # files with the most tests are not the longest
+    return _FromBothEnds(config, log)
 
 
 @pytest.fixture(autouse=True)
@@ -174,6 +196,14 @@ def recording_of() -> Build:
 @pytest.fixture(scope="session")
 def recording() -> Recording:
     return build_recording()
+
+
+@pytest.fixture
+def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pictures of few dots, not laid out, which takes long; a test of `figures` sees one whole."""
+    monkeypatch.setattr("truejoint.studies.figures._DPI", 20)
+    engine = "matplotlib.layout_engine.ConstrainedLayoutEngine"
+    monkeypatch.setattr(f"{engine}.execute", lambda *_: None)
 
 
 @pytest.fixture

@@ -84,6 +84,20 @@ def test_a_part_is_copied_into_the_whole():
     assert packed.view("table").shape == (0, 2)
 
 
+def test_a_part_of_a_part_shares_the_memory_of_the_whole():
+    middle, whole = Layout(), Layout()
+    middle.part("inner", "within")
+    whole.integer("before", "it")
+    whole.part("middle", "within")
+    own = middle.pack(inner=inner(1.0, 10.0, 20.0))
+    packed = whole.pack(before=3, middle=own)
+    found = packed.part("middle", "inner")
+    assert found.layout is own.parts["inner"].layout
+    for name in ("numbers", "memory"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(own.parts["inner"], name))
+        assert np.shares_memory(getattr(found, name), getattr(packed, name))
+
+
 def test_what_is_not_given_is_zero():
     packed = INNER.pack(weights=[1.0])
     assert (packed.numbers[SIZE], packed.memory[BIAS]) == (0, 0.0)

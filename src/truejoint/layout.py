@@ -209,11 +209,18 @@ class Memory:
         source: Any = self.memory if kind == "array" else self.numbers
         return source[start : start + int(np.prod(shape))].reshape(shape)
 
-    def part_view(self, part: str, name: str) -> Any:
-        """Array of floats of a part as an array that shares this memory."""
-        inner, start = self.parts[part], int(self.numbers[self.layout.fields[part].index + 1])
-        own = self.memory[start : start + len(inner.memory)]
-        return replace(inner, memory=own).view(name)
+    def part(self, *names: str) -> Memory:
+        """Part, of a part and so on if there are several `names`, that shares this memory."""
+        found = self
+        for name in names:
+            inner, index = found.parts[name], found.layout.fields[name].index
+            first, start = found.numbers[index : index + 2]
+            found = replace(
+                inner,
+                numbers=found.numbers[first : first + len(inner.numbers)],
+                memory=found.memory[start : start + len(inner.memory)],
+            )
+        return found
 
     __reduce__ = refuse_copy
 

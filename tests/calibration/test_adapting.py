@@ -79,13 +79,13 @@ def test_a_few_seconds_of_another_day_are_enough(estimator, tmp_path):
 
 def test_what_it_says_of_itself():
     first = calibrate([motion(0), motion(1)], "linear", features=FEATURES)
-    first = first.with_metadata(held_out=[], rezeroed={})
+    first = first.with_metadata(held_out=[], rezeroed={}, choice={})
     model = adapted(first, motion(5, zero=0.5))
     assert model.metadata["rows"] == 2000
     assert model.metadata["homing_ids"] == ["5"]
     sources = [session["source"] for session in model.metadata["sessions"]]
     assert sources == ["motion 5", "motion 0", "motion 1"]
-    assert not {"held_out", "rezeroed"} & set(model.metadata)
+    assert not {"held_out", "rezeroed", "choice"} & set(model.metadata)
     assert model.interval is None
     assert model.training_domain.error_upper[0] > 0.49 > first.training_domain.error_upper[0]
     assert set(model.baselines) == set(first.baselines)

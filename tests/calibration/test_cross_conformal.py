@@ -9,6 +9,7 @@ import pytest
 from sklearn.neighbors import KNeighborsRegressor
 from tests.calibration.test_choice import bent
 from tests.calibration.test_folds import crossed, jaw
+from tests.synthetic import build_recording
 
 from truejoint.calibration import (
     Calibration,
@@ -59,6 +60,83 @@ def test_one_recording_is_cut_into_parts():
     assert seen[-1] == pytest.approx(1.0)
     assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (15, 5, 1)
     assert "15 parts of its 1 recording:" in model.interval.meaning
+    assert "nor of another day" in model.interval.meaning
+
+
+@pytest.mark.parametrize(("count", "each"), [(2, 8), (4, 5)])
+def test_a_few_recordings_are_cut_and_left_out_whole(count, each):
+    recordings = [bent(seed, 0.2) for seed in range(count)]
+    interval = cross_interval(recordings, "poly2", growth=0.0).interval
+    assert (interval.trajectories, interval.folds) == (count * each, count)
+    assert (interval.cut, interval.whole) == (count, count)
+    scores = []
+    for one in recordings:
+        fit = calibrate([other for other in recordings if other is not one], "poly2")
+        error = np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0]
+        scores += [error[part.rows(len(one))] for part in folds.blocks([one], each)]
+    expected = conformal_threshold(scores, 0.9)
+    assert interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
+    assert f"lie outside altogether in 1 of {count + 1} cases" in interval.meaning
+
+
+def test_few_homings_are_left_out_whole():
+    six = [bent(seed, 0.2) for seed in range(6)]
+    homed = [
+        replace(one, provenance=replace(one.provenance, homing_id=f"h{i % 3}"))
+        for i, one in enumerate(six)
+    ]
+    interval = cross_interval(homed, "linear").interval
+    assert (interval.trajectories, interval.folds, interval.cut, interval.whole) == (30, 3, 6, 3)
+    rezeroed = cross_interval(homed, "linear", rezero=0.5).interval
+    assert (rezeroed.folds, rezeroed.whole) == (5, 6)
+
+
+def of_joints(moving: str, seed: int) -> Recording:
+    """Two joints, of which one stands still unless it is named."""
+    one = build_recording(400, seed)
+    still = [name for name in ("shoulder", "elbow") if name not in moving]
+    held = {f"{kind}/{name}": 0.1 for name in still for kind in ("measured", "truth")}
+    return replace(one, table=one.table.assign(**held))
+
+
+@pytest.mark.parametrize("moving", [("shoulder elbow",) * 3, ("shoulder", "shoulder", "elbow")])
+def test_what_one_recording_alone_shows_is_not_left_out_whole(moving):
+    recordings = [of_joints(names, seed) for seed, names in enumerate(moving)]
+    how = {"features": ["measured/shoulder", "measured/elbow"], "joints": ["shoulder", "elbow"]}
+    seen = []
+    interval = cross_interval(recordings, "linear", progress=seen.append, **how).interval
+    alone = "elbow" in moving
+    assert (interval.folds, interval.whole) == ((5, 0) if alone else (3, 3))
+    assert seen == sorted(seen)
+    assert seen[-1] == pytest.approx(1.0)
+
+
+def test_nor_is_what_is_nearly_all_the_time():
+    recordings = [
+        jaw(n=4000, session="long"),
+        jaw(n=300, session="a"),
+        jaw(1.1, n=300, session="b"),
+    ]
+    interval = cross_interval(recordings, "linear").interval
+    assert (interval.folds, interval.cut, interval.whole) == (5, 3, 0)
+
+
+@pytest.mark.parametrize("count", [3, 5, 8])
+def test_parts_of_few_recordings_cover_as_far_as_these_are_alike(count):
+    """Recordings with errors of their own, each of a fit without it: exchangeable."""
+    rng, each = np.random.default_rng(0), -(-15 // count)
+    found = []
+    for own in (0.0, 1.0, 5.0):  # deviation between recordings, in that within one
+        shares = []
+        for _ in range(200):
+            means = own * rng.normal(size=(count + 1, 1))
+            errors = np.abs(means + rng.normal(size=(count + 1, 90)))
+            parts = [part for one in errors[:count] for part in np.array_split(one, each)]
+            shares.append((errors[count] <= conformal_threshold(parts, 0.9)).mean())
+        found.append((np.mean(shares), 3.0 * np.std(shares) / np.sqrt(len(shares))))
+    for mean, error in found:
+        assert count / (count + 1) - error < mean < 0.9 * 16 / 15 + error
+    assert found[0][0] > max(0.9, found[2][0])  # of what each does by itself, less is promised
 
 
 def test_no_less_than_stated_is_covered_on_average():
@@ -74,7 +152,7 @@ def test_it_survives_its_file_and_an_older_file_is_read(tmp_path):
     model = cross_interval([bent(seed, 0.2) for seed in range(3)], "linear", rezero=0.2)
     write_calibration(model, tmp_path / "m.safetensors")
     again = read_calibration(tmp_path / "m.safetensors").interval
-    assert (again.folds, again.cut, again.rezero) == (5, 3, 0.2)
+    assert (again.folds, again.cut, again.whole, again.rezero) == (3, 3, 3, 0.2)
     assert again.meaning == model.interval.meaning
 
 
@@ -148,6 +226,17 @@ def test_what_is_stated_holds_under_loads_that_were_never_seen(estimator):
     found = measure_coverage(model, tests, 0.9)
     assert found.mean[0] > 0.7, found.shares
     assert found.half_width[0] < 3.0 * np.sqrt(np.mean(np.square(errors)))
+
+
+@pytest.mark.parametrize(
+    "estimator", ["linear_trees", "gp", KNeighborsRegressor(1, algorithm="brute")], ids=str
+)
+def test_what_few_recordings_state_holds_for_another(estimator):
+    """Their loads are remembered: parts of recordings that a fit saw would show no error."""
+    model = cross_interval([loaded(k, k) for k in (0, 3, 6, 9, 12)], estimator)
+    found = measure_coverage(model, [loaded(k, 300 + k) for k in (1, 4, 7, 10, 13)], 0.9)
+    assert found.mean[0] > 0.6, found.shares
+    assert model.interval.half_width(0.9)[0] > 5e-3  # of offsets of 1e-2, noise of 1e-3
 
 
 def test_a_level_never_seen_is_covered_as_theory_says_and_not_by_shuffled_folds():

@@ -146,7 +146,7 @@ def test_size_and_correlation_time_of_errors_are_found():
     }
     recording = Recording(base.table.assign(**truth), base.units, base.provenance)
     calibration = calibrate(recording, "offset", features=FEATURES)
-    size, time, _ = residual_statistics(calibration, [recording])
+    size, time, _ = residual_statistics(calibration, [recording], np.zeros(len(calibration.joints)))
     assert size == pytest.approx(0.02, rel=0.1)
     assert time == pytest.approx(4.0, rel=0.3)
 

@@ -217,6 +217,12 @@ def test_truth_that_stops_is_refused_where_it_stops(recording):
     refused("in none of 1500 rows", changed(recording, truth__elbow=np.full(1500, np.nan)))
 
 
+def test_a_gap_in_the_rows_is_none_of_the_truth(build, recording):
+    whole = recording.rows(np.r_[0:400, 1100:1500])  # 47 % of the time has no row at all
+    assert calibrate(whole, "linear", features=["measured/elbow"]).metadata["rows"] == 800
+    refused("2 rows with truth; linear with 14 features needs 150", build(2))
+
+
 def test_rare_truth_all_along_is_enough(build):
     recording = build(4000)
     truth = recording.column("truth/elbow").copy()

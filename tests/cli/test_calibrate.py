@@ -42,7 +42,7 @@ def test_auto_prints_what_was_tried_and_keeps_it(call: Call, sessions, tmp_path,
     assert "time [s]" in done.out
     assert model.metadata["fit_seconds"] > 0.0
     assert f"in {model.metadata['fit_seconds']:.1f} s" in model.summary()["trained on"]
-    assert (model.interval.trajectories, model.interval.cut) == (15, 3)
+    assert (model.interval.trajectories, model.interval.cut, model.interval.whole) == (15, 3, 3)
     assert "15 parts of its 3 recordings" in done.out.replace("\n", " ")
 
 

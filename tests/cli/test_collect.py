@@ -15,8 +15,11 @@ SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
 @pytest.fixture
 def motion(call, tmp_path):
-    path = tmp_path / "jaw.csv"
-    made = call("trajectory", "random", "--robot", "forceps", "--minutes", "0.5", "-o", path)
+    return random_motion(call, tmp_path / "jaw.csv", 0.2)
+
+
+def random_motion(call, path, minutes):
+    made = call("trajectory", "random", "--robot", "forceps", "--minutes", minutes, "-o", path)
     assert made.code == 0
     return path
 
@@ -77,9 +80,7 @@ def test_stopping_replaces_no_whole_recording(call, motion, tmp_path, monkeypatc
 
 
 def test_it_goes_on_where_it_was_stopped(call, motion, tmp_path):
-    other = tmp_path / "other.csv"
-    assert call("trajectory", "random", "--robot", "forceps", "--minutes", "0.2", "--seed", 5,
-                "-o", other).code == 0  # fmt: skip
+    other = random_motion(call, tmp_path / "other.csv", 0.1)
     arguments = ("--robot", "forceps", "-o", tmp_path)
     assert call("collect", motion, *arguments).code == 0
     before = (tmp_path / "jaw.parquet").read_bytes()
@@ -102,7 +103,7 @@ def test_a_recording_is_replayed(call, motion, tmp_path):
     replayed = call("collect", recorded, "--robot", "forceps", "-o", again, "--seed", 3)
     assert replayed.code == 0, replayed.err
     first, second = read_parquet(recorded), read_parquet(again / "jaw.parquet")
-    t = np.linspace(1.0, 25.0, 200)
+    t = np.linspace(1.0, 10.0, 80)
     wanted = np.interp(t, first.column("t"), first.column("setpoint/jaw"))
     # The way to the start and the rounding of its ends make it later.
     errors = [
@@ -112,15 +113,14 @@ def test_a_recording_is_replayed(call, motion, tmp_path):
     assert np.max(errors, axis=1).min() < 5e-3
 
 
-def test_the_joint_itself_is_taken_along(call, motion, tmp_path):
+def test_the_joint_itself_is_taken_along(call, tmp_path):
+    motion = random_motion(call, tmp_path / "jaw.csv", 0.5)
     arguments = ("--robot", "forceps", "-o", tmp_path, "--state-rate-hz", 100)
     assert call("collect", motion, *arguments).code == 0
     model = tmp_path / "jaw.st"
     recording = tmp_path / "jaw.parquet"
     assert call("calibrate", recording, "-e", "play_reset", "-o", model).code == 0
-    way = tmp_path / "way.csv"
-    drawn = call("trajectory", "random", "--robot", "forceps", "--minutes", "0.1", "-o", way)
-    assert drawn.code == 0
+    way = random_motion(call, tmp_path / "way.csv", 0.1)
     steered = ("--compensate", model, "--rezero-s", 2, "--seed", 4)
     made = call("collect", way, *arguments, *steered)
     assert made.code == 0, made.err

@@ -52,16 +52,43 @@ def test_what_is_no_command_or_option_is_found() -> None:
     assert unknown("truejoint calibrate run.csv --feture a -o m.st [--arm left]") == ["--feture"]
 
 
+def anchors(text: str) -> set[str]:
+    """Give what a link can point to in a page: its headings, as GitHub and GitLab write them."""
+    bare = re.sub(r"^```.*?^```", "", text, flags=re.DOTALL | re.MULTILINE)
+    headings = re.findall(r"^#+ (.+)$", bare, flags=re.MULTILINE)
+    return {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
+
+
+def test_a_heading_is_an_anchor() -> None:
+    text = "# Which one: `-e auto`\n```\n# no heading\n```\n### 2 s of truth, judged\n"
+    assert anchors(text) == {"which-one--e-auto", "2-s-of-truth-judged"}
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_pages_and_benchmarks_of_the_docs_are_there(page: Path) -> None:
-    text = page.read_text("utf-8")
-    links = {link.partition("#")[0] for link in re.findall(r"\]\(([^)\s]+)\)", text)}
-    own = [link for link in links if link and not link.startswith("http")]
-    assert [link for link in own if not (page.parent / link).exists()] == []
-    modules = set(re.findall(r"python -m (benchmarks(?:\.\w+)?)", text))
-    files = {name: ROOT.joinpath(*name.split(".")) for name in modules}
-    there = [n for n, file in files.items() if file.is_dir() or file.with_suffix(".py").exists()]
-    assert sorted(there) == sorted(modules)
+def test_links_of_the_docs_lead_somewhere(page: Path) -> None:
+    wrong = []
+    for link in re.findall(r"\]\(([^)\s]+)\)", page.read_text("utf-8")):
+        name, _, anchor = link.partition("#")
+        there = page.parent / name if name else page
+        if not name.startswith("http") and not (
+            there.exists() and (not anchor or anchor in anchors(there.read_text("utf-8")))
+        ):
+            wrong.append(link)
+    assert not wrong
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_benchmarks_of_the_docs_are_there_with_their_options(page: Path) -> None:
+    text = re.sub(r"\s+", " ", page.read_text("utf-8"))
+    shown = re.findall(r"python -m (benchmarks(?:\.\w+)?)([^`|]*)", text)
+    sources = {name: ROOT.joinpath(*name.split(".")) for name, _ in shown}
+    for name, rest in shown:
+        source = sources[name]
+        file = source / "__main__.py" if source.is_dir() else source.with_suffix(".py")
+        assert file.exists(), name
+        options = re.findall(r"(?<!\S)--[a-z-]+", rest.partition("```")[0])
+        known = file.read_text("utf-8")
+        assert [option for option in options if f'"{option}"' not in known] == [], name
 
 
 def test_every_page_is_linked_from_another() -> None:

@@ -62,29 +62,18 @@ def test_calibrate(
 
 
 @pytest.mark.usefixtures("nothing_is_read")
-def test_evaluate_refuses_a_folder_that_is_not_there(call: Call, session: Path) -> None:
-    files = [session / "m.st", session / "random.parquet"]
-    result = call("evaluate", *files, "--report", "nosuch/report.html")
+@pytest.mark.parametrize(
+    ("option", "value", "said"),
+    [
+        ("--report", "nosuch/report.html", "the folder nosuch does not exist"),
+        ("--report", "report.pdf", "report.pdf: a report is an HTML page; call it report.html"),
+        ("--tolerance", "elbo=0.2", "did you mean 'elbow'?"),
+    ],
+)
+def test_evaluate(call: Call, session: Path, option: str, value: str, said: str) -> None:
+    result = call("evaluate", session / "m.st", session / "random.parquet", option, value)
     assert result.code == 2
-    assert "the folder nosuch does not exist" in result.err
-
-
-@pytest.mark.usefixtures("nothing_is_read")
-def test_a_report_is_a_page(call: Call, session: Path) -> None:
-    files = [session / "m.st", session / "random.parquet"]
-    result = call("evaluate", *files, "--report", "report.pdf")
-    assert result.code == 2
-    assert "report.pdf: a report is an HTML page; call it report.html" in result.err
-
-
-@pytest.mark.usefixtures("nothing_is_read")
-def test_evaluate_refuses_a_joint_that_the_model_does_not_correct(
-    call: Call, session: Path
-) -> None:
-    files = [session / "m.st", session / "random.parquet"]
-    result = call("evaluate", *files, "--tolerance", "elbo=0.2")
-    assert result.code == 2
-    assert "did you mean 'elbow'?" in result.err
+    assert said in result.err
 
 
 @pytest.mark.parametrize(

@@ -33,6 +33,7 @@ def test_options_are_of_one_study(call):
     assert "--set is of one study; name it in place of 'forceps'" in result.err
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_study_prints_json_and_leaves_files(call, tmp_path):
     arguments = ("study", "forceps-unloaded", "--set", "methods=lsm", "-o", tmp_path)
     result = call(*arguments, "--json", "--jobs", "1")
@@ -50,6 +51,7 @@ def test_a_study_prints_json_and_leaves_files(call, tmp_path):
     assert "of other settings; choose another --out, or --force" in other.err
 
 
+@pytest.mark.usefixtures("coarse")
 def test_a_designers_own_file_is_taken(call, tmp_path):
     path = tmp_path / "stiff.toml"
     path.write_text("[drive_cable]\nstiffness = 16000.0\n", encoding="utf-8")
@@ -70,7 +72,7 @@ def two_studies(monkeypatch, tmp_path):
     monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
 
 
-@pytest.mark.usefixtures("two_studies")
+@pytest.mark.usefixtures("two_studies", "coarse")
 def test_all_studies_leave_one_page_though_one_is_refused(call, tmp_path):
     result = call("study", "all", "--preset", "small", "-o", tmp_path, "--jobs", "1", "--json")
     assert result.code == 2

@@ -141,4 +141,4 @@ def test_cables_of_another_kind_are_refused():
     forceps = get_robot("forceps")
     assert forceps.cable_mechanism is None
     with pytest.raises(CalibrationError, match="knows no cables"):
-        CableFilter().fit(np.zeros((500, 6)), np.zeros((500, 3)), loads=np.ones((500, 3)))
+        CableFilter().fit(np.zeros((500, 6)), np.zeros((500, 3)))

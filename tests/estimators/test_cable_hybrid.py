@@ -128,7 +128,7 @@ def test_without_a_load_it_is_refused_as_the_filter_is():
     with pytest.raises(CalibrationError, match="add a minute under known loads"):
         calibrate(wrist()[:1], "hybrid_cables")
     with pytest.raises(CalibrationError, match="hybrid_cables knows no cables"):
-        CableHybrid().fit(np.zeros((500, 6)), np.zeros((500, 3)), loads=np.ones((500, 3)))
+        CableHybrid().fit(np.zeros((500, 6)), np.zeros((500, 3)))
 
 
 def test_plays_that_are_none_are_refused():

@@ -2,15 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from sklearn.base import clone
 from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
 
-from truejoint.calibration import Calibration, read_calibration, write_calibration
+from truejoint.calibration import (
+    Calibration,
+    measure_coverage,
+    read_calibration,
+    with_interval,
+    write_calibration,
+)
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
+from truejoint.estimators.jaw import JawEstimator
 from truejoint.estimators.wrapped import class_of
+from truejoint.evaluation import part_by_time
 from truejoint.models.family import EstimatorData, find_family
 from truejoint.models.features import time_steps
 from truejoint.recordings import Recording
@@ -93,6 +103,7 @@ def test_it_survives_its_data_and_its_file(name, tmp_path):
     write_calibration(calibration, tmp_path / "model.safetensors")
     read = read_calibration(tmp_path / "model.safetensors")
     assert read.estimator == name
+    assert read.target == ("position" if isinstance(made, JawEstimator) else calibration.target)
     assert dict(read.model.model_params()) == dict(made.model_params())
     np.testing.assert_array_equal(read.model.evaluate(X, dt), expected)
 
@@ -160,6 +171,10 @@ def test_a_parameter_out_of_its_rule_is_refused_by_name_and_rule(name):
             assert str(caught.value).endswith(f"; it must be {rule.text}")
         with pytest.raises(CalibrationError, match="it needs"):
             family.check_params({k: v for k, v in params.items() if k != parameter})
+    for parameter, rule in get_estimator(name).training.items():
+        for value in (value for value in WRONG if not rule.holds(value)):
+            wrong = get_estimator(name).set_params(**{parameter: value})
+            refused(f" parameter {parameter} is .*; it must be ", wrong.check_params)
 
 
 @pytest.mark.parametrize("name", estimator_names())
@@ -177,3 +192,18 @@ def test_name_family_and_class_lead_to_each_other(name):
 def test_data_of_an_unknown_family_is_refused_by_name():
     data = EstimatorData("oracle", {}, {})
     refused("'oracle'", lambda: class_of(data.family).from_data(data, 1, 1))
+
+
+@pytest.mark.parametrize("name", estimator_names())
+def test_an_interval_holds_on_what_it_is_not_made_of(name):
+    calibration, recording = model(name), unseen(name)
+    other = replace(recording, provenance=replace(recording.provenance, session="unseen"))
+    parts = [part_by_time(other, k / 18, (k + 1) / 18) for k in range(18)]
+    stated = with_interval(calibration, parts[::2], growth=0.0)
+    errors = [
+        np.abs(one.columns("truth", calibration.joints) - calibration.correct(one))
+        for one in parts[::2]
+    ]
+    largest = np.nanmax(np.concatenate(errors), axis=0)  # 90 % of nine trajectories
+    np.testing.assert_allclose(stated.interval.half_width(0.9), largest, rtol=1e-9)
+    assert (measure_coverage(stated, parts[1::2], 0.9).mean > 0.8).all()

@@ -2,32 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from unittest.mock import patch
 
 import numpy as np
 import pytest
+from sklearn.base import clone
 from sklearn.tree import DecisionTreeRegressor
-from tests.estimators.test_elastic_joint import rows
+from tests.estimators.test_elastic_joint import fit, recording, rows
 
-from truejoint.estimators import ElasticJointFilter, ElasticJointHybrid, registry
+from truejoint import calibrate
+from truejoint.errors import CalibrationError
+from truejoint.estimators import (
+    Combination,
+    ElasticJointFilter,
+    ElasticJointHybrid,
+    PolynomialRegressor,
+    registry,
+)
 from truejoint.estimators.elastic_hybrid import zeros
 from truejoint.models import elastic_hybrid, elastic_joint, play_bank
 from truejoint.models.family import EstimatorData
+from truejoint.models.features import time_steps
+from truejoint.runtime import Corrector
 
 ELEMENTS = 2
 
 
 def rippled(seeds):
-    """Rows of a jaw whose angle ripples over the driver's, as no cubic does."""
+    """Rows of a jaw whose angle and torque ripple over the driver's angle, as no cubic does."""
     X, y, dt, _ = rows(seeds, seconds=12.0)
-    return X, y[:, :1] + 0.004 * np.sin(30.0 * X[:, :1]), dt
+    return X, y + [0.004, 0.006] * np.sin(30.0 * X[:, :1]), dt
 
 
 @pytest.fixture(scope="module")
 def fitted():
     X, y, dt = rippled(range(6))
     with patch.dict(registry._TREES["boosted_trees"].params, max_iter=40):
-        return ElasticJointHybrid(elements=ELEMENTS).fit(X, y, None, dt)
+        return fit(ElasticJointHybrid(elements=ELEMENTS), X, y, dt)
 
 
 def filter_of(model):
@@ -43,20 +55,80 @@ def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
     alone = filter_of(fitted)
     whole, told = fitted.evaluate(X, dt), alone.evaluate(X, dt)
     found = fitted.estimate(X, dt)
-    _, scales, trees = elastic_hybrid.parts(fitted.model_params(), fitted.arrays_)
-    plays = play_bank.expand_rows(elastic_hybrid.BANK, scales, X, dt, np.ones(len(X), bool))
+    params = fitted.model_params()
+    _, scales, trees = elastic_hybrid.parts(params, fitted.arrays_)
+    every = np.ones(len(X), bool)
+    plays = play_bank.expand_rows(elastic_hybrid.bank(params), scales, X, dt, every)
     filtered = alone.estimate(X, dt)
     assert trees.arrays["mean"].shape == (plays.shape[1] + ELEMENTS + 2 + 1,)
     np.testing.assert_array_equal(found.load, filtered.load)
-    off = np.abs(whole - found.outputs)
+    off = np.abs(whole - found.outputs[:, :1])
     assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree
     assert np.ptp(whole - told) > 1e-3
 
 
 def test_trees_learn_what_the_filters_responses_lack(fitted):
     X, y, dt = rippled(range(30, 34))
-    left, without = (np.std(one.evaluate(X, dt) - y) for one in (fitted, filter_of(fitted)))
-    assert left < 0.7 * without
+    for left, without in zip(
+        *((one.estimate(X, dt).outputs - y).std(axis=0) for one in (fitted, filter_of(fitted))),
+        strict=True,
+    ):
+        assert left < 0.7 * without
+
+
+def test_the_torque_does_not_change_the_angle(fitted):
+    X, y, dt = rippled(range(6))
+    with patch.dict(registry._TREES["boosted_trees"].params, max_iter=40):
+        alone = clone(fitted).fit(X, y[:, :1], None, dt)
+    X, _, dt = rippled([20])
+    off = np.abs(alone.evaluate(X, dt) - fitted.evaluate(X, dt))
+    assert (off < 1e-9).mean() > 0.99
+
+
+def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
+    X, _, dt = rippled([20])
+    X, dt = X[:300], dt[:300]
+    state, told = fitted.start(), []
+    for row, step in zip(X, dt, strict=True):
+        fitted.step(state, step, row)
+        told.append(state.memory.view("torque")[0])
+    off = np.abs(told - fitted.estimate(X, dt).outputs[:, 1])
+    assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree
+
+
+def test_trees_of_the_filter_do_not_smooth(fitted):
+    X, _, dt = rippled([20])
+    with pytest.raises(CalibrationError, match="smooth with ukf_elastic"):
+        fitted.estimate(X, dt, smoothed=True)
+
+
+def test_a_mean_tells_the_torque_of_its_member(fitted):
+    recordings = [recording(seed) for seed in range(4)]
+    members = ElasticJointHybrid(elements=ELEMENTS), PolynomialRegressor(1)
+    with patch.dict(registry._TREES["boosted_trees"].params, max_iter=10):
+        mean = Combination((Combination(members, ((0.9,), (0.1,))),), ((1.0,),))
+        model = calibrate(recordings[:3], mean, fit_rate=25.0)
+    unseen = recordings[3]
+    loop = Corrector(model)
+    loop.set_homing(True)
+    trace = loop.run(unseen)
+    hybrid = model.model.members_[0].members_[0]
+    X = model.feature_set.compute(unseen, model.gap_limit)
+    told = hybrid.estimate(X, time_steps(unseen.t, model.gap_limit))
+    off = np.abs(trace.beside["torque"][:, 0] - told.outputs[:, 1])
+    assert (off < 1e-9).mean() > 0.99
+
+
+def test_a_model_sees_the_plays_that_it_was_fitted_to(fitted, monkeypatch):
+    X, _, dt = rippled([20])
+    whole = fitted.evaluate(X, dt)
+    others = {"plays": (0.3, 0.4), "time_constants": (0.1,)}
+    monkeypatch.setattr(ElasticJointHybrid, "_FOUND", {**ElasticJointHybrid._FOUND, **others})
+    again = ElasticJointHybrid.from_data(fitted.data, 2, 1)
+    np.testing.assert_array_equal(again.evaluate(X, dt), whole)
+    without = {n: v for n, v in fitted.model_params().items() if n != "plays"}
+    with pytest.raises(CalibrationError, match=r"it needs .*'plays'"):
+        ElasticJointHybrid.from_data(replace(fitted.data, params=without), 2, 1)
 
 
 def tagged(seed, n=20, length=150):

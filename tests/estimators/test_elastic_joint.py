@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from statistics import NormalDist
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from truejoint.models import elastic_joint
 from truejoint.models.elastic_joint import NOISE
 from truejoint.models.features import time_steps
 from truejoint.recordings import Provenance, Recording
+from truejoint.runtime import Corrector
 
 RATE = 100.0
 WIDTHS = (0.01, 0.08)
@@ -55,24 +57,29 @@ def rows(seeds, **options):
     return X, y, steps, np.concatenate([part[4] for part in parts])
 
 
+def fit(model, X, y, steps):
+    """Fit to angle and torque, the columns of `y`."""
+    return model.fit(X, y[:, :1], None, steps, loads=y[:, 1:])
+
+
 def recording(seed):
-    driver, torque, jaw, _, _, t = joint(seed)
+    driver, torque, jaw, jaw_torque, _, t = joint(seed)
     columns = {
         "t": t,
         "measured/jaw": 1.0 - 0.9 * driver,
         "driver/jaw": driver,
         "effort/jaw": torque,
         "truth/jaw": jaw,
+        "truth_effort/jaw": jaw_torque,
     }
-    return Recording.from_columns(
-        columns, Provenance("davinci_grasper", session=str(seed)), {"effort/jaw": "Nm"}
-    )
+    units = dict.fromkeys(("effort/jaw", "truth_effort/jaw"), "Nm")
+    return Recording.from_columns(columns, Provenance("davinci_grasper", session=str(seed)), units)
 
 
 @pytest.fixture(scope="module")
 def fitted():
     X, y, steps, _ = rows(range(5))
-    return ElasticJointFilter(elements=2).fit(X, y, None, steps)
+    return fit(ElasticJointFilter(elements=2), X, y, steps)
 
 
 def test_it_finds_the_widths_of_the_friction(fitted):
@@ -101,7 +108,7 @@ def test_three_loads_are_no_reason_for_a_cubic():
     parts = [under([10 * i + j], load) for i, load in enumerate(loads) for j in range(2)]
     X, y, steps, _ = (np.concatenate(own) for own in zip(*parts, strict=True))
     y[:, 0] += np.repeat(np.radians(rng.normal(0.0, 0.3, len(parts))), len(y) // len(parts))
-    model = ElasticJointFilter(elements=2).fit(X, y, None, steps)
+    model = fit(ElasticJointFilter(elements=2), X, y, steps)
     X, y, steps, _ = under([90, 91], 0.09)
     assert abs(np.degrees((model.estimate(X, steps).outputs - y)[:, 0].mean())) < 0.3
 
@@ -116,7 +123,7 @@ def test_it_follows_a_load_that_changes(fitted):
 def test_what_it_states_of_its_errors_holds(fitted):
     X, y, steps, _ = rows(range(5))
     noise = 0.002 / np.sqrt(RATE) / fitted.scales_[2]
-    model = ElasticJointFilter(elements=2, torque_noise=noise).fit(X, y, None, steps)
+    model = fit(ElasticJointFilter(elements=2, torque_noise=noise), X, y, steps)
     wander = np.sqrt(model.noise_[NOISE.index("load_density")] / RATE) * model.scales_[2]
     rng = np.random.default_rng(7)
     X, y, steps, load = rows(
@@ -157,9 +164,33 @@ def test_rows_without_truth_are_seen_and_not_fitted_to(fitted):
     X, y, steps, _ = rows(range(5))
     rng = np.random.default_rng(0)
     known = rng.random(len(y)) < 0.5
-    model = clone(fitted).fit(X, np.where(known[:, None], y, np.nan), None, steps)
+    model = fit(clone(fitted), X, np.where(known[:, None], y, np.nan), steps)
     Xt, yt, stepst, _ = rows([50])
-    assert np.degrees((model.predict(Xt, stepst) - yt)[:, 0].std()) < 0.08
+    assert np.degrees((model.predict(Xt, stepst) - yt[:, :1]).std()) < 0.08
+
+
+def test_the_torque_does_not_change_the_angle(fitted):
+    X, y, steps, _ = rows(range(5))
+    alone = clone(fitted).fit(X, y[:, :1], None, steps)
+    assert fitted.family.beside(fitted.model_params()) == {"torque": ()}
+    assert alone.family.beside(alone.model_params()) == {}
+    Xt, _, stepst, _ = rows([50])
+    np.testing.assert_array_equal(alone.predict(Xt, stepst), fitted.predict(Xt, stepst))
+    assert alone.estimate(Xt, stepst).outputs.shape == (len(Xt), 1)
+
+
+def test_a_torque_that_is_known_in_few_rows_is_not_told(fitted):
+    X, y, steps, _ = rows(range(5))
+    for unknown in (np.nan, 0.0):
+        y[MIN_ROWS - 1 :, 1] = unknown
+        few = fit(clone(fitted), X, y, steps)
+        assert not few.model_params()["tells_torque"]
+
+
+def test_loads_of_another_shape_are_refused(fitted):
+    X, y, steps, _ = rows([0])
+    with pytest.raises(CalibrationError, match=r"give \(2500, 1\): truth_effort/jaw"):
+        clone(fitted).fit(X, y[:, :1], None, steps, loads=y[:, 1])
 
 
 def test_from_recordings_to_a_model_file_and_back(tmp_path):
@@ -172,6 +203,18 @@ def test_from_recordings_to_a_model_file_and_back(tmp_path):
     path = tmp_path / "jaw.safetensors"
     write_calibration(calibration, path)
     np.testing.assert_array_equal(read_calibration(path).correct(unseen), corrected)
+    loop = Corrector(read_calibration(path))
+    loop.set_homing(True)
+    trace, model = loop.run(unseen), calibration.model
+    X = calibration.feature_set.compute(unseen, calibration.gap_limit)
+    told = model.estimate(X, time_steps(unseen.t, calibration.gap_limit))
+    value, half_width = trace.beside["torque"].T
+    np.testing.assert_allclose(value, told.outputs[:, 1], rtol=0.0, atol=1e-12)
+    by_level = NormalDist().inv_cdf(0.95) * told.deviations[:, 1]
+    np.testing.assert_allclose(half_width, by_level, rtol=1e-9)
+    off = np.abs(value - unseen.column("truth_effort/jaw"))
+    assert off.std() < 1.5e-3
+    assert 0.7 < np.mean(off < half_width) <= 1.0
     state = calibration.start()
     signals = np.column_stack([unseen.table[s].to_numpy() for s in calibration.signals])
     steps = [calibration.step(state, unseen.t[i], signals[i]) for i in range(200)]
@@ -207,13 +250,13 @@ def test_rows_that_teach_nothing_are_refused(spoil, words):
     X, y, steps, _ = rows(range(2))
     spoil(X, y)
     with pytest.raises(CalibrationError, match=words):
-        ElasticJointFilter(elements=1).fit(X, y, None, steps)
+        fit(ElasticJointFilter(elements=1), X, y, steps)
 
 
 def test_one_load_for_all_is_refused():
     X, y, steps, _ = rows(range(3), load=lambda t: np.full(len(t), 0.05))
     with pytest.raises(CalibrationError, match="add recordings under other loads"):
-        ElasticJointFilter(elements=2).fit(X, y, None, steps)
+        fit(ElasticJointFilter(elements=2), X, y, steps)
 
 
 @pytest.mark.parametrize(
@@ -223,7 +266,7 @@ def test_one_load_for_all_is_refused():
 def test_parameters_out_of_their_range_are_refused(name, value):
     X, y, steps, _ = rows([0], seconds=5.0)
     with pytest.raises(CalibrationError, match=f"{name} is .* it must be"):
-        ElasticJointFilter(**{name: value}).fit(X, y, None, steps)
+        fit(ElasticJointFilter(**{name: value}), X, y, steps)
 
 
 @pytest.mark.parametrize("name", ["scales", "noise", "widths"])
@@ -231,7 +274,7 @@ def test_a_model_that_was_edited_is_refused(fitted, name):
     arrays = {key: array.copy() for key, array in fitted.arrays_.items()}
     arrays[name][1] *= -1.0
     with pytest.raises(CalibrationError, match="not above 0"):
-        ElasticJointFilter.from_data(replace(fitted.data, arrays=arrays), 2, 2)
+        ElasticJointFilter.from_data(replace(fitted.data, arrays=arrays), 2, 1)
 
 
 numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_value=1e12)

@@ -11,7 +11,13 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.gaussian_process import GaussianProcess, likeliest_kernel, unlikelihood
+from truejoint.estimators import gaussian_process
+from truejoint.estimators.gaussian_process import (
+    GaussianProcess,
+    Kernel,
+    likeliest_kernel,
+    unlikelihood,
+)
 from truejoint.models.gaussian_process import to_bells
 
 
@@ -104,6 +110,17 @@ def test_zeros_of_histories_do_not_bend_what_is_learnt():
     told, untold = bent(clone(model).fit(X, y, dt=dt)), bent(clone(model).fit(X, y))
     assert told < 0.06
     assert told < 0.5 * untold
+
+
+@pytest.mark.parametrize("width", [1e-2, 1e-3])
+def test_bells_of_which_the_zeros_take_nearly_all_are_fitted(monkeypatch, width):
+    """What is nearly a line, with histories of their own zeros: the normal equations cancel."""
+    kernel = Kernel(np.full(2, width), noise=1e-9, zero=1e-2)
+    monkeypatch.setattr(gaussian_process, "likeliest_kernel", lambda *_: kernel)
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (2000, 2))
+    dt = np.where(np.arange(len(X)) % 500, 0.01, 0.0)
+    model = GaussianProcess(points=200).fit(X, X[:, 0], dt=dt)
+    assert np.std(model.predict(X) - X[:, 0]) < 1e-3 * np.std(X[:, 0])
 
 
 def test_far_from_its_rows_it_predicts_the_mean():

@@ -1,4 +1,4 @@
-"""The jaw's estimators behind `calibrate`, the model file and `step`, and what they refuse."""
+"""The jaw's estimators behind `calibrate`, and what they refuse."""
 
 from __future__ import annotations
 
@@ -8,36 +8,10 @@ import numpy as np
 import pytest
 from tests.estimators.conftest import Pair
 
-from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RobotError
-from truejoint.estimators import estimator_names, get_estimator
-from truejoint.estimators.jaw import JawEstimator
+from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording
-
-JAW_ESTIMATORS = [n for n in estimator_names() if isinstance(get_estimator(n), JawEstimator)]
-
-
-@pytest.fixture(scope="module", params=JAW_ESTIMATORS)
-def calibrated(request, pair):
-    return calibrate(pair.recordings()[0], request.param)
-
-
-def test_file_and_loop_give_the_same_bits(calibrated, pair, tmp_path):
-    verification = pair.recordings()[1]
-    write_calibration(calibrated, tmp_path / "jaw.safetensors")
-    loaded = read_calibration(tmp_path / "jaw.safetensors")
-    expected = calibrated.correct(verification)
-    assert np.array_equal(loaded.correct(verification), expected)
-    assert loaded.target == "position"
-    assert loaded.baselines["linear"].correct(verification).shape == expected.shape
-    if calibrated.model.family.row is None:
-        with pytest.raises(CalibrationError, match="cannot run in a loop"):
-            loaded.start()
-        return
-    state = loaded.start()
-    samples = np.column_stack([verification.column(name) for name in loaded.signals])
-    online = [loaded.step(state, verification.t[i], samples[i]) for i in range(300)]
-    assert np.array_equal(np.array(online), expected[:300])
 
 
 def test_history_starts_anew_after_a_gap(pair):

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 from tests.estimators.conftest import SETTLED, steps, target
@@ -23,6 +25,7 @@ OFF = {
     "mechanism.wheel_radius": 9e-3,
     "mechanism.gear_ratio": 40.0,
 }
+ON_ONE = pytest.mark.parametrize("plant", ["nominal"], indirect=True)
 PLANTS = {"nominal": specimen("nominal"), "off": specimen("nominal").with_values(OFF)}
 
 
@@ -30,19 +33,19 @@ def rows(run) -> np.ndarray:
     return np.column_stack([run.column("motor/jaw"), run.column("cable/reset")])
 
 
-@pytest.fixture(scope="module", params=PLANTS)
+@pytest.fixture(params=PLANTS)
 def plant(request):
     return PLANTS[request.param]
 
 
-@pytest.fixture(scope="module")
-def model(plant):
+@cache
+def unloaded(plant):
     run = record_forceps(plant, calibration_trajectory().positions[:, 0], seed=0)
     return FrictionFilter(**vars(plant.mechanism)).fit(rows(run), target(run), dt=steps(run))
 
 
-@pytest.fixture(scope="module")
-def hung(plant):
+@cache
+def under_weights(plant):
     """200 g each way: a record, and its torque where the weight hangs still."""
     found = {}
     for way in ("along", "opposing"):
@@ -53,11 +56,27 @@ def hung(plant):
     return found
 
 
-@pytest.fixture(scope="module")
-def found(model, hung):
-    X = np.concatenate([rows(run) for run, _, _ in hung.values()])
-    dt = np.concatenate([steps(run) for run, _, _ in hung.values()])
-    return identify_stiffness(model, X, np.concatenate([t for _, _, t in hung.values()]), dt)
+@cache
+def stiffness(plant):
+    hung = under_weights(plant).values()
+    X = np.concatenate([rows(run) for run, _, _ in hung])
+    dt = np.concatenate([steps(run) for run, _, _ in hung])
+    return identify_stiffness(unloaded(plant), X, np.concatenate([t for _, _, t in hung]), dt)
+
+
+@pytest.fixture
+def model(plant):
+    return unloaded(plant)
+
+
+@pytest.fixture
+def hung(plant):
+    return under_weights(plant)
+
+
+@pytest.fixture
+def found(plant):
+    return stiffness(plant)
 
 
 def test_known_weights_tell_the_stiffness_and_what_it_is_off_by(plant, model, found):
@@ -87,7 +106,11 @@ def test_weights_under_which_the_jaw_rocks_tell_it_better(plant, model, found):
     assert abs(rocked.drive_stiffness - true) < 3.0 * rocked.deviation < 0.15 * true
 
 
-@pytest.mark.parametrize(("mass", "way"), [(0.1, "along"), (0.25, "along"), (0.25, "opposing")])
+@pytest.mark.parametrize(
+    ("plant", "mass", "way"),
+    [("nominal", 0.1, "along"), ("off", 0.25, "along"), ("nominal", 0.25, "opposing")],
+    indirect=["plant"],
+)
 def test_other_weights_are_then_within_what_is_stated(plant, model, found, mass, way):
     identified, test = model.with_stiffness(found), LoadTest(mass, way)
     run = record_forceps(plant, test, seed=4)
@@ -129,6 +152,7 @@ def test_a_load_that_nothing_shows_may_be_as_large_as_friction_holds():
     assert after(place + moving[-1] + still, end - moving[-1]) == pytest.approx(UNSHOWN)
 
 
+@ON_ONE
 def test_a_load_that_cannot_be_is_not_believed(model, hung):
     run, _, _ = hung["along"]
     X = rows(run)[:400] + np.array([5.0, 0.0])
@@ -139,6 +163,7 @@ def test_a_load_that_cannot_be_is_not_believed(model, hung):
     assert np.isnan(state.half_width[0])
 
 
+@ON_ONE
 def test_what_tells_no_stiffness_is_refused(model, hung):
     run, _, torque = hung["along"]
     X = rows(run)
@@ -155,7 +180,9 @@ def test_what_tells_no_stiffness_is_refused(model, hung):
         identify_stiffness(model, rows(opposing), light)
 
 
-@pytest.mark.parametrize("shift", [0.0, 8e-6, -2e-5])
+@pytest.mark.parametrize(
+    ("plant", "shift"), [("nominal", 0.0), ("off", 8e-6), ("nominal", -2e-5)], indirect=["plant"]
+)
 def test_zero_is_found_without_a_sensor_at_the_jaw(plant, model, shift):
     motion = sine_trajectory(((-np.radians(25.0), 1.0),), 4.0 * np.pi)
     run = record_forceps(plant, motion.positions[:, 0], seed=5, zero_shift=ZeroShift(reset=shift))
@@ -170,6 +197,7 @@ def test_a_shift_within_what_it_may_be_off_by_is_left_alone():
     assert EncoderZero(-2.8e-6, 1.3e-6).correction == -2.8e-6
 
 
+@ON_ONE
 def test_what_tells_no_zero_is_refused(model, hung):
     run, still, _ = hung["along"]
     with pytest.raises(CalibrationError, match="of the calibration's range"):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -11,14 +13,9 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.network import (
-    EPSILON,
-    Layers,
-    Penalties,
-    WideNetwork,
-    effective_batch,
-    loss_and_gradient,
-)
+from truejoint.estimators.adam import EPSILON
+from truejoint.estimators.layers import Layers, Penalties, loss_and_gradient
+from truejoint.estimators.network import WideNetwork, effective_batch
 
 SIZES = (4, 6, 5, 3)
 
@@ -50,6 +47,19 @@ def sklearn_loss(layers: Layers, X: np.ndarray, y: np.ndarray, alpha: float) -> 
     return 0.5 * float(squares) + alpha / (2 * len(X)) * penalty
 
 
+def assert_slopes(
+    gradient: Layers, layers: Layers, places: Iterable[int], loss: Callable[[], float]
+) -> None:
+    """Whether a gradient is, in some places, the difference quotient of the layers' loss."""
+    for i in places:
+        start, sides = layers.flat[i], []
+        for h in (1e-5, -1e-5):
+            layers.flat[i] = start + h
+            sides.append(loss())
+        layers.flat[i] = start
+        assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
+
+
 @settings(max_examples=15, deadline=None)
 @given(st.integers(1, 40), st.floats(0.0, 0.1), st.integers(0, 100))
 def test_gradient_is_the_slope_of_the_loss(n, decay, seed):
@@ -57,14 +67,8 @@ def test_gradient_is_the_slope_of_the_loss(n, decay, seed):
     gradient = Layers.zeros(SIZES, np.float64)
     loss = loss_and_gradient(layers, X, y, decay, gradient)
     assert loss == pytest.approx(keras_loss(layers, X, y, decay), rel=1e-12)
-    for i in range(0, layers.flat.size, 7):
-        start = layers.flat[i]
-        sides = []
-        for h in (1e-5, -1e-5):
-            layers.flat[i] = start + h
-            sides.append(keras_loss(layers, X, y, decay))
-        layers.flat[i] = start
-        assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
+    places = range(0, layers.flat.size, 7)
+    assert_slopes(gradient, layers, places, lambda: keras_loss(layers, X, y, decay))
 
 
 def test_gradient_of_further_penalties_is_the_slope_of_the_loss():
@@ -83,16 +87,8 @@ def test_gradient_of_further_penalties_is_the_slope_of_the_loss():
 
     gradient = Layers.zeros(SIZES, np.float64)
     assert loss_and_gradient(layers, X, y, 0.01, gradient, more) == pytest.approx(penalised())
-    for i in range(layers.flat.size):
-        start = layers.flat[i]
-        if abs(start) < 1e-4:  # the size of a weight has no slope at zero
-            continue
-        sides = []
-        for h in (1e-5, -1e-5):
-            layers.flat[i] = start + h
-            sides.append(penalised())
-        layers.flat[i] = start
-        assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
+    has_slope = np.flatnonzero(np.abs(layers.flat) >= 1e-4)  # at zero a weight's size has none
+    assert_slopes(gradient, layers, has_slope, penalised)
 
 
 def test_a_wide_network_runs_as_any_other():
@@ -231,6 +227,12 @@ def test_rows_beyond_the_most_are_left_out_evenly():
 def test_a_network_of_too_few_rows_is_refused(rows):
     with pytest.raises(CalibrationError, match=r"parameter rows is .* an integer from 300"):
         NeuralNetwork(rows=rows).check_params()
+
+
+@pytest.mark.parametrize("name", ["absolute_decay", "bias_decay", "activity_decay"])
+def test_a_penalty_that_rewards_is_refused(name):
+    with pytest.raises(CalibrationError, match=f"parameter {name} is -1.0; it must be a number"):
+        WideNetwork(**{name: -1.0}).check_params()
 
 
 def test_few_rows_get_smaller_batches():

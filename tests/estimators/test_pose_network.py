@@ -6,14 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.estimators.test_network import SIZES, forward, problem
+from tests.estimators.test_network import SIZES, assert_slopes, forward, problem
 from tests.runtime.streams import JOINTS, MINUTE, SIGNALS, recording
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
 from truejoint.calibration.fitting import reseeded
 from truejoint.errors import CalibrationError
 from truejoint.estimators import Combination, NeuralNetwork, PoseNetwork, network
-from truejoint.estimators.network import Layers, ToolMotion, loss_and_gradient
+from truejoint.estimators.layers import Layers, loss_and_gradient
+from truejoint.estimators.pose_network import ToolMotion
 from truejoint.robots import get_robot
 
 RAVEN = get_robot("raven2")
@@ -36,14 +37,7 @@ def test_gradient_of_weighted_squares_is_the_slope_of_the_loss():
     gradient = Layers.zeros(SIZES, np.float64)
     found = loss_and_gradient(layers, X, y, 0.01, gradient, weights=weights)
     assert found == pytest.approx(loss(), rel=1e-12)
-    for i in range(0, layers.flat.size, 3):
-        start = layers.flat[i]
-        sides = []
-        for h in (1e-5, -1e-5):
-            layers.flat[i] = start + h
-            sides.append(loss())
-        layers.flat[i] = start
-        assert gradient.flat[i] == pytest.approx((sides[0] - sides[1]) / 2e-5, abs=1e-8, rel=1e-6)
+    assert_slopes(gradient, layers, range(0, layers.flat.size, 3), loss)
 
 
 def test_outputs_that_move_the_tool_alike_are_those_of_any_network():

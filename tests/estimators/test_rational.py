@@ -44,7 +44,7 @@ def test_evaluation_is_equation_25():
 
 @pytest.mark.parametrize("method", ["projection", "global"])
 def test_a_rational_error_is_found_again(method):
-    motor, reset = loop()
+    motor, reset = loop(400)
     scale = np.array([1.0 / 12.0, 1.0 / np.abs(reset).max()])
     error = printed_form(TRUE, motor * scale[0], reset * scale[1])
     model = fit_rational(motor, reset, error, method)

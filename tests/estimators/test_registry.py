@@ -21,7 +21,14 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
-from truejoint.estimators.registry import BASELINES, DEFAULT, OWN, TITLES, parameter_names
+from truejoint.estimators.registry import (
+    BASELINES,
+    DEFAULT,
+    OWN,
+    TITLES,
+    parameter_names,
+    tried,
+)
 from truejoint.models.family import find_family
 
 SOURCE = Path(truejoint.__file__).parent
@@ -108,3 +115,25 @@ def test_nothing_else_names_an_estimator():
 @pytest.mark.parametrize("name", OWN)
 def test_parameters_are_known_without_importing_what_learns(name: str) -> None:
     assert sorted(parameter_names(name)) == sorted(get_estimator(name).get_params())
+
+
+def test_the_page_of_estimators_says_of_each_how_it_runs() -> None:
+    page = Path(__file__).parents[2] / "docs" / "estimators.md"
+    lines = re.findall(r"^\| (`.*) \|$", page.read_text("utf-8"), flags=re.MULTILINE)
+    rows = [line.split(" | ") for line in lines if line.count(" | ") == 6]
+    said = {name: row[3:] for row in rows for name in re.findall(r"`(\w+)`", row[0])}
+    automatic = {estimator.name for estimator in tried()}
+    found = {}
+    for name in OWN:
+        estimator = get_estimator(name)
+        family = estimator.family
+        found[name] = (
+            family.counts_samples,
+            name in automatic,
+            "in the loop, in C" if family.row is not None else "on recordings",
+            "its own" if family.knows_deviation(estimator.model_params()) else "of the calibration",
+        )
+    assert found == {
+        name: ("by samples" in sees, auto.startswith("yes"), runs, half_width)
+        for name, (sees, auto, runs, half_width) in said.items()
+    }

@@ -6,6 +6,7 @@ import doctest
 import sys
 import warnings
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -58,6 +59,7 @@ from tests.synthetic import build_recording
 from threadpoolctl import threadpool_limits
 
 from truejoint.calibration import (
+    Calibration,
     calibrate,
     read_calibration,
     rezeroed,
@@ -131,6 +133,7 @@ OFFLINE = [
 ]
 LOOP = [(name, one) for name, several in IN_THE_LOOP.items() for one in several]
 EVERY = [*LOOP, *(("scikit_learn", one) for one in OFFLINE)]
+TEST = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
 
 
 def label(value) -> str:
@@ -173,14 +176,19 @@ def test_it_predicts_what_scikit_learn_does(family, regressor, n_outputs, data):
     np.testing.assert_allclose((model.predict(rows) - mean) / scale, expected, rtol=0, atol=1e-11)
 
 
+@cache
+def fitted(regressor) -> Calibration:
+    """Calibration by one of `EVERY`, of 20 s."""
+    return streams.trained(regressor, recordings=[streams.recording(TEST.t)])
+
+
 @pytest.mark.parametrize(("family", "regressor"), EVERY, ids=label)
 def test_a_file_gives_it_back_bit_for_bit(family, regressor, tmp_path):
-    calibration = streams.trained(regressor)
+    calibration = fitted(regressor)
     path = tmp_path / "model.safetensors"
     write_calibration(calibration, path)
     again = read_calibration(path)
-    test = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
-    assert again.correct(test).tobytes() == calibration.correct(test).tobytes()
+    assert again.correct(TEST).tobytes() == calibration.correct(TEST).tobytes()
     last = regressor.steps[-1][1] if hasattr(regressor, "steps") else regressor
     assert again.estimator == calibration.estimator == type(last).__name__
     assert again.model.data.family == family
@@ -188,12 +196,11 @@ def test_a_file_gives_it_back_bit_for_bit(family, regressor, tmp_path):
 
 @pytest.mark.parametrize(("family", "regressor"), LOOP, ids=label)
 def test_it_runs_in_the_loop_bit_for_bit(family, regressor):
-    calibration = streams.trained(regressor)
-    test = streams.recording(np.arange(0.0, 20.0, 1 / 30), seed=3)
-    corrector, whole = ready(calibration), calibration.correct(test)
+    calibration = fitted(regressor)
+    corrector, whole = ready(calibration), calibration.correct(TEST)
     used = 0
-    for i, sample in enumerate(test.table[list(calibration.signals)].to_numpy()):
-        if corrector.step(test.t[i], sample) == Status.OK:
+    for i, sample in enumerate(TEST.table[list(calibration.signals)].to_numpy()):
+        if corrector.step(TEST.t[i], sample) == Status.OK:
             used += 1
             assert corrector.position.tobytes() == whole[i].tobytes()
     assert used > 300

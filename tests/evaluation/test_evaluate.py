@@ -17,7 +17,7 @@ from truejoint.robots import get_robot
 ROBOTS = ["raven2", "davinci_grasper", "dvrk_psm", "kuka_kr300"]
 
 
-@pytest.fixture(params=ROBOTS)
+@pytest.fixture(scope="module", params=ROBOTS)
 def case(
     request: pytest.FixtureRequest,
     recording_of: Callable[..., Recording],

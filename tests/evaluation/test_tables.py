@@ -8,14 +8,8 @@ import pytest
 from rich.console import Console
 
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation import (
-    evaluate,
-    findings_table,
-    plot_corrected,
-    score_table,
-    write_tables,
-)
-from truejoint.recordings import Recording, check_data
+from truejoint.evaluation import evaluate, plot_corrected, score_table, write_tables
+from truejoint.recordings import Recording
 from truejoint.units import display_unit
 
 
@@ -30,7 +24,6 @@ def test_the_table_and_the_picture_show_every_joint(
     evaluation = evaluate({"dnn": [calibration_of([train], seed=s) for s in range(2)]}, [test])
     console = Console(width=160, record=True, file=io.StringIO())
     console.print(score_table(evaluation))
-    console.print(findings_table(check_data([test])))
     text = console.export_text()
     for joint, unit in zip(evaluation.joints, evaluation.units, strict=True):
         shown = "deg" if unit == "rad" else "mm"

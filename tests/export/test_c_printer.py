@@ -155,7 +155,7 @@ NUMBERS = st.floats() | st.sampled_from([0.0, -0.0, 0.5, 1.0, -1.0])
 @needs_compiler
 @pytest.mark.parametrize("mode", [0, 1])
 @pytest.mark.parametrize("kernel", [products, choices, history, in_order], ids=lambda k: k.__name__)
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(rows=st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), min_size=1, max_size=5))
 def test_c_gives_the_same_bits(kernel, mode, rows):
     x, memory = np.array(rows), packed(mode)

@@ -79,7 +79,7 @@ def test_source_does_what_the_corrector_does(tmp_path_factory, data):
 @pytest.mark.parametrize("estimator", ESTIMATORS, ids=str)
 def test_long_streams_stay_equal(tmp_path, estimator):
     model = calibration(estimator, HISTORY, rezero=0.0)
-    assert 0.25 < assert_same_as_corrector(exported(tmp_path, model), model, 6000, 3) < 0.95
+    assert 0.25 < assert_same_as_corrector(exported(tmp_path, model), model, 2500, 3) < 0.95
 
 
 @needs_compiler

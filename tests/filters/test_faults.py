@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 from numba import njit
 
 from truejoint.filters import FilterResult, Gate, UnscentedFilter
+from truejoint.filters.linear import linear_model
 from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
-from truejoint.filters.state_space import StateSpaceModel, linear_model
+from truejoint.filters.state_space import StateSpaceModel
 from truejoint.filters.status import FilterStatus as Status
 
 DT = 0.01

@@ -15,12 +15,13 @@ from hypothesis import strategies as st
 from numba import njit
 
 from truejoint.filters import Gate, UnscentedFilter
+from truejoint.filters.linear import linear_model
 from truejoint.filters.sigma_points import (
     FilterError,
     LambdaSigmaPoints,
     ScaledSigmaPoints,
 )
-from truejoint.filters.state_space import StateSpaceModel, linear_model
+from truejoint.filters.state_space import StateSpaceModel
 from truejoint.filters.status import FilterStatus
 
 POINTS = (

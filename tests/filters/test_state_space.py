@@ -10,17 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 
-from truejoint.filters.sigma_points import FilterError
-from truejoint.filters.state_space import (
-    StateSpaceModel,
-    check_covariance,
-    covariance_factor,
+from truejoint.filters.linear import (
     discretise,
     linear_measurement,
     linear_model,
     linear_transition,
     van_loan,
 )
+from truejoint.filters.sigma_points import FilterError
+from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
 
 
 @njit

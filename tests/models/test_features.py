@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.models import Feature, FeatureSet, default_features, run_starts
+from truejoint.models import Feature, FeatureSet, default_features
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 
@@ -194,7 +194,7 @@ def test_online_equals_offline_bit_for_bit(x, steps, gap_limit):
     offline = feature_set.compute(recording, gap_limit)
     state, out = feature_set.start(), np.empty(len(feature_set))
     signals = np.column_stack([recording.column(s) for s in feature_set.signals])
-    starts = run_starts(recording.t, gap_limit)
+    starts = np.diff(recording.t, prepend=-np.inf) > gap_limit
     for row, t in enumerate(recording.t):
         assert feature_set.step(state, t, signals[row], gap_limit, out) == starts[row]
         assert out.tobytes() == offline[row].tobytes()

@@ -20,7 +20,7 @@ from truejoint.motion import (
 )
 from truejoint.robots import get_robot
 from truejoint.runtime import Status, motor_loop
-from truejoint.runtime.compensator import Uncorrected
+from truejoint.runtime.uncorrected import Uncorrected
 
 JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
 LAG = 0.02  # of the lagging arm [s]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
+from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
@@ -11,6 +12,7 @@ import numpy as np
 from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
+from truejoint.errors import ModelFileError
 from truejoint.estimators import RichPlay, cable_filter, cable_hybrid, registry, two_mass
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
@@ -118,3 +120,17 @@ def ready(calibration, **options) -> Corrector:
     corrector = Corrector(calibration, **options)
     corrector.set_homing(True)
     return corrector
+
+
+def ready_unless_refused(folder: Path, content: bytes) -> Corrector | None:
+    """Corrector of what a model file holds; None where it is refused, in one line that names it."""
+    path = folder / "model.safetensors"
+    path.write_bytes(content)
+    made, refusal = None, path.name
+    try:
+        made = ready(path)
+    except ModelFileError as error:
+        refusal = str(error)
+    assert path.name in refusal
+    assert "\n" not in refusal
+    return made

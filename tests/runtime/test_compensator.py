@@ -126,6 +126,15 @@ def test_the_set_point_makes_up_for_what_is_lost():
     assert not compensator.is_limited.any()
 
 
+@pytest.mark.parametrize("lag", [0.0, LAG, 0.05])
+def test_set_points_of_an_even_motion_are_ahead_by_the_time_that_motors_need(lag):
+    compensator, speed = quick(Told(-0.05), gain=0.0, lag=lag), 0.3
+    for k in range(50):
+        wanted = speed * k / 250.0
+        ahead = compensator.step(k / 250.0, [wanted], [wanted])[0] - wanted
+    assert ahead == pytest.approx(0.05 + lag * speed, abs=1e-9)
+
+
 def test_a_joint_that_friction_holds_is_pulled_until_it_comes():
     """The true joint stands still: all that the motor moves is lost, and the loop integrates."""
     told = Told()

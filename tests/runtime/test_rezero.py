@@ -17,11 +17,12 @@ from truejoint.runtime import ReZero
 from truejoint.runtime.rezero import DRIFT, PRIOR
 
 SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4, 2e-5])
+STEP = np.array([1e-2, 1e-3])
 
 
 def rezero(noise=NOISE, **settings) -> ReZero:
     baseline = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN,
-                               beginning_sd=np.zeros_like)  # fmt: skip
+                               step=STEP, beginning_sd=np.zeros_like)  # fmt: skip
     calibration = SimpleNamespace(robot="raven2", arm="left", joints=("elbow", "insertion"),
                                   effort_baseline=baseline, metadata={})  # fmt: skip
     return ReZero(calibration, truth_sd=noise, **settings)
@@ -46,6 +47,11 @@ def kalman(t: np.ndarray, readings: np.ndarray, k: int) -> tuple[np.ndarray, np.
         offsets.append(x[0])
         deviations.append(math.sqrt(P[0, 0]))
     return np.array(offsets), np.array(deviations)
+
+
+def position(t: float) -> np.ndarray:
+    """Where the joints are, which go twenty steps in a second."""
+    return 20.0 * STEP * t
 
 
 def plant(seed: int, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -74,7 +80,7 @@ def test_it_is_the_textbook_filter():
     filter_ = rezero()
     expected = [kalman(t, readings[:, k], k) for k in range(2)]
     for i in range(len(t)):
-        filter_.update(t[i], np.array([0.3, 0.4]), np.array([0.3, 0.4]) + readings[i])
+        filter_.update(t[i], position(t[i]), position(t[i]) + readings[i])
         for k in range(2):
             assert filter_.offset[k] == pytest.approx(expected[k][0][i], abs=1e-7 * SIZE[k] * 1e3)
             assert filter_.sd[k] == pytest.approx(expected[k][1][i], rel=1e-4)
@@ -87,7 +93,7 @@ def test_what_it_states_of_itself_holds():
         offset, readings = plant(seed, t)
         filter_ = rezero()
         for i in range(len(t)):
-            filter_.update(t[i], np.zeros(2), readings[i])
+            filter_.update(t[i], position(t[i]), position(t[i]) + readings[i])
         squares += ((filter_.offset - offset[-1]) / filter_.sd) ** 2
     low, high = chi2.ppf([0.005, 0.995], runs)
     assert ((squares > low) & (squares < high)).all()
@@ -96,8 +102,25 @@ def test_what_it_states_of_itself_holds():
 def test_ten_seconds_are_not_a_hundred_independent_readings():
     filter_ = rezero()
     for t in np.arange(0.0, 10.0, 0.1):
-        filter_.update(t, np.zeros(2), np.zeros(2))
+        filter_.update(t, position(t), position(t))
     assert (filter_.sd > 0.5 * SIZE).all()
+    assert (filter_.sd < 0.95 * SIZE).all()
+
+
+def test_a_rest_is_one_reading_however_long_it_lasts():
+    filter_, places = rezero(), np.array([0.5 * STEP, np.zeros(2)])  # within a step
+    for i in range(600):
+        filter_.update(0.1 * i, places[i % 2], places[i % 2] + SIZE)
+        if i == 0:
+            first = filter_.sd.copy()
+    assert filter_.offset == pytest.approx(SIZE, rel=1e-2)
+    assert filter_.sd == pytest.approx(first, rel=0.02)  # the truth's noise is averaged
+    unseen = rezero()
+    unseen.update(0.0, np.zeros(2), SIZE)
+    for t in np.arange(0.1, 60.0, 0.1):  # it goes there and back, with no truth meanwhile
+        unseen.update(t, position(min(t, 60.0 - t)), [math.nan, math.nan])
+    unseen.update(60.0, np.zeros(2), SIZE)
+    assert (unseen.sd < 0.8 * first).all()
 
 
 def test_before_any_truth_it_knows_nothing():
@@ -120,9 +143,10 @@ def test_single_wrong_readings_are_left_out():
     _, readings = plant(5, t)
     clean, dirty = rezero(), rezero()
     for i in range(len(t)):
-        clean.update(t[i], np.zeros(2), readings[i])
+        here = position(t[i])
+        clean.update(t[i], here, here + readings[i])
         wrong = readings[i] + (1.0 if i % 10 == 9 else 0.0)
-        dirty.update(t[i], np.zeros(2), wrong)
+        dirty.update(t[i], here, here + wrong)
         if i % 10 == 9:
             assert dirty.rejected.tolist() == [1.0, 1.0]
     assert (np.abs(clean.offset - dirty.offset) < clean.sd).all()
@@ -199,7 +223,8 @@ def touched_block(**change) -> tuple[BlockPose, np.ndarray, SimpleNamespace]:
         "covariance": np.diag([1e-14] * 6), "scale": 1.0, "scale_sd": 1e-7,
     }  # fmt: skip
     baseline = SimpleNamespace(residual=np.array([1e-3, 1e-3, 1e-4]),
-                               correlation=np.full(3, 2.0), beginning_sd=np.zeros_like)  # fmt: skip
+                               correlation=np.full(3, 2.0), step=np.full(3, 1e-4),
+                               beginning_sd=np.zeros_like)  # fmt: skip
     calibration = SimpleNamespace(robot="raven2", arm="left", effort_baseline=baseline,
                                   joints=("shoulder", "elbow", "insertion"))  # fmt: skip
     return BlockPose(**pose | change), joint, calibration
@@ -258,6 +283,7 @@ def test_touches_that_do_not_tell_the_joints_are_refused():
     calibration.joints = ("shoulder", "elbow")
     calibration.effort_baseline.residual = SIZE
     calibration.effort_baseline.correlation = TIME
+    calibration.effort_baseline.step = STEP
     with pytest.raises(CalibrationError, match="three joints"):
         ReZero(calibration).touch(0.0, joint[0, :2], joint[0], "1", block)
     assert np.isinf(filter_.sd).all()

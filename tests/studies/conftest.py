@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from matplotlib.layout_engine import ConstrainedLayoutEngine
 
-from truejoint.studies import Option, Study, StudyResult, figures, write_study
+from truejoint.studies import Option, Study, StudyResult, write_study
 
 MODULE = """
 import os
@@ -86,13 +85,6 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
     options = (Option("count", 4, "parts", small=2), Option("scale", 1.0, "size"))
     study = Study("toy", "A toy & its <parts>", "toy2020", "toy_study", options)
     return Toy(study, tmp_path / "log", lambda text: monkeypatch.setenv("TOY_TROUBLE", text))
-
-
-@pytest.fixture
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Pictures of few dots, not laid out, which takes long; `test_figures` sees one whole."""
-    monkeypatch.setattr(figures, "_DPI", 20)
-    monkeypatch.setattr(ConstrainedLayoutEngine, "execute", lambda *_: None)
 
 
 @pytest.fixture

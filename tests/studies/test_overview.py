@@ -11,7 +11,7 @@ from truejoint.studies.overview import found_results, write_overview
 
 
 @pytest.fixture
-def folder(toy, tmp_path, monkeypatch):
+def folder(toy, tmp_path, monkeypatch, coarse):
     """Results of one of two known studies."""
     known = {"toy": toy.study, "other": replace(toy.study, name="other", title="Not run yet")}
     monkeypatch.setattr("truejoint.studies.overview.STUDIES", known)

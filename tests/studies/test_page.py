@@ -11,7 +11,7 @@ from truejoint.studies import run_study, write_study
 
 
 @pytest.fixture
-def result(toy):
+def result(toy, coarse):
     return run_study(toy.study)
 
 

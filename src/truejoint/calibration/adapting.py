@@ -29,7 +29,7 @@ from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot
 
-_OF_THE_PRIOR: Final = ("held_out", "rezeroed", "accepted", "command", "fit_seconds")
+_OF_THE_PRIOR: Final = ("held_out", "rezeroed", "accepted", "command", "fit_seconds", "choice")
 """Metadata that do not hold."""
 _KEPT: Final = ("created", "rows", "duration", "data_sha256")  # of its metadata, under "prior"
 _LIKE: Final = ("measured", "effort")  # quantities by which rows are like others

@@ -153,7 +153,7 @@ def knowing_errors(
     baseline = calibration.effort_baseline
     if baseline is None:
         return calibration
-    found = [residual_statistics(*pair) for pair in judged]
+    found = [residual_statistics(*pair, baseline.step) for pair in judged]
     sizes, times, beginnings = zip(*found, strict=True)
     baseline = replace(
         baseline,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from truejoint.calibration.folds import (
     blocks,
     conditions,
     dealt,
+    enough_beside,
     wholes,
     without,
     without_levels,
@@ -35,6 +36,7 @@ from truejoint.calibration.folds import (
 from truejoint.calibration.interval import GROWTH, LEVELS
 from truejoint.calibration.selection import common_robot
 from truejoint.calibration.sessions import distinct
+from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress
 from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.wrapped import Regressor
@@ -57,19 +59,24 @@ def cross_interval(
 ) -> Calibration:
     """Fit as `calibrate` does, with an interval of the same recordings (cross-conformal).
 
-    Five more fits, or six, do without some of the recordings each, and their errors on these make
-    the interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
+    Two to six more fits do without some of the recordings each, and their errors on these make the
+    interval, as those on unseen recordings do in `with_interval`: each trajectory weighs the
     same, and one more, infinitely bad, stands for that to come. From ten recordings on (or homings,
-    where the recordings span several) they are the trajectories, copies of one counting once; fewer
-    are cut into fifteen parts or more, five or more each, with a tenth of a part left out on either
-    side. Recordings that come in levels of speed, effort or stated mass are left out by level:
-    a fit that remembers loads would else be judged on loads that it knows
+    where the recordings span several) they are the trajectories, copies of one counting once.
+    Recordings that come in levels of speed, effort or stated mass are left out by level: a fit that
+    remembers loads would else be judged on loads that it knows
     (`truejoint.calibration.folds.without_levels`).
 
-    What is stated is to be expected of more recordings like these, as far as the five fits err as
+    Fewer than ten are cut into fifteen parts or more, five or more each, which are the
+    trajectories. Two recordings (or homings) or more are left out whole all the same, unless one is
+    nearly all the time or the fit without it is refused; else a fit does without parts, and a tenth
+    of a part on either side. Parts of one recording say nothing of another day, and of n that
+    differ no more than n of n + 1 can be promised for the next.
+
+    What is stated is to be expected of more recordings like these, as far as those fits err as
     the fit of all does. That cannot be proved as for recordings that no fit saw; what can
     (Barber et al., Annals of Statistics 49(1), 2021, theorem 4, for intervals that keep all
-    fits) is 80 % for a stated 90 %. Parts of few recordings say nothing of another day.
+    fits) is 80 % for a stated 90 %.
 
     Parameters
     ----------
@@ -90,26 +97,23 @@ def cross_interval(
 
     Examples
     --------
-    >>> truejoint.calibration.cross_interval(training, "linear").interval.folds
-    5
+    >>> truejoint.calibration.cross_interval(training, "linear").interval.levels.tolist()
+    [0.8, 0.9]
     """
     check_interval(levels, rezero, growth)
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or (lambda _fraction: None)
     apart = distinct(recordings)
-    plan = _Plan.of(apart, per_homing=rezero == 0.0)
-    possible = possible_levels(levels, len(plan.units))
-    share = 1.0 / (len(plan.left_out) + 1)
+    plans = _plans(apart, per_homing=rezero == 0.0)
+    possible = possible_levels(levels, len(plans[0].units))
+    share = 1.0 / (len(plans[0].left_out) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
     again = {**how, "features": fitted.feature_set, "target": fitted.target}
     again |= {"joints": fitted.joints, "zero": fitted.metadata["zeros"]["of"]}
-    others = []
-    for k, fold in enumerate(plan.left_out):
-        done = within(report, (k + 1) * share, share)
-        training = without(apart, fold.parts)
-        other = calibrate(training, fitted.model.settled(), progress=done, **again)
-        others.append(other.fitted_for(rezeroing=rezero > 0.0))
+    rest = within(report, share, 1.0 - share)
+    plan, others = _fits(apart, plans, fitted.model.settled(), again, rest)
+    others = [other.fitted_for(rezeroing=rezero > 0.0) for other in others]
     unseen = [[_rows_of(apart, part) for part in fold.parts] for fold in plan.left_out]
     fitted = knowing_errors(fitted, list(zip(others, unseen, strict=True)))
     scores: dict[Part, list[Array]] = {}
@@ -126,7 +130,8 @@ def cross_interval(
         growth=growth,
         rezero=rezero,
         folds=len(plan.left_out),
-        cut=len(apart) if plan.is_cut else 0,
+        cut=plan.cut,
+        whole=plan.whole,
     )
     return state_interval(fitted, interval, apart)
 
@@ -137,21 +142,54 @@ class _Plan:
 
     units: list[list[Part]]
     left_out: list[Fold]
-    is_cut: bool  # whether recordings were cut for it
+    cut: int = 0  # recordings that were cut into the units
+    whole: int = 0  # of these, or of homings, that are left out whole all the same
 
-    @classmethod
-    def of(cls, recordings: Sequence[Recording], *, per_homing: bool) -> Self:
-        """Plan for recordings, none a copy of another, as `cross_interval` says."""
-        groups = exchangeable_units(recordings, per_homing=per_homing)
-        if len(groups) < WHOLE_FROM:
-            each = max(FOLDS, -(-PARTS // len(recordings)))
-            units = [[part] for part in blocks(recordings, each)]
-            return cls(units, dealt(units, ""), is_cut=True)
-        parts = wholes(recordings)
-        units = [[parts[i] for i in group] for group in groups]
-        if len(units) < len(parts):  # several recordings of a homing
-            return cls(units, dealt(units, ""), is_cut=False)
-        return cls(units, without_levels(recordings, conditions(recordings)), is_cut=False)
+
+def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
+    """Plans for recordings, none a copy of another, as `cross_interval` says; the first that works.
+
+    All have as many units.
+    """
+    groups = exchangeable_units(recordings, per_homing=per_homing)
+    if len(groups) < WHOLE_FROM:
+        parts = blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))
+        units = [[part] for part in parts]
+        by_part = _Plan(units, dealt(units, ""), len(recordings))
+        if len(groups) == 1 or not enough_beside(recordings, groups).all():
+            return [by_part]
+        whole = [[part for part in parts if part.recording in group] for group in groups]
+        return [_Plan(units, dealt(whole, ""), len(recordings), len(groups)), by_part]
+    parts = wholes(recordings)
+    units = [[parts[i] for i in group] for group in groups]
+    if len(units) < len(parts):  # several recordings of a homing
+        return [_Plan(units, dealt(units, ""))]
+    return [_Plan(units, without_levels(recordings, conditions(recordings)))]
+
+
+def _fits(
+    recordings: Sequence[Recording],
+    plans: Sequence[_Plan],
+    estimator: Regressor,
+    how: dict[str, Any],
+    report: Progress,
+) -> tuple[_Plan, list[Calibration]]:
+    """Fits without what each fold of a plan leaves out, of the first plan that works."""
+    plan, *others = plans
+    share = 1.0 / len(plan.left_out)
+    found = []
+    for k, fold in enumerate(plan.left_out):
+        done = within(report, k * share, share)
+        try:
+            training = without(recordings, fold.parts)
+            found.append(calibrate(training, estimator, progress=done, **how))
+        except CalibrationError:
+            if not others:
+                raise
+            return _fits(
+                recordings, others, estimator, how, within(report, k * share, 1 - k * share)
+            )
+    return plan, found
 
 
 def _rows_of(recordings: Sequence[Recording], part: Part) -> Recording:

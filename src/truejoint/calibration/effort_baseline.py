@@ -32,11 +32,19 @@ SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN = 4.0, 2.0
 averages out), and so many times what a held-out training recording shows: a quarter of an hour of
 zig-zags shows as little as a fifth of what two hours of work do (twelve virtual arms)."""
 
-BEGINNINGS: Final = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
-"""Times [s] from the start of a recording of which the errors are known."""
+BEGINNINGS: Final = (0.05, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+"""Times in motion [s] from the start of a recording of which the errors are known; in the first, a
+joint has not moved yet."""
+PAUSE: Final = 0.5
+"""A joint that takes longer [s] for a step rests meanwhile."""
 
 ANCHOR, TIME, HEADING, RUN, MOVED = 0, 1, 2, 3, 4
 N_TRAVEL: Final = 5
+
+# Rows of what is kept of a joint's motion: position and time of its last step, time when it was
+# last seen, and for how long it has been in motion.
+AT, SINCE, SEEN, IN_MOTION = 0, 1, 2, 3
+N_MOTION: Final = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,18 +65,24 @@ class EffortBaseline:
     friction_limit: Array
     residual: Array  # standard deviation of corrected positions about their mean error [rad or m]
     correlation: Array  # time over which such errors resemble each other [s]
-    # (n, n_joints), standard deviation [rad or m] of the offset of the first `BEGINNINGS` about the
-    # mean error of the recording: the calibration does not know what was before them.
+    # (n, n_joints), standard deviation [rad or m] of the offset of the first `BEGINNINGS` in motion
+    # about the mean error of the recording: the calibration does not know what was before them.
     beginning: Array
 
-    def beginning_sd(self, duration: float) -> Array:
-        """Deviation (n_joints,) [rad or m] of the offset of a beginning so long [s].
+    @property
+    def step(self) -> Array:
+        """How far each joint (n_joints,) [rad or m] goes before it counts as having moved."""
+        return (self.upper - self.lower) / STEPS_PER_RANGE
 
-        Beyond the longest that was looked at it falls with the root of the time.
+    def beginning_sd(self, in_motion: Array) -> Array:
+        """Deviation (n_joints,) [rad or m] of the offset of a beginning with so much motion [s].
+
+        Of each joint (n_joints,), as `time_in_motion` has it. Beyond the longest that was looked at
+        it falls with the root of the time.
         """
-        longest = max(duration / BEGINNINGS[-1], 1.0)
-        of_log = np.log(max(duration, BEGINNINGS[0])), np.log(BEGINNINGS)
-        found = [np.interp(*of_log, values) for values in self.beginning.T]
+        longest = np.maximum(in_motion / BEGINNINGS[-1], 1.0)
+        pairs = zip(np.maximum(in_motion, BEGINNINGS[0]), self.beginning.T, strict=True)
+        found = [np.interp(np.log(time), np.log(BEGINNINGS), values) for time, values in pairs]
         return np.asarray(np.array(found) / np.sqrt(longest), dtype=np.float64)
 
 
@@ -134,6 +148,44 @@ def travelled(
             return 0.0
     speed: float = moved / elapsed
     return speed
+
+
+@compiled
+def go_on_in_motion(j: int, t: float, position: float, step: float, motion: Array) -> float:
+    """Time [s] for which joint `j` has been in motion by `t` [s], where it is at `position`.
+
+    A joint is in motion while it goes by a `step` [rad or m] within half a second, or from one
+    sample to the next; else it rests, and friction holds what it held: its errors are one error,
+    however often they are read. `motion` (4, n_joints) is changed in place: NaN in the first row
+    and 0 in the last to start with. A position that is not known (NaN) changes nothing.
+    """
+    if np.isnan(position):
+        return float(motion[IN_MOTION, j])
+    if np.isnan(motion[AT, j]):
+        motion[AT, j] = position
+        motion[SINCE, j] = t
+    elif abs(position - motion[AT, j]) >= step:
+        longest = max(PAUSE, t - motion[SEEN, j])
+        motion[IN_MOTION, j] += min(t - motion[SINCE, j], longest)
+        motion[AT, j] = position
+        motion[SINCE, j] = t
+    motion[SEEN, j] = t
+    return float(motion[IN_MOTION, j])
+
+
+@compiled
+def time_in_motion(t: Array, position: Array, step: Array) -> Array:
+    """Time (n, n_joints) [s] for which each joint has been in motion: see `go_on_in_motion`.
+
+    Of stamps (n,) [s], positions (n, n_joints) and steps (n_joints,) [rad or m].
+    """
+    times = np.empty(position.shape)
+    motion = np.zeros((N_MOTION, position.shape[1]))
+    motion[AT] = np.nan
+    for i in range(t.shape[0]):
+        for j in range(position.shape[1]):
+            times[i, j] = go_on_in_motion(j, t[i], position[i, j], step[j], motion)
+    return times
 
 
 @compiled

@@ -60,7 +60,9 @@ def fit_effort_baseline(
         coef[j], scale[j] = _fit_effort(np.concatenate(own))
         shift[j], friction[j] = _held_out_shifts(own)
         monitored[j] = 1.0
-    residual, correlation, beginning = residual_statistics(calibration, recordings)
+    residual, correlation, beginning = residual_statistics(
+        calibration, recordings, (upper - lower) / STEPS_PER_RANGE
+    )
     return EffortBaseline(
         lower=lower,
         upper=upper,
@@ -76,15 +78,15 @@ def fit_effort_baseline(
 
 
 def residual_statistics(
-    calibration: Calibration, recordings: Sequence[Recording]
+    calibration: Calibration, recordings: Sequence[Recording], step: Array
 ) -> tuple[Array, Array, Array]:
     """Give standard deviation [rad or m] and correlation time [s] of errors, each (n_joints,).
 
     About each recording's mean; in that time the autocorrelation falls to 1/e. And the deviation
     (n, n_joints) [rad or m] from that mean of the offset that the first `BEGINNINGS` of a motion
     show, over 24 starts or more, three or more in each recording: a fit knows how these began, but
-    not what it takes for a beginning in their midst. Raises CalibrationError if no recording has
-    the truth of two rows.
+    not what it takes for a beginning in their midst. A joint moves by a `step` (n_joints,) [rad or
+    m], or rests. Raises CalibrationError if no recording has the truth of two rows.
     """
     errors, off = [], []
     count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
@@ -94,7 +96,7 @@ def residual_statistics(
         if known.sum() >= 2:
             mean = error[known].mean(axis=0)
             errors.append((recording.t[known], error[known] - mean))
-            off += [found - mean for found in beginnings(calibration, recording, count)]
+            off += [found - mean for found in beginnings(calibration, recording, count, step)]
     if not errors:
         raise CalibrationError(
             "no recording has the truth of two rows, so nothing tells how errors vary; give one "
@@ -113,17 +115,18 @@ def residual_statistics(
 def _root_mean_square(off: Array) -> Array:
     """Root mean square (n, n_joints) of deviations (m, n, n_joints) that are known, not NaN.
 
-    Of a beginning that is too long for any recording, that of the next shorter one; of one in which
-    no truth lies, that of the next longer one.
+    Of a beginning that is too long for any recording, or in which a joint never was in motion for
+    so long, that of the next shorter one; of one in which no truth lies, that of the next longer.
     """
     known = np.isfinite(off)
     square = np.where(known, off, 0.0) ** 2
     found = np.sqrt(square.sum(axis=0) / np.maximum(known.sum(axis=0), 1))
     places = np.arange(off.shape[1])
-    seen = places[known.any(axis=(0, 2))]
-    if not len(seen):
-        return np.zeros_like(found)
-    return np.asarray(found[seen[np.maximum(np.searchsorted(seen, places, "right") - 1, 0)]])
+    for values, seen in zip(found.T, np.any(known, axis=0).T, strict=True):
+        if seen.any():
+            there = np.searchsorted(places[seen], places, "right") - 1
+            values[:] = values[seen][np.maximum(there, 0)]
+    return np.asarray(found)
 
 
 def _pieces(recordings: Sequence[Recording]) -> list[Recording]:

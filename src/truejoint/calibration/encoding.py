@@ -249,13 +249,19 @@ def decode(
     )
     needed = set(data.units) == set(data.signals)
     _require(needed, "the units are not those of the columns that the model needs")
-    redundant = _units(description["redundant"])
+    return _with_extras(data, _units(description["redundant"]), arrays)
+
+
+def _with_extras(
+    data: CalibrationData[EstimatorData], redundant: dict[str, str], arrays: Mapping[str, Array]
+) -> CalibrationData[EstimatorData]:
+    """Give what it may have besides: redundant columns and their units, what checks, and zeros."""
     _require(not set(redundant) & set(data.signals), "a redundant column is an input as well")
     odd = [name for name in redundant if not is_signal(name)]  # such names stand in C source
     _require(not odd, f"the redundant column {odd[:1]!r:.60} is called as none is")
     data = replace(data, redundant=redundant)
-    n_joints, n_signals = len(joints), len(data.loop_signals)
-    shape = n_signals, len(feature_set), n_joints
+    n_joints, n_signals = len(data.joints), len(data.loop_signals)
+    shape = n_signals, len(data.feature_set), n_joints
     decoders: dict[str, Callable[[Mapping[str, Array]], Any]] = {
         "training_domain": lambda found: decode_training_domain(found, *shape),
         "interval": lambda found: decode_interval(found, n_joints),

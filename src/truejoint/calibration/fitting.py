@@ -518,16 +518,16 @@ def _fit_model(
         for values in zip(*((p.features, p.targets(target), p.dt) for p in parts), strict=True)
     )
     beside = model.truth_beside()
-    if not beside:
-        return model.fit(inputs, targets, report, dt)
     loads = np.concatenate([known_loads(part.recording, beside) for part in parts])
-    return model.fit(inputs, targets, report, dt, loads=loads)  # type: ignore[call-arg]  # it says so
+    return model.fit(inputs, targets, report, dt, loads)
 
 
 def known_loads(recording: Recording, names: Sequence[str]) -> Array:
     """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none."""
-    none = np.zeros(len(recording))
-    return np.column_stack([recording.table.get(name, none) for name in names])
+    columns = np.zeros((len(recording), len(names)))
+    for column, name in zip(columns.T, names, strict=True):
+        column[:] = recording.table.get(name, 0.0)
+    return columns
 
 
 def _fit_baselines(

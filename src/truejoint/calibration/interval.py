@@ -52,6 +52,9 @@ class Interval:
         (cross-conformal); 0 where it saw none of them.
     cut : int
         How many recordings were cut into the units; 0 where these are whole.
+    whole : int
+        How many recordings, or homings, the fits did without as a whole, where they were cut; 0
+        where the fits did without parts of them.
 
     Examples
     --------
@@ -69,6 +72,7 @@ class Interval:
     homings: int
     folds: int = 0
     cut: int = 0
+    whole: int = 0
 
     def half_width(self, level: float = 0.9) -> Array:
         """Half-width (n_joints,) [rad or m] at one level, within the trained range.
@@ -106,14 +110,20 @@ class Interval:
             )
         if not self.folds:
             return what
-        of = f"its {self.trajectories} trajectories"
+        of, beyond = f"its {self.trajectories} trajectories", ""
         if self.cut:
             plural = "s" if self.cut > 1 else ""
             of = f"the {self.trajectories} parts of its {self.cut} recording{plural}"
+            beyond = ", nor of another day"
+        if self.whole:
+            beyond = (
+                f"; one more recording that errs in its own way may lie outside altogether in 1 of "
+                f"{self.whole + 1} cases"
+            )
         return (
             f"{what}; cross-conformal over {of}: the stated share is to be expected of more like "
             f"them, as far as {self.folds} fits, each without some of them, err as the fit of all "
-            "does; nothing is promised of a speed, load or motion that is not among them"
+            "does; nothing is promised of a speed, load or motion that is not among them" + beyond
         )
 
 
@@ -175,7 +185,10 @@ def decode_interval(arrays: Mapping[str, Array], n_joints: int) -> Interval:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is not as it must be."""
     n_levels = arrays.get("levels", np.empty(0)).size
     widths = ("half_widths", "offset_half_widths", "raw_half_widths")
-    arrays = {"folds": np.zeros(1), "cut": np.zeros(1), **arrays}  # as before there were any
+    arrays = {
+        **dict.fromkeys(("folds", "cut", "whole"), np.zeros(1)),
+        **arrays,
+    }  # as before there were any
     shapes = {"levels": (n_levels,), **dict.fromkeys(widths, (n_levels, n_joints))}
     interval = decode_arrays(Interval, "interval", arrays, shapes)
     levels, count = interval.levels, arrays["trajectories"][0]

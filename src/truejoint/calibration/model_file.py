@@ -29,7 +29,7 @@ from truejoint.files import (
 
 Value = TypeVar("Value")
 
-FORMAT_VERSION: Final = 4
+FORMAT_VERSION: Final = 5
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
 MAX_HEADER_BYTES: Final = 2**20
 MAX_TENSORS: Final = 512

@@ -120,12 +120,13 @@ def _check_truth(recording: Recording, known: Mask, joints: Sequence[str]) -> No
             f"{source_of(recording)}: {what} known together in none of {len(t)} rows; check that "
             "the joint sensors ran and share the clock of the robot"
         )
-    marks = np.concatenate([t[:1], t[known], t[-1:]])
-    worst = int(np.argmax(np.diff(marks)))
-    longest = float(marks[worst + 1] - marks[worst])
-    if longest > LONGEST_WITHOUT_TRUTH * recording.duration:
+    rows = np.concatenate([[-1], np.flatnonzero(known), [len(t)]])
+    begin, end = t[np.maximum(rows[:-1], 0)], t[np.minimum(rows[1:], len(t) - 1)]
+    missing = np.where(np.diff(rows) > 1, end - begin, 0.0)  # a gap in the rows is none of truth
+    worst = int(np.argmax(missing))
+    if missing[worst] > LONGEST_WITHOUT_TRUTH * recording.duration:
         raise CalibrationError(
-            f"{source_of(recording)}: {what} missing from {marks[worst]:.2f} s to "
-            f"{marks[worst + 1]:.2f} s, {100 * longest / recording.duration:.0f} % of the "
+            f"{source_of(recording)}: {what} missing from {begin[worst]:.2f} s to "
+            f"{end[worst]:.2f} s, {100 * missing[worst] / recording.duration:.0f} % of the "
             "recording (a third is allowed); cut it to the part with truth or record it again"
         )

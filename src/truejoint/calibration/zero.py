@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.effort_baseline import BEGINNINGS
+from truejoint.calibration.effort_baseline import BEGINNINGS, time_in_motion
 from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.errors import CalibrationError
 from truejoint.models.features import time_steps
@@ -27,6 +27,7 @@ a slower motion stays longer where the calibration errs one way."""
 _DOUBT: Final = 1.5  # deviations of an offset that errors may explain
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
 _LEAST_PAST, _ENOUGH_PAST = 1e-3, 5.0  # [s]; the first row alone is worth something
+_NEARLY: Final = 0.8  # of a time, in which a joint also turns, and rests there for a moment
 _MOST_ROUNDS: Final = 20  # of moving the inputs of a model until its output fits
 
 
@@ -39,16 +40,16 @@ class Zero:
     offset : ndarray, shape (n_joints,)
         How far off the zero of the calibration is there [rad or m]: median of truth minus corrected
         position or, where it moves the measured positions, what brings that to nothing. Where the
-        calibration looks at the past, a reading weighs as much as the past before it is long, up to
-        5 s: how friction stood before a recording is not known.
+        calibration looks at the past, a reading weighs as much as the joint was in motion before
+        it, up to 5 s: how friction stood before a recording is not known.
     believed : ndarray, shape (n_joints,)
         By how much to move the zero [rad or m], as `truejoint.calibration.zero.believed_zero` says.
     sd : ndarray, shape (n_joints,)
         Standard deviation of `offset` as an estimate of the offset of a whole motion [rad or m].
-        Errors of a model resemble each other over seconds, so a brief truth knows less than its
-        number of readings suggests; and of what was before it starts a model knows nothing, so it
-        is no less than what beginnings of the training show. NaN where the calibration keeps no
-        `EffortBaseline`.
+        Errors of a model resemble each other over seconds of motion, so a brief truth knows less
+        than its number of readings suggests, and a rest no more than one of them; and of what was
+        before it starts a model knows nothing, so it is no less than what beginnings of the
+        training with as much motion show. NaN where the calibration keeps no `EffortBaseline`.
     rows : int
         Readings of the truth.
     duration : float
@@ -120,35 +121,50 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
         raise CalibrationError(f"the time to re-zero from is {duration:g} s; give more than 0 s")
     t, error, known = known_error(calibration, recording)
     used = at_start(t, duration)
-    weights = _past(calibration, recording, known)[used]
-    t, offset = t[used], _median(error[used], weights)
+    rows = np.flatnonzero(known)[used]
+    baseline = calibration.effort_baseline
+    in_motion = _in_motion(calibration, recording, None if baseline is None else baseline.step)
+    weights = _past(calibration, recording, in_motion)[rows]
+    t, offset = t[used], _medians(error[used], weights)
     if calibration.moves is not None:
         # The outputs move about as far as the inputs, but not just as far.
-        brief = recording.rows(slice(0, int(np.flatnonzero(known)[used][-1]) + 1))
+        brief = recording.rows(slice(0, int(rows[-1]) + 1))
         left = offset
         for _ in range(_MOST_ROUNDS):
-            now = _median(known_error(moved(calibration, offset), brief)[1], weights)
+            now = _medians(known_error(moved(calibration, offset), brief)[1], weights)
             if not np.abs(now).max() < np.abs(left).max():
                 break
             offset, left = offset + now, now
-    chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
-    apart = np.abs(np.subtract.outer(t[chosen], t[chosen])) / CORRELATION_MARGIN
-    pairs = np.outer(weights[chosen], weights[chosen]) / weights[chosen].sum() ** 2
     sd = np.full(len(calibration.joints), math.nan)
-    baseline = calibration.effort_baseline
     if baseline is not None:
-        alike = [float(np.sum(pairs * np.exp(-apart / time))) for time in baseline.correlation]
-        running = float(t[-1] - recording.t[0])
-        sd = np.maximum(baseline.residual * np.sqrt(alike), baseline.beginning_sd(running))
+        chosen = np.linspace(0, len(t) - 1, min(len(t), _MOST_ROWS)).astype(np.int64)
+        times = CORRELATION_MARGIN * baseline.correlation
+        by_joint = zip(in_motion[rows[chosen]].T, weights[chosen].T, times, strict=True)
+        alike = [_alike(*one) for one in by_joint]
+        at_beginnings = baseline.beginning_sd(in_motion[rows[-1]])
+        sd = np.maximum(baseline.residual * np.sqrt(alike), at_beginnings)
     moved_by = believed_zero(calibration, offset, sd)
     return Zero(offset, moved_by, sd, len(t), float(t[-1] - t[0]))
 
 
-def beginnings(calibration: Calibration, recording: Recording, count: int) -> list[Array]:
+def _alike(in_motion: Array, weights: Array, time: float) -> float:
+    """Variance of the mean of readings of these `weights` (m,), each of a variance of 1.
+
+    Those that are a `time` [s] apart `in_motion` (m,) [s] have a correlation of 1/e.
+    """
+    apart = np.abs(np.subtract.outer(in_motion, in_motion))
+    pairs = np.outer(weights, weights) * np.exp(-apart / time)
+    return float(pairs.sum() / weights.sum() ** 2)
+
+
+def beginnings(
+    calibration: Calibration, recording: Recording, count: int, step: Array
+) -> list[Array]:
     """Offsets (n, n_joints) [rad or m] of the first `BEGINNINGS` from each of `count` starts.
 
-    NaN for those that are longer than half of the recording, but for the shortest; of each start
-    with a truth, spread evenly. The calibration starts there anew.
+    NaN for those in which a joint, which moves by a `step` (n_joints,) [rad or m] or rests, was in
+    motion for less, but for the shortest; of each start with a truth, spread evenly, as far as the
+    longest, or half of the recording. The calibration starts there anew.
     """
     t, length = recording.t, min(BEGINNINGS[-1], 0.5 * recording.duration)
     starts = np.linspace(t[0], t[-1] - length, count)
@@ -160,38 +176,58 @@ def beginnings(calibration: Calibration, recording: Recording, count: int) -> li
     pieces = replace(recording, table=table)
     error = pieces.columns("truth", calibration.joints) - calibration.correct(pieces)
     known = np.asarray(np.isfinite(error).all(axis=1))
-    weights, found = _past(calibration, pieces, known), []
+    in_motion = _since_start(calibration, pieces, _in_motion(calibration, pieces, step))
+    weights, found = _past(calibration, pieces, in_motion), []
     for number in np.unique(piece[known]):
-        own = piece[known] == number
-        since = t[rows[known][own]] - starts[number]
+        own = known & (piece == number)
         off = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
-        for row, duration in enumerate(BEGINNINGS):
-            used = since < duration
-            if used.any() and (row == 0 or duration <= length):
-                off[row] = _median(error[known][own][used], weights[own][used])
+        columns = (values[own].T for values in (in_motion, error, weights))
+        for j, (since, left, weight) in enumerate(zip(*columns, strict=True)):
+            for row, duration in enumerate(BEGINNINGS):
+                used = since < duration
+                if used.any() and (row == 0 or since[-1] >= _NEARLY * duration):
+                    off[row, j] = _median(left[used], weight[used])
         found.append(off)
     return found
 
 
-def _past(calibration: Calibration, recording: Recording, known: Mask) -> Array:
-    """How long the past of each row with truth is (m,) [s]; 1 where nothing looks at the past."""
+def _in_motion(calibration: Calibration, recording: Recording, step: Array | None) -> Array:
+    """Time [s] for which each joint (n, n_joints) has been in motion; without steps, all time."""
+    position = np.ascontiguousarray(recording.columns("measured", calibration.joints))
+    step = np.zeros(position.shape[1]) if step is None else step
+    return time_in_motion(np.array(recording.t), position, step)
+
+
+def _since_start(calibration: Calibration, recording: Recording, in_motion: Array) -> Array:
+    """Time in motion (n, n_joints) [s] since the history of each row began."""
+    starts = time_steps(np.array(recording.t), calibration.gap_limit) == 0.0
+    return np.asarray(in_motion - in_motion[starts][np.cumsum(starts) - 1])
+
+
+def _past(calibration: Calibration, recording: Recording, in_motion: Array) -> Array:
+    """How long the past in motion of each row is (n, n_joints) [s].
+
+    1 where nothing looks at the past.
+    """
     looks_back = calibration.model.family.remembers or calibration.feature_set.start().memory.size
     if not looks_back:
-        return np.ones(int(known.sum()))
-    t = np.array(recording.t)
-    starts = time_steps(t, calibration.gap_limit) == 0.0
-    past = t - t[starts][np.cumsum(starts) - 1]
-    return np.asarray(np.clip(past[known], _LEAST_PAST, _ENOUGH_PAST))
+        return np.ones_like(in_motion)
+    past = _since_start(calibration, recording, in_motion)
+    return np.asarray(np.clip(past, _LEAST_PAST, _ENOUGH_PAST))
 
 
-def _median(error: Array, weights: Array) -> Array:
-    """Median (n_joints,) of errors (m, n_joints) of the rows' `weights` (m,)."""
+def _medians(error: Array, weights: Array) -> Array:
+    """Median (n_joints,) of errors (m, n_joints), each of its own weight (m, n_joints)."""
+    return np.array([_median(*column) for column in zip(error.T, weights.T, strict=True)])
+
+
+def _median(error: Array, weights: Array) -> float:
+    """Median of errors (m,) of these weights (m,)."""
     if (weights == weights[0]).all():
-        return np.asarray(np.median(error, axis=0))
-    order = np.argsort(error, axis=0)  # as np.quantile with weights, which numpy has from 2.0 on
-    reached = np.cumsum(weights[order], axis=0)
-    middle = np.argmax(reached >= 0.5 * reached[-1], axis=0)
-    return np.asarray(np.take_along_axis(error, order, axis=0)[middle, np.arange(len(middle))])
+        return float(np.median(error))
+    order = np.argsort(error)  # as np.quantile with weights, which numpy has from 2.0 on
+    reached = np.cumsum(weights[order])
+    return float(error[order[np.argmax(reached >= 0.5 * reached[-1])]])
 
 
 def rezeroed(

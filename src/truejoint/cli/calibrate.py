@@ -126,7 +126,7 @@ def calibrate(
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
     else:
-        if changed is None and "choice" in fitted.metadata:  # not of what a prior was chosen from
+        if "choice" in fitted.metadata:
             print_choice(fitted)
         out.print(f"{output}: {fitted}", soft_wrap=True)
 

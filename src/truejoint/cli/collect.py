@@ -179,7 +179,40 @@ class Loop:
         return truejoint.runtime.motor_loop(device.robot, lag=lag) if self.closed_loop else None
 
 
-@takes(loop=Loop)
+@dataclass(frozen=True)
+class Simulated:
+    """The simulated arm, an option each."""
+
+    robot: RobotName = DEFAULT
+    arm: ArmOption = ""
+    seed: Seed = 0
+    load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0
+    twin: Annotated[
+        str,
+        typer.Option(
+            help="Specimen of the simulated robot, such as peng2024, or a TOML file with its "
+            "parameters."
+        ),
+    ] = "nominal"
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="At the pace of the wall clock, as a robot does.")
+    ] = False
+
+    @property
+    def load(self) -> float:
+        """Mass hung on the tool [kg]."""
+        return self.load_grams / 1e3
+
+    def switched_on(self) -> truejoint.crtk.Arm:
+        """Give the arm, not homed."""
+        made = truejoint.simulation.make_twin(
+            self.robot, self.arm, parameters=self.twin, seed=self.seed, load=self.load
+        )
+        crtk = truejoint.crtk
+        return crtk.Arm((crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made))
+
+
+@takes(simulated=Simulated, loop=Loop)
 def collect(
     trajectories: Annotated[
         list[Path], typer.Argument(metavar="TRAJECTORY...", help="Trajectory files, in order.")
@@ -187,10 +220,8 @@ def collect(
     output: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for one Parquet file a trajectory.")
     ],
-    robot: RobotName = DEFAULT,
-    arm: ArmOption = "",
-    seed: Seed = 0,
-    load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,
+    *,
+    simulated: Simulated,
     encoders: Annotated[
         str | None,
         typer.Option(
@@ -199,7 +230,6 @@ def collect(
             "truth of the recordings.",
         ),
     ] = None,
-    *,
     loop: Loop,
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
     topic: Annotated[
@@ -211,16 +241,6 @@ def collect(
             autocompletion=complete.topics,
         ),
     ] = None,
-    twin: Annotated[
-        str,
-        typer.Option(
-            help="Specimen of the simulated robot, such as peng2024, or a TOML file with its "
-            "parameters."
-        ),
-    ] = "nominal",
-    real_time: Annotated[
-        bool, typer.Option("--real-time", help="At the pace of the wall clock, as a robot does.")
-    ] = False,
     until_enough: Annotated[
         bool,
         typer.Option(
@@ -251,12 +271,8 @@ def collect(
         if as_json:
             result_json({"recordings": []})
         return
-    made = truejoint.simulation.make_twin(
-        robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
-    )
-    kind = truejoint.crtk.PacedBackend if real_time else truejoint.crtk.SimulatedBackend
     with ExitStack() as stack:
-        device = stack.enter_context(truejoint.crtk.Arm(kind(made)))
+        device = stack.enter_context(simulated.switched_on())
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
         truejoint.crtk.check_topics(device.robot, topics)
@@ -266,7 +282,7 @@ def collect(
         home(device, truth)
         steering = loop.around(device, model, truth)
         how: dict[str, Any] = {
-            "load": load_grams / 1e3, "state_rate": state_rate_hz, "truth": truth,
+            "load": simulated.load, "state_rate": state_rate_hz, "truth": truth,
             "topics": topics, "steering": steering, "until_enough": until_enough,
             "overwrite": force,
         }  # fmt: skip

@@ -13,10 +13,9 @@ from truejoint.cli import complete, options
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.data import CHECK_FAILED
 from truejoint.cli.evaluate import show_verdict
-from truejoint.cli.inputs import Files, parse_tolerances, takes_files
+from truejoint.cli.inputs import Files, check_page_target, parse_tolerances, takes_files
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
-from truejoint.files import check_target
 from truejoint.units import with_unit
 
 Evaluation: TypeAlias = "truejoint.evaluation.Evaluation"
@@ -51,10 +50,7 @@ def compare(
             f"{len(paths)} model file{'s' if len(paths) != 1 else ''} among {', '.join(names)}; "
             "name at least two (`truejoint evaluate` judges one)"
         )
-    if report is not None:
-        from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
-
-        check_target(check_name(report), overwrite=force)
+    check_page_target(report, force)
     models = _by_title(paths)
     first = next(iter(models.values()))
     how: dict[str, Any] = {"tolerance": parse_tolerances(tolerance or [], first)}

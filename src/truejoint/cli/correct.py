@@ -35,7 +35,7 @@ def correct(
             "-o",
             help="Table to write, .csv or .parquet: time, corrected position, "
             "half-width (both in rad or m), what the model tells beside (of ukf_friction the load "
-            "on the jaw, Nm) and status of every row.",
+            "on the jaw, of ukf_elastic and hybrid its torque, Nm) and status of every row.",
         ),
     ],
     level_percent: options.Level = None,

@@ -12,9 +12,9 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, parse_tolerances, takes_files
+from truejoint.cli.inputs import Files, check_page_target, parse_tolerances, takes_files
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.files import check_folder, check_target
+from truejoint.files import check_folder
 
 _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
@@ -53,10 +53,7 @@ def evaluate(
     files: Files,
 ) -> None:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
-    if report is not None:
-        from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
-
-        check_target(check_name(report), overwrite=force)
+    check_page_target(report, force)
     if tables is not None:
         if tables.exists() and not force:
             raise RecordingError(f"{tables}: exists already; name a new folder, or --force")

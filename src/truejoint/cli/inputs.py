@@ -317,6 +317,14 @@ def check_model_target(path: Path, force: bool) -> None:
     check_target(check_name(path), overwrite=force)
 
 
+def check_page_target(path: Path | None, force: bool) -> None:
+    """Refuse, before anything long is done, a path at which no page can be written, if any."""
+    if path is not None:
+        from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
+
+        check_target(check_name(path), overwrite=force)
+
+
 def parse_part(text: str) -> tuple[float, float]:
     """Read ``"0.7:1"``; raises RecordingError when they are not 0 <= from < to <= 1."""
     first, separator, last = text.partition(":")

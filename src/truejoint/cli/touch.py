@@ -6,6 +6,7 @@ import shlex
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
@@ -14,7 +15,9 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
+from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, print_table, say
+from truejoint.cli.inputs import takes
 from truejoint.cli.show import is_model
 from truejoint.cli.touched import known_calibrations
 from truejoint.errors import CalibrationError, CommandRefused
@@ -32,6 +35,79 @@ _MANY, _FEW = 30, 6  # touches that calibrate or find a block, and that re-zero 
 _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
 
 
+@dataclass(frozen=True)
+class Aim:
+    """What touches are for, an option each."""
+
+    plate: Annotated[
+        Path | None,
+        typer.Option(
+            help="Plate file: touches that find where the block stands or, without a model, "
+            "calibrate the arm."
+        ),
+    ] = None
+    bolted: Annotated[
+        Path | None, typer.Option(help="Pose of a bolted block: touches that re-zero the model.")
+    ] = None
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL|DIR",
+            help="Without a model: an older one of this arm, or a folder of three or more of other "
+            "arms, by which touches are judged.",
+        ),
+    ] = None
+    side: options.Arm = ""
+
+    def purpose(
+        self, arm: str, model: Path | None
+    ) -> tuple[truejoint.robots.Robot, BlockPose, Purpose]:
+        """Robot, where its block stands, and what for; refuse what does not go together."""
+        from truejoint.calibration.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
+        from truejoint.calibration.touch_guide import (  # noqa: PLC0415
+            FindingBlock,
+            Learning,
+            Rezeroing,
+            design_pose,
+        )
+
+        if model is None:
+            if self.plate is None or self.bolted is not None:
+                raise CommandRefused(
+                    f"touch of {arm}, without a model, takes --plate, and calibrates; to re-zero "
+                    "or to find a block give the model file"
+                )
+            robot, block = truejoint.get_robot(arm, self.side), read_plate(self.plate)
+            known = [] if self.prior is None else known_calibrations(self.prior)
+            return robot, design_pose(block, robot), Learning(robot, block, known)
+        if (self.plate is None) == (self.bolted is None):
+            raise CommandRefused(
+                "touch takes --plate, to find a block, or --bolted, to re-zero by one"
+            )
+        if self.prior is not None or self.side:
+            raise CommandRefused("--prior and --arm are of an arm without a model; leave them out")
+        calibration = truejoint.read_calibration(model)
+        robot = truejoint.get_robot(calibration.robot, calibration.arm)
+        if self.bolted is not None:
+            pose = read_pose(self.bolted)
+            return robot, pose, Rezeroing(calibration, pose)
+        pose = design_pose(read_plate(self.plate or Path()), robot)
+        return robot, pose, FindingBlock(calibration, pose)
+
+    def following(self, arm: str, model: Path | None, output: Path) -> str:
+        """Command that takes what was touched."""
+        if self.bolted is not None:
+            words = ["rezero", arm, "--touches", output, "--bolted", self.bolted]
+        elif model is not None:
+            words = ["bolt", arm, "--touches", output, "--plate", self.plate]
+        else:
+            known = [] if self.prior is None else ["--prior", self.prior]
+            recording = output.with_suffix(".parquet")
+            words = ["calibrate", recording, "--touches", output, "--plate", self.plate, *known]
+        return shlex.join(str(word) for word in words)
+
+
+@takes(aim=Aim)
 def touch(
     arm: Annotated[
         str,
@@ -51,25 +127,8 @@ def touch(
             "Without it the plan alone is printed.",
         ),
     ] = None,
-    plate: Annotated[
-        Path | None,
-        typer.Option(
-            help="Plate file: touches that find where the block stands or, without a model, "
-            "calibrate the arm."
-        ),
-    ] = None,
-    bolted: Annotated[
-        Path | None, typer.Option(help="Pose of a bolted block: touches that re-zero the model.")
-    ] = None,
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL|DIR",
-            help="Without a model: an older one of this arm, or a folder of three or more of other "
-            "arms, by which touches are judged.",
-        ),
-    ] = None,
-    side: options.Arm = "",
+    *,
+    aim: Aim,
     touches: Annotated[
         int | None,
         typer.Option(min=3, max=200, help="How many at most; default: 30 and, with --bolted, 6."),
@@ -98,8 +157,8 @@ def touch(
     """
     is_robot = Path(arm).suffix in {"", ".toml"} and not is_model(Path(arm))
     model = None if is_robot else Path(arm)
-    robot, pose, purpose = _purpose(arm, model, side, plate, bolted, prior)
-    guide = _guide(purpose, robot, pose, touches or (_MANY if bolted is None else _FEW), seed)
+    robot, pose, purpose = aim.purpose(arm, model)
+    guide = _guide(purpose, robot, pose, touches or (_MANY if aim.bolted is None else _FEW), seed)
     if output is None:
         _print_plan(guide)
         return
@@ -110,42 +169,7 @@ def touch(
             guide, recorder, seat, output, until_mm / 1e3, fewest=purpose.fewest, goes_on=by_hand
         )
     out.print(f"{output}: {len(made)} touches of {pose.plate.name}")
-    say(f"next: truejoint {_following(arm, model, plate, bolted, prior, output)} -o ...")
-
-
-def _purpose(
-    arm: str, model: Path | None, side: str, plate: Path | None, bolted: Path | None,
-    prior: Path | None,
-) -> tuple[truejoint.robots.Robot, BlockPose, Purpose]:  # fmt: skip
-    """Robot, where its block stands, and what touches are for; refuse what does not go together."""
-    from truejoint.calibration.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
-    from truejoint.calibration.touch_guide import (  # noqa: PLC0415
-        FindingBlock,
-        Learning,
-        Rezeroing,
-        design_pose,
-    )
-
-    if model is None:
-        if plate is None or bolted is not None:
-            raise CommandRefused(
-                f"touch of {arm}, without a model, takes --plate, and calibrates; to re-zero or to "
-                "find a block give the model file"
-            )
-        robot, block = truejoint.get_robot(arm, side), read_plate(plate)
-        known = [] if prior is None else known_calibrations(prior)
-        return robot, design_pose(block, robot), Learning(robot, block, known)
-    if (plate is None) == (bolted is None):
-        raise CommandRefused("touch takes --plate, to find a block, or --bolted, to re-zero by one")
-    if prior is not None or side:
-        raise CommandRefused("--prior and --arm are of an arm without a model; leave them out")
-    calibration = truejoint.read_calibration(model)
-    robot = truejoint.get_robot(calibration.robot, calibration.arm)
-    if bolted is not None:
-        pose = read_pose(bolted)
-        return robot, pose, Rezeroing(calibration, pose)
-    pose = design_pose(read_plate(plate or Path()), robot)
-    return robot, pose, FindingBlock(calibration, pose)
+    say(f"next: truejoint {aim.following(arm, model, output)} -o ...")
 
 
 def _guide(
@@ -172,22 +196,6 @@ def _recorder(device: truejoint.crtk.Arm, output: Path, *, overwrite: bool) -> R
     return truejoint.recordings.Recorder(
         device, path=path, overwrite=overwrite, session=output.stem, command=command
     )
-
-
-def _following(
-    arm: str, model: Path | None, plate: Path | None, bolted: Path | None, prior: Path | None,
-    output: Path,
-) -> str:  # fmt: skip
-    """Command that takes what was touched."""
-    if bolted is not None:
-        words = ["rezero", arm, "--touches", output, "--bolted", bolted]
-    elif model is not None:
-        words = ["bolt", arm, "--touches", output, "--plate", plate]
-    else:
-        known = [] if prior is None else ["--prior", prior]
-        recording = output.with_suffix(".parquet")
-        words = ["calibrate", recording, "--touches", output, "--plate", plate, *known]
-    return shlex.join(str(word) for word in words)
 
 
 def follow_guide(
@@ -252,9 +260,7 @@ def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoin
 
     with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:
         check_robot((pose.robot, pose.arm), device.robot)
-        say(f"Homing {device.robot.title}, simulated ...")
-        device.enable()
-        device.home()
+        home(device, None)
         hand = SimulatedHand(device, pose.rotation, pose.translation, seed=seed)
 
         def seat(stop: Stop) -> float:

@@ -11,11 +11,10 @@ import typer
 
 import truejoint
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import Files
+from truejoint.cli.inputs import Files, check_page_target
 from truejoint.cli.rezero import say_left_out
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
-from truejoint.files import check_target
 from truejoint.units import with_unit
 
 if TYPE_CHECKING:
@@ -73,10 +72,7 @@ class Seen:
             raise CalibrationError("--touches and --plate belong together: give both, or neither")
         if self.points is None and self.registration is not None:
             raise CalibrationError("--registration is of a tracker: give it with --points")
-        if self.touch_report is not None:
-            from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # NumPy
-
-            check_target(check_name(self.touch_report), overwrite=force)
+        check_page_target(self.touch_report, force)
 
 
 def calibrate_touched(

@@ -12,12 +12,12 @@ from .jaw_load import EncoderZero as EncoderZero
 from .jaw_load import find_encoder_zero as find_encoder_zero
 from .jaw_load import identify_stiffness as identify_stiffness
 from .network import NeuralNetwork as NeuralNetwork
-from .network import PoseNetwork as PoseNetwork
 from .play import GatedPlay as GatedPlay
 from .play import Play as Play
 from .polynomial import FixedOffset as FixedOffset
 from .polynomial import LinearRegressor as LinearRegressor
 from .polynomial import PolynomialRegressor as PolynomialRegressor
+from .pose_network import PoseNetwork as PoseNetwork
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .rich_play import RichPlay as RichPlay

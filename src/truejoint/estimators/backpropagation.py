@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.estimators.network import Floats
+from truejoint.estimators.layers import Floats
 
 FLOOR: Final = 1e-6  # added to the mean squared error of targets of variance 1: close enough
 

@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.layout import Memory
-from truejoint.models.family import EstimatorData, Family, Params, evaluate
+from truejoint.models.family import EstimatorData, Family, Params, Rule, check_rules, evaluate
 from truejoint.threads import one_thread
 
 if TYPE_CHECKING:
@@ -28,6 +28,10 @@ Flags = NDArray[np.bool_]
 Progress = Callable[[float], None]
 
 _REGULAR: Final = 5e-3  # [s], 200 Hz
+
+
+def untold(_fraction: float) -> None:
+    """Progress that nobody asked for."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +65,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     family: ClassVar[Family]  # what runs it
     least_rows: ClassVar[int] = 10
     rows_per_feature: ClassVar[int] = 0
+    training: ClassVar[Mapping[str, Rule]] = {}  # rules of parameters that its family is not told
     partial: ClassVar[bool] = False  # a target that is NaN is left out, its row's others are not
 
     @property
@@ -74,12 +79,14 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         y: ArrayLike,
         progress: Progress | None = None,
         dt: ArrayLike | None = None,
+        loads: ArrayLike | None = None,
     ) -> Self:
         """Fit to rows `X` (n, k) and targets `y` (n,) or (n, n_outputs).
 
         `progress` is called with the fraction done, 0 to 1; rows are 5 ms apart where there is no
-        `dt`. Raises CalibrationError if a parameter breaks its rule, or the rows cannot tell what
-        is to be learnt, and ValueError if a shape or a value is wrong.
+        `dt`, and `loads` (n, m), what `truth_beside` names, are 0 where they are not given. Raises
+        CalibrationError if a parameter breaks its rule, or the rows cannot tell what is to be
+        learnt, and ValueError if a shape or a value is wrong.
         """
         self.check_params()
         if self.family.remembers:
@@ -101,7 +108,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
         with one_thread():
             times = self.time_steps(dt, len(inputs))
-            self.arrays_ = self._learn(inputs, targets, times, progress or (lambda _done: None))
+            self._loads = self._known_loads(loads, len(inputs))
+            try:
+                self.arrays_ = self._learn(inputs, targets, times, progress or untold)
+            finally:
+                del self._loads
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
@@ -149,7 +160,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def model_params(self) -> Params:
         """Parameters as the family knows them."""
-        return dict(self.get_params(deep=False))
+        given = self.get_params(deep=False)
+        return {name: value for name, value in given.items() if name not in self.training}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -183,6 +195,11 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             "rows could change; take a linear or quadratic model, or one of plays by a ridge"
         )
 
+    def with_params(self, **changed: Any) -> Self:
+        """Unfitted copy with some other parameters."""
+        copy: Self = clone(self).set_params(**changed)
+        return copy
+
     def with_arrays(self, arrays: Arrays) -> Self:
         """Fitted copy with other arrays."""
         data = EstimatorData(self.family.name, self.model_params(), {**self.arrays_, **arrays})
@@ -190,7 +207,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def settled(self) -> Self:
         """Unfitted copy, in which what this one found while it was fitted is a parameter."""
-        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params()
 
     def minimum_rows(self, n_features: int) -> int:
         """Fewest rows that `calibrate` accepts to fit this estimator to."""
@@ -202,6 +219,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        check_rules(self.name, self.training, self.get_params(deep=False))
         self.family.check_params(self.model_params())
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
@@ -213,7 +231,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Raises CalibrationError when they cannot serve to fit it.
         """
-        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params()
 
     def truth_beside(self) -> tuple[str, ...]:
         """Columns of known loads, 0 where there are none, that `fit` takes as `loads`, (n, k)."""
@@ -224,7 +242,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Raises CalibrationError when these cannot serve it.
         """
-        return clone(self)  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params()
 
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""
@@ -236,6 +254,17 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             )
         times[:1] = 0.0
         return times
+
+    def _known_loads(self, loads: ArrayLike | None, n: int) -> Array:
+        """Check loads (n, m) of what `truth_beside` names; 0 where they are not given."""
+        names = self.truth_beside()
+        given = np.asarray(np.zeros((n, len(names))) if loads is None else loads, dtype=np.float64)
+        if given.shape != (n, len(names)):
+            raise CalibrationError(
+                f"{self.name}: loads have shape {given.shape}; give {(n, len(names))}: "
+                f"{', '.join(names) or 'it takes none'}"
+            )
+        return given
 
     def _known(self, y: Array) -> Flags:
         """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 from scipy.optimize import least_squares, nnls
 from sklearn.base import clone
 
@@ -360,7 +359,7 @@ class CableFilter(JointRegressor):
         pins = [found[name][:2] for name in ("pitch_pin", "jaw_pin", "jaw_pin")]
         p = self.arrays_["parameters"]
         on_joint = np.abs(p[r.ON_JOINT : r.ON_JOINT + r.N**2].reshape(r.N, r.N))
-        for name, arms in zip(self.family.beside, on_joint.T, strict=True):
+        for name, arms in zip(cable_filter.LOADS, on_joint.T, strict=True):
             # It shows as soon as one of the joints that it turns slides.
             bands = [(level / arm, off / arm) for (level, off), arm in zip(pins, arms, strict=True)
                      if arm > 0.0]  # fmt: skip
@@ -390,30 +389,6 @@ class CableFilter(JointRegressor):
         if self.mechanism is None:
             return ()
         return tuple(f"truth_load/{name}" for name in ("grip", *self.mechanism.arms))
-
-    def fit(
-        self,
-        X: ArrayLike,
-        y: ArrayLike,
-        progress: Progress | None = None,
-        dt: ArrayLike | None = None,
-        loads: ArrayLike | None = None,
-    ) -> Self:
-        """Fit to rows `X` (n, 6) of motors and efforts, joints `y` (n, 3), `loads` (n, 3) [Nm].
-
-        Raises CalibrationError if there is no load, too little truth, or no mechanism is known.
-        """
-        shape = len(np.asarray(X)), r.N
-        self._loads = np.zeros(shape) if loads is None else np.asarray(loads, dtype=np.float64)
-        if self._loads.shape != shape:
-            raise CalibrationError(
-                f"{self.name}: loads have shape {self._loads.shape}; give {shape}, a grip and two "
-                "torques at the tip for each row"
-            )
-        try:
-            return super().fit(X, y, progress, dt)
-        finally:
-            del self._loads
 
     def states(self, X: Array, dt: Array) -> CableStates:
         """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before."""

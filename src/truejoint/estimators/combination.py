@@ -141,6 +141,10 @@ class Combination(JointRegressor):
         """
         return self._of(one.for_recordings(recordings) for one in self._unfitted())
 
+    def truth_beside(self) -> tuple[str, ...]:
+        """Columns of known loads that members take, each once."""
+        return tuple(dict.fromkeys(n for one in self._unfitted() for n in one.truth_beside()))
+
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose members know features and joints; raises as they do."""
         return self._of(one.for_features(names, robot, joints) for one in self._unfitted())
@@ -193,7 +197,7 @@ class Combination(JointRegressor):
             unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
-        left = y.copy()
+        left, loads = y.copy(), self.truth_beside()
         for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(own)
             told = partial(_share, progress, number, len(unfitted))
@@ -204,7 +208,8 @@ class Combination(JointRegressor):
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
             steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
-            member.fit(X[rows], left[rows][:, outputs], told, steps)
+            taken = [loads.index(name) for name in member.truth_beside()]
+            member.fit(X[rows], left[rows][:, outputs], told, steps, self._loads[rows][:, taken])
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
                 left -= member.evaluate(X, dt)

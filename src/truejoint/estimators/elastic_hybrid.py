@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final, Self
+from typing import ClassVar, Final
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.conversion import added, tree_sum, trees_data
+from truejoint.estimators.conversion import TreeSum, added, tree_sum, trees_data
 from truejoint.estimators.cross_validation import BLOCKS
-from truejoint.estimators.elastic_joint import ElasticJointFilter, motion_of, run
+from truejoint.estimators.elastic_joint import (
+    ElasticJointFilter,
+    JointEstimate,
+    motion_of,
+    run,
+)
 from truejoint.estimators.wrapped import Regressor, WrappedRegressor
 from truejoint.models import elastic_hybrid, play_bank
 from truejoint.models.elastic_joint import ElasticJoint, output_terms
 from truejoint.models.family import Family, Params
 
+_PLAYS: Final[Params] = {
+    "plays": (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9),  # half-widths, in half ranges
+    "time_constants": (0.05, 0.5, 2.0),  # of low-passes [s]
+}
+"""What the trees see of the signals, driver and torque."""
 _ROWS: Final = 40_000  # that the trees are fitted to, at most
 _JUDGED: Final = 10_000  # by which zeros are found, at most
 _BELIEVED: Final = 0.8  # share of a zero that others' trees leave
@@ -33,8 +45,9 @@ class ElasticJointHybrid(ElasticJointFilter):
     recording has a zero that no signal shows, and these trees would learn it by heart, by the load
     and speed that a recording has and no other; what they are fitted to is therefore less the
     `zeros` of the histories. Those of the other see what the filter estimates besides, its friction
-    and load included. What it needs is what the filter needs; loads, and all deviations that
-    `estimate` gives, are the filter's own.
+    and load included. The jaw's torque, where it is learnt, has trees of both kinds too. What it
+    needs is what the filter needs; loads, and all deviations that `estimate` gives, are the
+    filter's own.
 
     Examples
     --------
@@ -46,21 +59,9 @@ class ElasticJointHybrid(ElasticJointFilter):
     members: ClassVar[tuple[str, ...]] = (registry.BESIDE_FILTER,)
     """What an automatic choice tries on the same signals, so that a mean of both can be taken."""
 
-    def model_params(self) -> Params:
-        """Parameters of the family: the filter's, and sizes of the trees."""
-        return {**super().model_params(), **self._sizes}
-
-    @property
-    def _sizes(self) -> Params:
-        known: Params = vars(self).get("sizes_", dict.fromkeys(elastic_hybrid.SIZES, 1))
-        return known
-
-    @classmethod
-    def from_params(cls, params: Params) -> Self:
-        """Make one of these parameters, to be run only."""
-        made = cls(**{n: v for n, v in params.items() if n not in elastic_hybrid.SIZES})
-        made.sizes_ = {name: params[name] for name in elastic_hybrid.SIZES}
-        return made
+    _FOUND: ClassVar[Params] = {
+        **ElasticJointFilter._FOUND, **_PLAYS, **dict.fromkeys(elastic_hybrid.SIZES, 1)
+    }  # fmt: skip
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
@@ -71,31 +72,61 @@ class ElasticJointHybrid(ElasticJointFilter):
         scales = {"centre": 0.5 * (low + high), "inverse_half_range": 2.0 / (high - low)}
         motion = motion_of(X, filtered["scales"], dt)
         states, _ = run(ElasticJoint.from_arrays(filtered), motion, float(filtered["scales"][3]))
-        told = output_terms(motion.angle, states)[kept] @ filtered["outputs"].T
-        seen, left = _sight(scales, X, dt, kept, states[kept], told), y[kept] - told
-        plays = seen[:, : play_bank.n_seen(elastic_hybrid.BANK, elastic_hybrid.SIGNALS)]
-        unfitted = registry.member("boosted_trees")
-        zero = zeros(unfitted, plays, left, motion.history[kept])
-        sums = []
-        for j in range(y.shape[1]):
-            targets = ((plays, left[:, j] - zero[:, j]), (seen, left[:, j]))
-            both = [tree_sum(clone(unfitted).fit(*target)) for target in targets]
-            sums.append(added([one.rescaled(0.0, 0.5) for one in both if one is not None]))
-            progress(_FILTERED + (1.0 - _FILTERED) * (j + 1) / y.shape[1])
+        columns = output_terms(motion.angle, states)[kept]
+        told = np.column_stack([columns @ response for response in filtered["outputs"]])
+        seen = self._sight(scales, X, dt, kept, states[kept], told)
+        left, history = self._targets(y)[kept] - told, motion.history[kept]
+        sums, n_plays = [], elastic_hybrid.n_plays(self.found_)
+        for j, own in enumerate(left.T, 1):
+            rows = np.isfinite(own)
+            sums.append(_fitted_trees(seen[rows], n_plays, own[rows], history[rows]))
+            progress(_FILTERED + (1.0 - _FILTERED) * j / left.shape[1])
         trees = trees_data(sums, np.zeros(seen.shape[1]), np.ones(seen.shape[1]))
-        self.sizes_ = dict(trees.params)
+        self.found_ = {**self.found_, **trees.params}
         return elastic_hybrid.joined(filtered, scales, trees.arrays)
+
+    def estimate(
+        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
+    ) -> JointEstimate:
+        """Angle, torque and load, as the filter tells them, with what the trees add.
+
+        Raises CalibrationError where it is to be `smoothed`: the trees know what the filter leaves,
+        and on smoothed states they err more than on its own.
+        """
+        if smoothed:
+            raise CalibrationError(
+                f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
+                "ukf_elastic, or take smoothed=False"
+            )
+        return super().estimate(X, dt)
 
     def _beyond(self, X: Array, dt: Array, states: Array, told: Array) -> Array:
         _, scales, data = elastic_hybrid.parts(self.model_params(), self.arrays_)
-        seen = _sight(scales, X, dt, np.ones(len(X), dtype=bool), states, told)
+        seen = self._sight(scales, X, dt, np.ones(len(X), dtype=bool), states, told)
         return WrappedRegressor.from_data(data, seen.shape[1], told.shape[1]).evaluate(seen)
 
+    def _sight(
+        self, scales: Arrays, X: Array, dt: Array, kept: Flags, states: Array, told: Array
+    ) -> Array:
+        """Give what trees see in rows `kept` (n,) of `X` (n, 2); states and what is told of those.
 
-def _sight(scales: Arrays, X: Array, dt: Array, kept: Flags, states: Array, told: Array) -> Array:
-    """Give what trees see in rows `kept` (n,) of `X` (n, 2); states and outputs are of those."""
-    plays = play_bank.expand_rows(elastic_hybrid.BANK, scales, X, dt, kept)
-    return np.hstack([plays, states, told])
+        Of the latter the angle alone: trees that see the torque err more between loads.
+        """
+        bank = elastic_hybrid.bank(self.model_params())
+        plays = play_bank.expand_rows(bank, scales, X, dt, kept)
+        return np.hstack([plays, states, told[:, :1]])
+
+
+def _fitted_trees(seen: Array, n_plays: int, left: Array, history: Integers) -> TreeSum:
+    """Mean of trees that see plays, fitted to what is `left` (n,) less `zeros`, and of others.
+
+    The others see all that is `seen` (n, k), plays in the first `n_plays` columns.
+    """
+    plays, unfitted = seen[:, :n_plays], registry.member("boosted_trees")
+    zero = zeros(unfitted, plays, left[:, None], history)[:, 0]
+    both = [clone(unfitted).fit(X, y) for X, y in ((plays, left - zero), (seen, left))]
+    sums = [one for one in map(tree_sum, both) if one is not None]
+    return added([one.rescaled(0.0, 1.0 / len(sums)) for one in sums])
 
 
 def zeros(model: Regressor, X: Array, y: Array, history: Integers) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,7 +29,7 @@ from truejoint.models.elastic_joint import (
     output_terms,
     terms,
 )
-from truejoint.models.family import Family
+from truejoint.models.family import Family, Params
 from truejoint.models.filtered import histories, run_histories
 from truejoint.models.play import bank_columns
 
@@ -47,8 +47,8 @@ _ROUNDS: Final = 8  # of loads and torque response in turn
 class JointEstimate:
     """What the filter knows after each row."""
 
-    outputs: Array  # (n, n_outputs), jaw's angle [rad] and, if fitted to that as well, torque [Nm]
-    deviations: Array  # (n, n_outputs), of the state, and of what the joint's model misses
+    outputs: Array  # (n, 1 or 2), jaw's angle [rad] and, if it was learnt, torque [Nm]
+    deviations: Array  # (n, 1 or 2), of the state, and of what the joint's model misses
     load: Array  # (n,), torque that would hold it in the middle without friction [Nm]
     load_deviation: Array  # (n,)
 
@@ -65,7 +65,9 @@ class ElasticJointFilter(JointRegressor):
     below a thousandth of the torque.
 
     Learnt: widths, responses, and how large and how lasting the unexplained friction is. Each
-    recording that it learns from is taken to have one load throughout, and not all the same.
+    recording that it learns from is taken to have one load throughout, and not all the same. The
+    jaw's torque is a third response, told beside the angle, where `fit` is given it as `loads`
+    (n, 1) [Nm]: by `calibrate`, recordings that have ``truth_effort/jaw``.
 
     Parameters
     ----------
@@ -88,18 +90,39 @@ class ElasticJointFilter(JointRegressor):
     load_drift: float = 0.05
     torque_noise: float = 7e-3
 
+    _FOUND: ClassVar[Params] = {"tells_torque": False}
+    """Parameters of the family that a fit finds, as they are before one."""
+
+    def model_params(self) -> Params:
+        """Parameters of the family: its own, and those that a fit found."""
+        return {**super().model_params(), **vars(self).get("found_", self._FOUND)}
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls(**{name: value for name, value in params.items() if name not in cls._FOUND})
+        made.found_ = {name: params[name] for name in cls._FOUND}
+        return made
+
+    def truth_beside(self) -> tuple[str, ...]:
+        """Column of the jaw's torque; one that is 0 throughout is not learnt."""
+        return (model.JAW_TORQUE,)
+
+    def _targets(self, y: Array) -> Array:
+        """Angle, of `y` (n, 1), and torque where it is known in enough rows, NaN elsewhere."""
+        known = np.isfinite(y) & (self._loads != 0.0)
+        torque = np.where(known, self._loads, np.nan)
+        told = np.isfinite(torque).sum() >= self.least_rows
+        self.found_: Params = {**self._FOUND, "tells_torque": bool(told)}
+        return np.hstack([y, torque] if told else [y])
+
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        if y.shape[1] > 2:
-            raise CalibrationError(
-                f"{self.name}: y has {y.shape[1]} columns; give the jaw's angle, or angle and "
-                "torque"
-            )
         known = self._known(y)
         self._check_motion(X, known, dt)
         low, high = float(X[:, 0].min()), float(X[:, 0].max())
         scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
         kept = thinned(dt, known)
-        motion, targets = motion_of(X, scales, dt).pick(kept), y[kept]
+        motion = motion_of(X, scales, dt).pick(kept)
         settled = np.flatnonzero(motion.travel > SETTLED)
         with_truth = known[kept][settled]
         if with_truth.sum() < jaw.MIN_ROWS:
@@ -108,7 +131,7 @@ class ElasticJointFilter(JointRegressor):
                 f"driver's range was travelled; it needs {jaw.MIN_ROWS}: record longer motions"
             )
         progress(0.05)
-        static = _Static(motion, settled, with_truth, targets[settled[with_truth], 0])
+        static = _Static(motion, settled, with_truth, y[kept][settled[with_truth], 0])
         joint = static.identify(
             int(self.elements), float(self.load_drift), float(self.torque_noise) ** 2
         )
@@ -120,22 +143,16 @@ class ElasticJointFilter(JointRegressor):
             )
         progress(0.8)
         states, spread = run(joint, motion, mean_dt(motion.dt))
-        rows = np.flatnonzero(known[kept])
-        columns = output_terms(motion.angle[rows], states[rows])
-        load = states[rows, len(joint.widths)]
-        outputs = respond(columns, targets[rows], load, motion.history[rows], motion.dt[rows])
-        left = np.mean((targets[rows] - columns @ outputs.T) ** 2, axis=0)
-        given = motion.angle[rows], states[rows], spread[rows], outputs
-        found, by_state = np.empty((2, len(rows), len(outputs)))
-        model.output_rows(*given, found, by_state)
+        targets = self._targets(y)[kept]
+        told = [_response(motion, states, spread, target) for target in targets.T]
         progress(1.0)
         return {
             "scales": scales,
             "noise": np.array([getattr(joint, name) for name in NOISE]),
             "widths": joint.widths,
             "torque": joint.torque,
-            "outputs": outputs,
-            "misfit": np.sqrt(np.maximum(left - by_state.mean(axis=0), 0.1 * left)),
+            "outputs": np.array([coefficients for coefficients, _ in told]),
+            "misfit": np.array([misfit for _, misfit in told]),
         }
 
     def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
@@ -221,6 +238,21 @@ class Motion:
         dt = np.diff(clock[rows], prepend=clock[rows[:1]])
         fresh = np.diff(self.history[rows], prepend=-1) > 0
         return Motion(self.angle[rows], self.torque[rows], np.where(fresh, 0.0, dt))
+
+
+def _response(motion: Motion, states: Array, spread: Array, target: Array) -> tuple[Array, float]:
+    """Response (k,) of an output to states (n, m + 2) of the filter, of covariance `spread`.
+
+    Of its values `target` (n,), NaN where unknown; and the deviation of what it misses of them.
+    """
+    rows = np.flatnonzero(np.isfinite(target))
+    angle, y = motion.angle[rows], target[rows]
+    columns = output_terms(angle, states[rows])
+    found = respond(columns, y, states[rows, -2], motion.history[rows], motion.dt[rows])
+    left = float(np.mean((y - columns @ found[0]) ** 2))
+    _, by_state = outputs = np.empty((2, len(rows), 1))
+    model.output_rows(angle, states[rows], spread[rows], found, *outputs)
+    return found[0], np.sqrt(max(left - float(by_state.mean()), 0.1 * left))
 
 
 def regress(columns: Array, y: Array) -> Array:

@@ -175,8 +175,13 @@ def _weights(scaled: Array, y: Array, history: Integers, some: Integers, kernel:
         shares = 1.0 / (np.bincount(history) + kernel.noise / kernel.zero)
         total -= sums.T @ (shares[:, None] * sums)
         right -= sums.T @ (shares * np.bincount(history, y))
-    total[np.diag_indices_from(total)] += _JITTER * np.trace(total) / len(total)
-    return np.asarray(scipy.linalg.solve(total, right, assume_a="pos"))
+    jitter = _JITTER * np.trace(total) / len(total)
+    while True:  # rounding leaves less where the zeros took most of it
+        total[np.diag_indices_from(total)] += jitter
+        try:
+            return np.asarray(scipy.linalg.solve(total, right, assume_a="pos"))
+        except np.linalg.LinAlgError:
+            jitter *= 10.0
 
 
 def _bells(rows: Array, points: Array) -> Array:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import ClassVar, Final, Self
 
 import numpy as np
-from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
@@ -45,8 +44,7 @@ class JawEstimator(JointRegressor):
             check_sensors(self.name, inputs, recording)
         mechanism, own = mechanism_of(recordings), self.model_params()
         told = {n: v for n, v in vars(mechanism).items() if own.get(n) == getattr(TABLE_1, n)}
-        copy: Self = clone(self).set_params(**told)
-        return copy
+        return self.with_params(**told)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:

@@ -43,8 +43,8 @@ _ESTIMATORS: Final[dict[str, _Line]] = {
     "linear": _Line("polynomial", "PolynomialRegressor", {"degree": 1}, {}),
     "poly2": _Line("polynomial", "PolynomialRegressor", {}),
     "dnn": _Line("network", "NeuralNetwork", {}, _SMALL),
-    "pose_network": _Line("network", "PoseNetwork", {}),
-    "poly2_ridge": _Line("rich_play", "Ridge", {}, {}),
+    "pose_network": _Line("pose_network", "PoseNetwork", {}),
+    "poly2_ridge": _Line("ridge", "Ridge", {}, {}),
     "linear_trees": _Line(
         "combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {"rows": _MANY}
     ),

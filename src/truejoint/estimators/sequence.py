@@ -15,14 +15,15 @@ from sklearn.utils import check_random_state
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators import network
+from truejoint.estimators.adam import Adam, check_loss
 from truejoint.estimators.backpropagation import (
     Weights,
     convolution_gradient,
     recurrent_gradient,
 )
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
-from truejoint.estimators.network import Floats
+from truejoint.estimators.layers import Floats
+from truejoint.estimators.network import BATCHES_PER_EPOCH
 from truejoint.models import recurrent, temporal_convolution
 from truejoint.models.family import Family
 from truejoint.models.recurrent import GATES_OF, is_update
@@ -96,8 +97,8 @@ class SequenceNetwork(JointRegressor):
         rng = check_random_state(self.random_state)
         self._start(weights, rng)
         n, window, epochs = len(steps[0]), int(self.window), int(self.epochs)
-        size = min(int(self.batch_size), max(1, n // window // network.BATCHES_PER_EPOCH))
-        adams = {name: network.Adam(weight, 0.0) for name, weight in weights.items()}
+        size = min(int(self.batch_size), max(1, n // window // BATCHES_PER_EPOCH))
+        adams = {name: Adam(weight, 0.0) for name, weight in weights.items()}
         gradient_of = self._gradient(steps)
         self.loss_curve_: list[float] = []
         for epoch in range(epochs):
@@ -112,7 +113,7 @@ class SequenceNetwork(JointRegressor):
                     adam.learning_rate = float(self.learning_rate) * (1.0 - done)
                     adam.step(gradient[name])
             self.loss_curve_.append(float(np.mean(losses)))
-            network.check_loss(self.loss_curve_, epochs, float(self.learning_rate))
+            check_loss(self.loss_curve_, epochs, float(self.learning_rate))
             progress((epoch + 1) / epochs)
 
 

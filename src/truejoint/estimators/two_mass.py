@@ -9,7 +9,6 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 from scipy.optimize import least_squares
-from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
@@ -68,8 +67,7 @@ class TwoMassFilter(JointRegressor):
         joints = tuple(j for j in robot.positioning if all(j in known for known in with_truth))
         for recording in recordings:
             jaw.check_sensors(self.name, two_mass.inputs({"joints": joints}), recording)
-        copy: Self = clone(self).set_params(joints=joints or self.joints)
-        return copy
+        return self.with_params(joints=joints or self.joints)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         known, n = self._known(y), len(self.joints)

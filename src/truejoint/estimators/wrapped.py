@@ -14,7 +14,7 @@ from sklearn.neural_network import MLPRegressor
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators import archive
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling, untold
 from truejoint.estimators.conversion import convert, is_convertible_step
 from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered, tried
 from truejoint.models import scikit_learn
@@ -143,7 +143,7 @@ class WrappedRegressor(JointRegressor):
         tried = np.ascontiguousarray(X[::every])
         if every > 1:  # what fails, or cannot be kept, is refused before a long fit
             first = slice(None, None, _FEWER)
-            self._fit_parts(tried[first], scaled[::every][first], lambda _fraction: None)
+            self._fit_parts(tried[first], scaled[::every][first], untold)
             self._kept(tried, mean, scale)
         self._fit_parts(X, scaled, progress)
         return self._kept(tried, mean, scale)

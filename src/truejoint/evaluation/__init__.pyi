@@ -34,6 +34,5 @@ from .tested import Corrects as Corrects
 from .tested import JointCalibration as JointCalibration
 from .verdict import judge as judge
 from .view import domain_table as domain_table
-from .view import findings_table as findings_table
 from .view import interval_table as interval_table
 from .view import score_table as score_table

@@ -146,13 +146,14 @@ def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> 
     interval = calibration.required_interval()
     note = f"Stated {interval.meaning}."
     if judged:
-        n = interval.trajectories
-        inside = math.ceil(level * (n + 1) - 1e-9)
+        n = interval.whole or interval.trajectories
+        inside = min(n, math.ceil(level * (n + 1) - 1e-9))
         # Coverage given the set is Beta(inside, n + 1 - inside) when trajectories lie wholly
         # inside or outside (Vovk, arXiv:1209.2673); samples that vary on their own average out.
         scatter = math.sqrt(inside * (n + 1 - inside) / ((n + 1) ** 2 * (n + 2)))
+        what = "recordings" if interval.whole else "trajectories"
         note += (
-            f" From one set of {n} trajectories to another its coverage scatters by up to about "
+            f" From one set of {n} {what} to another its coverage scatters by up to about "
             f"{100 * scatter:.0f} %, which the sampling error of this test does not include."
         )
     if interval.rezero > 0.0:

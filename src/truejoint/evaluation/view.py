@@ -32,7 +32,7 @@ from truejoint.evaluation.results import (
     known_loads,
 )
 from truejoint.evaluation.verdict import flags_text, limit_phrase
-from truejoint.recordings import DataCheck, JointCoverage
+from truejoint.recordings import JointCoverage
 from truejoint.units import DisplayUnit, display_unit
 
 Grid = list[list[str]]  # header and rows
@@ -57,8 +57,6 @@ _LABELS: Final = {
     "random_state": "seed",
     "command": "command line",
 }
-
-_LEVEL_STYLE: Final = {"fail": "bold red", "warn": "yellow", "info": "dim"}
 
 
 @dataclass(frozen=True)
@@ -422,22 +420,4 @@ def interval_table(evaluation: Evaluation) -> Table:
                 Text(row["agreement"], style="yellow" if row["agreement"] != "agrees" else "dim"),
             )
         table.add_section()
-    return table
-
-
-def findings_table(check: DataCheck, title: str = "Data checks") -> Table:
-    """List the findings of a data check, worst first.
-
-    Examples
-    --------
-    >>> check = truejoint.recordings.check_data(training)
-    >>> [column.header for column in findings_table(check).columns]
-    ['level', 'name', 'found', 'where', 'what to do']
-    """
-    table = Table(title=title)
-    for name in ("level", "name", "found", "where", "what to do"):
-        table.add_column(name, overflow="fold")
-    for found in check.findings:
-        texts = map(Text, (found.name, found.what, found.where, found.advice))
-        table.add_row(Text(found.level, style=_LEVEL_STYLE[found.level]), *texts)
     return table

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from truejoint import compiled as marks
-from truejoint.export.c_expressions import ARITHMETIC, RESERVED, Expressions
+from truejoint.export.c_expressions import Expressions
+from truejoint.export.c_operators import ARITHMETIC, RESERVED, operate
 from truejoint.export.c_statements import (
     NAME,
     Block,
@@ -291,7 +292,7 @@ class Function(Expressions):
         held = self.env.get(name)
         if not isinstance(held, Variable):
             load = ast.copy_location(ast.Name(name, ast.Load()), s.target)
-            self.assign(s.target, self.operate(s.op, self.value(load), value))
+            self.assign(s.target, operate(self.style, s.op, self.value(load), value))
         elif not (isinstance(s.op, ast.BitOr) and value == Known(0)):
             kind = join([held.kind, value.kind])
             if kind != held.kind:
@@ -345,8 +346,10 @@ class Function(Expressions):
             raise self.fail(s, "the step of a range is not known")
         if isinstance(start, Known) and isinstance(stop, Known):
             rounds = range(start.value, stop.value, step.value)
-            leaves = any(isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s))
-            if not rounds or marked or (len(rounds) == 1 and not leaves):
+            one = len(rounds) == 1 and not any(
+                isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s)
+            )
+            if not rounds or marked or one:
                 return self.rounds(s, s.target.id, rounds)
         if marked:
             raise self.fail(s, "the rounds of an unrolled loop are not known")

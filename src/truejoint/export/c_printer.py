@@ -20,8 +20,9 @@ from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
-from truejoint.export.c_expressions import RESERVED, Expressions
+from truejoint.export.c_expressions import Expressions
 from truejoint.export.c_function import Function
+from truejoint.export.c_operators import RESERVED
 from truejoint.export.c_statements import pruned, wrapped, wrapped_comment
 from truejoint.export.c_structs import Constants, Handle, Side, Struct
 from truejoint.export.c_values import Expr, Kind, Known, Linear, Style, View

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Callable, Mapping
@@ -46,13 +47,15 @@ def number(value: float, precision: Precision) -> str:
 
     Infinity and NaN become the macros of math.h; raises ExportError if a number does not fit.
     """
-    if not np.isfinite(value):
-        return "NAN" if np.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    if not math.isfinite(value):
+        return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
+    if precision == "double":
+        return float(value).hex()
     with np.errstate(over="ignore"):
-        kept = float(value) if precision == "double" else float(np.float32(value))
-    if not np.isfinite(kept):
+        kept = float(np.float32(value))
+    if not math.isfinite(kept):
         raise ExportError(f"{float(value)!r} does not fit a {precision}; export in double")
-    return kept.hex() + ("" if precision == "double" else "f")
+    return f"{kept.hex()}f"
 
 
 def table(values: ArrayLike, precision: Precision) -> str:

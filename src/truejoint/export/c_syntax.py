@@ -47,7 +47,7 @@ def definitions(module: str) -> dict[str, tuple[Any, ...]]:
 
 def assigned(statements: Iterable[ast.stmt]) -> set[str]:
     """Names of scalars and arrays that statements assign to."""
-    nodes = [node for statement in statements for node in ast.walk(statement)]
+    nodes = [node for statement in statements for node in _nodes(statement)]
     loops = {
         n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)
     }
@@ -55,11 +55,17 @@ def assigned(statements: Iterable[ast.stmt]) -> set[str]:
     return stored - loops
 
 
+@cache  # of what `tree_of` keeps: a printer asks again for each of its arguments
+def _nodes(root: ast.AST) -> tuple[ast.Name | ast.For, ...]:
+    """Names and loops in a tree."""
+    return tuple(node for node in ast.walk(root) if isinstance(node, (ast.Name, ast.For)))
+
+
 def first_use(name: str, body: Sequence[ast.stmt]) -> str:
     """Whether a name is first "read" or first "set" by statements, or neither for certain."""
 
     def loads(roots: Iterable[ast.AST]) -> bool:
-        nodes = (node for root in roots for node in ast.walk(root) if isinstance(node, ast.Name))
+        nodes = (node for root in roots for node in _nodes(root) if isinstance(node, ast.Name))
         return any(node.id == name and isinstance(node.ctx, ast.Load) for node in nodes)
 
     for s in body:

@@ -5,11 +5,11 @@ from .filter import SmoothedResult as SmoothedResult
 from .filter import UnscentedFilter as UnscentedFilter
 from .likelihood import ParameterFit as ParameterFit
 from .likelihood import maximum_likelihood as maximum_likelihood
+from .linear import discretise as discretise
+from .linear import linear_model as linear_model
+from .linear import van_loan as van_loan
 from .sigma_points import FilterError as FilterError
 from .sigma_points import LambdaSigmaPoints as LambdaSigmaPoints
 from .sigma_points import ScaledSigmaPoints as ScaledSigmaPoints
 from .state_space import StateSpaceModel as StateSpaceModel
-from .state_space import discretise as discretise
-from .state_space import linear_model as linear_model
-from .state_space import van_loan as van_loan
 from .status import FilterStatus as FilterStatus

@@ -160,6 +160,9 @@ def cable_prior(parameters: Array) -> tuple[Array, Array]:
     return np.zeros(STATES), np.diag(variance)
 
 
+LOADS: Final = "grip", "tip_first", "tip_second"
+"""What the row tells beside the joints."""
+
 LAYOUT: Final = Layout()
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 BESIDE: Final = LAYOUT.scalar("beside_deviations", "that a load's half-width is")
@@ -270,9 +273,7 @@ def _pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Mem
         added=arrays["added"],
         by_state=angles_by_state(parameters),
         structure=arrays["structure"],
-        grip=np.zeros(2),
-        tip_first=np.zeros(2),
-        tip_second=np.zeros(2),
+        **dict.fromkeys(LOADS, np.zeros(2)),
         filter=cable_filter(arrays).memory(*cable_prior(parameters)),
     )
 
@@ -301,7 +302,7 @@ FAMILY: Final = Family(
     inputs=inputs,
     targets=("position",),
     states_deviation=lambda _params: True,
-    beside=("grip", "tip_first", "tip_second"),
+    beside=lambda _params: dict.fromkeys(LOADS, ()),
     bears_load=lambda _params: True,
     gives_way=lambda arrays: angles_by_state(arrays["parameters"])[:, LOAD:],
 )

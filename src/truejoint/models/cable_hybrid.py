@@ -20,7 +20,7 @@ from truejoint.errors import CalibrationError
 from truejoint.filters import fields as at
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 from truejoint.models import cable_filter, play_bank
-from truejoint.models.cable_filter import cable_filter_row, raw_joints, state_load
+from truejoint.models.cable_filter import LOADS, cable_filter_row, raw_joints, state_load
 from truejoint.models.cable_loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
 from truejoint.models.family import EstimatorData, Params, Rule, Shape
 from truejoint.models.play_bank import play_bank_row
@@ -125,7 +125,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
         sight=np.zeros(SEEN),
         speech=np.zeros(TOLD),
         width=np.zeros(TOLD),
-        **dict.fromkeys(FAMILY.beside, np.zeros(2)),
+        **dict.fromkeys(LOADS, np.zeros(2)),
         filter=cable_filter.FAMILY.memory(
             EstimatorData(cable_filter.FAMILY.name, params, filtered), n_features, n_outputs
         ),

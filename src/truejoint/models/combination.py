@@ -15,6 +15,7 @@ from truejoint.models.family import (
     EstimatorData,
     Family,
     Params,
+    Path,
     Rule,
     Shape,
     call_row,
@@ -146,6 +147,15 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     )
 
 
+def _beside(params: Params) -> dict[str, Path]:
+    """Find what members tell beside the position, each quantity in the first that does."""
+    found: dict[str, Path] = {}
+    for i, (data, _) in enumerate(members(params, {})):
+        for name, path in find_family(data.family).beside(data.params).items():
+            found.setdefault(name, (f"member_{i}", *path))
+    return found
+
+
 FAMILY: Final = Family(
     "combination",
     rules={
@@ -156,4 +166,5 @@ FAMILY: Final = Family(
     shapes=_shapes,
     pack=_pack,
     row=combination_row,
+    beside=_beside,
 )

@@ -21,11 +21,22 @@ from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters import fields as at
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
-from truejoint.models.family import Family, Params, Shape, integer, number
+from truejoint.models.family import (
+    Family,
+    Params,
+    Shape,
+    integer,
+    number,
+    one_of,
+    only_joint,
+)
 from truejoint.models.filtered import advance, quadratic
 
 DRIVER: Final = "driver/jaw"
 TORQUE: Final = "effort/jaw"
+JAW_TORQUE: Final = "truth_effort/jaw"
+"""What the torque beside the angle is learnt of."""
+BESIDE_NAME: Final = "torque"
 
 POLYNOMIAL: Final = 10
 """Terms of a cubic in driver angle and load."""
@@ -224,6 +235,9 @@ HALF_RANGE: Final = LAYOUT.scalar("half_range", "of the driver [rad]")
 TORQUE_SCALE: Final = LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
 RESPONSES: Final = LAYOUT.array("responses", "coefficients of each output")
 OUTPUT_MISFIT: Final = LAYOUT.array("misfit", "standard deviation of what a response misses")
+N_TOLD: Final = LAYOUT.integer("n_told", "responses: of the angle, and of the torque if learnt")
+BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
+TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]")
 NEAR: Final = LAYOUT.array("near", "a state beside the estimate")
 SLOPE: Final = LAYOUT.array("slope", "of an output over the state")
 FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
@@ -252,14 +266,24 @@ def elastic_joint_row(
     spread = matrix(state, own[at.P], n, n)
     near = vector(memory, numbers[NEAR], n)
     slope = vector(memory, numbers[SLOPE], n)
-    misfit = vector(memory, numbers[OUTPUT_MISFIT], out.shape[0])
-    responses = matrix(memory, numbers[RESPONSES], out.shape[0], n_terms)
-    for j in range(out.shape[0]):
+    misfit = vector(memory, numbers[OUTPUT_MISFIT], numbers[N_TOLD])
+    responses = matrix(memory, numbers[RESPONSES], numbers[N_TOLD], n_terms)
+    torque = vector(memory, numbers[TOLD], 2)
+    for j in range(numbers[N_TOLD]):
         coefficients = responses[j]
-        out[j] = output(angle, estimate, elements, coefficients) if good else nan
-        if memory[DEVIATIONS] > 0.0:
+        value = output(angle, estimate, elements, coefficients) if good else nan
+        deviations = memory[DEVIATIONS] if j == 0 else memory[BESIDE]
+        width = 0.0
+        if deviations > 0.0:
             variance = output_variance(angle, estimate, spread, coefficients, near, slope)
-            half_width[j] = memory[DEVIATIONS] * sqrt(variance + misfit[j] ** 2)
+            width = deviations * sqrt(variance + misfit[j] ** 2)
+        if j > 0:
+            torque[0] = value
+            torque[1] = width
+        else:
+            out[0] = value
+            if deviations > 0.0:
+                half_width[0] = width
 
 
 @compiled
@@ -298,21 +322,23 @@ def output_rows(
             variance[i, j] = output_variance(angles[i], x, P, c, near, slope)
 
 
+def n_told(params: Params) -> int:
+    """Count what is told of the jaw: its angle, and its torque where that was learnt."""
+    return 1 + int(params["tells_torque"])
+
+
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
-    if n_outputs > 2:
-        raise CalibrationError(
-            f"elastic_joint estimates a jaw's angle and torque, not {n_outputs} outputs"
-        )
     elements = int(params["elements"])
     n_terms = count_terms(elements)
-    return {
+    known: dict[str, Shape] = {
         "scales": (len(SCALES),),
         "noise": (len(NOISE),),
         "widths": (elements,),
         "torque": (n_terms,),
-        "outputs": (n_outputs, n_terms + 2),
-        "misfit": (n_outputs,),
+        "outputs": (n_told(params), n_terms + 2),
+        "misfit": (n_told(params),),
     }
+    return only_joint("elastic_joint", known, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
@@ -322,6 +348,8 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
     return LAYOUT.pack(
         elements=elements,
         n_terms=arrays["outputs"].shape[1],
+        n_told=n_told(params),
+        torque=np.zeros(2),
         middle=middle,
         half_range=half_range,
         torque_scale=torque,
@@ -339,6 +367,7 @@ FAMILY: Final = Family(
         "elements": integer(1, 12),
         "load_drift": number(0.0, 1e3),
         "torque_noise": number(1e-6, 1e3),
+        "tells_torque": one_of(False, True),
     },
     shapes=_shapes,
     pack=_pack,
@@ -347,4 +376,5 @@ FAMILY: Final = Family(
     inputs=lambda _params: (DRIVER, TORQUE),
     targets=("position",),
     states_deviation=lambda _params: True,
+    beside=lambda params: {BESIDE_NAME: ()} if params["tells_torque"] else {},
 )

@@ -25,6 +25,7 @@ from truejoint.plugins import load_plugin, plugins
 
 Params = Mapping[str, Any]
 Shape = tuple[int, ...]
+Path = tuple[str, ...]
 Target = Literal["error", "position"]
 
 TARGETS: Final[tuple[Target, ...]] = get_args(Target)
@@ -99,6 +100,20 @@ def random_state() -> Rule:
     return Rule(holds, "None or an integer from 0 to 2**32 - 1")
 
 
+def optional(rule: Rule) -> Rule:
+    """Rule of None, or of what another rule takes."""
+    return Rule(lambda value: value is None or rule.holds(value), f"{rule.text}, or None")
+
+
+def check_rules(name: str, rules: Mapping[str, Rule], params: Params) -> None:
+    """Raise CalibrationError, naming whose parameter, value and rule, when one breaks its rule."""
+    for key, rule in rules.items():
+        if not rule.holds(params[key]):
+            raise CalibrationError(
+                f"{name} parameter {key} is {params[key]!r:.60}; it must be {rule.text}"
+            )
+
+
 @dataclass(frozen=True, eq=False)
 class EstimatorData:
     """A fitted estimator as data: what a model file holds."""
@@ -136,9 +151,10 @@ class Family:
     inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
     targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
     states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
-    beside: tuple[str, ...] = ()
-    """Quantities that the row tells beside the position, in SI units: arrays of these names in its
-    layout, (2,), of the value and its half-width, ``beside_deviations`` of the model's own."""
+    beside: Callable[[Params], Mapping[str, Path]] = lambda _params: {}
+    """Quantities that the row tells beside the position, in SI units, each with the parts of its
+    layout, outermost first, in the last of which (of none: in its own) it stands: an array of that
+    name, (2,), of the value and its half-width, ``beside_deviations`` of the model's own."""
     bears_load: Callable[[Params], bool] | None = None
     """Whether it still holds where a load moves the joint off what its motor says, so that signals
     that disagree more than in training are no fault."""
@@ -160,11 +176,7 @@ class Family:
             raise CalibrationError(
                 f"{self.name} has parameters {sorted(params)}; it needs {sorted(self.rules)}"
             )
-        for name, rule in self.rules.items():
-            if not rule.holds(params[name]):
-                raise CalibrationError(
-                    f"{self.name} parameter {name} is {params[name]!r:.60}; it must be {rule.text}"
-                )
+        check_rules(self.name, self.rules, params)
 
     def check_size(self, params: Params, n_features: int) -> None:
         """Raise CalibrationError unless there are as many features as it takes."""

@@ -327,17 +327,6 @@ def time_steps(t: Array, gap_limit: float) -> Array:
     return np.where((steps > 0.0) & (steps <= gap_limit), steps, 0.0)
 
 
-def run_starts(t: Array, gap_limit: float) -> NDArray[np.bool_]:
-    """Rows (n,) at which a history starts: the first, and each after more than `gap_limit` [s].
-
-    Examples
-    --------
-    >>> run_starts(np.array([0.0, 0.1, 5.0]), 1.0).tolist()
-    [True, False, True]
-    """
-    return np.concatenate([[True], np.diff(t) > gap_limit])
-
-
 def default_features(robot: Robot, recording: Recording) -> FeatureSet:
     """Measured position and effort of every channel of the robot that the recording has.
 

@@ -340,6 +340,6 @@ FAMILY: Final = Family(
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position",),
     states_deviation=lambda _params: True,
-    beside=("load",),
+    beside=lambda _params: {"load": ()},
     bears_load=lambda _params: True,
 )

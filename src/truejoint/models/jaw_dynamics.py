@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
-from truejoint.filters.state_space import discretise, van_loan
+from truejoint.filters.linear import discretise, van_loan
 
 
 @dataclass(frozen=True)

@@ -10,14 +10,13 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from copy import copy
-from dataclasses import dataclass
 from numbers import Real
-from typing import Any, Final, NoReturn, Self
+from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask, floats
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.sessions import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
@@ -25,19 +24,19 @@ from truejoint.crtk.planning import time_law
 from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import checked_rows
-from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.feed_forward import FeedForward
+from truejoint.runtime.loop_gain import check_rate
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
+if TYPE_CHECKING:
+    from truejoint.runtime.uncorrected import Uncorrected
+
 LAG: Final = 0.05
 """Time by which the simulated RAVEN-II's measured position follows even set-points [s]."""
-GAIN_MARGIN: Final = 2.0
-"""By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
 """Of the speed from which the corrector sees a spike, the share that set-points keep to."""
 SETTLING: Final = 0.1
@@ -362,67 +361,6 @@ class Compensator:
         )
 
 
-class Uncorrected:
-    """Stands for a corrector where the motors shall be what is wanted: it says what they report.
-
-    Parameters
-    ----------
-    robot : Robot
-
-    Examples
-    --------
-    >>> Uncorrected(truejoint.get_robot("raven2")).joints[:2]
-    ('shoulder', 'elbow')
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self.made_for: Final = as_robot(robot).name, robot.arm
-        self.joints: Final = robot.joint_names
-        self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
-        self.spike_speed: Final = np.full(len(self.joints), math.inf)
-        self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
-        self.beside: Final[dict[str, Array]] = {}
-        self.gives_way: Final[dict[str, Array]] = {}
-        self._t = -math.inf
-
-    def step(self, t: float, sample: ArrayLike) -> Status:
-        """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
-        try:
-            values, stamp = np.asarray(sample, dtype=np.float64), float(t)
-        except (TypeError, ValueError):
-            return Status.WRONG_SIZE
-        if values.shape != self.position.shape:
-            return Status.WRONG_SIZE
-        if not (math.isfinite(stamp) and np.isfinite(values).all()):
-            return Status.NOT_FINITE
-        self.position[:] = values
-        if stamp <= self._t:
-            return Status.STALE
-        self._t = stamp
-        return Status.OK
-
-    def release(self) -> None:
-        """Forget the last stamp: another arm's clock may be earlier."""
-        self._t = -math.inf
-
-
-def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensator:
-    """Loop for `truejoint.motion.follow` that keeps what an arm reports to a trajectory.
-
-    It makes up for what friction and the robot's own controller leave between set-point and
-    measured position; of what the cables lose it knows nothing. `rate` [Hz] must divide the arm's;
-    `lag` [s] is that of `Compensator`.
-
-    Examples
-    --------
-    >>> path = truejoint.motion.Trajectory(("elbow",), ("rad",), np.array([[1.5], [1.52]]))
-    >>> report = truejoint.motion.follow(arm, path, steering=motor_loop(arm.robot))
-    >>> bool(report.rms[0] < 1e-3)
-    True
-    """
-    return Compensator(Uncorrected(robot), robot, rate=rate, lag=lag)
-
-
 class _Latest:
     """The newest message of an arm, as a corrector takes it."""
 
@@ -458,36 +396,6 @@ class _Latest:
         return float(self._block.t[-1]), [float(columns[name][-1]) for name in self._signals]
 
 
-def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
-    """Factor by which the gain of a `Compensator` may grow until a joint that moves freely swings.
-
-    The motor counts as two equal lags of `lag` / 2 [s], and sampling at `rate` [Hz] as a delay of
-    one and a half periods: the loop's phase reaches -180 degrees where
-    ``2 atan(w lag / 2) + 1.5 w / rate = pi``. Raises CommandRefused where there is no such loop.
-
-    Examples
-    --------
-    >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
-    2.6
-    """
-    known = _is_number(rate) and _is_number(lag)
-    if not (known and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
-        raise CommandRefused(
-            f"compensator: {rate!r:.40} Hz, a lag of {lag!r:.40} s; give a rate above 0 and a lag "
-            "of 0 or more"
-        )
-    low, high = 0.0, 2.0 * math.pi * rate
-    for _ in range(60):  # the phase falls with the frequency, so halving finds it
-        middle = 0.5 * (low + high)
-        phase = 2.0 * math.atan(0.5 * middle * lag) + 1.5 * middle / rate
-        low, high = (middle, high) if phase < math.pi else (low, middle)
-    return math.inf if gain == 0.0 else (1.0 + (0.5 * low * lag) ** 2) / gain
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real)
-
-
 def _check_parts(
     corrector: Corrector | Uncorrected, robot: Robot, forward: FeedForward | None
 ) -> None:
@@ -514,101 +422,12 @@ def _check_parts(
 def _check_numbers(numbers: Mapping[str, float], integral_time: float) -> None:
     """Refuse what is no number, or negative, naming it, and an integral time [s] of 0 or less."""
     for name, value in numbers.items():
-        if not (_is_number(value) and 0.0 <= value < math.inf):
+        if not (isinstance(value, Real) and 0.0 <= value < math.inf):
             raise CommandRefused(
                 f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
             )
-    if not (_is_number(integral_time) and integral_time > 0.0):
+    if not (isinstance(integral_time, Real) and integral_time > 0.0):
         raise CommandRefused(
             f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
             "infinity"
         )
-
-
-def check_rate(rate: float, lag: float, gain: float) -> None:
-    """Raise CommandRefused where `rate` [Hz] is too slow for a loop's `gain` and a `lag` [s]."""
-    margin = loop_margin(rate, lag, gain)
-    if margin < GAIN_MARGIN:
-        raise CommandRefused(
-            f"compensator: {rate:g} Hz is too slow for a gain of {gain:g} on a plant that lags by "
-            f"{1e3 * lag:.0f} ms: it would swing at {margin:.1f} times the gain, not at "
-            f"{GAIN_MARGIN:g} times; run it faster, or lower the gain to "
-            f"{gain * margin / GAIN_MARGIN:.2f}"
-        )
-
-
-@dataclass(frozen=True, eq=False)
-class CompensatedMotion:
-    """What `compensated_motion` did, a row for each step of the compensator.
-
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        Stamps of the samples [s].
-    wanted, setpoint, corrected : ndarray, shape (n, n_joints)
-        Where the joints were wanted, set-points sent, and `Corrector.position` [rad or m].
-    status : ndarray, shape (n,)
-        Bits of `Status`.
-
-    Examples
-    --------
-    >>> CompensatedMotion(np.zeros(1), *np.zeros((3, 1, 1)), np.zeros(1, int)).status
-    array([0])
-    """
-
-    t: Array
-    wanted: Array
-    setpoint: Array
-    corrected: Array
-    status: Integers
-
-
-def compensated_motion(arm: Arm, compensator: Compensator, wanted: ArrayLike) -> CompensatedMotion:
-    """Put an arm's joints where they are wanted, row by row through a compensator; blocks.
-
-    Joints that the calibration does not correct hold still. What the arm measures reaches its
-    subscribers, for instance a `Recorder`, meanwhile. The way to the first row, which is not made
-    here, is `Compensator.approach`; for a trajectory, `truejoint.motion.follow` makes both.
-
-    Parameters
-    ----------
-    arm : Arm
-        Enabled and homed, and the compensator's corrector told so.
-    compensator : Compensator
-    wanted : array_like, shape (n, n_joints)
-        True positions of the corrector's joints at `Arm.rate` [rad or m].
-
-    Raises
-    ------
-    CommandRefused
-        If the arm is not ready or does not report a signal, a row is not finite or of other joints,
-        or the compensator's rate does not divide the arm's.
-
-    Examples
-    --------
-    >>> arm = truejoint.crtk.simulated_arm("forceps", seed=1)
-    >>> arm.enable()
-    >>> arm.home()
-    >>> compensator = Compensator(Corrector(model), arm.robot)  # doctest: +SKIP
-    >>> compensated_motion(arm, compensator, np.zeros((8, 1))).t.shape  # doctest: +SKIP
-    (2,)
-    """
-    rows = floats(wanted, "compensated_motion", CommandRefused)
-    joints = compensator.corrector.joints
-    if rows.ndim != 2 or rows.shape[1] != len(joints) or not len(rows):
-        raise CommandRefused(
-            f"compensated_motion: wanted positions of shape {rows.shape}; give a row or more of "
-            f"{', '.join(joints)}"
-        )
-    full = np.tile(arm.setpoint_js(math.inf).position, (len(rows), 1))
-    full[:, arm.robot.index(joints)] = rows
-    checked_rows(arm.robot, full, "compensated_motion")
-    told: list[tuple[float, Array, Array, Array, int]] = []
-
-    def tell(t: float, goal: Array, corrected: Array) -> None:
-        status = int(compensator.status)
-        told.append((t, goal, compensator.setpoint.copy(), corrected.copy(), status))
-
-    pieces = compensator.setpoints(arm, [full], tell)
-    arm.stream(pieces, len(rows) / arm.rate, "compensated_motion").wait()
-    return CompensatedMotion(*(np.array(part) for part in zip(*told, strict=True)))

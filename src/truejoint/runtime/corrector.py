@@ -115,8 +115,10 @@ class Corrector(Summarised):
         Given to `rezero` [rad or m].
     beside : mapping of str to ndarray, shape (2,)
         What else the model tells, and its half-width at `level`, of the last sample that was used:
-        of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm], of ``ukf_cables``
-        and ``hybrid_cables`` ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm].
+        of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm], of ``ukf_elastic``
+        and ``hybrid`` ``"torque"`` at the jaw [Nm], where recordings had ``truth_effort/jaw``, of
+        ``ukf_cables`` and ``hybrid_cables`` ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm];
+        of a mean what its members tell.
     gives_way : mapping of str to ndarray, shape (n_joints,)
         How far the joints give way to each of these while the motors stand [rad/Nm or m/N], where
         the model knows.
@@ -174,8 +176,10 @@ class Corrector(Summarised):
         self.offset = packed.view("offset")
         self.features = packed.view("features")
         family = find_family(data.model.family)
-        told, ways = family.beside, family.gives_way
-        self.beside: dict[str, Array] = {name: packed.part_view("model", name) for name in told}
+        told, ways = family.beside(data.model.params), family.gives_way
+        self.beside: dict[str, Array] = {
+            name: packed.part("model", *path).view(name) for name, path in told.items()
+        }
         given = () if ways is None else ways(data.model.arrays).T
         self.gives_way: dict[str, Array] = dict(zip(told, given, strict=False))
         own = at.homing_ids(data.metadata)

@@ -131,7 +131,7 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | No
     knows_deviation = family.knows_deviation(data.model.params)
     if level is not None:
         check_level(level)
-        if not (knows_deviation or family.beside):
+        if not knows_deviation:
             data.required_interval()
     level = LEVEL if level is None else level
     operation, source, parameter, slot = data.feature_set.program
@@ -145,8 +145,9 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | No
     if data.interval is None and knows_deviation:
         own = model.layout.fields["deviations"].index
         model.memory[own] = deviations
-    if family.beside:
-        model.memory[model.layout.fields["beside_deviations"].index] = deviations
+    for path in set(family.beside(data.model.params).values()):
+        own_part = model.part(*path)
+        own_part.memory[own_part.layout.fields["beside_deviations"].index] = deviations
     n_white = len(limits.whitening)
     shift = np.pad(data.signal_shift, (0, n_signals - len(data.signals)))
     # Parity is that of the signals as they come, whatever is added to them for the model.

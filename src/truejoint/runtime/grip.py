@@ -55,7 +55,7 @@ class GripControl:
     Examples
     --------
     >>> robot = truejoint.get_robot("wrist")
-    >>> from truejoint.runtime.compensator import Uncorrected  # joints as the motors say,
+    >>> from truejoint.runtime.uncorrected import Uncorrected  # joints as the motors say,
     >>> motors = Uncorrected(robot)  # and a gauge between the jaws
     >>> motors.beside["grip"] = np.array([0.02, 0.001])  # [Nm], kept up to date; its half-width
     >>> control = GripControl(Compensator(motors, robot), robot)

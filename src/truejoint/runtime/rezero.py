@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
+from truejoint.calibration.effort_baseline import AT, IN_MOTION, N_MOTION, go_on_in_motion
 from truejoint.calibration.encoding import CalibrationData, as_calibration
 from truejoint.calibration.plate import TOUCH_SD, BlockPose
 from truejoint.calibration.zero import CORRELATION_MARGIN, believed_zero
@@ -26,9 +27,10 @@ PRIOR: Final = 1e3
 """Standard deviation of the offset before any truth, in those of the calibration's errors."""
 _WORST_CONDITION: Final = 1e6  # of what three joints do to the tip [m/rad, m/m]
 
-# Rows of the state of each joint.
+# Rows of the state of each joint; those of its motion come last.
 OFFSET, LOCAL, VAR_OFFSET, COVARIANCE, VAR_LOCAL, REJECTED, SIDE, LAST = 0, 1, 2, 3, 4, 5, 6, 7
-N_STATE: Final = 8
+MOTION: Final = 8
+N_STATE: Final = MOTION + N_MOTION
 
 
 class ReZero:
@@ -101,7 +103,8 @@ class ReZero:
         # Truth without any noise would make the two states one.
         noise = np.maximum(np.broadcast_to(noise, n_joints), 1e-2 * residual)
         correlation = CORRELATION_MARGIN * baseline.correlation
-        self._noise = np.stack([residual, correlation, noise, (drift * residual) ** 2 / 3600.0])
+        wander = (drift * residual) ** 2 / 3600.0
+        self._noise = np.stack([residual, correlation, noise, wander, baseline.step])
         self._state = np.zeros((N_STATE, n_joints))
         self.offset = np.zeros(n_joints)
         self.sd = np.full(n_joints, math.inf)
@@ -115,10 +118,10 @@ class ReZero:
         self._state[:] = 0.0
         self._state[VAR_OFFSET] = (PRIOR * self._residual) ** 2
         self._state[VAR_LOCAL] = self._residual**2
-        self._state[LAST] = np.nan
+        self._state[[LAST, MOTION + AT]] = np.nan
         self.offset[:] = 0.0
         self.sd[:] = np.inf
-        self._start, self._running = math.nan, 0.0
+        self._running = np.zeros(len(self.offset))
 
     @property
     def believed(self) -> Array:
@@ -129,8 +132,9 @@ class ReZero:
         """Take a reading of the truth at `t` [s]; changes `offset` and `sd` in place.
 
         `corrected` (n_joints,) is what the calibration gave there, without any offset of this class
-        [rad or m], `truth` (n_joints,) the true position, NaN for joints where it is not known.
-        Readings that go back in time are left out. Raises CalibrationError if a shape is wrong.
+        [rad or m], `truth` (n_joints,) the true position, NaN for joints where it is not known:
+        readings without a truth tell whether the arm is in motion. Those that go back in time are
+        left out. Raises CalibrationError if a shape is wrong.
         """
         here = np.asarray(corrected, dtype=np.float64)
         true = np.asarray(truth, dtype=np.float64)
@@ -142,12 +146,7 @@ class ReZero:
 
     def _take(self, t: float, here: Array, true: Array, noise: Array) -> None:
         take_truth(t, here, true, noise, self._state, self.offset, self.sd)
-        if not math.isfinite(t):
-            return
-        if math.isnan(self._start):
-            self._start = t
-        if np.isfinite(true - here).any():
-            self._running = max(self._running, t - self._start)
+        np.copyto(self._running, self._state[MOTION + IN_MOTION], where=np.isfinite(true - here))
         np.maximum(self.sd, self._baseline.beginning_sd(self._running), out=self.sd)
 
     def touch(
@@ -207,7 +206,7 @@ class ReZero:
         self._take(float(t), here, true, noise)
 
     def advance(self, t: float) -> None:
-        """Let time pass without truth: `sd` grows by the drift; `offset` stays."""
+        """Let time pass with nothing known: `sd` grows by the drift; `offset` stays."""
         no_truth = np.full(len(self.offset), np.nan)
         self.update(t, no_truth, no_truth)
 
@@ -219,17 +218,21 @@ def take_truth(
     """Advance every joint's filter to `t` and take its reading, if there is one.
 
     At `t` [s], of each joint (n_joints,): `corrected` and `truth` [rad or m], NaN where not known.
-    `noise` (4, n_joints): size [rad or m] and correlation [s] of the local error, deviation of the
-    truth [rad or m], and by what the offset's variance grows per second. `state` (8, n_joints) is
-    changed in place; `offset` and `sd` [rad or m] receive the estimate.
+    `noise` (5, n_joints): size [rad or m] and correlation [s] of the local error, deviation of the
+    truth [rad or m], by what the offset's variance grows per second, and by what a joint that is in
+    motion goes at least [rad or m]. `state` (12, n_joints) is changed in place; `offset` and `sd`
+    [rad or m] receive the estimate.
     """
+    motion = state[MOTION:]
     for j in range(offset.shape[0]):
         s, residual, correlation = state[:, j], noise[0, j], noise[1, j]
         elapsed = t - s[LAST]
         if not np.isfinite(t) or elapsed < 0.0:  # false for the first: NaN
             continue
+        before = motion[IN_MOTION, j]
+        moved = go_on_in_motion(j, t, corrected[j], noise[4, j], motion) - before
         if elapsed > 0.0:
-            keep = np.exp(-elapsed / correlation)
+            keep = np.exp(-moved / correlation)
             s[LOCAL] *= keep
             s[VAR_OFFSET] += noise[3, j] * elapsed
             s[COVARIANCE] *= keep

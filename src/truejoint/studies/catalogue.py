@@ -341,87 +341,51 @@ _FAMILY: Final = Option(
 _FREE: Final = Option("free_s", 240.0, "calibration without load [s]", small=60.0)
 _UNDER_LOADS: Final = Option("loaded_s", 60.0, "calibration under loads [s]", small=20.0)
 
-_WRIST: Final = Study(
-    "wrist",
-    "How exactly are pitch and jaws of an instrument known, free and under load?",
-    "",
-    "truejoint.studies.wrist.accuracy",
-    (
-        _drawn(24, 3, "instruments"),
-        _FAMILY,
+
+def _wrist(name: str, module: str, title: str, count: int, *own: Option) -> Study:
+    """Study of so many virtual instruments, calibrated free and under loads."""
+    options = _drawn(count, 3, "instruments"), _FAMILY, _FREE, _UNDER_LOADS, *own
+    return Study(name, title, "", f"truejoint.studies.wrist.{module}", options, version=3)
+
+
+_WRIST: Final = (
+    _wrist(
+        "wrist", "accuracy",
+        "How exactly are pitch and jaws of an instrument known, free and under load?", 24,
         Option("instrument", "420172", "model number or name of a tool, as of robot wrist"),
-        _FREE,
-        _UNDER_LOADS,
         Option("test_s", 60.0, "each test [s]", small=15.0),
         Option(
             "methods",
             (
-                "coupling",
-                "linear_motor",
-                "play_motor",
-                "model",
-                "play_model",
-                "linear_effort",
-                "play_effort",
-                "filter",
-                "play_filter",
+                "coupling", "linear_motor", "play_motor", "model", "play_model", "linear_effort",
+                "play_effort", "filter", "play_filter",
             ),
             "rows of the table, as in studies/wrist/accuracy.py",
         ),
     ),
-    version=3,
-)
-
-_WRIST_LOOP: Final = Study(
-    "wrist-loop",
-    "How exactly do pitch and jaws go where they are wanted, with an estimate in the loop?",
-    "",
-    "truejoint.studies.wrist.closed_loop",
-    (
-        _drawn(12, 3, "instruments"),
-        _FAMILY,
-        _FREE,
-        _UNDER_LOADS,
+    _wrist(
+        "wrist-loop", "closed_loop",
+        "How exactly do pitch and jaws go where they are wanted, with an estimate in the loop?", 12,
         Option("seconds", 30.0, "of steps that are tracked [s]", small=10.0),
         Option("rate_hz", 200.0, "of the loop [Hz]"),
         Option("gain", 0.7, "share of the remaining error that a step adds"),
         Option(
             "loops",
             (
-                "open",
-                "play_motor",
-                "play_effort",
-                "filter",
-                "hybrid",
-                "hybrid_forward",
-                "perfect",
-                "perfect_forward",
+                "open", "play_motor", "play_effort", "filter", "hybrid", "hybrid_forward",
+                "perfect", "perfect_forward",
             ),
             "what stands in them, as in studies/wrist/closed_loop.py; perfect is always one",
         ),
     ),
-    version=3,
-)
-
-_WRIST_CHANGES: Final = Study(
-    "wrist-changes",
-    "What does an instrument that changed after its calibration cost, and does it show?",
-    "",
-    "truejoint.studies.wrist.changes",
-    (
-        _drawn(12, 3, "instruments"),
-        _FAMILY,
-        _FREE,
-        _UNDER_LOADS,
+    _wrist(
+        "wrist-changes", "changes",
+        "What does an instrument that changed after its calibration cost, and does it show?", 12,
         Option("test_s", 60.0, "under loads after each change [s]", small=15.0),
     ),
-    version=3,
-)
+)  # fmt: skip
 
-STUDIES: Final = {
-    study.name: study
-    for study in (*_RAVEN, *_PAST, *_REAL, *_FORCEPS, _WRIST, _WRIST_LOOP, _WRIST_CHANGES)
-}
+STUDIES: Final = {study.name: study for study in _RAVEN + _PAST + _REAL + _FORCEPS + _WRIST}
 """In the order in which they are listed."""
 
 

@@ -13,10 +13,12 @@ from functools import cache
 from importlib.resources import files
 from typing import Final
 
+import numpy as np
 from rich import box
 from rich import table as rich_table
 from rich.text import Text
 
+from truejoint.array_types import Array
 from truejoint.evaluation.digits import fixed
 
 _CELL: Final = 24
@@ -56,6 +58,11 @@ class Table:
 def degrees_text(value: float | None, decimals: int = 3) -> str:
     """Degrees of an angle [rad]; a dash for None or NaN."""
     return fixed(math.nan if value is None else math.degrees(value), decimals)
+
+
+def median_text(values: Array, decimals: int) -> str:
+    """Median of values (n,), in brackets the largest."""
+    return f"{np.median(values):.{decimals}f} ({values.max():.{decimals}f})"
 
 
 def reported_text(value: float | None, decimals: int = 2) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gzip
 import hashlib
+import os
 import threading
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
@@ -127,6 +128,34 @@ def test_what_is_there_is_not_fetched_again(upstream: Upstream, cache: Path) -> 
     fetch(NAME)
     assert len(upstream.asked) == 3
     assert (cache / NAME / "a.txt").read_bytes() == kflex_text(10.0)
+
+
+def test_two_that_fetch_at_once_make_the_same_folders(
+    upstream: Upstream, cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Just before a folder is made, the other has made it, and taken an empty one away."""
+    small = catalogue.DATASETS[NAME]
+    deep = [
+        replace(one, files=(replace(one.files[0], name=f"in/{one.files[0].name}"),))
+        for one in small.recordings
+    ]
+    monkeypatch.setattr(catalogue, "DATASETS", {NAME: replace(small, recordings=tuple(deep))})
+    make, remove = os.makedirs, Path.rmdir
+
+    def made(path: str, *more: object, **how: object) -> None:
+        Path(path).mkdir(parents=True, exist_ok=True)
+        make(path, *more, **how)
+
+    def removed(path: Path) -> None:
+        remove(path)
+        remove(path)
+
+    monkeypatch.setattr(os, "makedirs", made)
+    monkeypatch.setattr(Path, "rmdir", removed)
+    (cache / NAME / "left").mkdir(parents=True)
+    fetch(NAME)
+    assert (cache / NAME / "in" / "b.txt").read_bytes() == kflex_text(20.0)
+    assert not (cache / NAME / "left").exists()
 
 
 @pytest.mark.parametrize(

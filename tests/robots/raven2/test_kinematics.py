@@ -105,7 +105,7 @@ def test_jaws_opening_together_leave_the_tool_in_place(arm: Raven2Kinematics) ->
     np.testing.assert_allclose(jacobian[:, 5], -jacobian[:, 6])
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(side=st.sampled_from(SIDES), fraction=fractions, nudge=nudges)
 def test_inverse_recovers_the_joints_from_a_seed_nearby(
     side: Side, fraction: np.ndarray, nudge: np.ndarray
@@ -119,7 +119,7 @@ def test_inverse_recovers_the_joints_from_a_seed_nearby(
     np.testing.assert_allclose(found, joint, atol=1e-8)
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=100, deadline=None)
 @given(side=st.sampled_from(SIDES), fraction=fractions)
 def test_every_solution_reaches_the_pose(side: Side, fraction: np.ndarray) -> None:
     kinematics = raven2.kinematics(side)

@@ -2,7 +2,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
@@ -104,7 +104,7 @@ def test_a_missing_file_is_refused(tmp_path):
     assert "absent.toml" in refused(ForcepsParameters.read, tmp_path / "absent.toml")
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=60)
+@settings(max_examples=30)
 @given(data=st.one_of(st.binary(max_size=200), st.text(max_size=200).map(lambda s: s.encode())))
 def test_garbage_never_gets_past_the_door(tmp_path, data):
     path = tmp_path / "garbage.toml"

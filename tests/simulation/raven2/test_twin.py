@@ -440,12 +440,12 @@ def test_a_tool_wanders_and_is_left_elsewhere_by_every_homing() -> None:
     )
     twin, still = Raven2Twin(moving, seed=4), Raven2Twin(nominal(), seed=4)
     left_at = []
-    for _ in range(8):
+    for number in range(8):
         twin.home()
-        still.home()
-        hold, same = held(twin, 20.0), held(still, 20.0)
-        # What the tool draws changes no random number of the rest of the arm.
-        np.testing.assert_array_equal(same.truth.t, hold.truth.t)
+        hold = held(twin, 20.0)
+        if number < 2:  # what the tool draws changes no random number of the rest of the arm
+            still.home()
+            np.testing.assert_array_equal(held(still, 20.0).truth.t, hold.truth.t)
         tool = hold.measured[5000:, 4:]
         left_at.append(tool.mean(axis=0) - twin.robot.home[3:])
         # Each joint on its own: not all by the same insertion.
@@ -482,7 +482,7 @@ def test_raw_and_fixed_offset_errors_are_those_of_table_1(specimen: str, profile
             truth.append((block.t, block.position))  # type: ignore[attr-defined]
 
     paths = [zigzag(arm.robot, "J2-J3", s) for s in (1 / 4, 1 / 5, 1 / 6)]
-    for trajectory in (*paths, random_motion(arm.robot, 600.0, seed=1, profile=profile)):
+    for trajectory in (*paths, random_motion(arm.robot, 300.0, seed=1, profile=profile)):
         kept: list[Array] = []
         t: list[Array] = []
         truth: list[tuple[Array, Array]] = []

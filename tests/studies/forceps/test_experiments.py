@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from truejoint.errors import CommandRefused, StudyError, TruejointError
+from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording, read_recording
 from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import get_study, run_study, write_study
-from truejoint.studies.forceps import closed_loop
+from truejoint.studies.forceps import closed_loop, load, methods, motions
 from truejoint.studies.forceps.load import errors_in_grams
 from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.methods import METHODS
@@ -21,6 +24,21 @@ from truejoint.studies.forceps.population import share
 from truejoint.studies.forceps.sweep import front
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
+
+
+@pytest.fixture
+def briefer(monkeypatch):
+    """Motions of half a minute: of (27) a period and a half."""
+    for name, path in (
+        ("calibration", calibration_trajectory),
+        ("verification", verification_trajectory),
+    ):
+        monkeypatch.setitem(motions._TRAJECTORIES, name, partial(path, 31.4))
+    for kept in (motions.record, methods.calibrated):
+        kept.cache_clear()
+    yield
+    for kept in (motions.record, methods.calibrated):
+        kept.cache_clear()
 
 
 @pytest.fixture(scope="module")
@@ -97,6 +115,7 @@ def test_table_3_separates_the_methods(drawn):
     assert drawn(result)
 
 
+@pytest.mark.usefixtures("briefer")
 def test_strategies_name_their_sensors(drawn):
     options = {"specimen": "B", "masses_g": "100", "methods": "play_motor,play_gated,play_cables"}
     result = run_study("forceps-strategies", options)
@@ -106,6 +125,7 @@ def test_strategies_name_their_sensors(drawn):
     assert drawn(result)
 
 
+@pytest.mark.usefixtures("briefer")
 def test_a_larger_population_begins_with_the_smaller(drawn, tmp_path):
     methods = "lsm,lsm_compensated,ukf_compensated,play_gated"
     one = run_study("forceps-population", {"count": 1, "methods": methods}, folder=tmp_path)
@@ -165,7 +185,8 @@ def test_shares_count_specimens():
     assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
 
 
-def test_loads_are_weighed(drawn):
+def test_loads_are_weighed(drawn, monkeypatch):
+    monkeypatch.setattr(load, "CALIBRATION_WEIGHTS", (0.1, 0.25))
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
     (found,) = (part.numbers for part in result.parts.values())
     opposing, along = found["weighed"]
@@ -195,6 +216,7 @@ def test_friction_in_physical_parameters_is_found_and_compared(drawn):
     assert drawn(result)
 
 
+@pytest.mark.usefixtures("briefer")
 def test_homing_is_mended(drawn):
     result = run_study(
         "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
@@ -206,6 +228,7 @@ def test_homing_is_mended(drawn):
     assert drawn(result)
 
 
+@pytest.mark.usefixtures("briefer")
 def test_the_jaw_follows_in_a_closed_loop(drawn):
     options = {
         "specimen": "B", "methods": "play_gated", "swings_hz": "2", "seconds": 3, "count": 1,
@@ -244,6 +267,7 @@ def test_a_loop_that_refuses_is_not_within(monkeypatch):
     assert "1; not within" in table.notes[1]
 
 
+@pytest.mark.usefixtures("briefer")
 def test_a_sweep_says_what_a_designer_must_pay(drawn):
     options = {
         "layouts": "motor,x2,motor+x2", "resolutions_um": "1,20", "prices": "4,1",
@@ -270,6 +294,7 @@ def test_a_front_drops_what_a_cheaper_design_beats():
     assert front(price, {"a": 0.5, "b": 0.4, "c": 0.3, "d": 0.3}) == ["a", "c"]
 
 
+@pytest.mark.usefixtures("briefer")
 def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
     """A designer's question: a stiffer cable must help whoever has no sensor on it."""
     rms = {}
@@ -283,6 +308,7 @@ def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
     assert rms[17e3] < rms[9e3]
 
 
+@pytest.mark.usefixtures("briefer")
 def test_a_method_without_its_sensor_is_left_out(tmp_path):
     file = tmp_path / "bare.toml"
     file.write_text("[drive_encoder]\ninstalled = false\n", encoding="utf-8")

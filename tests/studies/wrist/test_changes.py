@@ -15,7 +15,7 @@ from truejoint.studies import get_study
 from truejoint.studies.figures import png
 from truejoint.studies.wrist import changes
 
-FEW = {"free_s": "80", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}
+FEW = {"free_s": "50", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}
 
 
 @pytest.fixture(scope="module")

@@ -24,7 +24,7 @@ from truejoint.studies.wrist.closed_loop import (
 )
 
 FEW = {
-    "free_s": "40", "loaded_s": "12", "seconds": "2.5", "count": "1", "family": "measured",
+    "free_s": "25", "loaded_s": "12", "seconds": "2.5", "count": "1", "family": "measured",
     "loops": "open,play_motor,hybrid",
 }  # fmt: skip
 KEYS = (OPEN, "play_motor", "hybrid", PERFECT)

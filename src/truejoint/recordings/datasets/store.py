@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
@@ -148,10 +149,9 @@ def fetch(
 def _remove_empty(folder: Path) -> None:
     """Leave no folder without a file: `locate` would take it for a copy."""
     if folder.is_dir():
-        for inner in folder.iterdir():
-            if inner.is_dir():
-                _remove_empty(inner)
-        if not any(folder.iterdir()):
+        for inner in [*folder.iterdir()]:
+            _remove_empty(inner)
+        with suppress(OSError):  # not empty, or another process has been quicker
             folder.rmdir()
 
 
@@ -259,6 +259,8 @@ def _fetch_one(store: Any, dataset: Dataset, file: DatasetFile, meter: _Meter) -
         download(url, target, pooch_store)
 
     try:
+        # Not by pooch, which fails where another process makes the same folder meanwhile.
+        (store.abspath / file.name).parent.mkdir(parents=True, exist_ok=True)
         store.fetch(file.name, downloader=attempt)
         return
     except _TooLongError:

@@ -26,7 +26,7 @@ from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, changed, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import Table, degrees_text, median_text
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
     "motor": (MOTOR,),
@@ -262,7 +262,7 @@ def _typical(error: Mapping[str, Array]) -> float:
 
 
 def _pair(values: Array) -> str:
-    return f"{degrees_text(float(np.median(values)))} ({degrees_text(float(values.max()))})"
+    return median_text(np.degrees(values), 3)
 
 
 def _grid(settings: Settings, errors: Mapping[Design, Mapping[str, Array]]) -> Table:

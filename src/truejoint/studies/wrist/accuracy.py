@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import product
+from itertools import chain, product
 from typing import Any, Final
 
 import numpy as np
@@ -35,7 +35,7 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table
+from truejoint.studies.table import Table, median_text
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.physical import LOADS, honesty
 
@@ -57,6 +57,10 @@ class Told:
     states: Array  # (n, 15)
 
 
+Numbers = Mapping[str, Any]
+"""What was found of one specimen, by name."""
+Families = Mapping[str, Sequence[Numbers]]
+"""That by the specimens' families."""
 Known = Mapping[str, Told]
 """That by the recordings' sessions."""
 
@@ -309,23 +313,26 @@ def fitted(
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Table of medians by family, and the errors of the first specimen over time."""
     numbers = [result.numbers for result in results.values()]
-    families = list(dict.fromkeys(n["family"] for n in numbers))
-    tables = [_table(numbers, families, settings)]
+    families = by_family(numbers)
+    tables = [_table(families, settings)]
     if numbers[0]["loads"]:
-        tables.append(_load_table(numbers, families))
+        tables.append(_load_table(families))
     if "honest" in numbers[0]:
-        tables += [_honest_table(numbers, families), _identified_table(numbers, families)]
+        tables += [_honest_table(families), _identified_table(families)]
     first = next(iter(results.values()))
     return Summary(tables, {"wrist": _figure(numbers, settings), "wrist-errors": _errors(first)})
 
 
-def _table(
-    numbers: Sequence[Mapping[str, Any]], families: Sequence[str], settings: Settings
-) -> Table:
+def by_family(numbers: Sequence[Numbers]) -> Families:
+    """Sort what was found of specimens by their families."""
+    families = dict.fromkeys(n["family"] for n in numbers)
+    return {family: [n for n in numbers if n["family"] == family] for family in families}
+
+
+def _table(families: Families, settings: Settings) -> Table:
     rows = []
     for key in settings["methods"]:
-        for family in families:
-            own = [n for n in numbers if n["family"] == family]
+        for family, own in families.items():
             cells = []
             for name in ("free", "loaded"):
                 rms = np.degrees([n["errors"][key][name] for n in own])
@@ -336,7 +343,7 @@ def _table(
         "method", "family", "n", "free: pitch jaw1 jaw2", "worst", "loaded: pitch jaw1 jaw2",
         "worst",
     )  # fmt: skip
-    grip = 1e3 * float(np.median([n["grip_rms"] for n in numbers]))
+    grip = 1e3 * float(np.median([n["grip_rms"] for own in families.values() for n in own]))
     notes = (
         f"RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint. Fitted to {settings['free_s']:g} s "
@@ -349,18 +356,15 @@ def _table(
     return Table("Pitch and jaws of a wristed instrument", header, tuple(rows), notes)
 
 
-def _load_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
-    rows = []
-    for key, family in product(numbers[0]["loads"], families):
-        own = [n["loads"][key] for n in numbers if n["family"] == family]
-        cells = []
+def _load_table(families: Families) -> Table:
+    rows, numbers = [], list(chain(*families.values()))
+    for key, (family, specimens) in product(numbers[0]["loads"], families.items()):
+        own, cells = [n["loads"][key] for n in specimens], []
         for load in LOADS:
             error, size = 1e3 * np.array([n["loaded"][load] for n in own]).T
-            cells += [f"{np.median(error):.1f} ({error.max():.1f})", f"{np.median(size):.1f}"]
+            cells += [median_text(error, 1), f"{np.median(size):.1f}"]
         false = 1e3 * np.array([n["free"]["grip"][0] for n in own])
-        rows.append(
-            (METHODS[key].title, family, *cells, f"{np.median(false):.1f} ({false.max():.1f})")
-        )
+        rows.append((METHODS[key].title, family, *cells, median_text(false, 1)))
     header = ("method", "family", *(t for load in LOADS for t in (load, "of")), "grip when free")
     notes = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
@@ -371,7 +375,7 @@ def _load_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -
     return Table("Grip and tip torque", header, tuple(rows), notes)
 
 
-def _blind(numbers: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+def _blind(numbers: Sequence[Numbers]) -> tuple[str, ...]:
     """Say by the dead bands that were identified which torques at the tip are declared blind."""
     if "identified" not in numbers[0]:
         return ()
@@ -388,19 +392,15 @@ def _blind(numbers: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     )
 
 
-def _honest_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
+def _honest_table(families: Families) -> Table:
     rows = []
-    for family in families:
-        own = [n["honest"] for n in numbers if n["family"] == family]
-        cells = []
+    for family, specimens in families.items():
+        own, cells = [n["honest"] for n in specimens], []
         for name, quantity in product(("free", "loaded"), ("angle", "load")):
             nees, covered = np.array(
                 [[n[name][quantity][key] for key in ("nees", "covered")] for n in own]
             ).T
-            cells += [
-                f"{np.median(nees):.2f} ({nees.max():.2f})",
-                f"{100 * np.median(covered):.0f} %",
-            ]
+            cells += [median_text(nees, 2), f"{100 * np.median(covered):.0f} %"]
         rows.append((family, *cells))
     header = (
         "family", "free: angle", "in 90 %", "load", "in 90 %", "loaded: angle", "in 90 %", "load",
@@ -414,12 +414,11 @@ def _honest_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str])
     return Table("What the physical filter states of itself", header, tuple(rows), notes)
 
 
-def _identified_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
+def _identified_table(families: Families) -> Table:
     rows = []
-    for name, (_, _, unit) in numbers[0]["identified"].items():
+    for name, (_, _, unit) in next(iter(families.values()))[0]["identified"].items():
         cells = []
-        for family in families:
-            own = [n for n in numbers if n["family"] == family]
+        for own in families.values():
             found, deviation = np.array([n["identified"][name][:2] for n in own]).T
             cells += [f"{np.median(found):.3g} +- {np.median(deviation):.1g}"]
             if name in own[0]["true"]:
@@ -439,7 +438,7 @@ def _identified_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[s
     return Table("What was identified", header, tuple(rows), notes)
 
 
-def _figure(numbers: Sequence[Mapping[str, Any]], settings: Settings) -> Figure:
+def _figure(numbers: Sequence[Numbers], settings: Settings) -> Figure:
     panels = []
     for name in ("free", "loaded"):
         curves = []

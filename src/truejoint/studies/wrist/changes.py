@@ -20,7 +20,7 @@ from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table
+from truejoint.studies.table import Table, median_text
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import (
     METHODS,
@@ -235,8 +235,7 @@ def _zero_table(numbers: Sequence[Mapping[str, Any]]) -> Table:
     left, opening = moved - stops[:, :3], moved[:, 2] - moved[:, 1]
 
     def cell(values: Array) -> str:
-        found = np.abs(np.degrees(values))
-        return f"{np.median(found):.3f} ({found.max():.3f})"
+        return median_text(np.abs(np.degrees(values)), 3)
 
     rows = (
         ("as engaged", *map(cell, moved.T), cell(opening)),

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from typing import Any, Final, cast
 
 import numpy as np
@@ -25,7 +26,7 @@ from truejoint.runtime import (
     Status,
     compensated_motion,
 )
-from truejoint.runtime.compensator import check_rate
+from truejoint.runtime.loop_gain import check_rate
 from truejoint.simulation.twin import Twin, hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
@@ -38,9 +39,9 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table
+from truejoint.studies.table import Table, median_text
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.accuracy import METHODS, rms, specimens
+from truejoint.studies.wrist.accuracy import METHODS, Families, by_family, rms, specimens
 
 OPEN: Final = "open"
 _HYBRID: Final = "hybrid"
@@ -292,8 +293,8 @@ def judged_grip(force: Array, wanted: Array) -> dict[str, float]:
 def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     """Medians by family and case, each loop beside that of a perfect sensor."""
     numbers = [result.numbers for result in results.values()]
-    families = list(dict.fromkeys(n["family"] for n in numbers))
-    tables = [_joint_table(numbers, families, settings), _grip_table(numbers, families)]
+    families = by_family(numbers)
+    tables = [_joint_table(families, settings), _grip_table(families)]
     refused = [
         (part, case, TITLES[key], text)
         for part, result in results.items()
@@ -311,27 +312,19 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
 
 
 def _rows_of(
-    numbers: Sequence[Mapping[str, Any]], families: Sequence[str], what: str, cases: Sequence[str],
-    keys: Sequence[str],
-) -> Iterator[tuple[str, str, str, list[Any], list[Any]]]:  # fmt: skip
+    families: Families, what: str, cases: Iterable[str], keys: Iterable[str]
+) -> Iterator[tuple[str, str, str, list[Any], list[Any]]]:
     """Case, family, key, what was found, and what with a perfect sensor, where both were."""
-    for case in cases:
-        for family in families:
-            own = [n[what] for n in numbers if n["family"] == family]
-            for key in keys:
-                here, best = f"{case}/{key}", f"{case}/{PERFECT}"
-                both = [one for one in own if here in one and best in one]
-                if both:
-                    yield case, family, key, [n[here] for n in both], [n[best] for n in both]
+    for case, (family, own), key in product(cases, families.items(), keys):
+        here, best = f"{case}/{key}", f"{case}/{PERFECT}"
+        both = [n[what] for n in own if here in n[what] and best in n[what]]
+        if both:
+            yield case, family, key, [n[here] for n in both], [n[best] for n in both]
 
 
-def _joint_table(
-    numbers: Sequence[Mapping[str, Any]], families: Sequence[str], settings: Settings
-) -> Table:
+def _joint_table(families: Families, settings: Settings) -> Table:
     rows = []
-    for case, family, key, own, best in _rows_of(
-        numbers, families, "errors", tuple(CASES), tuple(TITLES)
-    ):
+    for case, family, key, own, best in _rows_of(families, "errors", CASES, TITLES):
         error = np.array(own)
         middle = " ".join(f"{v:.3f}" for v in np.degrees(np.median(error, axis=0)))
         ratio = f"{np.median(error / np.array(best)):.2f}"
@@ -347,15 +340,13 @@ def _joint_table(
     return Table("Joints in a closed loop", header, tuple(rows), notes)
 
 
-def _grip_table(numbers: Sequence[Mapping[str, Any]], families: Sequence[str]) -> Table:
+def _grip_table(families: Families) -> Table:
     rows = []
-    for case, family, key, own, best in _rows_of(
-        numbers, families, "grip", tuple(GRIPS), SEES_GRIP
-    ):
+    for case, family, key, own, best in _rows_of(families, "grip", GRIPS, SEES_GRIP):
         found = 1e3 * np.array([[n[k] for k in ("rms", "standing", "overshoot")] for n in own])
         ratio = np.median(found[:, 0] / (1e3 * np.array([n["rms"] for n in best])))
         middle = np.median(found, axis=0)
-        errors = [f"{middle[k]:.1f} ({found[:, k].max():.1f})" for k in (0, 1)]
+        errors = [median_text(found[:, k], 1) for k in (0, 1)]
         what = case, family, TITLES[key], str(len(own))
         rows.append((*what, *errors, f"{middle[2]:.1f}", f"{ratio:.2f}"))
     header = (
