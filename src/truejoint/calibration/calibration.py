@@ -24,7 +24,7 @@ from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
 from truejoint.estimators.wrapped import class_of
 from truejoint.models.family import EstimatorData, find_family
-from truejoint.models.features import FeatureState, check_sample_dt, time_steps
+from truejoint.models.features import FeatureState, check_history, check_sample_dt, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot
@@ -248,6 +248,11 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         moved = shift_signals(recording, self.signals, self.signal_shift)
         return self.feature_set.compute(moved, self.gap_limit)
 
+    @property
+    def looks_back(self) -> bool:
+        """Whether a correction depends on rows before: by a feature, or by the model itself."""
+        return bool(self.model.family.remembers or self.feature_set.start().memory.size)
+
     def check_robot(self, robot: Robot) -> None:
         """Raise CalibrationError unless a robot's arm is the one that it was made for."""
         check_robot((self.robot, self.arm), robot)
@@ -262,6 +267,8 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             check_unit(recording, signal, self.units[signal], "the calibration was made with")
         if self.feature_set.counts_samples or self.model.family.counts_samples:
             check_sample_dt(recording, float(self.metadata["sample_dt"]))
+        if self.looks_back:
+            check_history(recording, self.gap_limit)
 
 
 def write_calibration(

@@ -16,7 +16,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
 from truejoint.calibration.training_rows import TrainingRows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.base import JointRegressor, Progress, untold
 from truejoint.estimators.combination import Combination
 from truejoint.estimators.polynomial import FixedOffset, Raw
 from truejoint.estimators.registry import LINEAR
@@ -488,7 +488,7 @@ def choose(
     every one. Other features with which it cannot be fitted, as more of them take more rows, are
     left out.
     """
-    tell, report = tell or (lambda _what: None), progress or (lambda _fraction: None)
+    tell, report = tell or (lambda _what: None), progress or untold
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
     share = _FIRST_SHARE if extended else 1.0
 

@@ -209,8 +209,7 @@ def _past(calibration: Calibration, recording: Recording, in_motion: Array) -> A
 
     1 where nothing looks at the past.
     """
-    looks_back = calibration.model.family.remembers or calibration.feature_set.start().memory.size
-    if not looks_back:
+    if not calibration.looks_back:
         return np.ones_like(in_motion)
     past = _since_start(calibration, recording, in_motion)
     return np.asarray(np.clip(past, _LEAST_PAST, _ENOUGH_PAST))

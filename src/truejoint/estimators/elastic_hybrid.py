@@ -97,7 +97,7 @@ class ElasticJointHybrid(ElasticJointFilter):
         if smoothed:
             raise CalibrationError(
                 f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
-                "ukf_elastic, or take smoothed=False"
+                f"{ElasticJointFilter().name}, or take smoothed=False"
             )
         return super().estimate(X, dt)
 

@@ -297,6 +297,20 @@ def check_sample_dt(recording: Recording, trained: float) -> None:
         )
 
 
+def check_history(recording: Recording, gap_limit: float) -> None:
+    """Refuse, with CalibrationError, a recording in which every row would begin a history anew.
+
+    Its rows are more than `gap_limit` [s] apart, or so far but for rounding.
+    """
+    dt = sample_dt([recording])
+    if dt > 0.999 * gap_limit:
+        raise CalibrationError(
+            f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, and the "
+            f"model takes {gap_limit:.4g} s without one for a gap, after which it knows no past; "
+            "record at the rate of the training, or calibrate at this one"
+        )
+
+
 def default_gap_limit(recordings: Sequence[Recording]) -> float:
     """Ten times the median time between rows [s]: what is longer counts as a gap.
 
