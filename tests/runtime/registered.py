@@ -52,6 +52,10 @@ def wrist() -> tuple[Recording, ...]:
     return tuple(run.rows(np.arange(0, len(run), 2)) for run in runs)
 
 
+ALIKE = {"play_drive", "play_reset", "play_cables"}
+"""Plays that are `play_motor` or `play_both` but for the sensors: long tests try these two."""
+
+
 def in_loop() -> list[str]:
     """Names of the estimators that run in a loop."""
     return [name for name in estimator_names() if get_estimator(name).family.row is not None]

@@ -482,7 +482,7 @@ def test_raw_and_fixed_offset_errors_are_those_of_table_1(specimen: str, profile
             truth.append((block.t, block.position))  # type: ignore[attr-defined]
 
     paths = [zigzag(arm.robot, "J2-J3", s) for s in (1 / 4, 1 / 5, 1 / 6)]
-    for trajectory in (*paths, random_motion(arm.robot, 300.0, seed=1, profile=profile)):
+    for trajectory in (*paths, random_motion(arm.robot, 600.0, seed=1, profile=profile)):
         kept: list[Array] = []
         t: list[Array] = []
         truth: list[tuple[Array, Array]] = []

@@ -25,6 +25,7 @@ def result():
     with (
         patch.object(cable_filter, "_ROUNDS", 2),
         patch.object(cable_filter, "_LONGEST", 10.0),
+        patch.object(changes, "_CHECK", 15.0),
         patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
     ):
         return settings, {part.key: part.compute(**part.arguments)}
