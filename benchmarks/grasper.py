@@ -1,9 +1,11 @@
 """Jaw angle and torque of the da Vinci grasper from its motor side, as published and held out.
 
     python -m benchmarks.grasper [--part honest|calibrated|easy|sensors ...] [--estimators NAME ...]
+        [--development]
 
 honest   Whole recordings held out, causal: frequency index 3, or load indices 3 and 7.
-calibrated  The same by model files, ``auto`` among them, in the loop at 100 Hz.
+calibrated  The same by models as `calibrate` makes them, of recordings at 100 Hz (``--estimators
+         auto`` takes minutes); with ``--development`` on splits that none of these hold out.
 easy     As published (O'Neill, Stephens, Kowalewski, RA-L 3(4), 2018;
          MRDLab/mis-tool-characterization:RAL-2018): every signal, truth included, filtered forward
          and backward; the first and last second left out; closing strokes only (driver at -0.25
@@ -17,7 +19,7 @@ Prints Markdown tables. Angle RMSE in deg, torque RMSE in mNm.
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -25,8 +27,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.automatic_choice import recommended
-from benchmarks.histories import RATE
+from benchmarks.automatic_choice import Split, recommended
+from benchmarks.histories import RATE, development
 from truejoint import calibrate
 from truejoint.calibration import Calibration
 from truejoint.estimators import (
@@ -187,11 +189,11 @@ def honest() -> None:
     table("honest: whole recordings held out, causal", [s.name for s in DATASET.splits], found)
 
 
-def calibrated(estimators: Sequence[str]) -> None:
+def calibrated(estimators: Sequence[str], splits: Iterable[Split]) -> None:
     """Give what model files tell of angle and torque, and how often the latter's width holds."""
     print("\n| a model file, held out | angle [deg] | torque [mNm] | within its stated 90 % |")
     print("|---|---|---|---|")
-    for split in (one for one in recommended() if one.dataset == DATASET.name):
+    for split in splits:
         training, testing = split.sides(RATE)
         for name in estimators:
             model = calibrate(training, name, fit_rate=FIT_RATE)
@@ -298,10 +300,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--part", nargs="+", choices=names, default=names)
     parser.add_argument(
-        "--estimators", nargs="+", default=["ukf_elastic", "hybrid", "auto"], help="calibrated"
+        "--estimators", nargs="+", default=["ukf_elastic", "hybrid"], help="calibrated"
     )
+    parser.add_argument("--development", action="store_true", help="calibrated: other splits")
     options = parser.parse_args()
-    parts = (honest, partial(calibrated, options.estimators), easy, sensors)
+    every = development() if options.development else recommended()
+    splits = [one for one in every if one.dataset == DATASET.name]
+    parts = (honest, partial(calibrated, options.estimators, splits), easy, sensors)
     for name, part in zip(names, parts, strict=True):
         if name in options.part:
             part()

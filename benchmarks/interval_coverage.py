@@ -283,7 +283,7 @@ def held_out_table(names: Sequence[str], only: Sequence[str], draws: int, out: P
                 print(f"{name}, {title}: {reason}", file=sys.stderr)
             good = [one for one in found if "reason" not in one]
             cells.append(cell(good) if good else "-")
-            took += sum((np.array([one["fit"], one["seconds"]]) for one in good), np.zeros(2))
+            took += np.mean([(one["fit"], one["seconds"]) for one in good] or [(0.0, 0.0)], axis=0)
         print(f"| {name} | {' | '.join(cells)} | {took[0]:.0f}, {took[1]:.0f} |", flush=True)
 
 

@@ -52,9 +52,11 @@ def driven_jaw(seed: int) -> Recording:
         "driver/jaw": driver,
         "effort/jaw": effort,
         "truth/jaw": 1.1 - 0.88 * driver - 0.9 * load - 0.01 * friction,
+        "truth_effort/jaw": -1.1 * load - 0.01 * friction,
     }
     origin = Provenance("davinci_grasper", session=str(seed))
-    return Recording.from_columns(columns, origin, {"effort/jaw": "Nm"})
+    units = dict.fromkeys(("effort/jaw", "truth_effort/jaw"), "Nm")
+    return Recording.from_columns(columns, origin, units)
 
 
 def six_joints(seed: int) -> Recording:

@@ -123,6 +123,21 @@ def test_a_part_that_is_easy_for_all_weighs_no_more_than_another():
     assert group.weights()[1, 0] > 0.5
 
 
+@pytest.mark.parametrize(("alike", "members"), [(0.98, 1), (0.0, 2)])
+def test_a_mean_is_taken_where_it_is_better_than_one_alone_by_more_than_a_little(alike, members):
+    group = Group(FeatureSet.parse(["measured/jaw"]), [rows_of_one()], candidates()[3:5], "error")
+    products = np.diag([100.0, 100.0, 100.0, 1.0, 1.0])
+    products[3, 4] = products[4, 3] = alike
+    group._spreads = np.zeros((5, 1))
+    group.products = [products[None] * scale for scale in (1.0, 2.0, 3.0)]
+    for trial in group.trials:
+        trial.folds = 3
+    weights, square = group.combined()
+    assert np.count_nonzero(weights) == members
+    assert weights.sum() == pytest.approx(1.0)
+    assert square[0, 0] == pytest.approx(1.0 if members == 1 else 0.5)
+
+
 def rows_of_one() -> Rows:
     t = np.arange(20.0)
     return Rows(t, np.arange(20), np.full(20, 1.0), t[:, None], np.sin(t)[:, None])
@@ -426,7 +441,7 @@ def test_what_takes_the_efforts_of_a_robot_is_tried_on_it():
 
 
 def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):
-    monkeypatch.setattr("truejoint.calibration.choice._BETTER", 1.0 - 1e-9)  # nothing is so good
+    monkeypatch.setattr("truejoint.calibration.choice.GAIN", -20.0)  # nothing is so good
     monkeypatch.setitem(registry._ESTIMATORS["ukf_elastic"].params, "elements", 1)
     recordings = [grasper(seed) for seed in range(3)]
     model = calibrate(recordings, Automatic([get_estimator("ukf_elastic")]), fit_rate=20.0)

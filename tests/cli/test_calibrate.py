@@ -10,10 +10,12 @@ from tests.runtime.registered import model, wrist
 from tests.synthetic import build_recording
 
 from truejoint.calibration import read_calibration, write_calibration
+from truejoint.cli.wanted import Wanted
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording, write_parquet
 
 JOINTS = ("shoulder", "elbow")
+GRASPER = "davinci_grasper_umn"
 
 
 @pytest.fixture
@@ -89,6 +91,14 @@ def test_columns_that_check_are_chosen(call: Call, tmp_path):
     done = call("calibrate", path, "--redundant", "effort/elbow", "-o", model, "--force")
     assert (done.code, done.out) == (2, "")
     assert "'effort/elbow' cannot check a measured position" in done.err
+
+
+@pytest.mark.parametrize(
+    ("name", "features"),
+    [("hybrid", None), ("linear", [GRASPER]), ("auto", [GRASPER]), (None, [GRASPER])],
+)
+def test_features_that_suit_a_data_set_do_not_replace_an_estimators_own(name, features):
+    assert Wanted(estimator=name).suited_to(GRASPER).features == features
 
 
 def test_a_setting_needs_an_estimator(call: Call, sessions, tmp_path):

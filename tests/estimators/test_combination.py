@@ -117,7 +117,7 @@ def test_members_without_a_memory_are_fitted_to_so_many_rows_at_most():
     settled = Combination(rows=100).fit(X, y).settled()
     assert (settled.rows, settled.name) == (100, "linear_trees")
     assert np.abs(Combination((LinearRegressor(),), rows=400).fit(X, y).predict(X) - y).min() > 0.1
-    with pytest.raises(CalibrationError, match="rows of a combination is 0; it must be an integer"):
+    with pytest.raises(CalibrationError, match="parameter rows is 0; it must be an integer"):
         Combination(rows=0).fit(X, y)
 
 

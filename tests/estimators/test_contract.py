@@ -211,4 +211,4 @@ def test_an_interval_holds_on_what_it_is_not_made_of(name):
     ]
     largest = np.nanmax(np.concatenate(errors), axis=0)  # 90 % of nine trajectories
     np.testing.assert_allclose(stated.interval.half_width(0.9), largest, rtol=1e-9)
-    assert (measure_coverage(stated, parts[1::2], 0.9).mean > 0.8).all()
+    assert (measure_coverage(stated, parts[1::4], 0.9).mean > 0.8).all()

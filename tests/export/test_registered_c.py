@@ -198,23 +198,24 @@ void loads(int n, const double *t, const double *sample, double *load)
     m_set_homing(&state, 1, M_HOMING_OF_CALIBRATION);
     for (int i = 0; i < n; i++) {
         m_step(&state, t[i], sample + i * M_SIGNALS, position, half_width);
-        load[2 * i] = state.model.load[0];
-        load[2 * i + 1] = state.model.load[1];
+        load[2 * i] = state.model.TOLD[0];
+        load[2 * i + 1] = state.model.TOLD[1];
     }
 }
 """
 
 
 @needs_compiler
-def test_the_load_stands_in_the_state(library):
-    """What the model tells beside the position is a field of the state, of the same bits."""
-    folder, calibration = library("ukf_friction").folder, model("ukf_friction")
-    (folder / "loads.c").write_text(LOADS, encoding="ascii")
+@pytest.mark.parametrize(("name", "told"), [("ukf_friction", "load"), ("hybrid", "torque")])
+def test_what_is_told_beside_the_position_stands_in_the_state(library, name, told):
+    """It is a field of the state, of the same bits."""
+    folder, calibration = library(name).folder, model(name)
+    (folder / "loads.c").write_text(LOADS.replace("TOLD", told), encoding="ascii")
     compile_c([folder / "m.c", folder / "loads.c"], folder / "loads.so", *FLAGS, *SAME_BITS)
-    recording = unseen("ukf_friction").rows(np.arange(800))
+    recording = unseen(name).rows(np.arange(800))
     samples = recording.table[list(calibration.loop_signals)].to_numpy().copy()
     t, given = recording.t.copy(), np.empty((len(samples), 2))
     arrays = (a.ctypes.data_as(ctypes.c_void_p) for a in (t, samples, given))
     ctypes.CDLL(str(folder / "loads.so")).loads(len(t), *arrays)
-    np.testing.assert_array_equal(given, ready(calibration).run(recording).beside["load"])
+    np.testing.assert_array_equal(given, ready(calibration).run(recording).beside[told])
     assert np.ptp(given[:, 0]) > 0.0

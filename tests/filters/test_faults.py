@@ -21,6 +21,16 @@ from truejoint.filters.status import FilterStatus as Status
 DT = 0.01
 
 
+@njit
+def still(x, u, dt, parameters, out):
+    out[0] = x[0]
+
+
+@njit
+def seen(x, u, parameters, out):
+    out[0] = x[0]
+
+
 def joint(gate: Gate | None = None, angle: bool = False, **options) -> UnscentedFilter:
     """A joint with a constant speed that wanders; position and speed are measured."""
     model = linear_model(
@@ -250,14 +260,6 @@ def test_model_functions_that_fail() -> None:
 
 def test_noise_function_that_fails_keeps_the_last_noise() -> None:
     @njit
-    def still(x, u, dt, parameters, out):
-        out[0] = x[0]
-
-    @njit
-    def seen(x, u, parameters, out):
-        out[0] = x[0]
-
-    @njit
     def noise(x, u, dt, parameters, out):
         out[0, 0] = u[0]
 
@@ -276,10 +278,6 @@ def test_negative_weights_that_give_no_covariance_are_left_out() -> None:
     def bowl(x, u, dt, parameters, out):
         out[0] = x[0] ** 2 + x[1] ** 2
         out[1] = out[0]
-
-    @njit
-    def seen(x, u, parameters, out):
-        out[0] = x[0]
 
     model = StateSpaceModel(
         bowl, seen, np.zeros((2, 2)), [[1.0]], states=("a", "b"), measurements=("z",)

@@ -13,6 +13,7 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numba import njit
+from tests.filters.test_faults import seen, still
 
 from truejoint.filters import Gate, UnscentedFilter
 from truejoint.filters.linear import linear_model
@@ -314,18 +315,10 @@ def test_time_stamps_stand_for_steps() -> None:
 
 def test_process_noise_function_follows_the_step() -> None:
     @njit
-    def drift(x, u, dt, parameters, out):
-        out[0] = x[0]
-
-    @njit
-    def seen(x, u, parameters, out):
-        out[0] = x[0]
-
-    @njit
     def noise(x, u, dt, parameters, out):
         out[0, 0] = 3.0 * dt
 
-    model = StateSpaceModel(drift, seen, noise, [[1.0]], states=("x",), measurements=("z",))
+    model = StateSpaceModel(still, seen, noise, [[1.0]], states=("x",), measurements=("z",))
     dt = np.array([0.5, 0.0, 2.0])
     result = UnscentedFilter(model).run(np.full(3, np.nan), x0=[0.0], P0=[[0.0]], dt=dt)
     np.testing.assert_allclose(result.P[:, 0, 0], 3.0 * np.cumsum(dt), rtol=1e-14)

@@ -1,4 +1,4 @@
-"""Intervals from what a laboratory has: ten recordings, or one cut with gaps, also fitted to."""
+"""Intervals from what a laboratory has: recordings, or one cut with gaps, also fitted to."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ from truejoint.calibration.interval import GROWTH, LEVELS
 from truejoint.calibration.selection import common_robot
 from truejoint.calibration.sessions import distinct
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import Progress
+from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.wrapped import Regressor
 from truejoint.recordings import Recording
@@ -103,7 +103,7 @@ def cross_interval(
     check_interval(levels, rezero, growth)
     recordings = as_recordings(recordings)
     common_robot(recordings)
-    report = progress or (lambda _fraction: None)
+    report = progress or untold
     apart = distinct(recordings)
     plans = _plans(apart, per_homing=rezero == 0.0)
     possible = possible_levels(levels, len(plans[0].units))

@@ -42,7 +42,7 @@ from truejoint.calibration.training_rows import (
 )
 from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, constant_columns
+from truejoint.estimators.base import JointRegressor, Progress, constant_columns, untold
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
 from truejoint.estimators.wrapped import Regressor, get_estimator
 from truejoint.models.family import Target
@@ -128,7 +128,7 @@ def calibrate(
     ('jaw',)
     """
     recordings = as_recordings(recordings)
-    report, began = progress or _untold, time.perf_counter()
+    report, began = progress or untold, time.perf_counter()
     groups = None if zero is None or zero == "shared" else zero_groups(recordings, zero)
     if isinstance(estimator, Automatic) or estimator == AUTO:
         wanted = estimator if isinstance(estimator, Automatic) else Automatic()
@@ -402,7 +402,7 @@ def _judged_zeros(
         own = [parts[index] for index in seen]
         each, _ = at_one_zero(own, np.arange(len(own)), None, ())
         first, again = (
-            replace(plain, model=_fit_model(clone(task.model), some, task.target, _untold))
+            replace(plain, model=_fit_model(clone(task.model), some, task.target, untold))
             for some in (own, each)
         )
         known = fit_effort_baseline(first, [few[index] for index in seen])
@@ -418,7 +418,7 @@ def _judged_zeros(
     n_features = len(whole.feature_set) - len(fitted.metadata["unused_features"])
     own_parts = whole.rows(stride_of(fit_rate, whole.dt))
     groups = zero_groups(recordings, "recording")
-    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, _untold)
+    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, untold)
     return second, told
 
 
@@ -469,16 +469,12 @@ def reseeded(
     return [
         replace(
             fitted,
-            model=_fit_model(model, parts, fitted.target, _untold),
+            model=_fit_model(model, parts, fitted.target, untold),
             interval=None,
             effort_baseline=None,
         ).with_metadata(settings=" ".join(repr(model).split()))
         for model in models
     ]
-
-
-def _untold(_fraction: float) -> None:
-    """Progress that nobody asked for."""
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:

@@ -159,8 +159,7 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     are stated, these are left out too.
     """
     parts, found = wholes(recordings), list[Fold]()
-    times = np.array([recording.duration for recording in recordings])
-    enough = times.sum() - times >= _LEAST_LEFT * times.sum()
+    enough = enough_beside(recordings, [[part.recording] for part in parts])
     if len(recordings) < FEW or not enough.all():
         cut = range(len(recordings)) if len(recordings) < FEW else np.flatnonzero(~enough).tolist()
         shares = blocks([recordings[i] for i in cut], FOLDS, in_motion=True)

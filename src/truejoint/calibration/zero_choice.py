@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.choice import by_joint, is_better, log_ratio
+from truejoint.calibration.choice import GAIN, by_joint, is_better, log_ratio
 from truejoint.calibration.folds import FOLDS, Fold
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _REZERO: Final = 2.0  # [s] of truth that each recording is re-zeroed from to be judged,
 _SHARE: Final = 0.1  # or this share of the shortest one
-_TRIED_ON: Final = 3  # parts, after which zeros that are not better on the average are given up
+_TRIED_ON: Final = 3  # parts, after which zeros that are not as much better so far are given up
 
 Pair = Callable[[Sequence[int]], "tuple[Calibration, Calibration]"]
 """Fits to the recordings of these indices: with one zero, and with one for each."""
@@ -57,7 +57,8 @@ def judge_zeros(
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
-        if len(judged) >= _TRIED_ON and _ratios(squares).mean() > 0.0:
+        means = _ratios(squares).mean(axis=0)
+        if len(judged) >= _TRIED_ON and (means.min() > GAIN or means.max() > 0.0):
             break
     if not squares:
         return False, {"kept": False, "note": "no part can be left out for it"}

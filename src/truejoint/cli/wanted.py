@@ -93,14 +93,19 @@ class Wanted:
     seed: options.Seed = 0
 
     def suited_to(self, dataset: str | None) -> Wanted:
-        """Take for what is not said what suits a public data set, if it is of one."""
+        """Take for what is not said what suits a public data set, if it is of one.
+
+        An estimator that takes features of its own keeps these.
+        """
         if dataset is None:
             return self
+        named = self.estimator or DEFAULT
+        free = named == AUTO or truejoint.estimators.get_estimator(named).family.inputs is None
         rate = truejoint.recordings.datasets.DATASETS[dataset].fit_rate
         stated = self.fit_rate_hz
         return replace(
             self,
-            features=self.features or [dataset],
+            features=self.features or ([dataset] if free else None),
             fit_rate_hz=rate if stated is None else stated,
         )
 

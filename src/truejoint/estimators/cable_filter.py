@@ -8,7 +8,6 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 from scipy.optimize import least_squares, nnls
-from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
@@ -17,7 +16,7 @@ from truejoint.estimators.jaw import MIN_ROWS, median_dt
 from truejoint.models import cable_filter
 from truejoint.models import cable_loops as r
 from truejoint.models.cable_filter import DECAY, SOUGHT
-from truejoint.models.family import Family
+from truejoint.models.family import Family, Rule, optional
 from truejoint.models.filtered import histories, run_histories
 from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import CableMechanism
@@ -338,12 +337,13 @@ class CableFilter(JointRegressor):
 
     family: ClassVar[Family] = cable_filter.FAMILY
     least_rows: ClassVar[int] = MIN_ROWS
+    training: ClassVar[Mapping[str, Rule]] = {
+        "mechanism": optional(
+            Rule(lambda value: isinstance(value, CableMechanism), "a CableMechanism")
+        )
+    }
     channels: tuple[str, ...] = ("pitch", "jaw1", "jaw2")
     mechanism: CableMechanism | None = None
-
-    def model_params(self) -> dict[str, object]:
-        """Parameters of the family: what the mechanism says has gone into the arrays."""
-        return {"channels": self.channels}
 
     @property
     def identified(self) -> dict[str, tuple[float, float, str]]:
@@ -381,8 +381,7 @@ class CableFilter(JointRegressor):
                     f"{recording.provenance.source or 'recording'}: something hangs on the tip, "
                     f"and no truth_load/... says what torque; {self.name} needs to know its loads"
                 )
-        copy: Self = clone(self).set_params(mechanism=mechanism, channels=robot.channels)
-        return copy
+        return self.with_params(mechanism=mechanism, channels=robot.channels)
 
     def truth_beside(self) -> tuple[str, ...]:
         """Columns of the loads that `fit` takes as `loads`; where there are none, nothing loads."""

@@ -17,7 +17,15 @@ from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 from truejoint.models import combination, combination_with_filter, combination_with_memory
-from truejoint.models.family import EstimatorData, Family, Params, find_family, is_integer
+from truejoint.models.family import (
+    EstimatorData,
+    Family,
+    Params,
+    Rule,
+    find_family,
+    integer,
+    optional,
+)
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
@@ -72,6 +80,7 @@ class Combination(JointRegressor):
     """
 
     family: ClassVar[Family] = _FamilyOfMembers()  # type: ignore[assignment]  # by its members
+    training: ClassVar[Mapping[str, Rule]] = {"rows": optional(integer(1, 10**9))}
     members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
     weights: Sequence[Sequence[float]] | None = None
     random_state: int | None = None
@@ -117,11 +126,6 @@ class Combination(JointRegressor):
                     f"weights of a combination have shape {weights.shape}; give a finite one for "
                     f"each of {len(unfitted)} members and each output, not all 0 for an output"
                 )
-        if not (self.rows is None or is_integer(self.rows, 1, 10**9)):
-            raise CalibrationError(
-                f"rows of a combination is {self.rows!r:.60}; it must be an integer from 1, or "
-                "None for all"
-            )
         super().check_params()
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
@@ -154,9 +158,7 @@ class Combination(JointRegressor):
         told = tuple(members)
         known = self._unfitted()
         same = _described(told) == _described(known) and [*map(repr, told)] == [*map(repr, known)]
-        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
-            **({} if same else {"members": told})
-        )
+        return self.with_params(**({} if same else {"members": told}))
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs."""
@@ -184,7 +186,7 @@ class Combination(JointRegressor):
         fitted = vars(self).get("members_")
         if self._is_named() or fitted is None:
             return super().settled()
-        return clone(self).set_params(  # type: ignore[no-any-return]  # sklearn: untyped
+        return self.with_params(
             members=tuple(member.settled() for member in fitted),
             weights=None if self.weights is None else self._used(),
         )

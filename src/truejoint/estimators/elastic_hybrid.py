@@ -34,6 +34,7 @@ _PLAYS: Final[Params] = {
 _ROWS: Final = 40_000  # that the trees are fitted to, at most
 _JUDGED: Final = 10_000  # by which zeros are found, at most
 _BELIEVED: Final = 0.8  # share of a zero that others' trees leave
+_ASKED: Final = 0.15  # share of what is seen that a split of the torque's trees may ask for
 _FILTERED: Final = 0.6  # share of the fit's time that the filter takes
 
 
@@ -45,9 +46,10 @@ class ElasticJointHybrid(ElasticJointFilter):
     recording has a zero that no signal shows, and these trees would learn it by heart, by the load
     and speed that a recording has and no other; what they are fitted to is therefore less the
     `zeros` of the histories. Those of the other see what the filter estimates besides, its friction
-    and load included. The jaw's torque, where it is learnt, has trees of both kinds too. What it
-    needs is what the filter needs; loads, and all deviations that `estimate` gives, are the
-    filter's own.
+    and load included. The jaw's torque, where it is learnt, has one set, which sees as much; each
+    split may ask for a few features alone, drawn at random, as in a random forest (Breiman, Machine
+    Learning 45, 2001), since the load by itself would tell the recordings apart. What it needs is
+    what the filter needs; loads, and all deviations that `estimate` gives, are the filter's own.
 
     Examples
     --------
@@ -76,11 +78,10 @@ class ElasticJointHybrid(ElasticJointFilter):
         told = np.column_stack([columns @ response for response in filtered["outputs"]])
         seen = self._sight(scales, X, dt, kept, states[kept], told)
         left, history = self._targets(y)[kept] - told, motion.history[kept]
-        sums, n_plays = [], elastic_hybrid.n_plays(self.found_)
-        for j, own in enumerate(left.T, 1):
-            rows = np.isfinite(own)
-            sums.append(_fitted_trees(seen[rows], n_plays, own[rows], history[rows]))
-            progress(_FILTERED + (1.0 - _FILTERED) * j / left.shape[1])
+        sums = [_angle_trees(seen, elastic_hybrid.n_plays(self.found_), left[:, 0], history)]
+        progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
+        sums += [_torque_trees(seen, torque) for torque in left.T[1:]]
+        progress(1.0)
         trees = trees_data(sums, np.zeros(seen.shape[1]), np.ones(seen.shape[1]))
         self.found_ = {**self.found_, **trees.params}
         return elastic_hybrid.joined(filtered, scales, trees.arrays)
@@ -96,7 +97,7 @@ class ElasticJointHybrid(ElasticJointFilter):
         if smoothed:
             raise CalibrationError(
                 f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
-                "ukf_elastic, or take smoothed=False"
+                f"{ElasticJointFilter().name}, or take smoothed=False"
             )
         return super().estimate(X, dt)
 
@@ -117,16 +118,29 @@ class ElasticJointHybrid(ElasticJointFilter):
         return np.hstack([plays, states, told[:, :1]])
 
 
-def _fitted_trees(seen: Array, n_plays: int, left: Array, history: Integers) -> TreeSum:
+def _angle_trees(seen: Array, n_plays: int, left: Array, history: Integers) -> TreeSum:
     """Mean of trees that see plays, fitted to what is `left` (n,) less `zeros`, and of others.
 
     The others see all that is `seen` (n, k), plays in the first `n_plays` columns.
     """
     plays, unfitted = seen[:, :n_plays], registry.member("boosted_trees")
     zero = zeros(unfitted, plays, left[:, None], history)[:, 0]
-    both = [clone(unfitted).fit(X, y) for X, y in ((plays, left - zero), (seen, left))]
-    sums = [one for one in map(tree_sum, both) if one is not None]
-    return added([one.rescaled(0.0, 1.0 / len(sums)) for one in sums])
+    both = ((plays, left - zero), (seen, left))
+    return added([_fitted(unfitted, *rows).rescaled(0.0, 0.5) for rows in both])
+
+
+def _torque_trees(seen: Array, left: Array) -> TreeSum:
+    """Trees on what is `seen` (n, k), fitted to what is `left` (n,) of the torque, NaN: unknown."""
+    rows = np.isfinite(left)
+    unfitted = registry.member("boosted_trees").set_params(max_features=_ASKED)
+    return _fitted(unfitted, seen[rows], left[rows])
+
+
+def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:
+    """Trees of a clone that is fitted to rows `X` (n, k) and targets `y` (n,)."""
+    found = tree_sum(clone(unfitted).fit(X, y))
+    assert found is not None  # noqa: S101  # boosted trees are one
+    return found
 
 
 def zeros(model: Regressor, X: Array, y: Array, history: Integers) -> Array:

@@ -122,6 +122,9 @@ class RichPlay(JointRegressor):
     family: ClassVar[Family] = play_bank.FAMILY
     least_rows: ClassVar[int] = 300
     training: ClassVar[Mapping[str, Rule]] = {
+        "positions": optional(
+            Rule(lambda value: isinstance(value, tuple | list), "places of features")
+        ),
         "rows": integer(1, 10**9),
         "leading": optional(integer(0, MOST_PRODUCTS)),
         "squared": integer(0, MOST_PRODUCTS),
@@ -167,8 +170,9 @@ class RichPlay(JointRegressor):
                 "leading and squared are of products, and a Gaussian process has none: leave them "
                 "out"
             )
-        for name, wanted in (("positions", "couple"), ("turns", "turn")):
-            if getattr(self, name) and not getattr(self, wanted):
+        for name, wanted in (("positions", "couple"), ("shares", "couple"), ("turns", "turn")):
+            given = getattr(self, name)
+            if given and given != getattr(RichPlay, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
