@@ -123,11 +123,12 @@ def test_a_part_that_is_easy_for_all_weighs_no_more_than_another():
     assert group.weights()[1, 0] > 0.5
 
 
-@pytest.mark.parametrize(("alike", "members"), [(0.98, 1), (0.0, 2)])
-def test_a_mean_is_taken_where_it_is_better_than_one_alone_by_more_than_a_little(alike, members):
+@pytest.mark.parametrize(("shared", "members", "left"), [(1.2, 1, 1.0), (0.0, 2, 2.0 / 3.0)])
+def test_a_mean_is_taken_where_errors_differ_and_one_alone_where_they_do_not(shared, members, left):
+    """By hand: of squares 1 and 2, weights 2/3 and 1/3 leave 2/3 where nothing is shared."""
     group = Group(FeatureSet.parse(["measured/jaw"]), [rows_of_one()], candidates()[3:5], "error")
-    products = np.diag([100.0, 100.0, 100.0, 1.0, 1.0])
-    products[3, 4] = products[4, 3] = alike
+    products = np.diag([100.0, 100.0, 100.0, 1.0, 2.0])
+    products[3, 4] = products[4, 3] = shared
     group._spreads = np.zeros((5, 1))
     group.products = [products[None] * scale for scale in (1.0, 2.0, 3.0)]
     for trial in group.trials:
@@ -135,7 +136,7 @@ def test_a_mean_is_taken_where_it_is_better_than_one_alone_by_more_than_a_little
     weights, square = group.combined()
     assert np.count_nonzero(weights) == members
     assert weights.sum() == pytest.approx(1.0)
-    assert square[0, 0] == pytest.approx(1.0 if members == 1 else 0.5)
+    assert square[0, 0] == pytest.approx(left)
 
 
 def rows_of_one() -> Rows:

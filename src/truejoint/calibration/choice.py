@@ -26,7 +26,6 @@ from truejoint.models.features import FeatureSet
 from truejoint.models.names import OFFSET
 
 GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which the best simple model must be beaten
-_MEAN: Final = 0.02  # share by which a mean must beat the best one alone
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
@@ -49,14 +48,14 @@ class Automatic:
     sum to 1, are not negative, and make the least mean square of the errors on what the fits did
     not see, each fold relative to the best candidate in it, make a mean of them (Breiman, Stacked
     regressions, Machine Learning 24, 1996). The mean, each fold judged with the weights of the
-    others, or one candidate alone, if that is no more than 2 % worse, is used where it beats the
-    best of three simple models: linear, fixed offset and the raw position; by 10 % and by two
-    standard errors of the logarithm's mean over the folds. Elsewhere that simple model stays. The
-    fits that serve the choice see six thousand rows; what is chosen is fitted to all. What was
-    tried stands in the metadata under ``choice``. Where no features are asked for, the default ones
-    are tried, every measured position and effort, and these with every motor current, of what all
-    recordings have; then, of three recordings or more whose rows are at most 0.1 s apart, what is
-    best so far once more, with the rates of the measured positions beside.
+    others, or one candidate alone, whichever is best, is used where it beats the best of three
+    simple models: linear, fixed offset and the raw position; by 10 % and by two standard errors of
+    the logarithm's mean over the folds. Elsewhere that simple model stays. The fits that serve the
+    choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
+    metadata under ``choice``. Where no features are asked for, the default ones are tried, every
+    measured position and effort, and these with every motor current, of what all recordings have;
+    then, of three recordings or more whose rows are at most 0.1 s apart, what is best so far once
+    more, with the rates of the measured positions beside.
 
     Nor does the choice end there: a brief truth may set the zero of a recording to come. Where that
     is so is not known, so what is chosen, fitted with one zero, corrects positions as they come. Of
@@ -356,10 +355,11 @@ class Group:
                 if trial.is_member and self.stands(number) and usable[number, joint]
             ]
             simple = [o for o in options[1:] if o[0][: self._n_simple].any()]
-            size = partial(_size, self.linear[:, joint])
-            yardstick = min(simple, key=size)[1]
+            linear = self.linear[:, joint]
+            yardstick = min(simple, key=lambda o: log_ratio(o[1], linear).mean())[1]
             better = [o for o in options if is_better(log_ratio(o[1], yardstick))]
-            weights[:, joint], errors[:, joint] = min(better or simple, key=size)
+            chosen = min(better or simple, key=lambda o: log_ratio(o[1], linear).mean())
+            weights[:, joint], errors[:, joint] = chosen
         return weights, errors
 
     def estimator(self, weights: Array) -> JointRegressor:
@@ -455,17 +455,6 @@ def _square(products: Array, weights: Array) -> Array:
     """Mean square (n_joints,) of errors, weighted by `weights` (m, n_joints)."""
     known = np.where(weights.T[:, :, None] * weights.T[:, None, :] > 0.0, products, 0.0)
     return np.asarray(np.einsum("mj,jmp,pj->j", weights, known, weights))
-
-
-def _size(linear: Array, option: tuple[Array, Array]) -> float:
-    """Logarithm of the error of one joint over that of the linear model, mean over the folds.
-
-    Of weights (m,) and mean square (n_folds,) of errors. A mean counts as 2 % worse than it is: it
-    takes its members' time in the loop.
-    """
-    weights, square = option
-    several = int(np.count_nonzero(weights) > 1)
-    return float(log_ratio(square, linear).mean()) + several * math.log1p(_MEAN)
 
 
 @dataclass(frozen=True, eq=False)
