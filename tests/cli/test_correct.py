@@ -132,7 +132,7 @@ def test_stamps_since_1970_are_given_as_the_file_had_them(
     [
         (["-o", "a.txt"], "call it .csv or .parquet"),
         (["-o", "nosuch/a.csv"], "the folder nosuch does not exist"),
-        (["-o", "a.csv", "--level", "100"], "level 1.0 is not a share"),
+        (["-o", "a.csv", "--level", "100"], "--level 100: give a probability between 0 and 100 %"),
         (["-o", "a.csv", "--level", "90"], "states no interval; make one"),
         (["random.parquet", "-o", "a.csv"], "named twice"),
         (["zigzag.csv", "-o", "a.csv"], "zigzag.csv"),

@@ -55,7 +55,7 @@ def test_onnx_graph_is_written_where_asked(model, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--to", "onnx", "--level", "0.9"), "are for --to c"),
+        (("--to", "onnx", "--level", "90"), "are for --to c"),
         (("--to", "onnx", "--prefix", "a b"), "prefix"),
     ],
 )

@@ -20,9 +20,9 @@ SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4
 STEP = np.array([1e-2, 1e-3])
 
 
-def rezero(noise=NOISE, **settings) -> ReZero:
+def rezero(noise=NOISE, beginning_sd=np.zeros_like, **settings) -> ReZero:
     baseline = SimpleNamespace(residual=SIZE, correlation=TIME / CORRELATION_MARGIN,
-                               step=STEP, beginning_sd=np.zeros_like)  # fmt: skip
+                               step=STEP, beginning_sd=beginning_sd)  # fmt: skip
     calibration = SimpleNamespace(robot="raven2", arm="left", joints=("elbow", "insertion"),
                                   effort_baseline=baseline, metadata={})  # fmt: skip
     return ReZero(calibration, truth_sd=noise, **settings)
@@ -173,6 +173,18 @@ def test_readings_that_go_back_in_time_or_are_no_numbers_change_nothing():
         assert (filter_.offset.tolist(), filter_.sd.tolist()) == (
             before[0].tolist(), before[1].tolist(),
         )  # fmt: skip
+
+
+def test_a_reading_that_is_too_old_is_no_reading_after_a_motion():
+    stated = rezero(beginning_sd=lambda in_motion: 1.0 / (1.0 + in_motion))
+    stated.update(0.0, np.zeros(2), SIZE)
+    for t in np.arange(0.5, 10.5, 0.5):
+        stated.update(t, position(t), [math.nan, math.nan])
+    stated.update(4.0, position(4.0), position(4.0) + SIZE)
+    stated.update(10.0, position(10.0), [math.nan, math.nan])
+    assert stated.sd == pytest.approx(1.0)
+    stated.update(10.0, position(10.0), position(10.0) + SIZE)
+    assert stated.sd == pytest.approx(1.0 / 11.0)
 
 
 def test_garbage_leaves_it_finite():

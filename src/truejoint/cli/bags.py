@@ -89,9 +89,7 @@ class Truth:
 def extract(
     bags: Annotated[
         list[Path],
-        typer.Argument(
-            metavar="BAG...", help="All bags of one session: .bag, .mcap, .db3, folder."
-        ),
+        typer.Argument(metavar="BAG", help="All bags of one session: .bag, .mcap, .db3, folder."),
     ],
     output: Annotated[
         Path | None,
@@ -180,7 +178,12 @@ def _tell(
 @takes_files
 def bag(
     recording: Annotated[
-        str, typer.Argument(help="Recording to write as a bag.", autocompletion=complete.recordings)
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="Recording to write as a bag.",
+            autocompletion=complete.recordings,
+        ),
     ],
     output: Annotated[
         Path, typer.Option("--out", "-o", help="File to write: .bag for ROS 1, .mcap for ROS 2.")

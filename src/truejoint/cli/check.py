@@ -33,6 +33,7 @@ def check(
     recording: Annotated[
         str,
         typer.Argument(
+            metavar="RECORDING",
             help="Recording of the arm as it is now. A few readings of the truth do: one short "
             "motion, a touched stop, a marker seen now and then.",
             autocompletion=complete.recordings,
@@ -57,11 +58,9 @@ def check(
     files: Files,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    from truejoint.calibration.interval import LEVEL, check_level  # noqa: PLC0415  # needs NumPy
+    from truejoint.calibration.interval import LEVEL  # noqa: PLC0415  # needs NumPy
 
     level = options.share(level_percent)
-    if level is not None:
-        check_level(level)
     if rezero is not None:
         check_model_target(rezero, force)
         if against is not None:

@@ -215,7 +215,7 @@ class Simulated:
 @takes(simulated=Simulated, loop=Loop)
 def collect(
     trajectories: Annotated[
-        list[Path], typer.Argument(metavar="TRAJECTORY...", help="Trajectory files, in order.")
+        list[Path], typer.Argument(metavar="TRAJECTORY", help="Trajectory files, in order.")
     ],
     output: Annotated[
         Path, typer.Option("--out", "-o", help="Folder for one Parquet file a trajectory.")

@@ -26,7 +26,7 @@ def compare(
     names: Annotated[
         list[str],
         typer.Argument(
-            metavar="MODEL... RECORDING...",
+            metavar="MODEL|RECORDING",
             help="Two or more model files, and the recordings with truth to judge them on.",
             autocompletion=complete.recordings,
         ),

@@ -97,12 +97,7 @@ def tolerances(context: typer.Context) -> list[str]:
 
 
 def levels(context: typer.Context) -> list[str]:
-    """List the probabilities that the interval of the model on the command line states."""
-    return [f"{level:g}" for level in _model(context)[1]]
-
-
-def percent_levels(context: typer.Context) -> list[str]:
-    """List the probabilities as `levels` gives them, in percent."""
+    """List the probabilities that the model's interval states, in percent."""
     return [f"{100.0 * level:g}" for level in _model(context)[1]]
 
 

@@ -25,7 +25,7 @@ def doctor(
     files: Annotated[
         list[Path],
         typer.Argument(
-            metavar="BAG...|RECORDING|live",
+            metavar="BAG|RECORDING|live",
             help="All bags of one session, or one recording; live: what is said on the topics of a "
             "running ROS now.",
             autocompletion=complete.recordings,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import out, result_json
 from truejoint.errors import ExportError
 from truejoint.files import check_folder
@@ -32,13 +32,7 @@ def export(
             help="Beginning of file names, and of the names in C; default: robot and arm."
         ),
     ] = None,
-    level: Annotated[
-        float | None,
-        typer.Option(
-            help="Probability of the half-width that the model states; not ONNX. Default: 0.9.",
-            autocompletion=complete.levels,
-        ),
-    ] = None,
+    level_percent: options.Level = None,
     range_margin: Annotated[
         float | None,
         typer.Option(
@@ -62,7 +56,7 @@ def export(
     checks it; the package, of catkin and ament, is a node around it. The ONNX graph holds the
     regressor alone: it checks nothing and remembers nothing.
     """
-    stated = {"level": level, "range_margin": range_margin}
+    stated = {"level": options.share(level_percent), "range_margin": range_margin}
     given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
     if compensate and kind != "c":
         raise ExportError("--compensate is for --to c; ROS packages and ONNX graphs have no loop")

@@ -11,7 +11,6 @@ import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out, progress, result_json
 from truejoint.cli.inputs import Files, check_model_target, takes_files
-from truejoint.errors import RecordingError
 from truejoint.units import with_unit
 
 app = typer.Typer(help="Weights on a cable-driven jaw, and its encoders' zeros.")
@@ -71,7 +70,10 @@ def stiffness(
 def zero(
     model: options.Model,
     recording: Annotated[
-        str, typer.Argument(help="Unloaded whole cycles about zero, after today's homing.")
+        str,
+        typer.Argument(
+            metavar="RECORDING", help="Unloaded whole cycles about zero, after today's homing."
+        ),
     ],
     output: _Output,
     by: Annotated[
@@ -91,11 +93,9 @@ def zero(
     check_model_target(output, force)
     calibration = truejoint.read_calibration(model)
     other = None if by is None else truejoint.read_calibration(by)
-    loaded = files.find([recording], part=part, model=calibration)()
-    if len(loaded) != 1:
-        raise RecordingError(f"{recording}: {len(loaded)} recordings; give one")
+    cycles = files.one(recording, part=part, model=calibration)
     with progress("Comparing both sides of the cable"):
-        today, found = truejoint.calibration.encoder_rezeroed(calibration, loaded[0], other)
+        today, found = truejoint.calibration.encoder_rezeroed(calibration, cycles, other)
     truejoint.write_calibration(today, output, overwrite=force)
     if as_json:
         result_json({"out": str(output), **vars(found), "correction": found.correction})

@@ -15,7 +15,7 @@ import truejoint
 from truejoint.cli import complete
 from truejoint.cli.console import out, say
 from truejoint.cli.inputs import Files, read_trajectory, takes_files
-from truejoint.errors import RecordingError, TruejointError
+from truejoint.errors import TruejointError
 from truejoint.robots.catalogue import DEFAULT
 
 _PIECE = 600.0  # of random motion [s]
@@ -27,7 +27,7 @@ def monitor(
     recording: Annotated[
         str | None,
         typer.Argument(
-            metavar="[RECORDING]",
+            metavar="RECORDING",
             help="Recording to play and scrub through; without one a simulated arm is shown, in "
             "real time.",
             autocompletion=complete.recordings,
@@ -87,10 +87,8 @@ def _show_recording(
     host: str,
     port: int,
 ) -> None:
-    found = files.find([name], model=calibration)()
-    if len(found) != 1:
-        raise RecordingError(f"{name}: {len(found)} recordings; name one of them")
-    with truejoint.monitor.RecordingPage(found[0], calibration, host=host, port=port) as page:
+    shown = files.one(name, model=calibration)
+    with truejoint.monitor.RecordingPage(shown, calibration, host=host, port=port) as page:
         _tell(page.url)
         _wait()
 

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from truejoint.cli import complete
+from truejoint.errors import CommandRefused
 
 RobotName = Annotated[
     str,
@@ -36,17 +37,22 @@ Level = Annotated[
     typer.Option(
         "--level",
         help="Probability of the stated interval [%]; default: 90.",
-        autocompletion=complete.percent_levels,
+        autocompletion=complete.levels,
     ),
 ]
 DatasetName = Annotated[
-    str, typer.Argument(help="Name of the data set.", autocompletion=complete.datasets)
+    str,
+    typer.Argument(metavar="NAME", help="Name of the data set.", autocompletion=complete.datasets),
 ]
 
 
 def share(percent: float | None) -> float | None:
-    """Probability of so many percent, where they are given."""
-    return None if percent is None else percent / 100.0
+    """Probability of so many percent, where they are given; raises CommandRefused if it is none."""
+    if percent is None:
+        return None
+    if not 0.0 < percent < 100.0:
+        raise CommandRefused(f"--level {percent:g}: give a probability between 0 and 100 %, as 90")
+    return percent / 100.0
 
 
 def recordings(name: str, help: str) -> Any:  # noqa: A002  # as typer calls it
@@ -57,7 +63,7 @@ def recordings(name: str, help: str) -> Any:  # noqa: A002  # as typer calls it
 Recordings = Annotated[
     list[str],
     typer.Argument(
-        metavar="RECORDING...",
+        metavar="RECORDING",
         help="Recording files, folders of a data set, or NAME:PATTERN of a public data set "
         "(`truejoint datasets` lists them).",
         autocompletion=complete.recordings,

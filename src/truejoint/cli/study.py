@@ -31,6 +31,7 @@ def study(
     name: Annotated[
         str | None,
         typer.Argument(
+            metavar="NAME",
             help="Which study, forceps for those of the forceps, or all; listed without one.",
             autocompletion=lambda: [*STUDIES, ALL],
         ),

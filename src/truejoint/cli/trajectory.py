@@ -135,7 +135,7 @@ def make_nested(
 
 @app.command("show", epilog="Example: `truejoint trajectory show zigzag.csv --plot zigzag.html`")
 def show(
-    path: Annotated[Path, typer.Argument(help="Trajectory file.")],
+    path: Annotated[Path, typer.Argument(metavar="TRAJECTORY", help="Trajectory file.")],
     robot: RobotName = DEFAULT,
     arm: Arm = "",
     plot: Plot = None,

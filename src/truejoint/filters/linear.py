@@ -109,9 +109,10 @@ def linear_model(
 
 
 def discretise(A: npt.ArrayLike, B: npt.ArrayLike, dt: float) -> tuple[Array, Array]:
-    """Exact discretisation of dx/dt = A x + B u with u constant over a step: (13) to (14).
+    """Exact discretisation of dx/dt = A x + B u with u constant over a step.
 
-    Returns exp(A dt) (n, n), and the integral of exp(A s) B (n, p) over 0 <= s <= dt.
+    Returns exp(A dt) (n, n), and the integral of exp(A s) B (n, p) over 0 <= s <= dt: (13) to (14)
+    of yan2020.
 
     Parameters
     ----------

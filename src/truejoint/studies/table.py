@@ -62,7 +62,8 @@ def degrees_text(value: float | None, decimals: int = 3) -> str:
 
 def median_text(values: Array, decimals: int) -> str:
     """Median of values (n,), in brackets the largest."""
-    return f"{np.median(values):.{decimals}f} ({values.max():.{decimals}f})"
+    middle, largest = (fixed(float(f(values)), decimals) for f in (np.median, np.max))
+    return f"{middle} ({largest})"
 
 
 def reported_text(value: float | None, decimals: int = 2) -> str:

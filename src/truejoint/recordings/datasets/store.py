@@ -148,11 +148,10 @@ def fetch(
 
 def _remove_empty(folder: Path) -> None:
     """Leave no folder without a file: `locate` would take it for a copy."""
-    if folder.is_dir():
+    with suppress(OSError):  # a file, not empty, or another process has been quicker
         for inner in [*folder.iterdir()]:
             _remove_empty(inner)
-        with suppress(OSError):  # not empty, or another process has been quicker
-            folder.rmdir()
+        folder.rmdir()
 
 
 def read_dataset(

@@ -28,7 +28,7 @@ from truejoint.studies.forceps.load import signals
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import Table, median_text
 
 OURS: Final = "ukf_friction"
 PHYSICAL: Final = "physical"
@@ -247,4 +247,4 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
 
 
 def _spread(errors: Sequence[float]) -> str:
-    return f"{degrees_text(float(np.median(errors)))} ({degrees_text(max(errors))})"
+    return median_text(np.degrees(errors), 3)
