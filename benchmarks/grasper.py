@@ -200,7 +200,8 @@ def calibrated(estimators: Sequence[str], splits: Iterable[Split]) -> None:
             found = np.concatenate([misses(model, recording) for recording in testing])
             angle, torque = scores(found[:, :2])
             held = 100.0 * np.mean(np.abs(found[:, 1]) <= found[:, 2])
-            cells = f"{angle:.3f} | {torque:.2f} | {held:.0f} %"
+            told = "- | -" if np.isnan(torque) else f"{torque:.2f} | {held:.0f} %"
+            cells = f"{angle:.3f} | {told}"
             print(f"| {name}, {split.name} | {cells} |", flush=True)
 
 

@@ -108,6 +108,14 @@ def test_a_load_without_truth_is_none():
         filtered.fit(np.zeros((2000, 6)), truth, dt=dt, loads=loads)
 
 
+def test_a_load_that_is_not_known_is_refused():
+    filtered = CableFilter(mechanism=get_robot("wrist").cable_mechanism)
+    loads = np.zeros((500, 3))
+    loads[400:, 1] = np.nan
+    with pytest.raises(CalibrationError, match="100 rows whose load is not known"):
+        filtered.fit(np.zeros((500, 6)), np.zeros((500, 3)), loads=loads)
+
+
 def test_truth_of_the_first_two_seconds_is_none():
     rows, start = 1000, np.arange(1000) < 410
     truth = np.where(start[:, None], 0.0, np.nan) * np.ones(3)

@@ -146,6 +146,8 @@ def test_a_seed_goes_to_the_members():
         ((LinearRegressor(),), ((1.0, 0.0),), "not all 0 for an output"),
         ((LinearRegressor(),), ((1.0, 1.0), (0.0, 1.0)), "for each of 1 members"),
         ((LinearRegressor(),), ((float("nan"), 1.0),), "give a finite one"),
+        ((LinearRegressor(),), "half each", "give a finite one"),
+        ((LinearRegressor(),) * 2, ((1.0,), (1.0, 1.0)), "give a finite one"),
         ((LinearRegressor(),), ((1.0,) * 3,), "are for 3 outputs"),
         ((JawFilter(), ElasticJointFilter()), None, "features of their own"),
         ((SVR(),), None, "cannot run in a loop"),

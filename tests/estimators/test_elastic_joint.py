@@ -132,7 +132,7 @@ def test_what_it_states_of_its_errors_holds(fitted):
     )
     estimate = model.estimate(X, steps)
     for error, deviation in (
-        (estimate.outputs[:, 0] - y[:, 0], estimate.deviations[:, 0]),
+        *zip((estimate.outputs - y).T, estimate.deviations.T, strict=True),
         (estimate.load - load, estimate.load_deviation),
     ):
         assert 0.7 < np.sqrt(np.mean((error / deviation) ** 2)) < 1.3
@@ -187,10 +187,25 @@ def test_a_torque_that_is_known_in_few_rows_is_not_told(fitted):
     assert not fit(clone(fitted), X, y, steps).model_params()["tells_torque"]
 
 
+def test_a_torque_of_0_that_was_read_is_learnt(fitted):
+    """Of a jaw that presses in one half of its travel alone."""
+    X, y, steps, _ = rows(range(5))
+    y[:, 1] = 0.1 * np.maximum(X[:, 0] - 0.5, 0.0)
+    told = fit(clone(fitted), X, y, steps).estimate(X, steps).outputs[:, 1]
+    assert np.abs(told[y[:, 1] == 0.0]).mean() < 0.01  # the line of the other half is at -0.03
+
+
 def test_loads_of_another_shape_are_refused(fitted):
     X, y, steps, _ = rows([0])
     with pytest.raises(CalibrationError, match=r"give \(2500, 1\): truth_effort/jaw"):
         clone(fitted).fit(X, y[:, :1], None, steps, loads=y[:, 1])
+
+
+def test_a_torque_in_another_unit_is_refused():
+    parts = [recording(seed) for seed in range(4)]
+    parts[2] = replace(parts[2], units={**parts[2].units, "truth_effort/jaw": "N"})
+    with pytest.raises(CalibrationError, match="'truth_effort/jaw' is in N, and is learnt in Nm"):
+        calibrate(parts, "ukf_elastic")
 
 
 def test_from_recordings_to_a_model_file_and_back(tmp_path):

@@ -90,6 +90,7 @@ def test_an_unknown_column_is_refused_by_the_names_there_are(recording: Recordin
         ("measured/insertion", "m"),
         ("velocity/insertion", "m/s"),
         ("effort/insertion", "Nm"),
+        ("truth_effort/insertion", "N"),
         ("measured/unused", "rad"),
         ("truth/elbow", "rad"),
         ("motor/insertion", "rad"),

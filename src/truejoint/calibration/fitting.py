@@ -29,7 +29,7 @@ from truejoint.calibration.selection import (
     common_robot,
     common_units,
 )
-from truejoint.calibration.sessions import distinct, session_of
+from truejoint.calibration.sessions import check_unit, distinct, session_of
 from truejoint.calibration.signal_shift import signal_moves
 from truejoint.calibration.training_domain import fit_training_domain, resting_features
 from truejoint.calibration.training_rows import (
@@ -519,10 +519,15 @@ def _fit_model(
 
 
 def known_loads(recording: Recording, names: Sequence[str]) -> Array:
-    """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none."""
+    """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none.
+
+    Raises CalibrationError if one is in another unit.
+    """
     columns = np.zeros((len(recording), len(names)))
     for column, name in zip(columns.T, names, strict=True):
-        column[:] = recording.table.get(name, 0.0)
+        if name in recording.units:
+            check_unit(recording, name, "Nm", "and is learnt in")
+            column[:] = recording.column(name)
     return columns
 
 

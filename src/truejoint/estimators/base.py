@@ -215,7 +215,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     @abstractmethod
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        """Learn from checked rows `X` (n, k), `y` (n, n_outputs) and `dt` (n,)."""
+        """Learn from checked rows `X` (n, k), `y` (n, n_outputs) and `dt` (n,).
+
+        Meanwhile `self._loads` (n, m) are those that `truth_beside` names.
+        """
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""

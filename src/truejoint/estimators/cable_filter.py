@@ -421,6 +421,12 @@ class CableFilter(JointRegressor):
         if self.mechanism is None:
             raise CalibrationError(f"{self.name} knows no cables; give it a mechanism")
         self._known(y)
+        unknown = int((~np.isfinite(self._loads)).any(axis=1).sum())
+        if unknown:
+            raise CalibrationError(
+                f"{self.name}: {unknown} rows whose load is not known (truth_load/... is NaN); "
+                "leave out the recordings that have them"
+            )
         runs = [one for _, one in self._runs(X, y, dt)]
         if not runs:
             raise CalibrationError(

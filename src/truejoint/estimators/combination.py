@@ -25,6 +25,7 @@ from truejoint.models.family import (
     find_family,
     integer,
     optional,
+    random_state,
 )
 
 if TYPE_CHECKING:
@@ -80,7 +81,10 @@ class Combination(JointRegressor):
     """
 
     family: ClassVar[Family] = _FamilyOfMembers()  # type: ignore[assignment]  # by its members
-    training: ClassVar[Mapping[str, Rule]] = {"rows": optional(integer(1, 10**9))}
+    training: ClassVar[Mapping[str, Rule]] = {
+        "random_state": random_state(),
+        "rows": optional(integer(1, 10**9)),
+    }
     members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
     weights: Sequence[Sequence[float]] | None = None
     random_state: int | None = None
@@ -119,7 +123,9 @@ class Combination(JointRegressor):
                 "same, and cannot be combined; fit each alone"
             )
         if self.weights is not None:
-            weights = np.asarray(self.weights, dtype=np.float64)
+            weights = np.zeros(0)
+            with suppress(TypeError, ValueError):  # of words, or of rows that are not as long
+                weights = np.asarray(self.weights, dtype=np.float64)
             good = weights.ndim == 2 and len(weights) == len(unfitted)
             if not (good and np.isfinite(weights).all() and weights.any(axis=0).all()):
                 raise CalibrationError(

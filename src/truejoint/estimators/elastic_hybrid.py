@@ -77,7 +77,7 @@ class ElasticJointHybrid(ElasticJointFilter):
         columns = output_terms(motion.angle, states)[kept]
         told = np.column_stack([columns @ response for response in filtered["outputs"]])
         seen = self._sight(scales, X, dt, kept, states[kept], told)
-        left, history = self._targets(y)[kept] - told, motion.history[kept]
+        left, history = self._targets(y, dt)[kept] - told, motion.history[kept]
         sums = [_angle_trees(seen, elastic_hybrid.n_plays(self.found_), left[:, 0], history)]
         progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
         sums += [_torque_trees(seen, torque) for torque in left.T[1:]]

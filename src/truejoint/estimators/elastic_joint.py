@@ -105,16 +105,15 @@ class ElasticJointFilter(JointRegressor):
         return made
 
     def truth_beside(self) -> tuple[str, ...]:
-        """Column of the jaw's torque; one that is 0 throughout is not learnt."""
+        """Column of the jaw's torque; of a history in which it is 0 throughout it is not known."""
         return (model.JAW_TORQUE,)
 
-    def _targets(self, y: Array) -> Array:
+    def _targets(self, y: Array, dt: Array) -> Array:
         """Angle, of `y` (n, 1), and torque where it is known in enough rows, NaN elsewhere."""
-        known = np.isfinite(y) & (self._loads != 0.0)
-        torque = np.where(known, self._loads, np.nan)
-        told = np.isfinite(torque).sum() >= self.least_rows
-        self.found_: Params = {**self._FOUND, "tells_torque": bool(told)}
-        return np.hstack([y, torque] if told else [y])
+        history, read = np.cumsum(dt == 0.0), np.isfinite(self._loads) & (self._loads != 0.0)
+        is_read = np.bincount(history, read[:, 0])[history, None] > 0.0
+        torque = np.where(np.isfinite(y) & is_read, self._loads, np.nan)
+        return np.hstack([y, torque] if np.isfinite(torque).sum() >= self.least_rows else [y])
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         known = self._known(y)
@@ -143,7 +142,8 @@ class ElasticJointFilter(JointRegressor):
             )
         progress(0.8)
         states, spread = run(joint, motion, mean_dt(motion.dt))
-        targets = self._targets(y)[kept]
+        targets = self._targets(y, dt)[kept]
+        self.found_: Params = {**self._FOUND, "tells_torque": targets.shape[1] > 1}
         told = [_response(motion, states, spread, target) for target in targets.T]
         progress(1.0)
         return {
@@ -249,9 +249,9 @@ def _response(motion: Motion, states: Array, spread: Array, target: Array) -> tu
     angle, y = motion.angle[rows], target[rows]
     columns = output_terms(angle, states[rows])
     found = respond(columns, y, states[rows, -2], motion.history[rows], motion.dt[rows])
-    left = float(np.mean((y - columns @ found[0]) ** 2))
-    _, by_state = outputs = np.empty((2, len(rows), 1))
-    model.output_rows(angle, states[rows], spread[rows], found, *outputs)
+    told, by_state = np.empty((2, len(rows), 1))
+    model.output_rows(angle, states[rows], spread[rows], found, told, by_state)
+    left = float(np.mean((y - told[:, 0]) ** 2))
     return found[0], np.sqrt(max(left - float(by_state.mean()), 0.1 * left))
 
 

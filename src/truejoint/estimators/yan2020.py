@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from typing import Any, ClassVar, Final, Self
 
@@ -14,7 +15,7 @@ from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.jaw import JawEstimator, median_dt
 from truejoint.filters import FilterResult
 from truejoint.models import cable_least_squares, jaw_filter
-from truejoint.models.family import EstimatorData, Family, Params
+from truejoint.models.family import EstimatorData, Family, Params, Rule
 from truejoint.models.jaw import COEFFICIENTS, FIT_METHODS, NEAREST
 from truejoint.models.jaw_dynamics import ForcepsModel, injection_gain, steady_gain
 from truejoint.models.jaw_filter import MECHANISM_NAMES, NOISE_NAMES, FilterNoise
@@ -66,6 +67,10 @@ class JawFilter(JawEstimator):
     """
 
     family: ClassVar[Family] = jaw_filter.FAMILY
+    training: ClassVar[Mapping[str, Rule]] = {
+        "mechanism": Rule(lambda value: isinstance(value, ForcepsModel), "a ForcepsModel"),
+        "noise": Rule(lambda value: isinstance(value, FilterNoise), "a FilterNoise"),
+    }
     compensation: str = "constant"
     mechanism: ForcepsModel = ForcepsModel()  # noqa: RUF009  # frozen
     noise: FilterNoise = FilterNoise()  # noqa: RUF009

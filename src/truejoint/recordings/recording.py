@@ -454,8 +454,8 @@ def default_unit(column: str, robot: Robot) -> str:
             return unit
         if quantity == "velocity":
             return unit + "/s"
-        if quantity in ("effort", "truth_load"):
-            at_joint = known and (robot.effort == "joint" or quantity == "truth_load")
+        if quantity in ("effort", "truth_effort", "truth_load"):
+            at_joint = known and (robot.effort == "joint" or quantity != "effort")
             return robot.joint(channel).effort_unit if at_joint else "Nm"
     return _UNITS.get(quantity, "1")
 

@@ -116,9 +116,9 @@ class Corrector(Summarised):
     beside : mapping of str to ndarray, shape (2,)
         What else the model tells, and its half-width at `level`, of the last sample that was used:
         of ``ukf_friction`` ``"load"``, the torque on the jaw from outside [Nm], of ``ukf_elastic``
-        and ``hybrid`` ``"torque"`` at the jaw [Nm], where recordings had ``truth_effort/jaw``, of
-        ``ukf_cables`` and ``hybrid_cables`` ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm];
-        of a mean what its members tell.
+        and ``hybrid`` ``"torque"`` at the jaw [Nm], where recordings had ``truth_effort/jaw`` (its
+        half-width is the filter's, too wide with trees), of ``ukf_cables`` and ``hybrid_cables``
+        ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm]; of a mean what its members tell.
     gives_way : mapping of str to ndarray, shape (n_joints,)
         How far the joints give way to each of these while the motors stand [rad/Nm or m/N], where
         the model knows.
