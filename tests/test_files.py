@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import stat
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +37,21 @@ def test_a_failed_write_leaves_what_was_there(tmp_path: Path) -> None:
         write_atomically(path, half, overwrite=True)
     assert path.read_text() == "before"
     assert [p.name for p in tmp_path.iterdir()] == ["kept"]
+
+
+def test_the_disk_has_a_file_before_its_name_and_then_the_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept = []
+
+    def fsync(handle: int) -> None:
+        named = (tmp_path / "new").exists()
+        kept.append((stat.S_ISDIR(os.fstat(handle).st_mode), os.fstat(handle).st_size, named))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    write_atomically(tmp_path / "new", lambda p: p.write_text("whole") and None, overwrite=False)
+    assert [(is_folder, named) for is_folder, _, named in kept] == [(False, False), (True, True)]
+    assert kept[0][1] == len("whole")
 
 
 def test_overwriting_must_be_allowed(tmp_path: Path) -> None:

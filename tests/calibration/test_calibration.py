@@ -77,6 +77,15 @@ def test_other_robot_arm_columns_units_and_rate_are_refused(calibration, build, 
     assert np.isfinite(timed.correct(build(100, rate=1000.0))).all()
 
 
+def test_rows_that_each_follow_a_gap_tell_a_feature_with_a_memory_nothing(recording):
+    sparse = recording.rows(np.arange(0, len(recording), 12))
+    plain, play = (
+        calibrate(recording, "linear", features=names) for names in (FEATURES[:2], FEATURES[-1:])
+    )
+    assert np.isfinite(plain.correct(sparse)).all()
+    refused("for a gap, after which it knows no past", play, sparse)
+
+
 def test_wrong_sample_is_refused_and_leaves_the_state(calibration, recording):
     signals = recording.table[list(calibration.signals)].to_numpy()
     state = calibration.start()

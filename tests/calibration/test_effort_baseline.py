@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration import calibrate, effort_fitting, read_calibration, write_calibration
 from truejoint.calibration.effort_baseline import (
     MAX_JOINTS,
     count_effort_terms,
@@ -149,6 +149,23 @@ def test_size_and_correlation_time_of_errors_are_found():
     size, time, _ = residual_statistics(calibration, [recording], np.zeros(len(calibration.joints)))
     assert size == pytest.approx(0.02, rel=0.1)
     assert time == pytest.approx(4.0, rel=0.3)
+
+
+@pytest.mark.parametrize(("recordings", "each"), [(1, 24), (5, 5), (8, 3), (12, 3)])
+def test_beginnings_are_looked_at_from_so_many_starts_in_all_and_of_each(
+    monkeypatch, calibration, recordings, each
+):
+    """Where tests look at fewer to be quick, this one does not."""
+    counts = []
+
+    def looked_at(_calibration, _recording, count, _step):
+        counts.append(count)
+        return []
+
+    monkeypatch.setattr(effort_fitting, "_STARTS", 24)
+    monkeypatch.setattr(effort_fitting, "beginnings", looked_at)
+    residual_statistics(calibration, [motion(0, duration=20.0)] * recordings, np.zeros(3))
+    assert counts == [each] * recordings
 
 
 def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration):

@@ -229,11 +229,12 @@ def test_mutated_bytes_give_an_error_or_the_same_model(
     ("field", "lie"),
     [("units", ["rad"]), ("units", "rad"), ("units", {"measured/elbow": ""}),
      ("units", {"measured/elbow": "x" * 41}), ("units", {"measured/elbow": "\n"}),
-     ("units", {"measured/elbow": 1}), ("target", "speed"), ("target", None)],
+     ("units", {"measured/elbow": 1}), ("units", {"measured/elbow": "rad"}), ("target", "speed"),
+     ("target", None), ("gap_limit", 0.0), ("gap_limit", -1.0), ("gap_limit", "1")],
 )  # fmt: skip
 def test_a_lie_is_refused_by_its_field(tmp_path, saved, field, lie):
     description, arrays = from_bytes(saved)
-    refused(tmp_path, to_bytes({**description, field: lie}, arrays), field)
+    refused(tmp_path, to_bytes({**description, field: lie}, arrays), field.replace("_", " "))
 
 
 def test_no_name_of_a_column_becomes_source(tmp_path, saved):

@@ -67,12 +67,17 @@ def test_a_session_of_half_a_character_goes_into_any_output(
     assert (provenance.session, provenance.source) == ("\\ud800", "bad\\udcff.csv")
 
 
-def test_output_in_forced_ascii(call: Call, session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_output_in_forced_ascii(
+    call: Call, session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    model = tmp_path / "modèle.st"
+    model.write_bytes((session / "m.st").read_bytes())
     out = io.TextIOWrapper(io.BytesIO(), encoding="ascii")  # as PYTHONIOENCODING has it
     monkeypatch.setattr(sys, "stdout", out)
-    shown = call("show", session / "m.st")
+    shown = call("show", model)
     out.flush()
     assert shown.code == 0, shown.err
+    assert b"mod\\xe8le.st" in out.buffer.getvalue()
     assert b"raven2" in out.buffer.getvalue()
 
 

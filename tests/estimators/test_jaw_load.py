@@ -192,6 +192,16 @@ def test_zero_is_found_without_a_sensor_at_the_jaw(plant, model, shift):
     assert zero.correction == (0.0 if shift == 0.0 else zero.shift)
 
 
+def test_a_zero_may_be_off_by_half_of_what_friction_moves_either_way():
+    phase = np.linspace(0.0, 12.0 * np.pi, 4000)
+    X = np.column_stack([11.5 * np.sin(phase), 3e-3 * np.sin(phase)])
+    model = FrictionFilter().fit(X, 0.8 * np.sin(phase))
+    lost = np.column_stack([0.1 * np.sign(np.cos(phase)), np.zeros(len(X))])
+    zero = find_encoder_zero(model, X + lost)
+    assert zero.shift == pytest.approx(0.0, abs=5e-7)
+    assert zero.deviation == pytest.approx(0.5 * 0.1 * 3e-3 / 11.5, rel=0.1)
+
+
 def test_a_shift_within_what_it_may_be_off_by_is_left_alone():
     assert EncoderZero(-2.8e-6, 1.5e-6).correction == 0.0
     assert EncoderZero(-2.8e-6, 1.3e-6).correction == -2.8e-6
