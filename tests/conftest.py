@@ -17,7 +17,6 @@ from xdist.remote import Producer
 from xdist.scheduler import LoadFileScheduling
 from xdist.workermanage import WorkerController
 
-from truejoint.calibration import effort_fitting
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
 from truejoint.errors import RecordingError
@@ -39,10 +38,6 @@ settings.load_profile("steady")
 # others where tests are dealt out in another way. Reading all files for them takes two seconds.
 # There is no setting for it; this is from within Hypothesis, which reads them from 6.131.1 on.
 providers._get_local_constants = lambda: providers._local_constants
-
-# How errors stand where a motion begins is looked at from many starts of a single recording, which
-# takes longer than most fits. Here it is from as many as of each of several recordings.
-effort_fitting._STARTS = effort_fitting._STARTS_EACH
 
 os.fsync = lambda _file: None  # what tests write need outlive no power cut
 

@@ -119,12 +119,26 @@ def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
 class Late:
     """Stands for a calibration that is off by 1 for as long as it runs, less by each second."""
 
-    joints, gap_limit, looks_back = ("jaw",), 1.0, False
+    joints, gap_limit, looks_back = ("jaw",), 1.0, True
 
     def correct(self, recording: Recording) -> np.ndarray:
         steps = np.diff(recording.t, prepend=-np.inf) > self.gap_limit
         starts = recording.t[steps][np.cumsum(steps) - 1]
-        return recording.columns("truth", self.joints) - 1.0 / (1.0 + recording.t - starts)[:, None]
+        off = self.off(recording.t - starts)[:, None]
+        return recording.columns("truth", self.joints) - off
+
+    def off(self, since: np.ndarray) -> np.ndarray:
+        return 1.0 / (1.0 + since)
+
+
+class Forgetful(Late):
+    """Stands for one that is off by 1 for a moment; it counts the rows that it runs over."""
+
+    rows = 0
+
+    def off(self, since: np.ndarray) -> np.ndarray:
+        self.rows += len(since)
+        return np.exp(-20.0 * since)
 
 
 def test_beginnings_are_started_anew_and_as_long_as_they_say():
@@ -132,10 +146,11 @@ def test_beginnings_are_started_anew_and_as_long_as_they_say():
     columns = {"t": t, "measured/jaw": t, "truth/jaw": np.sin(t)}
     recording = Recording.from_columns(columns, "davinci_grasper")
     step = np.array([0.01])
-    found = beginnings(Late(), recording, 7, step)
+    found = beginnings(Late(), recording, Late().correct(recording), 7, step)
     assert len(found) == 7
+    long = np.array(BEGINNINGS)
+    half = np.where(long < 5.0, long / np.sqrt(2.0), long / 2.0 + 1.25)  # of weights, 5 at most
     for each in found:
-        half = np.array(BEGINNINGS) / 2.0  # at which the median of what falls is
         np.testing.assert_allclose(each[:6, 0], 1.0 / (1.0 + half[:6]), rtol=0.06)
         assert np.isnan(each[6, 0])  # 20 s are more than half of it
     sd = residual_statistics(Late(), [recording], step)[2][:, 0]
@@ -143,9 +158,51 @@ def test_beginnings_are_started_anew_and_as_long_as_they_say():
     assert sd[:6] == pytest.approx(np.abs(found[0][:6, 0] - mean), rel=0.05)
     assert sd[6] == sd[5]
     waits = recording.table.assign(**{"measured/jaw": np.where(t < 10.0, 0.0, t)})
-    rests = beginnings(Late(), replace(recording, table=waits), 1, step)[0][:, 0]
+    waiting = replace(recording, table=waits)
+    rests = beginnings(Late(), waiting, Late().correct(waiting), 1, step)[0][:, 0]
     assert rests[0] == pytest.approx(1.0 / 6.0, rel=0.01)  # all of ten seconds at rest
     assert np.isnan(rests[5:]).all()  # it is in motion for five
+
+
+def test_what_is_forgotten_is_not_run_again(monkeypatch):
+    t = np.arange(0.0, 30.0, 0.05)
+    columns = {"t": t, "measured/jaw": t, "truth/jaw": np.sin(t)}
+    recording, model = Recording.from_columns(columns, "davinci_grasper"), Forgetful()
+    corrected, step = model.correct(recording), np.array([0.01])
+
+    def looked_at() -> tuple[np.ndarray, int]:
+        model.rows = 0
+        return np.array(beginnings(model, recording, corrected, 7, step)), model.rows
+
+    found, rows = looked_at()
+    assert 200 < rows <= 210  # seven times a tenth of half of the recording
+    monkeypatch.setattr("truejoint.calibration.zero._AGREED", -1.0)  # nothing ever agrees
+    whole, rows = looked_at()
+    assert 2200 < rows <= 7 * (30 + 300)
+    near = 0.01 * np.std(np.exp(-20.0 * t))
+    assert (found[:, 0] > 0.3).all()
+    np.testing.assert_allclose(found, whole, rtol=0.0, atol=near)
+    model.looks_back = False
+    assert looked_at()[1] == 0
+
+
+@pytest.mark.parametrize("estimator", ["poly2", "linear", "rich_play"])
+def test_a_beginning_tells_what_a_recording_tells_that_begins_there(build, estimator):
+    """`find_zero` of the rows from there on, which knows nothing of those before."""
+    filtered = "lowpass(effort/elbow, 0.2)"
+    features = FEATURES if estimator == "poly2" else (*FEATURES, filtered)
+    calibration = calibrate(build(1500, 0), estimator, features=features)
+    assert calibration.looks_back == (estimator != "poly2")
+    bare = replace(calibration, effort_baseline=None)  # a step of 0: all of time is in motion
+    recording = build(900, 4)
+    recording = replace(recording, table=recording.table.assign(t=1.0137 * recording.t))
+    t, length = recording.t, recording.duration / 2.0
+    found = beginnings(bare, recording, bare.correct(recording), 5, np.zeros(3))
+    for start, offsets in zip(np.linspace(t[0], t[-1] - length, 5), found, strict=True):
+        piece = recording.rows((t >= start) & (t < start + length))
+        for duration, offset in zip(BEGINNINGS[:6], offsets, strict=False):
+            near = 0.02 * calibration.effort_baseline.residual.min()
+            assert offset == pytest.approx(find_zero(bare, piece, duration).offset, abs=near)
 
 
 def test_a_joint_rests_where_it_takes_long_for_a_step():

@@ -91,12 +91,14 @@ def residual_statistics(
     errors, off = [], []
     count = max(_STARTS_EACH, -(-_STARTS // len(recordings)))
     for recording in recordings:
-        error = recording.columns("truth", calibration.joints) - calibration.correct(recording)
+        corrected = calibration.correct(recording)
+        error = recording.columns("truth", calibration.joints) - corrected
         known = np.isfinite(error).all(axis=1)
         if known.sum() >= 2:
             mean = error[known].mean(axis=0)
             errors.append((recording.t[known], error[known] - mean))
-            off += [found - mean for found in beginnings(calibration, recording, count, step)]
+            found = beginnings(calibration, recording, corrected, count, step)
+            off += [one - mean for one in found]
     if not errors:
         raise CalibrationError(
             "no recording has the truth of two rows, so nothing tells how errors vary; give one "

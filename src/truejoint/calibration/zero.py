@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,6 +29,8 @@ _DOUBT: Final = 1.5  # deviations of an offset that errors may explain
 _MOST_ROWS: Final = 500  # that a standard deviation is worked out from, pair by pair
 _LEAST_PAST, _ENOUGH_PAST = 1e-3, 5.0  # [s]; the first row alone is worth something
 _NEARLY: Final = 0.8  # of a time, in which a joint also turns, and rests there for a moment
+_TRIED, _LEAST_TRIED = 10, 20  # one part in ten of a run, rows: looked at for a past forgotten
+_AGREED: Final = 0.01  # of the standard deviation of errors: two runs that agree to it are the same
 _MOST_ROUNDS: Final = 20  # of moving the inputs of a model until its output fits
 
 
@@ -123,8 +126,11 @@ def find_zero(calibration: Calibration, recording: Recording, duration: float = 
     used = at_start(t, duration)
     rows = np.flatnonzero(known)[used]
     baseline = calibration.effort_baseline
-    in_motion = _in_motion(calibration, recording, None if baseline is None else baseline.step)
-    weights = _past(calibration, recording, in_motion)[rows]
+    position = np.ascontiguousarray(recording.columns("measured", calibration.joints))
+    step = np.zeros(position.shape[1]) if baseline is None else baseline.step  # else, all of time
+    stamps = np.array(recording.t)
+    in_motion = time_in_motion(stamps, position, step)
+    weights = _past(calibration, stamps, in_motion)[rows]
     t, offset = t[used], _medians(error[used], weights)
     if calibration.moves is not None:
         # The outputs move about as far as the inputs, but not just as far.
@@ -158,60 +164,96 @@ def _alike(in_motion: Array, weights: Array, time: float) -> float:
 
 
 def beginnings(
-    calibration: Calibration, recording: Recording, count: int, step: Array
+    calibration: Calibration, recording: Recording, corrected: Array, count: int, step: Array
 ) -> list[Array]:
     """Offsets (n, n_joints) [rad or m] of the first `BEGINNINGS` from each of `count` starts.
 
     NaN for those in which a joint, which moves by a `step` (n_joints,) [rad or m] or rests, was in
     motion for less, but for the shortest; of each start with a truth, spread evenly, as far as the
-    longest, or half of the recording. The calibration starts there anew.
+    longest, or half of the recording. The calibration starts there anew; `corrected` (m, n_joints)
+    [rad or m] is what it gives in one go.
     """
-    t, length = recording.t, min(BEGINNINGS[-1], 0.5 * recording.duration)
+    t, length = np.array(recording.t), min(BEGINNINGS[-1], 0.5 * recording.duration)
+    truth = recording.columns("truth", calibration.joints)
+    position = np.ascontiguousarray(recording.columns("measured", calibration.joints))
     starts = np.linspace(t[0], t[-1] - length, count)
-    spans = [np.arange(*np.searchsorted(t, (one, one + length))) for one in starts]
-    piece = np.repeat(np.arange(count), [len(span) for span in spans])
-    rows = np.concatenate(spans)
-    apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
-    table = recording.table.iloc[rows].reset_index(drop=True).assign(t=t[rows] + apart * piece)
-    pieces = replace(recording, table=table)
-    error = pieces.columns("truth", calibration.joints) - calibration.correct(pieces)
-    known = np.asarray(np.isfinite(error).all(axis=1))
-    in_motion = _since_start(calibration, pieces, _in_motion(calibration, pieces, step))
-    weights, found = _past(calibration, pieces, in_motion), []
-    for number in np.unique(piece[known]):
-        own = known & (piece == number)
-        off = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
-        columns = (values[own].T for values in (in_motion, error, weights))
-        for j, (since, left, weight) in enumerate(zip(*columns, strict=True)):
-            for row, duration in enumerate(BEGINNINGS):
-                used = since < duration
-                if used.any() and (row == 0 or since[-1] >= _NEARLY * duration):
-                    off[row, j] = _median(left[used], weight[used])
-        found.append(off)
+    spans = [slice(*np.searchsorted(t, (one, one + length))) for one in starts]
+    near = _AGREED * np.nanstd(truth - corrected, axis=0)
+    anew = _corrected_anew(calibration, recording, spans, corrected, near)
+    found = []
+    for span, own in zip(spans, anew, strict=True):
+        in_motion = time_in_motion(t[span], position[span], step)
+        weights = _past(calibration, t[span], in_motion)
+        error = truth[span] - own
+        known = np.isfinite(error).all(axis=1)
+        if known.any():
+            columns = (values[known].T for values in (in_motion, error, weights))
+            found.append(np.transpose([_offsets(*one) for one in zip(*columns, strict=True)]))
     return found
 
 
-def _in_motion(calibration: Calibration, recording: Recording, step: Array | None) -> Array:
-    """Time [s] for which each joint (n, n_joints) has been in motion; without steps, all time."""
-    position = np.ascontiguousarray(recording.columns("measured", calibration.joints))
-    step = np.zeros(position.shape[1]) if step is None else step
-    return time_in_motion(np.array(recording.t), position, step)
+def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
+    """Offsets (n,) [rad or m] of the first `BEGINNINGS`, of one joint (m,); NaN where too long."""
+    off = np.full(len(BEGINNINGS), np.nan)
+    ends = np.searchsorted(in_motion, BEGINNINGS)
+    for row, (end, duration) in enumerate(zip(ends, BEGINNINGS, strict=True)):
+        if end and (row == 0 or in_motion[-1] >= _NEARLY * duration):
+            off[row] = _median(error[:end], weights[:end])
+    return off
 
 
-def _since_start(calibration: Calibration, recording: Recording, in_motion: Array) -> Array:
-    """Time in motion (n, n_joints) [s] since the history of each row began."""
-    starts = time_steps(np.array(recording.t), calibration.gap_limit) == 0.0
-    return np.asarray(in_motion - in_motion[starts][np.cumsum(starts) - 1])
+def _corrected_anew(
+    calibration: Calibration,
+    recording: Recording,
+    spans: Sequence[slice],
+    corrected: Array,
+    near: Array,
+) -> list[Array]:
+    """Corrected positions (m, n_joints) of each of the `spans` of rows, from which it starts anew.
+
+    In a span in whose first tenth they come as `near` (n_joints,) [rad or m] to those of one run,
+    `corrected` (n, n_joints), what was before is forgotten, and they are the same from there on.
+    """
+    found = [corrected[span] for span in spans]
+    if not calibration.looks_back:
+        return found
+    lengths = [max(len(own) // _TRIED, min(len(own), _LEAST_TRIED)) for own in found]
+    tried = [slice(one.start, one.start + n) for one, n in zip(spans, lengths, strict=True)]
+    remembered = []
+    for k, begun in enumerate(_run(calibration, recording, tried)):
+        before, after = np.split(found[k], [len(begun)])
+        late = len(begun) // 2
+        if len(after) and not (np.abs(begun - before)[late:] <= near).all():
+            remembered.append(k)
+        else:
+            found[k] = np.concatenate([begun, after])
+    again = _run(calibration, recording, [spans[k] for k in remembered])
+    for k, own in zip(remembered, again, strict=True):
+        found[k] = own
+    return found
 
 
-def _past(calibration: Calibration, recording: Recording, in_motion: Array) -> Array:
-    """How long the past in motion of each row is (n, n_joints) [s].
+def _run(calibration: Calibration, recording: Recording, spans: Sequence[slice]) -> list[Array]:
+    """Corrected positions (m, n_joints) of each of the `spans` of rows, all of them in one run."""
+    if not spans:
+        return []
+    rows = [np.arange(span.start, span.stop) for span in spans]
+    apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
+    t = np.concatenate([recording.t[own] + k * apart for k, own in enumerate(rows)])
+    table = recording.table.iloc[np.concatenate(rows)].reset_index(drop=True).assign(t=t)
+    corrected = calibration.correct(replace(recording, table=table))
+    return np.split(corrected, np.cumsum([len(own) for own in rows])[:-1])
+
+
+def _past(calibration: Calibration, t: Array, in_motion: Array) -> Array:
+    """How long the past in motion of each row, at `t` (n,) [s], is (n, n_joints) [s].
 
     1 where nothing looks at the past.
     """
     if not calibration.looks_back:
         return np.ones_like(in_motion)
-    past = _since_start(calibration, recording, in_motion)
+    starts = time_steps(t, calibration.gap_limit) == 0.0
+    past = in_motion - in_motion[starts][np.cumsum(starts) - 1]
     return np.asarray(np.clip(past, _LEAST_PAST, _ENOUGH_PAST))
 
 
