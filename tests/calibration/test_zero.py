@@ -121,10 +121,12 @@ class Late:
 
     joints, gap_limit, looks_back = ("jaw",), 1.0, False
 
-    def correct(self, recording: Recording) -> np.ndarray:
+    def evaluate(self, recording: Recording) -> np.ndarray:
         steps = np.diff(recording.t, prepend=-np.inf) > self.gap_limit
         starts = recording.t[steps][np.cumsum(steps) - 1]
         return recording.columns("truth", self.joints) - 1.0 / (1.0 + recording.t - starts)[:, None]
+
+    correct = evaluate
 
 
 def test_beginnings_are_started_anew_and_as_long_as_they_say():
@@ -168,6 +170,16 @@ def test_a_joint_rests_where_it_takes_long_for_a_step():
     assert found[-1, 0] < 0.9 * (t[-1] - 5.0)  # at 0.05 it takes a second for a step: half counts
     every = time_in_motion(t, both, np.zeros(2))
     np.testing.assert_allclose(every, np.column_stack([t - t[0]] * 2), rtol=1e-12)
+
+
+def test_rows_so_far_apart_that_a_beginning_is_one_of_them_are_no_gaps(build):
+    recording = build(400, 0)
+    slow = replace(recording, table=recording.table.assign(t=30.0 * np.arange(400)))
+    features = ["measured/elbow", "lowpass(measured/elbow, 60)"]
+    calibration = calibrate(slow, "linear", features=features, joints=["elbow"])
+    assert calibration.looks_back
+    assert (calibration.effort_baseline.beginning > 1e-6).all()
+    assert np.isfinite(calibration.correct(slow.rows(slice(0, 1)))).all()
 
 
 @pytest.mark.parametrize("estimator", ["linear", "rich_play"])

@@ -174,7 +174,7 @@ def beginnings(
     apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
     table = recording.table.iloc[rows].reset_index(drop=True).assign(t=t[rows] + apart * piece)
     pieces = replace(recording, table=table)
-    error = pieces.columns("truth", calibration.joints) - calibration.correct(pieces)
+    error = pieces.columns("truth", calibration.joints) - calibration.evaluate(pieces)
     known = np.asarray(np.isfinite(error).all(axis=1))
     in_motion = _since_start(calibration, pieces, _in_motion(calibration, pieces, step))
     weights, found = _past(calibration, pieces, in_motion), []

@@ -298,11 +298,11 @@ def check_sample_dt(recording: Recording, trained: float) -> None:
 
 
 def check_history(recording: Recording, gap_limit: float) -> None:
-    """Refuse, with CalibrationError, a recording in which every row would begin a history anew.
+    """Refuse, with CalibrationError, a recording in which most rows would begin a history anew.
 
-    Its rows are more than `gap_limit` [s] apart, or so far but for rounding.
+    They are more than `gap_limit` [s] apart, or so far but for rounding. A single row is none.
     """
-    dt = sample_dt([recording])
+    dt = sample_dt([recording]) if len(recording) > 1 else 0.0
     if dt > 0.999 * gap_limit:
         raise CalibrationError(
             f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, and the "

@@ -39,10 +39,11 @@ class ReZero:
     A Kalman filter with two states per joint. The offset drifts as a random walk; it is what is
     given back. The other is the calibration's own error here and now, which has the size and three
     times the correlation time that the model file states: it keeps ten seconds of truth in one
-    corner of the workspace from being taken for a thousand independent readings. A reading that
-    does not fit is left out, until ten on end do not fit on the same side. What was before the
-    first reading the calibration does not know: no offset is known better than `find_zero` has it
-    of a recording that begins there.
+    corner of the workspace from being taken for a thousand independent readings. That time counts
+    while a joint is in motion; at rest all readings share one error. A reading that does not fit is
+    left out, until ten on end do not fit on the same side. What was before the first reading the
+    calibration does not know: no offset is known better than `find_zero` has it of a recording that
+    begins there.
 
     Parameters
     ----------
