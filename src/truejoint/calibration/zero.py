@@ -171,6 +171,8 @@ def beginnings(
     spans = [np.arange(*np.searchsorted(t, (one, one + length))) for one in starts]
     piece = np.repeat(np.arange(count), [len(span) for span in spans])
     rows = np.concatenate(spans)
+    if len(rows) < 2:  # of rows further apart than a beginning is long
+        return []
     apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
     table = recording.table.iloc[rows].reset_index(drop=True).assign(t=t[rows] + apart * piece)
     pieces = replace(recording, table=table)

@@ -300,9 +300,9 @@ def check_sample_dt(recording: Recording, trained: float) -> None:
 def check_history(recording: Recording, gap_limit: float) -> None:
     """Refuse, with CalibrationError, a recording in which most rows would begin a history anew.
 
-    They are more than `gap_limit` [s] apart, or so far but for rounding. A single row is none.
+    They are more than `gap_limit` [s] apart, or so far but for rounding.
     """
-    dt = sample_dt([recording]) if len(recording) > 1 else 0.0
+    dt = sample_dt([recording])
     if dt > 0.999 * gap_limit:
         raise CalibrationError(
             f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, and the "
