@@ -117,7 +117,7 @@ def test_a_part_that_is_easy_for_all_weighs_no_more_than_another():
     group.trials = group.trials[:2]
     group._spreads = np.zeros((2, 1))
     for trial in group.trials:
-        trial.folds = 3
+        trial.folds = [0, 1, 2]
     moving, resting = np.diag([100.0, 1.0]), np.diag([1e-4, 4e-4])
     group.products = [moving[None], moving[None], resting[None]]
     assert group.weights()[1, 0] > 0.5
@@ -132,7 +132,7 @@ def test_a_mean_is_taken_where_errors_differ_and_one_alone_where_they_do_not(sha
     group._spreads = np.zeros((5, 1))
     group.products = [products[None] * scale for scale in (1.0, 2.0, 3.0)]
     for trial in group.trials:
-        trial.folds = 3
+        trial.folds = [0, 1, 2]
     weights, square = group.combined()
     assert np.count_nonzero(weights) == members
     assert weights.sum() == pytest.approx(1.0)
@@ -272,10 +272,10 @@ def test_what_lacks_rows_without_one_recording_is_judged_by_the_others(
     recordings = [bent(seed, 0.2).rows(np.arange(n)) for seed, n in enumerate(rows)]
     model = calibrate(recordings, Automatic([Demanding(2)]))
     tried = told(model)["poly2"]
-    assert (
-        f"{min(n for n in (sum(rows) - one for one in rows) if n < needed)} rows" in (tried["note"])
-    )
+    beside = [sum(rows) - one for one in rows]
+    assert f"{min(n for n in beside if n < needed)} rows" in tried["note"]
     assert tried["folds"] == folds
+    assert ("ratio" in tried) == (folds > 0)  # of what was fitted, not of what stands in for it
     assert model.estimator == ("poly2" if folds == 3 else "linear")
 
 

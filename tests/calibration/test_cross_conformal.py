@@ -66,17 +66,20 @@ def test_one_recording_is_cut_into_parts():
 @pytest.mark.parametrize(("count", "each"), [(2, 8), (4, 5)])
 def test_a_few_recordings_are_cut_and_left_out_whole(count, each):
     recordings = [bent(seed, 0.2) for seed in range(count)]
-    interval = cross_interval(recordings, "poly2", growth=0.0).interval
+    model = cross_interval(recordings, "poly2", growth=0.0)
+    interval = model.interval
     assert (interval.trajectories, interval.folds) == (count * each, count)
     assert (interval.cut, interval.whole) == (count, count)
-    scores = []
+    scores, squares = [], []
     for one in recordings:
         fit = calibrate([other for other in recordings if other is not one], "poly2")
-        error = np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0]
-        scores += [error[part.rows(len(one))] for part in folds.blocks([one], each)]
+        error = (one.error(["jaw"]) - fit.predict_error(one))[:, 0]
+        squares.append(error.var())
+        scores += [np.abs(error[part.rows(len(one))]) for part in folds.blocks([one], each)]
     expected = conformal_threshold(scores, 0.9)
     assert interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
     assert f"lie outside altogether in 1 of {count + 1} cases" in interval.meaning
+    assert model.effort_baseline.residual[0] == pytest.approx(np.sqrt(np.mean(squares)), rel=1e-9)
 
 
 def test_few_homings_are_left_out_whole():
@@ -111,14 +114,14 @@ def test_what_one_recording_alone_shows_is_not_left_out_whole(moving):
     assert seen[-1] == pytest.approx(1.0)
 
 
-def test_nor_is_what_is_nearly_all_the_time():
-    recordings = [
-        jaw(n=4000, session="long"),
-        jaw(n=300, session="a"),
-        jaw(1.1, n=300, session="b"),
-    ]
+@pytest.mark.parametrize("lengths", [
+    [4000, 300, 300],
+    [2000, 150, 150, 150, 150, 2000],  # the first and the last would be left out together
+])  # fmt: skip
+def test_nor_is_what_is_nearly_all_the_time(lengths):
+    recordings = [jaw(1.0 + 0.1 * k, n=n) for k, n in enumerate(lengths)]
     interval = cross_interval(recordings, "linear").interval
-    assert (interval.folds, interval.cut, interval.whole) == (5, 3, 0)
+    assert (interval.folds, interval.cut, interval.whole) == (5, len(lengths), 0)
 
 
 @pytest.mark.parametrize("count", [3, 5, 8])

@@ -121,11 +121,13 @@ class Late:
 
     joints, gap_limit, looks_back = ("jaw",), 1.0, True
 
-    def correct(self, recording: Recording) -> np.ndarray:
+    def evaluate(self, recording: Recording) -> np.ndarray:
         steps = np.diff(recording.t, prepend=-np.inf) > self.gap_limit
         starts = recording.t[steps][np.cumsum(steps) - 1]
         off = self.off(recording.t - starts)[:, None]
         return recording.columns("truth", self.joints) - off
+
+    correct = evaluate
 
     def off(self, since: np.ndarray) -> np.ndarray:
         return 1.0 / (1.0 + since)
@@ -225,6 +227,17 @@ def test_a_joint_rests_where_it_takes_long_for_a_step():
     assert found[-1, 0] < 0.9 * (t[-1] - 5.0)  # at 0.05 it takes a second for a step: half counts
     every = time_in_motion(t, both, np.zeros(2))
     np.testing.assert_allclose(every, np.column_stack([t - t[0]] * 2), rtol=1e-12)
+
+
+def test_rows_so_far_apart_that_a_beginning_is_one_of_them_are_no_gaps(build):
+    recording = build(400, 0)
+    slow = replace(recording, table=recording.table.assign(t=30.0 * np.arange(400)))
+    features = ["measured/elbow", "lowpass(measured/elbow, 60)"]
+    calibration = calibrate(slow, "linear", features=features, joints=["elbow"])
+    assert calibration.looks_back
+    corrected, step = calibration.correct(slow), calibration.effort_baseline.step
+    assert len(beginnings(calibration, slow, corrected, 24, step)) == 15
+    assert beginnings(calibration, slow, corrected, 1, step) == []  # one row is no recording
 
 
 @pytest.mark.parametrize("estimator", ["linear", "rich_play"])

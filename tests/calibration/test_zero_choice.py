@@ -123,6 +123,18 @@ def test_a_recording_that_is_nearly_all_the_time_is_not_left_out_to_judge_zeros(
     assert told["zero"]["left_out"] == [f"recordings {k}" for k in (1, 2, 3)]
 
 
+def test_recordings_that_are_thinned_unlike_each_other_are_judged_all_the_same(monkeypatch):
+    """Rows of the long one are further apart than gaps of the others."""
+    monkeypatch.setattr("truejoint.calibration.fitting.MOST_ROWS", 2400)
+    one = loaded(7, 0.3)
+    parts = [one.table.assign(t=one.t + k * 20.0) for k in range(20)]
+    long = replace(one, table=pd.concat(parts, ignore_index=True))
+    features = ["measured/jaw", "effort/jaw", "lowpass(effort/jaw, 0.5)"]
+    model = calibrate([*several(0.3, 7), long, loaded(8, 0.3)], LINEAR, features=features)
+    assert model.looks_back
+    assert len(model.metadata["choice"]["zero"]["left_out"]) >= 3
+
+
 def test_an_interval_of_the_same_recordings_is_made_of_such_fits(monkeypatch):
     asked = []
 

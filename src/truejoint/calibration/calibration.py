@@ -141,6 +141,10 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         units or (where features count samples) the rate differ.
         """
         self.check_recording(recording)
+        return self.evaluate(recording)
+
+    def evaluate(self, recording: Recording) -> Array:
+        """Correct (n, n_joints) [rad or m] without checks, as pieces of what `correct` takes."""
         X = self._features(recording)
         predicted = self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
         predicted = predicted + self.output_shift

@@ -27,6 +27,7 @@ from truejoint.models.names import OFFSET
 
 GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which the best simple model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
+_MEAN: Final = 0.02  # share by which a mean must beat the best one alone
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
 FITTED_ROWS: Final = 6_000  # that a fit for the choice sees, at most
@@ -139,7 +140,7 @@ class _Trial:
 
     candidate: JointRegressor  # of which a first fit settles what it finds
     is_member: bool = True  # whether it can be one
-    folds: int = 0  # that it was fitted without
+    folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
     seconds: float = 0.0
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold where that is so
@@ -197,7 +198,7 @@ class Group:
                 predicted, spread = self._predict(trial, seen, unseen)
                 errors[number] = self._targets[unseen] - predicted
                 self._spreads[number] = np.maximum(self._spreads[number], spread)
-                trial.folds += 1
+                trial.folds.append(len(self.products))
             except CalibrationError as reason:
                 if number == 0:
                     raise
@@ -223,12 +224,12 @@ class Group:
     def stands(self, number: int) -> bool:
         """Whether a candidate is not given up, and was fitted without half of the folds or more."""
         trial = self.trials[number]
-        return not trial.note and 2 * trial.folds >= len(self.products)
+        return not trial.note and 2 * len(trial.folds) >= len(self.products)
 
     def give_up(self) -> None:
         """Say of what was still tried that it is not any more."""
         for trial in self.trials:
-            trial.note = trial.note or trial.lacking or f"given up after {trial.folds} folds"
+            trial.note = trial.note or trial.lacking or _given_up(trial)
 
     def pass_by(self, other: Group) -> None:
         """Do not try what is hopeless in another group, where this one has more features."""
@@ -247,8 +248,9 @@ class Group:
             unwanted |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
         for number, trial in enumerate(self.trials):
             tried = number >= self._n_simple and trial.is_member and not trial.note
-            if tried and unwanted[number] and trial.folds >= min(_TRIED_ON, len(self.products)):
-                trial.note = f"given up after {trial.folds} fold{'s' * (not is_first)}"
+            enough = len(trial.folds) >= min(_TRIED_ON, len(self.products))
+            if tried and unwanted[number] and enough:
+                trial.note = _given_up(trial)
                 if is_first:
                     self.hopeless.add(trial.candidate.name)
 
@@ -372,6 +374,11 @@ class Group:
 
 
 _TINY: Final = np.finfo(float).tiny
+
+
+def _given_up(trial: _Trial) -> str:
+    count = len(trial.folds)
+    return f"given up after {count} fold{'s' * (count != 1)}"
 
 
 def simple_models() -> list[JointRegressor]:
@@ -625,12 +632,15 @@ def _choice(
 def _told(
     group: Group, number: int, reference: Array, joints: Sequence[str], weights: Array | None
 ) -> dict[str, Any]:
-    """Tell how one candidate did: RMSE [rad or m] over folds, ratio to linear, its weights."""
+    """Tell how one candidate did: RMSE [rad or m] over folds, ratio to linear, its weights.
+
+    Of the folds that it was fitted without: of others it shows the error of a simple model.
+    """
     trial = group.trials[number]
     entry: dict[str, Any] = {
         "estimator": trial.candidate.name,
         "features": list(group.features.names),
-        "folds": trial.folds,
+        "folds": len(trial.folds),
         "seconds": round(trial.seconds, 3),
         "weights": {} if weights is None else dict(zip(joints, weights.tolist(), strict=True)),
         "note": trial.note or trial.lacking,
@@ -639,9 +649,8 @@ def _told(
     if apart:
         entry["note"] = f"needs signals that move together: {', '.join(apart)}"
     square = group.alone[:, number]
-    reference = reference[: len(square)]
-    tried = np.isfinite(square).all(axis=1)
-    if tried.any():
+    tried = [fold for fold in trial.folds if np.isfinite(square[fold]).all()]
+    if tried:
         entry["rmse"] = by_joint(joints, square[tried])
         entry |= _ratio(log_ratio(square[tried], reference[tried]))
     return entry

@@ -114,7 +114,7 @@ def cross_interval(
     rest = within(report, share, 1.0 - share)
     plan, others = _fits(apart, plans, fitted.model.settled(), again, rest)
     others = [other.fitted_for(rezeroing=rezero > 0.0) for other in others]
-    unseen = [[_rows_of(apart, part) for part in fold.parts] for fold in plan.left_out]
+    unseen = [plan.unseen(apart, fold) for fold in plan.left_out]
     fitted = knowing_errors(fitted, list(zip(others, unseen, strict=True)))
     scores: dict[Part, list[Array]] = {}
     for other, fold in zip(others, plan.left_out, strict=True):
@@ -145,6 +145,12 @@ class _Plan:
     cut: int = 0  # recordings that were cut into the units
     whole: int = 0  # of these, or of homings, that are left out whole all the same
 
+    def unseen(self, recordings: Sequence[Recording], fold: Fold) -> list[Recording]:
+        """Give what the fit without a fold did not see: recordings, or parts of them."""
+        if self.whole:
+            return [recordings[i] for i in _recordings_of(fold)]
+        return [recordings[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
+
 
 def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
     """Plans for recordings, none a copy of another, as `cross_interval` says; the first that works.
@@ -156,10 +162,12 @@ def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
         parts = blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))
         units = [[part] for part in parts]
         by_part = _Plan(units, dealt(units, ""), len(recordings))
-        if len(groups) == 1 or not enough_beside(recordings, groups).all():
+        grouped = [[part for part in parts if part.recording in group] for group in groups]
+        whole = dealt(grouped, "")
+        enough = enough_beside(recordings, [_recordings_of(fold) for fold in whole])
+        if len(groups) == 1 or not enough.all():
             return [by_part]
-        whole = [[part for part in parts if part.recording in group] for group in groups]
-        return [_Plan(units, dealt(whole, ""), len(recordings), len(groups)), by_part]
+        return [_Plan(units, whole, len(recordings), len(groups)), by_part]
     parts = wholes(recordings)
     units = [[parts[i] for i in group] for group in groups]
     if len(units) < len(parts):  # several recordings of a homing
@@ -192,5 +200,5 @@ def _fits(
     return plan, found
 
 
-def _rows_of(recordings: Sequence[Recording], part: Part) -> Recording:
-    return recordings[part.recording].rows(slice(part.first, part.end))
+def _recordings_of(fold: Fold) -> list[int]:
+    return sorted({part.recording for part in fold.parts})

@@ -159,7 +159,7 @@ def go_on_in_motion(j: int, t: float, position: float, step: float, motion: Arra
     however often they are read. `motion` (4, n_joints) is changed in place: NaN in the first row
     and 0 in the last to start with. A position that is not known (NaN) changes nothing.
     """
-    if np.isnan(position):
+    if not np.isfinite(position):
         return float(motion[IN_MOTION, j])
     if np.isnan(motion[AT, j]):
         motion[AT, j] = position

@@ -376,7 +376,7 @@ def _judged_zeros(
     """Fit what was chosen with a zero for each recording where that is better, and tell of it.
 
     What a part that is left out shows enters no fit that it judges, nor what that knows of its own
-    errors, but for their median over all parts.
+    errors, but for their median over all parts and what the choice settled, a network's epochs.
     """
 
     def of(some: Sequence[Recording]) -> _Task:
@@ -393,7 +393,8 @@ def _judged_zeros(
     if not (fitted.feature_set.counts_samples or fitted.model.family.counts_samples):
         most = share_of([len(one) for one in few], MOST_ROWS)
         few = [one.rows(np.arange(0, len(one), -(-len(one) // most))) for one in few]
-    task = of(few)
+    longest = max(default_gap_limit([one]) for one in few)  # each is thinned in its own way
+    task = replace(of(few), gap_limit=longest)
     stride = max(stride_of(fit_rate, task.dt), -(-sum(map(len, few)) // FITTED_ROWS))
     parts = task.rows(stride)
     plain = replace(fitted, gap_limit=task.gap_limit)

@@ -185,10 +185,8 @@ def decode_interval(arrays: Mapping[str, Array], n_joints: int) -> Interval:
     """Inverse of `encode_arrays`; raises ModelFileError when any part is not as it must be."""
     n_levels = arrays.get("levels", np.empty(0)).size
     widths = ("half_widths", "offset_half_widths", "raw_half_widths")
-    arrays = {
-        **dict.fromkeys(("folds", "cut", "whole"), np.zeros(1)),
-        **arrays,
-    }  # as before there were any
+    before_there_were_any = dict.fromkeys(("folds", "cut", "whole"), np.zeros(1))
+    arrays = {**before_there_were_any, **arrays}
     shapes = {"levels": (n_levels,), **dict.fromkeys(widths, (n_levels, n_joints))}
     interval = decode_arrays(Interval, "interval", arrays, shapes)
     levels, count = interval.levels, arrays["trajectories"][0]

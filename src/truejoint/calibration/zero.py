@@ -178,6 +178,9 @@ def beginnings(
     position = np.ascontiguousarray(recording.columns("measured", calibration.joints))
     starts = np.linspace(t[0], t[-1] - length, count)
     spans = [slice(*np.searchsorted(t, (one, one + length))) for one in starts]
+    spans = [one for one in spans if one.stop > one.start]  # rows may be further apart
+    if sum(one.stop - one.start for one in spans) < 2:
+        return []
     near = _AGREED * np.nanstd(truth - corrected, axis=0)
     anew = _corrected_anew(calibration, recording, spans, corrected, near)
     found = []
@@ -241,7 +244,7 @@ def _run(calibration: Calibration, recording: Recording, spans: Sequence[slice])
     apart = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
     t = np.concatenate([recording.t[own] + k * apart for k, own in enumerate(rows)])
     table = recording.table.iloc[np.concatenate(rows)].reset_index(drop=True).assign(t=t)
-    corrected = calibration.correct(replace(recording, table=table))
+    corrected = calibration.evaluate(replace(recording, table=table))
     return np.split(corrected, np.cumsum([len(own) for own in rows])[:-1])
 
 

@@ -298,9 +298,9 @@ def check_sample_dt(recording: Recording, trained: float) -> None:
 
 
 def check_history(recording: Recording, gap_limit: float) -> None:
-    """Refuse, with CalibrationError, a recording in which every row would begin a history anew.
+    """Refuse, with CalibrationError, a recording in which most rows would begin a history anew.
 
-    Its rows are more than `gap_limit` [s] apart, or so far but for rounding.
+    They are more than `gap_limit` [s] apart, or so far but for rounding.
     """
     dt = sample_dt([recording])
     if dt > 0.999 * gap_limit:
