@@ -155,14 +155,12 @@ def test_size_and_correlation_time_of_errors_are_found():
 def test_beginnings_are_looked_at_from_so_many_starts_in_all_and_of_each(
     monkeypatch, calibration, recordings, each
 ):
-    """Where tests look at fewer to be quick, this one does not."""
     counts = []
 
-    def looked_at(_calibration, _recording, count, _step):
+    def looked_at(_calibration, _recording, _corrected, count, _step):
         counts.append(count)
         return []
 
-    monkeypatch.setattr(effort_fitting, "_STARTS", 24)
     monkeypatch.setattr(effort_fitting, "beginnings", looked_at)
     residual_statistics(calibration, [motion(0, duration=20.0)] * recordings, np.zeros(3))
     assert counts == [each] * recordings
