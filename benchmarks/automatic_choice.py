@@ -201,7 +201,9 @@ def rows(found: dict[str, Any]) -> Iterator[tuple[str, float, float, float, floa
         ratio = rmse["auto"] / min(rmse["auto"], single[best])
         to_linear, to_raw = rmse["auto"] / rmse["linear"], rmse["auto"] / rmse["raw"]
         mark = f"{ratio:.2f}" if ratio <= WITHIN[1] else f"**{ratio:.2f}**"
-        shares = [(one["estimator"], one["weights"][joint]) for one in found["choice"]["tried"]]
+        shares = [
+            (one["estimator"], one["weights"].get(joint, 0.0)) for one in found["choice"]["tried"]
+        ]
         members = " + ".join(
             name if weight == 1.0 else f"{weight:.2f} {name}" for name, weight in shares if weight
         )
