@@ -65,7 +65,7 @@ def number(low: float, high: float) -> Rule:
 
 def integer(low: int, high: int) -> Rule:
     """Rule of an integer from `low` to `high`."""
-    return Rule(lambda value: is_integer(value, low, high), f"an integer from {low:,} to {high:,}")
+    return Rule(lambda value: is_integer(value, low, high), f"an integer from {low} to {high}")
 
 
 def one_of(*choices: object) -> Rule:
