@@ -27,7 +27,6 @@ from truejoint.models.names import OFFSET
 
 GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which the best simple model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too
-_MEAN: Final = 0.02  # share by which a mean must beat the best one alone
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
 FITTED_ROWS: Final = 6_000  # that a fit for the choice sees, at most
