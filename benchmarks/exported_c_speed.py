@@ -29,11 +29,11 @@ from truejoint.calibration import Calibration, calibrate
 from truejoint.calibration.interval import Interval
 from truejoint.crtk import simulated_arm
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.yan2020 import JawFilter
+from truejoint.estimators.jaw.learn import JawFilter
+from truejoint.estimators.jaw.run import jaw_filter, rest_spread
+from truejoint.estimators.jaw.signals import MOTOR, RESET
 from truejoint.export.c_source import Precision, table
 from truejoint.export.export_c import export_c
-from truejoint.models.jaw import MOTOR, RESET
-from truejoint.models.jaw_filter import jaw_filter, rest_spread
 from truejoint.motion import follow, zigzag
 from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.recordings import Recorder, Recording

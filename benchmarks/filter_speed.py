@@ -16,12 +16,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from truejoint.estimators.cable_filter import STARTS, constants, filter_inputs
+from truejoint.estimators.cables import loops as cable_loops
+from truejoint.estimators.cables.learn import STARTS, constants, filter_inputs
+from truejoint.estimators.cables.run import cable_filter, cable_prior
 from truejoint.filters import UnscentedFilter
 from truejoint.filters.linear import discretise, linear_model, van_loan
 from truejoint.filters.state_space import StateSpaceModel
-from truejoint.models import cable_loops
-from truejoint.models.cable_filter import cable_filter, cable_prior
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.wrist import motions
 

@@ -39,7 +39,7 @@ from truejoint.estimators import (
     NeuralNetwork,
     PolynomialRegressor,
 )
-from truejoint.models import FeatureSet, time_steps
+from truejoint.features import FeatureSet, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.runtime import Corrector

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from truejoint import calibrate
 from truejoint.estimators import Play
-from truejoint.models.play import DRIVE_WIDTHS, RESET_WIDTHS
+from truejoint.estimators.plays.jaw_bank import DRIVE_WIDTHS, RESET_WIDTHS
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.forceps import methods as m

@@ -26,7 +26,7 @@ PACKAGES = (
     "truejoint.evaluation",
     "truejoint.export",
     "truejoint.filters",
-    "truejoint.models",
+    "truejoint.features",
     "truejoint.monitor",
     "truejoint.motion",
     "truejoint.recordings",

@@ -4,8 +4,8 @@ from . import errors as errors
 from . import estimators as estimators
 from . import evaluation as evaluation
 from . import export as export
+from . import features as features
 from . import filters as filters
-from . import models as models
 from . import monitor as monitor
 from . import motion as motion
 from . import recordings as recordings

@@ -30,7 +30,7 @@ from truejoint.estimators import (
     get_estimator,
     registry,
 )
-from truejoint.models.features import FeatureSet
+from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
 

@@ -10,7 +10,7 @@ import pytest
 from truejoint.calibration import calibrate, reseeded
 from truejoint.errors import CalibrationError, RobotError
 from truejoint.estimators import NeuralNetwork
-from truejoint.models import FeatureSet
+from truejoint.features import FeatureSet
 from truejoint.recordings import Recording
 
 JOINTS = ("shoulder", "elbow", "insertion")

@@ -18,7 +18,7 @@ from truejoint.calibration.training_domain import (
     resting_features,
 )
 from truejoint.errors import ModelFileError
-from truejoint.models.features import FeatureSet
+from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
 SIGNALS = ("measured/elbow", "effort/elbow", "measured/roll")

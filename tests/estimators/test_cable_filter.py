@@ -9,10 +9,10 @@ from tests.runtime.registered import model, unseen, wrist
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import CableFilter
-from truejoint.estimators import cable_filter as own
-from truejoint.models import cable_filter
-from truejoint.models import cable_loops as r
-from truejoint.models.features import time_steps
+from truejoint.estimators.cables import learn as own
+from truejoint.estimators.cables import loops as r
+from truejoint.estimators.cables import run as cable_filter
+from truejoint.features.feature_set import time_steps
 from truejoint.robots import get_robot
 
 

@@ -9,9 +9,9 @@ from tests.runtime.registered import fit, model, ready, unseen, wrist
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import CableHybrid
-from truejoint.estimators.cable_filter import states
-from truejoint.models import cable_hybrid
-from truejoint.models.features import time_steps
+from truejoint.estimators.cables import hybrid_rows as cable_hybrid
+from truejoint.estimators.cables.learn import states
+from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.robots.wrist.instruments import JOINTS
 

@@ -5,8 +5,8 @@ import pytest
 from tests.estimators.conftest import columns, fitted, rms_deg, steps, target
 
 from truejoint.estimators import CableLeastSquares
-from truejoint.models.cable_least_squares import observe
-from truejoint.models.jaw import rational_error
+from truejoint.estimators.jaw.least_squares import observe
+from truejoint.estimators.jaw.signals import rational_error
 
 
 def observation_matrix(run) -> np.ndarray:

@@ -27,11 +27,11 @@ from truejoint.estimators import (
     RichPlay,
     get_estimator,
 )
-from truejoint.estimators.gaussian_process import GaussianProcess
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.gp.learn import GaussianProcess
+from truejoint.estimators.stack.run import FAMILY
 from truejoint.estimators.wrapped import class_of
-from truejoint.models.combination import FAMILY
-from truejoint.models.family import EstimatorData
-from truejoint.models.features import time_steps
+from truejoint.features.feature_set import time_steps
 from truejoint.robots import get_robot
 
 NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)

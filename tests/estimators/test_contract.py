@@ -18,11 +18,11 @@ from truejoint.calibration import (
 )
 from truejoint.errors import CalibrationError
 from truejoint.estimators import estimator_names, get_estimator
-from truejoint.estimators.jaw import JawEstimator
+from truejoint.estimators.family import EstimatorData, find_family
+from truejoint.estimators.jaw.base import JawEstimator
 from truejoint.estimators.wrapped import class_of
 from truejoint.evaluation import part_by_time
-from truejoint.models.family import EstimatorData, find_family
-from truejoint.models.features import time_steps
+from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 
 WRONG = (None, "nonsense", -7.5, float("nan"), 1e300, True, (), ("nonsense",), [-1.0])

@@ -7,8 +7,8 @@ import pytest
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import RichPlay
-from truejoint.estimators.coupled_play import identify_coupling
-from truejoint.models.coupled_play import coupled_play_rows
+from truejoint.estimators.plays.coupled_rows import coupled_play_rows
+from truejoint.estimators.plays.coupling import identify_coupling
 from truejoint.robots import get_robot
 
 COUPLING = np.array([[0.0, 0.8, 0.0], [0.45, 0.0, 0.0], [0.0, 0.0, 0.0]])

@@ -20,10 +20,12 @@ from truejoint.estimators import (
     PolynomialRegressor,
     registry,
 )
-from truejoint.estimators.elastic_hybrid import zeros
-from truejoint.models import elastic_hybrid, elastic_joint, play_bank
-from truejoint.models.family import EstimatorData
-from truejoint.models.features import time_steps
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.motor_side import hybrid_rows as elastic_hybrid
+from truejoint.estimators.motor_side import run as elastic_joint
+from truejoint.estimators.motor_side.hybrid import zeros
+from truejoint.estimators.plays import run as play_bank
+from truejoint.features.feature_set import time_steps
 from truejoint.runtime import Corrector
 
 ELEMENTS = 2

@@ -14,11 +14,11 @@ from sklearn.base import clone
 from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.cli.correct import correct_rows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.elastic_joint import ElasticJointFilter
-from truejoint.estimators.jaw import MIN_ROWS
-from truejoint.models import elastic_joint
-from truejoint.models.elastic_joint import NOISE
-from truejoint.models.features import time_steps
+from truejoint.estimators.jaw.base import MIN_ROWS
+from truejoint.estimators.motor_side import run as elastic_joint
+from truejoint.estimators.motor_side.learn import ElasticJointFilter
+from truejoint.estimators.motor_side.run import NOISE
+from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Provenance, Recording
 from truejoint.runtime import Corrector
 

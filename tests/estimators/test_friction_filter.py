@@ -8,8 +8,9 @@ from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, step
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import FrictionFilter, FrictionSmoother, friction_filter
-from truejoint.models.friction_filter import DEGREE, SHOWN
+from truejoint.estimators import FrictionFilter, FrictionSmoother
+from truejoint.estimators.jaw_load import learn as friction_filter
+from truejoint.estimators.jaw_load.run import DEGREE, SHOWN
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest
 

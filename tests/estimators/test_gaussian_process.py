@@ -11,14 +11,14 @@ from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators import gaussian_process
-from truejoint.estimators.gaussian_process import (
+from truejoint.estimators.gp import learn as gaussian_process
+from truejoint.estimators.gp.learn import (
     GaussianProcess,
     Kernel,
     likeliest_kernel,
     unlikelihood,
 )
-from truejoint.models.gaussian_process import to_bells
+from truejoint.estimators.gp.run import to_bells
 
 
 def waves(n: int = 150, noise: float = 0.1) -> tuple[np.ndarray, np.ndarray]:

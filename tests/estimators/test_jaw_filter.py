@@ -7,7 +7,7 @@ from tests.estimators.conftest import columns, fitted, rms_deg, steps
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import JawFilter
-from truejoint.models.jaw_filter import COMPENSATIONS, rest_spread
+from truejoint.estimators.jaw.run import COMPENSATIONS, rest_spread
 from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector, Status

@@ -7,10 +7,14 @@ import pytest
 from tests.estimators.conftest import SETTLED, steps, target
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.friction_filter import FrictionFilter
-from truejoint.estimators.jaw_load import EncoderZero, find_encoder_zero, identify_stiffness
-from truejoint.models.friction_filter import SHOWN, TURNING, UNSHOWN, hidden_load
-from truejoint.models.jaw import FLICKER, SLIDING
+from truejoint.estimators.jaw.signals import FLICKER, SLIDING
+from truejoint.estimators.jaw_load.learn import FrictionFilter
+from truejoint.estimators.jaw_load.run import SHOWN, TURNING, UNSHOWN, hidden_load
+from truejoint.estimators.jaw_load.stiffness import (
+    EncoderZero,
+    find_encoder_zero,
+    identify_stiffness,
+)
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest

@@ -13,9 +13,9 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.adam import EPSILON
-from truejoint.estimators.layers import Layers, Penalties, loss_and_gradient
-from truejoint.estimators.network import WideNetwork, effective_batch
+from truejoint.estimators.network.adam import EPSILON
+from truejoint.estimators.network.layers import Layers, Penalties, loss_and_gradient
+from truejoint.estimators.network.learn import WideNetwork, effective_batch
 
 SIZES = (4, 6, 5, 3)
 

@@ -6,9 +6,9 @@ from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import GatedPlay, Play
-from truejoint.estimators.play import ridge
-from truejoint.models.gated_play import LAYOUT, no_more, redescending
-from truejoint.models.play import bank_columns
+from truejoint.estimators.plays.gated_rows import LAYOUT, no_more, redescending
+from truejoint.estimators.plays.jaw_bank import bank_columns
+from truejoint.estimators.plays.jaw_plays import ridge
 from truejoint.simulation.forceps.load import LoadTest
 
 RESET = Play(("reset",))

@@ -12,9 +12,10 @@ from tests.runtime.streams import JOINTS, MINUTE, SIGNALS, recording
 from truejoint.calibration import calibrate, read_calibration, write_calibration
 from truejoint.calibration.fitting import reseeded
 from truejoint.errors import CalibrationError
-from truejoint.estimators import Combination, NeuralNetwork, PoseNetwork, network
-from truejoint.estimators.layers import Layers, loss_and_gradient
-from truejoint.estimators.pose_network import ToolMotion
+from truejoint.estimators import Combination, NeuralNetwork, PoseNetwork
+from truejoint.estimators.network import learn as network
+from truejoint.estimators.network.layers import Layers, loss_and_gradient
+from truejoint.estimators.network.pose_network import ToolMotion
 from truejoint.robots import get_robot
 
 RAVEN = get_robot("raven2")

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.yan2020 import SMALLEST_DENOMINATOR, fit_rational
-from truejoint.models.jaw import bounded_error, rational_error
+from truejoint.estimators.jaw.learn import SMALLEST_DENOMINATOR, fit_rational
+from truejoint.estimators.jaw.signals import bounded_error, rational_error
 
 
 def loop(n: int = 1200) -> tuple[np.ndarray, np.ndarray]:

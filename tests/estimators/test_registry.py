@@ -21,6 +21,7 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
+from truejoint.estimators.family import find_family
 from truejoint.estimators.registry import (
     BASELINES,
     DEFAULT,
@@ -29,7 +30,6 @@ from truejoint.estimators.registry import (
     parameter_names,
     tried,
 )
-from truejoint.models.family import find_family
 
 SOURCE = Path(truejoint.__file__).parent
 # The registry itself; what a user reads or types; what suits a data set; what a study compares.

@@ -23,7 +23,7 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
-from truejoint.models.polynomial import count_terms, polynomial_factors
+from truejoint.estimators.polynomial.run import count_terms, polynomial_factors
 
 QUICK = [
     FixedOffset(),
@@ -143,7 +143,7 @@ def test_polynomial_is_the_least_squares_solution(degree, data):
 def test_blocks_of_rows_do_not_change_the_fit(monkeypatch, data):
     X, y = data
     whole = PolynomialRegressor().fit(X, y)
-    monkeypatch.setattr("truejoint.estimators.polynomial._BLOCK", 17)
+    monkeypatch.setattr("truejoint.estimators.polynomial.learn._BLOCK", 17)
     np.testing.assert_allclose(PolynomialRegressor().fit(X, y).coef_, whole.coef_, atol=1e-10)
 
 

@@ -8,12 +8,13 @@ from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor, RichPlay, ridge
+from truejoint.estimators import LinearRegressor, RichPlay
 from truejoint.estimators.cross_validation import blocks
-from truejoint.estimators.rich_play import capstan_turns, loaded_pairs
-from truejoint.models import play_bank
-from truejoint.models.features import FeatureSet, time_steps
-from truejoint.models.play_bank import expand_rows
+from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.plays.learn import capstan_turns, loaded_pairs
+from truejoint.estimators.plays.run import expand_rows
+from truejoint.estimators.polynomial import ridge
+from truejoint.features.feature_set import FeatureSet, time_steps
 from truejoint.robots import get_robot
 
 T = np.arange(0.0, 40.0, 0.02)

@@ -10,7 +10,7 @@ from sklearn.preprocessing import StandardScaler
 from truejoint.errors import CalibrationError
 from truejoint.estimators import LinearRegressor
 from truejoint.estimators.cross_validation import PENALTIES
-from truejoint.estimators.ridge import Ridge
+from truejoint.estimators.polynomial.ridge import Ridge
 
 
 def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():

@@ -10,9 +10,9 @@ from sklearn.base import clone
 from tests.runtime.streams import trained
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.backpropagation import convolution_gradient, recurrent_gradient
-from truejoint.estimators.sequence import RecurrentNetwork, TemporalConvolution, step_rows
-from truejoint.models import recurrent, temporal_convolution
+from truejoint.estimators.network import recurrent, temporal_convolution
+from truejoint.estimators.network.backpropagation import convolution_gradient, recurrent_gradient
+from truejoint.estimators.network.sequence import RecurrentNetwork, TemporalConvolution, step_rows
 
 SMALL = RecurrentNetwork(units=5, period=0.005, window=16, epochs=3)
 CONVOLUTION = TemporalConvolution(layers=3, units=5, period=0.005, window=16, epochs=3)

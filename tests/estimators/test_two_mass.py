@@ -72,7 +72,7 @@ def test_a_position_that_is_none_is_told_and_forgotten(fitted):
 
 
 def test_efforts_that_are_none_do_not_stop_a_fit(fitted, monkeypatch):
-    monkeypatch.setattr("truejoint.models.two_mass._STRONGEST", 8.0)
+    monkeypatch.setattr("truejoint.estimators.motor_side.two_mass_rows._STRONGEST", 8.0)
     X, y, dt = rows(0)
     X[[400, 900], 1] = 4.0
     odd = TwoMassFilter().fit(X, y, dt=dt)

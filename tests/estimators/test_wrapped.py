@@ -68,12 +68,11 @@ from truejoint.calibration import (
 )
 from truejoint.calibration.model_file import read_model_file, to_bytes
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators import LinearRegressor, archive
-from truejoint.estimators.conversion import single_threshold
+from truejoint.estimators import LinearRegressor, archive, scikit_learn
+from truejoint.estimators.trees import run as tree_arrays
+from truejoint.estimators.trees.learn import single_threshold
 from truejoint.estimators.wrapped import WrappedRegressor
 from truejoint.evaluation import evaluate
-from truejoint.models import scikit_learn
-from truejoint.models import trees as tree_arrays
 from truejoint.runtime import Corrector, Status
 from truejoint.runtime.check import check_calibration
 
@@ -341,7 +340,7 @@ def test_what_cannot_be_kept_is_refused_before_the_fit_to_all_rows():
 
 
 def test_too_large_a_forest_is_refused(monkeypatch):
-    monkeypatch.setattr("truejoint.estimators.conversion.MAX_NODES", 100)
+    monkeypatch.setattr("truejoint.estimators.trees.learn.MAX_NODES", 100)
     with pytest.raises(CalibrationError, match=r"more than the 100 .* set min_samples_leaf"):
         streams.trained(RandomForestRegressor(2))
 

@@ -8,7 +8,7 @@ import pytest
 
 from truejoint.calibration import Calibration, calibrate, find_zero
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.estimators.polynomial import Raw
+from truejoint.estimators.polynomial.learn import Raw
 from truejoint.evaluation import Evaluation, evaluate
 from truejoint.evaluation.trial import unique_names
 from truejoint.recordings import Recording, check_data

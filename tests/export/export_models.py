@@ -10,8 +10,8 @@ from truejoint.calibration import Calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.estimators.base import JointRegressor
-from truejoint.models.family import EstimatorData
-from truejoint.models.features import FeatureSet
+from truejoint.estimators.family import EstimatorData
+from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
 PLAIN = ("measured/elbow", "effort/elbow", "effort/roll", "measured/insertion")

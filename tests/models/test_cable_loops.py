@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numba.core.runtime import _nrt_python, rtsys
 
-from truejoint.estimators.cable_filter import STARTS, constants
-from truejoint.models import cable_filter
-from truejoint.models import cable_loops as r
+from truejoint.estimators.cables import loops as r
+from truejoint.estimators.cables import run as cable_filter
+from truejoint.estimators.cables.learn import STARTS, constants
 from truejoint.robots import get_robot
 
 MECHANISM = get_robot("wrist", "400006").cable_mechanism

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.models.coupled_play import SETTLED, coupled_play, coupled_play_rows
-from truejoint.models.feature_kernels import play
+from truejoint.estimators.plays.coupled_rows import SETTLED, coupled_play, coupled_play_rows
+from truejoint.features.kernels import play
 
 REACHES = np.array([0.1, 0.3, 0.05])
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.estimators.elastic_joint import Motion
-from truejoint.models import elastic_joint as model
+from truejoint.estimators.motor_side import run as model
+from truejoint.estimators.motor_side.learn import Motion
 
 ELEMENTS = 3
 

@@ -14,9 +14,9 @@ from truejoint.calibration.encoding import encode
 from truejoint.calibration.model_file import to_bytes
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.estimators import family as families
+from truejoint.estimators.family import EstimatorData, Family
 from truejoint.layout import Layout
-from truejoint.models import family as families
-from truejoint.models.family import EstimatorData, Family
 from truejoint.runtime import Corrector, Status, fields
 
 LAYOUT = Layout()

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.models import Feature, FeatureSet, default_features
+from truejoint.features import Feature, FeatureSet, default_features
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from truejoint.estimators.filtered import FAULTS, histories
 from truejoint.filters import FilterStatus
-from truejoint.models.filtered import FAULTS, histories
 
 
 def test_a_row_is_lost_with_whatever_leaves_no_estimate():

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from truejoint.errors import CalibrationError
-from truejoint.models.family import EstimatorData, evaluate
-from truejoint.models.interactions import FAMILY, interaction_factors
+from truejoint.estimators.family import EstimatorData, evaluate
+from truejoint.estimators.polynomial.interactions import FAMILY, interaction_factors
 
 
 def test_each_product_of_crossed_and_first_features_is_there_once():

@@ -6,8 +6,8 @@ from scipy.integrate import quad_vec, solve_ivp
 from scipy.linalg import expm
 
 from truejoint.errors import CalibrationError
-from truejoint.models.jaw_dynamics import ForcepsModel, injection_gain, steady_gain
-from truejoint.models.jaw_filter import FilterNoise, measurement, process_noise, state_space
+from truejoint.estimators.jaw.dynamics import ForcepsModel, injection_gain, steady_gain
+from truejoint.estimators.jaw.run import FilterNoise, measurement, process_noise, state_space
 
 MODEL = ForcepsModel(13e3, 14e3, 656.6, 1e-6, 0.05, 35.0, 9.75e-3, 4e-3)
 SENSOR = np.diag([4e-7, 1e-4]) ** 2

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import expit
 
-from truejoint.models.family import EstimatorData, evaluate
-from truejoint.models.recurrent import FAMILY, is_update
+from truejoint.estimators.family import EstimatorData, evaluate
+from truejoint.estimators.network.recurrent import FAMILY, is_update
 
 K = 3
 PARAMS = {

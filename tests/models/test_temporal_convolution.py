@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.models.family import EstimatorData, evaluate
-from truejoint.models.temporal_convolution import FAMILY
+from truejoint.estimators.family import EstimatorData, evaluate
+from truejoint.estimators.network.temporal_convolution import FAMILY
 
 K = 3
 PARAMS = {

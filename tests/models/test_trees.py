@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import CalibrationError
-from truejoint.models.family import EstimatorData, evaluate, find_family
-from truejoint.models.trees import FAMILY
+from truejoint.estimators.family import EstimatorData, evaluate, find_family
+from truejoint.estimators.trees.run import FAMILY
 
 # x0 <= 1: 10 and 20; else x1 <= 2: 30 and 40, or 50 and 60; then 5 more for output 1 if x1 <= 0.
 ARRAYS = {

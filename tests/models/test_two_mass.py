@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from truejoint.errors import CalibrationError
-from truejoint.models import two_mass
-from truejoint.models.two_mass import FAMILY, PARAMETERS, TwoMassJoint
+from truejoint.estimators.motor_side import two_mass_rows as two_mass
+from truejoint.estimators.motor_side.two_mass_rows import FAMILY, PARAMETERS, TwoMassJoint
 
 JOINT = {
     "motor_inertia": 0.02, "link_inertia": 0.05, "stiffness": 40.0, "damping": 0.3,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.models import FeatureSet
+from truejoint.features import FeatureSet
 from truejoint.recordings import DataCheck, Finding, check_data
 from truejoint.recordings.checks.coverage import joint_coverage
 from truejoint.recordings.data_check import outside_share

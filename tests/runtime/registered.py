@@ -13,7 +13,10 @@ from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import ModelFileError
-from truejoint.estimators import RichPlay, cable_filter, cable_hybrid, registry, two_mass
+from truejoint.estimators import RichPlay, registry
+from truejoint.estimators.cables import hybrid as cable_hybrid
+from truejoint.estimators.cables import learn as cable_filter
+from truejoint.estimators.motor_side import two_mass
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory

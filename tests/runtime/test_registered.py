@@ -20,9 +20,9 @@ from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import to_bytes
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import get_estimator
-from truejoint.models.family import find_family
-from truejoint.models.features import time_steps
-from truejoint.models.jaw_filter import COMPENSATIONS, jaw_filter, rest_spread
+from truejoint.estimators.family import find_family
+from truejoint.estimators.jaw.run import COMPENSATIONS, jaw_filter, rest_spread
+from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
 

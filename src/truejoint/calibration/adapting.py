@@ -24,7 +24,7 @@ from truejoint.calibration.training_rows import (
 )
 from truejoint.errors import CalibrationError
 from truejoint.estimators.adapting import check_rows
-from truejoint.models.features import sample_dt
+from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot

@@ -22,9 +22,9 @@ from truejoint.calibration.sessions import check_arm, check_columns, check_robot
 from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState
+from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.estimators.wrapped import class_of
-from truejoint.models.family import EstimatorData, find_family
-from truejoint.models.features import FeatureState, check_history, check_sample_dt, time_steps
+from truejoint.features.feature_set import FeatureState, check_history, check_sample_dt, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recording
 from truejoint.robots import Robot

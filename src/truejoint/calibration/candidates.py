@@ -23,9 +23,14 @@ from truejoint.calibration.sessions import distinct
 from truejoint.calibration.training_rows import RowRules, outlying_values, stride_of
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
-from truejoint.models.family import TARGETS, Target
-from truejoint.models.features import FeatureSet, default_features, default_gap_limit, sample_dt
+from truejoint.features.feature_set import (
+    FeatureSet,
+    default_features,
+    default_gap_limit,
+    sample_dt,
+)
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 

@@ -17,13 +17,13 @@ from truejoint.calibration.folds import FEW, Fold, hidden_rows
 from truejoint.calibration.training_rows import TrainingRows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold
-from truejoint.estimators.combination import Combination
-from truejoint.estimators.polynomial import FixedOffset, Raw
+from truejoint.estimators.family import Target
+from truejoint.estimators.names import OFFSET
+from truejoint.estimators.polynomial.learn import FixedOffset, Raw
 from truejoint.estimators.registry import LINEAR
+from truejoint.estimators.stack.learn import Combination
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
-from truejoint.models.family import Target
-from truejoint.models.features import FeatureSet
-from truejoint.models.names import OFFSET
+from truejoint.features.feature_set import FeatureSet
 
 GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which the best simple model must be beaten
 _ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must, too

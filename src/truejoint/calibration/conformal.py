@@ -17,7 +17,7 @@ from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_traj
 from truejoint.calibration.sessions import distinct, session_of, source_of, trained_on
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
-from truejoint.models.names import OFFSET
+from truejoint.estimators.names import OFFSET
 from truejoint.recordings.recording import as_recordings
 
 if TYPE_CHECKING:

@@ -23,8 +23,8 @@ from truejoint.errors import (
     RobotError,
     other_kind,
 )
-from truejoint.models.family import EstimatorData, Target, is_number
-from truejoint.models.features import FeatureSet, is_signal
+from truejoint.estimators.family import EstimatorData, Target, is_number
+from truejoint.features.feature_set import FeatureSet, is_signal
 from truejoint.robots import adopt_robot, get_robot
 from truejoint.robots.robot import Robot
 

@@ -43,10 +43,10 @@ from truejoint.calibration.training_rows import (
 from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns, untold
+from truejoint.estimators.family import Target
 from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
 from truejoint.estimators.wrapped import Regressor, get_estimator
-from truejoint.models.family import Target
-from truejoint.models.features import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
+from truejoint.features.feature_set import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import as_recordings
 from truejoint.robots import Robot

@@ -13,7 +13,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.sessions import source_of
 from truejoint.errors import CalibrationError
 from truejoint.estimators.cross_validation import levels
-from truejoint.models.features import sample_dt
+from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 
 FOLDS: Final = 5  # of one kind, at most

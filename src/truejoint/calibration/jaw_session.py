@@ -13,11 +13,15 @@ from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.sessions import source_of
 from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError
-from truejoint.estimators.friction_filter import FrictionFilter, Stiffness
-from truejoint.estimators.jaw_load import EncoderZero, find_encoder_zero, identify_stiffness
+from truejoint.estimators.jaw.signals import RESET
+from truejoint.estimators.jaw_load.learn import FrictionFilter, Stiffness
+from truejoint.estimators.jaw_load.stiffness import (
+    EncoderZero,
+    find_encoder_zero,
+    identify_stiffness,
+)
 from truejoint.estimators.registry import name_of
-from truejoint.models.features import time_steps
-from truejoint.models.jaw import RESET
+from truejoint.features.feature_set import time_steps
 from truejoint.units import GRAVITY
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration.model_file import decode_arrays
 from truejoint.errors import ModelFileError
-from truejoint.models.features import is_signal
+from truejoint.features.feature_set import is_signal
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording

@@ -17,7 +17,7 @@ from truejoint.calibration.sessions import (
 )
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor
-from truejoint.models.features import FeatureSet, default_features
+from truejoint.features.feature_set import FeatureSet, default_features
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 

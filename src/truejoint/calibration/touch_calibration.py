@@ -34,9 +34,9 @@ from truejoint.calibration.touches import (
     with_estimated_errors,
 )
 from truejoint.errors import CalibrationError
-from truejoint.estimators.polynomial import PolynomialRegressor
-from truejoint.models.family import EstimatorData
-from truejoint.models.features import default_gap_limit
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.polynomial.learn import PolynomialRegressor
+from truejoint.features.feature_set import default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.units import with_unit
 

@@ -10,8 +10,8 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.models.features import FeatureSet
-from truejoint.models.polynomial import polynomial_factors
+from truejoint.estimators.polynomial.run import polynomial_factors
+from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 

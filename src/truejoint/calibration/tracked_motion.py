@@ -11,7 +11,7 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.tip_rows import TipRows
 from truejoint.errors import CalibrationError
-from truejoint.models.features import Feature, FeatureSet
+from truejoint.features.feature_set import Feature, FeatureSet
 from truejoint.recordings.recording import Recording
 from truejoint.recordings.signals import GAP_STEPS
 from truejoint.robots.parts import Kinematics

@@ -16,7 +16,7 @@ from truejoint.errors import ModelFileError
 from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
-    from truejoint.models.features import FeatureSet
+    from truejoint.features.feature_set import FeatureSet
     from truejoint.recordings import Recording
 
 

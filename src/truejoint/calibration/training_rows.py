@@ -13,8 +13,8 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.sessions import source_of
 from truejoint.errors import CalibrationError
-from truejoint.models.family import Target
-from truejoint.models.features import FeatureSet, time_steps
+from truejoint.estimators.family import Target
+from truejoint.features.feature_set import FeatureSet, time_steps
 from truejoint.recordings import Recording
 from truejoint.recordings.checks.outliers import gross_outliers
 

@@ -14,7 +14,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration.effort_baseline import BEGINNINGS, time_in_motion
 from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.errors import CalibrationError
-from truejoint.models.features import time_steps
+from truejoint.features.feature_set import time_steps
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration

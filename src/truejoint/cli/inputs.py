@@ -58,7 +58,7 @@ class Files(Origin):
         split: str | None = None,
         held_out: bool = True,
         joints: Sequence[str] = (),
-        inputs: truejoint.models.FeatureSet | None = None,
+        inputs: truejoint.features.FeatureSet | None = None,
         model: truejoint.Calibration | None = None,
     ) -> Read:
         """Find recordings of files, folders, shell patterns and ``NAME:PATTERN`` of data sets.

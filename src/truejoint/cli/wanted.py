@@ -117,13 +117,13 @@ class Wanted:
             return choice(settings, dataset, default_features=suited)
         return configured(self.estimator or DEFAULT, settings, dataset)
 
-    def inputs(self) -> truejoint.models.FeatureSet | None:
+    def inputs(self) -> truejoint.features.FeatureSet | None:
         """Features of their texts, where the name of a data set stands for those that suit it."""
         if not self.features:
             return None
         sets = truejoint.recordings.datasets.DATASETS
         chosen = (sets[text].features if text in sets else (text,) for text in self.features)
-        return truejoint.models.FeatureSet.parse(feature for part in chosen for feature in part)
+        return truejoint.features.FeatureSet.parse(feature for part in chosen for feature in part)
 
     def how(self) -> dict[str, Any]:
         """Arguments of `truejoint.calibrate` beside recordings and estimator."""

@@ -12,8 +12,8 @@ from sklearn.gaussian_process import kernels
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
+from truejoint.estimators.scikit_learn import MAX_BYTES
 from truejoint.extras import require
-from truejoint.models.scikit_learn import MAX_BYTES
 
 MAX_UNPACKED: Final = 512 * 2**20
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from truejoint.errors import CalibrationError, unknown
-from truejoint.models.names import OFFSET
+from truejoint.estimators.names import OFFSET
 from truejoint.plugins import plugins
 
 if TYPE_CHECKING:
@@ -39,43 +39,43 @@ _SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256,
 Its epochs are those of the few thousand rows of a choice; over a million they would take minutes.
 """
 _ESTIMATORS: Final[dict[str, _Line]] = {
-    OFFSET: _Line("polynomial", "FixedOffset", {}, {}),
-    "linear": _Line("polynomial", "PolynomialRegressor", {"degree": 1}, {}),
-    "poly2": _Line("polynomial", "PolynomialRegressor", {}),
-    "dnn": _Line("network", "NeuralNetwork", {}, _SMALL),
-    "pose_network": _Line("pose_network", "PoseNetwork", {}),
-    "poly2_ridge": _Line("ridge", "Ridge", {}, {}),
+    OFFSET: _Line("polynomial.learn", "FixedOffset", {}, {}),
+    "linear": _Line("polynomial.learn", "PolynomialRegressor", {"degree": 1}, {}),
+    "poly2": _Line("polynomial.learn", "PolynomialRegressor", {}),
+    "dnn": _Line("network.learn", "NeuralNetwork", {}, _SMALL),
+    "pose_network": _Line("network.pose_network", "PoseNetwork", {}),
+    "poly2_ridge": _Line("polynomial.ridge", "Ridge", {}, {}),
     "linear_trees": _Line(
-        "combination", "Combination", {"members": (LINEAR, "boosted_trees")}, {"rows": _MANY}
+        "stack.learn", "Combination", {"members": (LINEAR, "boosted_trees")}, {"rows": _MANY}
     ),
-    "network_forest": _Line("combination", "Combination", {"members": ("dnn", "random_forest")}),
-    "rich_play": _Line("rich_play", "RichPlay", {"learner": "ridge"}, {}),
-    "rich_trees": _Line("rich_play", "RichPlay", {"learner": "trees"}, {}),
-    "coupled_play": _Line("rich_play", "RichPlay", {"learner": "trees", "couple": True}, {}),
-    "run_out": _Line("rich_play", "RichPlay", {"learner": "ridge", "turn": True}, {}),
-    "gp": _Line("gaussian_process", "GaussianProcess", {}, {}),
-    "gp_lowpass": _Line("rich_play", "RichPlay", {"learner": "gaussian_process"}, {}),
-    "gru": _Line("sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
-    "lstm": _Line("sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
-    "tcn": _Line("sequence", "TemporalConvolution", {}),
-    "lsm": _Line("yan2020", "CableLeastSquares", {}),
-    "lsm_intercept": _Line("yan2020", "CableLeastSquares", {"intercept": True}),
-    "lsm_compensated": _Line("yan2020", "CableLeastSquares", {"compensated": True}),
-    "ukf": _Line("yan2020", "JawFilter", {}),
-    "ukf_compensated": _Line("yan2020", "JawFilter", {"compensation": "output"}),
-    "play_motor": _Line("play", "Play", {"displacements": ("motor",)}),
-    "play_drive": _Line("play", "Play", {"displacements": ("drive",)}),
-    "play_reset": _Line("play", "Play", {"displacements": ("reset",)}),
-    "play_both": _Line("play", "Play", {"displacements": ("reset", "motor")}),
-    "play_cables": _Line("play", "Play", {"displacements": ("reset", "drive")}),
-    "play_gated": _Line("play", "GatedPlay", {}),
-    "ukf_friction": _Line("friction_filter", "FrictionFilter", {}),
-    "ukf_friction_smoothed": _Line("friction_filter", "FrictionSmoother", {}),
-    "ukf_elastic": _Line("elastic_joint", "ElasticJointFilter", {}),
-    "ukf_two_mass": _Line("two_mass", "TwoMassFilter", {}),
-    "hybrid": _Line("elastic_hybrid", "ElasticJointHybrid", {}, {}),
-    "ukf_cables": _Line("cable_filter", "CableFilter", {}),
-    "hybrid_cables": _Line("cable_hybrid", "CableHybrid", {}),
+    "network_forest": _Line("stack.learn", "Combination", {"members": ("dnn", "random_forest")}),
+    "rich_play": _Line("plays.learn", "RichPlay", {"learner": "ridge"}, {}),
+    "rich_trees": _Line("plays.learn", "RichPlay", {"learner": "trees"}, {}),
+    "coupled_play": _Line("plays.learn", "RichPlay", {"learner": "trees", "couple": True}, {}),
+    "run_out": _Line("plays.learn", "RichPlay", {"learner": "ridge", "turn": True}, {}),
+    "gp": _Line("gp.learn", "GaussianProcess", {}, {}),
+    "gp_lowpass": _Line("plays.learn", "RichPlay", {"learner": "gaussian_process"}, {}),
+    "gru": _Line("network.sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
+    "lstm": _Line("network.sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
+    "tcn": _Line("network.sequence", "TemporalConvolution", {}),
+    "lsm": _Line("jaw.learn", "CableLeastSquares", {}),
+    "lsm_intercept": _Line("jaw.learn", "CableLeastSquares", {"intercept": True}),
+    "lsm_compensated": _Line("jaw.learn", "CableLeastSquares", {"compensated": True}),
+    "ukf": _Line("jaw.learn", "JawFilter", {}),
+    "ukf_compensated": _Line("jaw.learn", "JawFilter", {"compensation": "output"}),
+    "play_motor": _Line("plays.jaw_plays", "Play", {"displacements": ("motor",)}),
+    "play_drive": _Line("plays.jaw_plays", "Play", {"displacements": ("drive",)}),
+    "play_reset": _Line("plays.jaw_plays", "Play", {"displacements": ("reset",)}),
+    "play_both": _Line("plays.jaw_plays", "Play", {"displacements": ("reset", "motor")}),
+    "play_cables": _Line("plays.jaw_plays", "Play", {"displacements": ("reset", "drive")}),
+    "play_gated": _Line("plays.jaw_plays", "GatedPlay", {}),
+    "ukf_friction": _Line("jaw_load.learn", "FrictionFilter", {}),
+    "ukf_friction_smoothed": _Line("jaw_load.learn", "FrictionSmoother", {}),
+    "ukf_elastic": _Line("motor_side.learn", "ElasticJointFilter", {}),
+    "ukf_two_mass": _Line("motor_side.two_mass", "TwoMassFilter", {}),
+    "hybrid": _Line("motor_side.hybrid", "ElasticJointHybrid", {}, {}),
+    "ukf_cables": _Line("cables.learn", "CableFilter", {}),
+    "hybrid_cables": _Line("cables.hybrid", "CableHybrid", {}),
 }
 _TREES: Final = {
     "boosted_trees": _Line(
@@ -128,7 +128,8 @@ def parameter_names(name: str) -> tuple[str, ...]:
     module, cls = _ESTIMATORS[name].module, _ESTIMATORS[name].cls
     found: dict[str, None] = {}
     while module:  # and those that it inherits from, here
-        source = Path(__file__).with_name(f"{module}.py").read_text(encoding="utf-8")
+        file = Path(__file__).parent.joinpath(*module.split(".")).with_suffix(".py")
+        source = file.read_text(encoding="utf-8")
         body = ast.parse(source).body
         classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
         while cls in classes:
@@ -138,8 +139,8 @@ def parameter_names(name: str) -> tuple[str, ...]:
                 ):
                     found[ast.unparse(node.target)] = None
             cls = ast.unparse(classes[cls].bases[0])
-        package, _, module = _imported_from(body, cls).rpartition(".")
-        module = module if package == __package__ else ""
+        imported, package = _imported_from(body, cls), f"{__package__}."
+        module = imported.removeprefix(package) if imported.startswith(package) else ""
     return tuple(found)
 
 

@@ -13,12 +13,11 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators import archive
+from truejoint.estimators import archive, scikit_learn
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling, untold
-from truejoint.estimators.conversion import convert, is_convertible_step
+from truejoint.estimators.family import EstimatorData, Family, Params, find_family
 from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered, tried
-from truejoint.models import scikit_learn
-from truejoint.models.family import EstimatorData, Family, Params, find_family
+from truejoint.estimators.trees.learn import convert, is_convertible_step
 from truejoint.plugins import call_plugin, load_plugin, origin
 
 _TRIED: Final = 1000  # most rows on which a regressor is compared with what it becomes

@@ -12,9 +12,8 @@ from scipy.special import stdtrit
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError, other_kind, unknown
-from truejoint.estimators import registry
+from truejoint.estimators import names, registry
 from truejoint.evaluation.comparison import Outcome
-from truejoint.models import names
 from truejoint.runtime import Status
 from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit

@@ -11,7 +11,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import ExportError
-from truejoint.models.family import EstimatorData
+from truejoint.estimators.family import EstimatorData
 from truejoint.runtime.compensator import Compensator
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN, homing_ids

@@ -17,12 +17,12 @@ from truejoint.array_types import Array
 from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
 from truejoint.calibration.interval import LEVEL
 from truejoint.errors import CalibrationError, ExportError
+from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
 from truejoint.export.c_vectors import make_vectors
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
-from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields
 from truejoint.runtime.compensation import compensate
 from truejoint.runtime.compensator import Compensator

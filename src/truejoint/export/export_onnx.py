@@ -15,12 +15,12 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.calibration.encoding import as_calibration
 from truejoint.errors import ExportError
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.polynomial.run import polynomial_factors
+from truejoint.estimators.stack.run import members
 from truejoint.export.c_source import Precision, check_precision, write_files
 from truejoint.extras import require
 from truejoint.files import check_ending
-from truejoint.models.combination import members
-from truejoint.models.family import EstimatorData
-from truejoint.models.polynomial import polynomial_factors
 
 if TYPE_CHECKING:  # whoever fitted it has imported what learns
     from truejoint.calibration import Calibration

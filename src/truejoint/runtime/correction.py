@@ -8,10 +8,10 @@ from typing import Final
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
 from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
+from truejoint.estimators.family import call_row
+from truejoint.estimators.products import add_triangle
+from truejoint.features.kernels import feature_row
 from truejoint.layout import part_memory, part_numbers
-from truejoint.models.family import call_row
-from truejoint.models.feature_kernels import feature_row
-from truejoint.models.products import add_triangle
 from truejoint.runtime import fields as at
 from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SLIP_SHARE
 from truejoint.runtime.status import Status

@@ -23,8 +23,8 @@ from truejoint.calibration.encoding import (
 )
 from truejoint.calibration.model_file import read_model_file
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
+from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.layout import refuse_copy
-from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime import fields as at
 from truejoint.runtime.correction import (
     accept_offset,

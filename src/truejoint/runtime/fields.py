@@ -10,8 +10,8 @@ import numpy as np
 
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.interval import LEVEL, check_level, inverse_span
+from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.layout import Layout, Memory
-from truejoint.models.family import EstimatorData, find_family
 from truejoint.runtime.limits import Limits
 from truejoint.runtime.status import Status
 

@@ -11,9 +11,9 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.calibration.training_domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.models.family import EstimatorData, find_family
-from truejoint.models.features import MAX_RATE_RATIO
-from truejoint.models.products import padded
+from truejoint.estimators.family import EstimatorData, find_family
+from truejoint.estimators.products import padded
+from truejoint.features.feature_set import MAX_RATE_RATIO
 
 RANGE_MARGIN: Final = 0.5
 """Share of its trained range by which a feature may lie outside before it is out of range.

@@ -31,9 +31,9 @@ from truejoint.calibration.encoding import CalibrationData, as_calibration, as_r
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, matrix, vector
 from truejoint.errors import CalibrationError
+from truejoint.estimators.products import weighted
+from truejoint.features.feature_set import FeatureState
 from truejoint.layout import Layout, refuse_copy
-from truejoint.models.features import FeatureState
-from truejoint.models.products import weighted
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording

@@ -7,7 +7,7 @@ import pytest
 
 from truejoint.errors import StudyError
 from truejoint.estimators import registry
-from truejoint.estimators.network import WideNetwork
+from truejoint.estimators.network.learn import WideNetwork
 from truejoint.studies import get_study, run_study
 from truejoint.studies.raven2 import (
     ablation,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import StudyError, TruejointError
-from truejoint.estimators import cable_filter
+from truejoint.estimators.cables import learn as cable_filter
 from truejoint.recordings.wrist import record_wrist
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study

@@ -9,7 +9,8 @@ import pytest
 from tests.runtime.registered import FEW_PLAYS
 
 from truejoint.errors import StudyError
-from truejoint.estimators import cable_filter, cable_hybrid
+from truejoint.estimators.cables import hybrid as cable_hybrid
+from truejoint.estimators.cables import learn as cable_filter
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
 from truejoint.studies.figures import png

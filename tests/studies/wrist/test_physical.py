@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.estimators.cable_filter import CableStates
+from truejoint.estimators.cables.learn import CableStates
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.studies.wrist.physical import LOADS, honesty

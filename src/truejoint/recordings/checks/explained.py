@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.models.features import FeatureSet
+from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings.recording import Recording
 
 SLOW: Final = 0.1

@@ -115,7 +115,7 @@ class Dataset:
         What must stand beside results made with it; often empty.
     citation : str
     features : tuple of str
-        Causal features that suit it, as `truejoint.models.FeatureSet.parse` takes them.
+        Causal features that suit it, as `truejoint.features.FeatureSet.parse` takes them.
     fit_rate : float or None
         Rate [Hz] of the rows that a fit needs; None: all of them.
     settings : mapping

@@ -11,11 +11,11 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
-from truejoint.estimators.friction_filter import FrictionFilter
-from truejoint.estimators.jaw_load import identify_stiffness
-from truejoint.estimators.yan2020 import JawFilter
+from truejoint.estimators.jaw.learn import JawFilter
+from truejoint.estimators.jaw_load.learn import FrictionFilter
+from truejoint.estimators.jaw_load.stiffness import identify_stiffness
 from truejoint.evaluation.digits import fixed
-from truejoint.models.features import time_steps
+from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension

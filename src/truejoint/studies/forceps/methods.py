@@ -12,8 +12,8 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
+from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.evaluation import evaluate
-from truejoint.models.jaw import DRIVE, MOTOR, RESET
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record

@@ -10,7 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration
-from truejoint.models.jaw import RESET
+from truejoint.estimators.jaw.signals import RESET
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.load import LoadTest

@@ -18,8 +18,8 @@ from scipy.optimize import least_squares
 
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
+from truejoint.estimators.filtered import run_histories
 from truejoint.filters import StateSpaceModel, UnscentedFilter
-from truejoint.models.filtered import run_histories
 from truejoint.recordings import Recording
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
 from truejoint.studies.figures import Curve, Figure, Panel

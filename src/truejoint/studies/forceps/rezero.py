@@ -7,9 +7,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.estimators.jaw_load import find_encoder_zero
+from truejoint.estimators.jaw.signals import RESET
+from truejoint.estimators.jaw_load.stiffness import find_encoder_zero
 from truejoint.evaluation.digits import fixed
-from truejoint.models.jaw import RESET
 from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.figures import Curve, Figure, Panel

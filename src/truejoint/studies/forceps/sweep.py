@@ -13,10 +13,10 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
 from truejoint.estimators.base import JointRegressor
-from truejoint.estimators.play import GatedPlay, Play
-from truejoint.models.features import time_steps
-from truejoint.models.jaw import DRIVE, MOTOR, RESET
-from truejoint.models.play import DISPLACEMENTS
+from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
+from truejoint.estimators.plays.jaw_bank import DISPLACEMENTS
+from truejoint.estimators.plays.jaw_plays import GatedPlay, Play
+from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters

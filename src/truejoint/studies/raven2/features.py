@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Final
 
-from truejoint.estimators.network import WideNetwork
+from truejoint.estimators.network.learn import WideNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.recording import default_unit
 from truejoint.robots.raven2.state_message import state_message

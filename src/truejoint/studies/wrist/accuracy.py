@@ -15,10 +15,10 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
-from truejoint.estimators.cable_filter import CableFilter, CableStates
-from truejoint.estimators.cable_hybrid import WRIST_PLAYS
-from truejoint.models.cable_loops import LOAD, PIN
-from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
+from truejoint.estimators.cables.hybrid import WRIST_PLAYS
+from truejoint.estimators.cables.learn import CableFilter, CableStates
+from truejoint.estimators.cables.loops import LOAD, PIN
+from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
 from truejoint.robots.wrist.instruments import JOINTS

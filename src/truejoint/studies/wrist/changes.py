@@ -10,8 +10,8 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
-from truejoint.estimators.cable_filter import CableStates
-from truejoint.models.features import FeatureSet, default_gap_limit, time_steps
+from truejoint.estimators.cables.learn import CableStates
+from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS

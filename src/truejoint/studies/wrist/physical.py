@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.estimators.cable_filter import CableStates
+from truejoint.estimators.cables.learn import CableStates
 from truejoint.recordings import Recording
 from truejoint.robots.wrist.instruments import JOINTS
 

@@ -1,0 +1,1 @@
+"""cables: what runs, and what learns."""

@@ -1,0 +1,114 @@
+"""The filter of a wrist's cables, and plays that learn what it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final, Self
+
+import numpy as np
+from sklearn.base import clone
+
+from truejoint.array_types import Array
+from truejoint.estimators.base import Arrays, Progress
+from truejoint.estimators.cables import hybrid_rows as cable_hybrid
+from truejoint.estimators.cables import loops as r
+from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, CableStates, states
+from truejoint.estimators.family import EstimatorData, Family, Params
+from truejoint.estimators.plays.learn import RichPlay
+
+WRIST_PLAYS: Final = RichPlay(
+    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
+    time_constants=(0.02, 0.1),
+    leading=1,
+    squared=1,
+    pairs=(),
+)
+"""Plays of a wrist's signals, pitch first, by which the loops of all cables grow and shrink.
+
+Half-widths in half ranges: 0.1 deg and up of 55 deg of pitch, a few mNm and up of an effort.
+Low-passes tell speed, for the motors' viscous friction, and take noise off the efforts.
+"""
+_FILTERED: Final = 0.8  # share of the fit's time that the filter takes
+
+
+@dataclass(eq=False, repr=False)
+class CableHybrid(CableFilter):
+    """`CableFilter`, and a ridge regression on plays of what it says that learns what it leaves.
+
+    Plays see the joints and loads that the filter estimates, friction of the pins, motors and
+    efforts. They tell the joints, which the filter's model of the cables leaves off by some
+    hundredths of a degree, and the loads. Half-widths are the filter's own, times what makes them
+    as large as errors on blocks of the calibration that the plays did not see. What it needs is
+    what the filter needs.
+
+    Examples
+    --------
+    >>> CableHybrid().name
+    'hybrid_cables'
+    """
+
+    family: ClassVar[Family] = cable_hybrid.FAMILY
+
+    def model_params(self) -> dict[str, object]:
+        """Parameters of the family: the motors, and the plays'."""
+        return {**super().model_params(), "bank": self._bank}
+
+    @property
+    def _bank(self) -> Params:
+        known: Params = vars(self).get("bank_", WRIST_PLAYS.model_params())
+        return known
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls(params["channels"])
+        made.bank_ = params["bank"]
+        return made
+
+    def states(self, X: Array, dt: Array) -> CableStates:
+        """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before.
+
+        The states are those of the filter.
+        """
+        filtered, bank = cable_hybrid.parts(self.arrays_)
+        data = EstimatorData(RichPlay.family.name, self._bank, bank)
+        plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
+        return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        filtered, found = self._identified(X, y, dt, lambda done: progress(_FILTERED * done))
+        parameters = filtered["parameters"]
+        raw = cable_hybrid.raw_rows(X, parameters)
+        # Of a load that calibration does not have, the filter's word is all there is.
+        load = np.where(np.ptp(self._loads, axis=0) > NO_LOAD, self._loads, found.load)
+        wanted = np.hstack([y - raw, load])
+        seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
+        plays = clone(WRIST_PLAYS).fit(seen, wanted, dt=dt)
+        self.bank_: Params = plays.model_params()
+        own = _told(plays, found, X, dt, parameters)
+        left = np.hstack([y - own.angle, self._loads - own.load])
+        filtered["structure"] = self._structure(own, X, y, dt) * _unseen(plays, left, wanted)
+        progress(1.0)
+        return cable_hybrid.joined(filtered, plays.arrays_)
+
+
+def _told(
+    plays: RichPlay, found: CableStates, X: Array, dt: Array, parameters: Array
+) -> CableStates:
+    """Give what plays make of what the filter `found`; its deviations stay."""
+    seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
+    told = plays.evaluate(seen, dt)
+    angle = cable_hybrid.raw_rows(X, parameters) + told[:, : r.N]
+    return replace(found, angle=angle, load=told[:, r.N :])
+
+
+def _unseen(plays: RichPlay, left: Array, wanted: Array) -> Array:
+    """By how much squares of errors (4, 3) are larger on blocks that plays were not fitted to.
+
+    Of joints and loads they leave `left` (n, 6), and were fitted to `wanted` (n, 6); rows as of
+    `structure`.
+    """
+    known = np.isfinite(wanted).all(axis=1)
+    blocks = np.square(plays.model_.errors_ * wanted[known].std(axis=0))
+    grown = np.maximum(blocks / np.mean(np.square(left[known]), axis=0), 1.0)
+    return np.repeat(grown.reshape(2, r.N), 2, axis=0)

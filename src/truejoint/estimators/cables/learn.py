@@ -1,0 +1,484 @@
+"""An unscented filter of a wrist's cables, identified from recordings, free and under loads."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import ClassVar, Final, Self
+
+import numpy as np
+from scipy.optimize import least_squares, nnls
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.cables import loops as r
+from truejoint.estimators.cables import run as cable_filter
+from truejoint.estimators.cables.run import DECAY, SOUGHT
+from truejoint.estimators.family import Family, Rule, optional
+from truejoint.estimators.filtered import histories, run_histories
+from truejoint.estimators.jaw.base import MIN_ROWS, median_dt
+from truejoint.recordings import Recording
+from truejoint.robots.cable_mechanism import CableMechanism
+
+_ANGLE_NOISE: Final = 1e-3  # [rad] and
+_EFFORT_NOISE: Final = 2e-3  # [Nm] that count as much in the fit
+_THINNED: Final = 8  # rows of which the fit counts one
+_LONGEST: Final = 60.0  # [s] of each history that it simulates
+_SETTLED: Final = 2.0  # [s] after which friction has forgotten how it began
+_FLOOR: Final = 0.1  # of the filter's own variance that is always stated, in what a run asks for
+_DRIFT: Final = (0.1, 0.05, 0.1)  # of friction of loops, motors, pins, in its size per root second
+NO_LOAD: Final = 1e-4  # [Nm] below which there is none, or one that does not change
+_OTHER_MOTION: Final = 1.6
+"""By how much larger squared errors under loads are in another class of motion than in that which
+was fitted to: of six virtual instruments that no figure in the documentation is of."""
+_ROUNDS: Final = 25  # of the search, at most
+
+# What is searched for, by name: lowest and highest, and where the search begins: an instrument with
+# rods in its shaft, or one with bare cables, whichever is nearer.
+_BOUNDS: Final[Mapping[str, tuple[float, float, float, float]]] = {
+    "pitch_stiffness": (8e3, 5e5, 9e4, 3.4e4),  # of one cable
+    "jaw1_stiffness": (8e3, 5e5, 9e4, 3.4e4),
+    "jaw2_stiffness": (8e3, 5e5, 9e4, 3.4e4),
+    "shaft_compliance": (0.05, 20.0, 1.0, 3.5),  # times what the mechanism says
+    "pitch_friction": (0.1, 60.0, 4.0, 1.4),  # of a loop over its guides
+    "jaw1_friction": (0.1, 60.0, 4.0, 1.4),
+    "jaw2_friction": (0.1, 60.0, 4.0, 1.4),
+    "wrist_friction": (1e-3, 0.5, 0.1, 0.04),  # coefficient, per radian of wrap
+    "build_up": (1e5, 1e8, 3e6, 3e6),
+    "pitch_pin": (3e-4, 6e-2, 1.2e-2, 1e-2),
+    "jaw_pin": (1e-4, 3e-2, 5e-3, 4e-3),
+    "pin_way": (5e-4, 2e-2, 3e-3, 3e-3),
+    "tension": (12.0, 100.0, 32.0, 24.0),  # of both cables of a loop
+    "motor_way": (5e-4, 5e-2, 5e-3, 5e-3),
+}
+
+STARTS: Final = {name: start for name, (_, _, start, _) in _BOUNDS.items()}
+"""Values of what is sought where the search begins, of an instrument with rods."""
+
+
+@dataclass(frozen=True, eq=False)
+class CableStates:
+    """What the filter says about each row of a record."""
+
+    angle: Array  # (n, 3) [rad]
+    angle_deviation: Array
+    load: Array  # (n, 3) [Nm]: grip, and torques of the tip's arms
+    load_deviation: Array
+    states: Array  # (n, 15) of `models.cable_loops`
+
+    def part(self, rows: slice) -> CableStates:
+        """Give some of its rows."""
+        return CableStates(*(values[rows] for values in vars(self).values()))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """One history: motors and efforts (n, 6), true joints and loads (n, 3), NaN where unknown."""
+
+    X: Array
+    truth: Array
+    load: Array
+    dt: Array  # (n,)
+
+    @property
+    def effort(self) -> Array:
+        """Efforts (n, 3) of the motors [Nm]."""
+        return self.X[:, r.N :]
+
+    @property
+    def step(self) -> float:
+        """Time between two rows [s]."""
+        return median_dt(self.dt)
+
+    @property
+    def settled(self) -> int:
+        """First row that counts."""
+        return round(_SETTLED / self.step)
+
+    @property
+    def known(self) -> int:
+        """Number of rows that count whose joints are known."""
+        return int(np.isfinite(self.truth[self.settled :]).all(axis=1).sum())
+
+    def first(self, seconds: float) -> Run:
+        """Its beginning."""
+        rows = slice(round(seconds / self.step))
+        return Run(self.X[rows], self.truth[rows], self.load[rows], self.dt[rows])
+
+
+def filter_inputs(X: Array, dt: Array) -> Array:
+    """Make inputs (n, 9) of the filter: motors without what trembles, their changes, speeds.
+
+    Of motors and efforts `X` (n, 6), `dt` (n,) [s] after the row before.
+    """
+    given = np.empty((len(X), r.INPUTS))
+    cable_filter.input_rows(X, dt, given)
+    return given
+
+
+def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
+    """Parameters of `cable_loops` for an instrument and what was found of it."""
+    p = np.zeros(r.PARAMETERS)
+    radius = np.array(list(mechanism.motors.values()))
+    first = [next(c for c in mechanism.cables if c.motor == m) for m in mechanism.motors]
+    moments = np.array([mechanism.row(cable.moments) for cable in first])
+    inverse = np.linalg.inv(moments)
+    opening = np.zeros(r.N) if mechanism.contact is None else mechanism.row(
+        mechanism.contact.opening)  # fmt: skip
+    arms = [mechanism.row(arm) for arm in mechanism.arms.values()]
+    parts = np.array([cable.segments for cable in first]).T
+    parts[1] *= sought["shaft_compliance"]
+    parts /= parts.sum(axis=0)
+    turned, wrapped = np.zeros_like(moments), np.zeros(r.N)
+    for m, cable in enumerate(first):
+        for node in (node for node in cable.nodes if node.joint):
+            j = mechanism.joint_names.index(node.joint)
+            turned[m, j] = np.sign(moments[m, j])
+            wrapped[m] += node.wrap
+    crossing = (np.abs(moments) > 0.0).T.astype(np.float64)
+    stiffness = np.array([sought[f"{name}_stiffness"] for name in ("pitch", "jaw1", "jaw2")])
+    level = [sought[f"{name}_friction"] for name in ("pitch", "jaw1", "jaw2")]
+    mu, tension = sought["wrist_friction"], sought["tension"]
+    for at, values in (
+        (r.RIGID, inverse * radius),
+        (r.INVERSE, inverse),
+        (r.ON_JOINT, np.column_stack([opening, *(arm / np.abs(arm).sum() for arm in arms)])),
+        (r.RADIUS, radius),
+        (r.STRETCH, 0.5 * parts / stiffness),
+        (r.LEVEL, [level, wrapped * mu * tension]),
+        (r.PIN_LEVEL, [sought["pitch_pin"], *[sought["jaw_pin"]] * 2]),
+        (r.EFFORT, [*[1.0] * 3, *[0.0] * 9]),
+        (r.CROSSING, crossing / crossing.sum(axis=1, keepdims=True)),
+        (r.WRAP, mu * turned),
+        (r.DRIFT, np.square(_DRIFT)),
+    ):
+        flat = np.array(values, dtype=np.float64).ravel()
+        p[at : at + len(flat)] = flat
+    p[r.BUILD_UP], p[r.PIN_WAY] = sought["build_up"], sought["pin_way"]
+    p[r.TENSION], p[r.MOTOR_WAY], p[r.DECAY] = tension, sought["motor_way"], 1.0 / DECAY
+    return p
+
+
+def geometry(rigid: Array) -> Array:
+    """List what radii, zeros, eccentric pulleys may add to joints (n, 10), at raw ones (n, 3)."""
+    return np.column_stack([np.ones(len(rigid)), rigid, np.sin(rigid), np.cos(rigid)])
+
+
+@dataclass(frozen=True, eq=False)
+class _Misfit:
+    """What a model leaves of angles and efforts, and what is linear in it."""
+
+    rows: Array  # (k, 6), of thinned rows with truth
+    added: Array  # (10, 3)
+    by_motor: Array  # (3, 4) effort of each motor, per torque, share of friction, speed, constant
+    run: Integers  # (k,) number of each row's history
+
+
+def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
+    angle, basis, columns, effort, run = [], [], [], [], []
+    rigid = p[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
+    for n, one in enumerate(runs):
+        given = filter_inputs(one.X, one.dt)
+        (joint, torque), x = np.empty((2, *one.load.shape)), np.empty((len(given), r.STATES))
+        r.simulate(given, one.load, p, x, joint, torque)
+        share = x[:, r.MOTOR : r.PIN]
+        known = np.flatnonzero(np.isfinite(one.truth).all(axis=1))
+        rows = known[known >= one.settled][::_THINNED]
+        angle.append((one.truth - joint)[rows])
+        basis.append(geometry(given[rows, : r.N] @ rigid.T))
+        columns.append(
+            np.stack([torque, share, given[:, r.SPEED :], np.ones_like(torque)], axis=2)[rows]
+        )
+        effort.append(one.effort[rows])
+        run.append(np.full(len(rows), n))
+    geometries, left = np.vstack(basis), np.vstack(angle)
+    added = np.linalg.lstsq(geometries, left, rcond=None)[0]
+    design, told = np.concatenate(columns), np.vstack(effort)
+    by_motor = np.array(
+        [np.linalg.lstsq(design[:, m], told[:, m], rcond=None)[0] for m in range(r.N)]
+    )
+    off = told - np.einsum("nmk,mk->nm", design, by_motor)
+    rows_left = np.hstack([left - geometries @ added, off])
+    return _Misfit(rows_left, added, by_motor, np.concatenate(run))
+
+
+def jackknife_deviations(
+    jacobian: Array, left: Array, labels: Sequence[Integers], prior: Array
+) -> Array:
+    """Deviations (k,) of least squares by what leaving out rows that are alike changes.
+
+    Of a `jacobian` (n, k) and misfits `left` (n,). Rows of one label (n,), of each of several
+    `labels`, are left out in turn, by one step of Gauss and Newton; changes by different labels
+    add up as if they were independent. A model that is not quite true errs alike all along, which
+    no spread of single misfits shows, but signals then tell of the same quantity differently.
+    `prior` (k,) is what is known of a quantity, one over its variance, where nothing else tells.
+    """
+    whole, variance = jacobian.T @ jacobian + np.diag(prior), np.zeros(jacobian.shape[1])
+    for label in labels:
+        kinds = np.unique(label)
+        for kind in kinds:
+            own = jacobian[label == kind]
+            change = np.linalg.solve(whole - own.T @ own, own.T @ left[label == kind])
+            variance += (1.0 - 1.0 / len(kinds)) * change**2
+    return np.asarray(np.sqrt(variance))
+
+
+def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress) -> Arrays:
+    """Find stiffness, friction, radii and sensors' gains by least squares on angles and efforts."""
+    short = [one.first(_LONGEST) for one in runs]
+    names, table = tuple(SOUGHT), np.log(np.array([_BOUNDS[name] for name in SOUGHT])).T
+    scale = np.repeat([_ANGLE_NOISE, _EFFORT_NOISE], r.N)
+    calls = 0
+
+    def parameters(logarithms: Array) -> Array:
+        return constants(mechanism, dict(zip(names, np.exp(logarithms), strict=True)))
+
+    def misfit(logarithms: Array) -> Array:
+        nonlocal calls
+        calls += 1
+        progress(min(0.9 * calls / (_ROUNDS * (len(names) + 1)), 0.9))
+        return np.ravel(_misfit(short, parameters(logarithms)).rows / scale)
+
+    start = min(table[2:], key=lambda x: float(np.sum(misfit(x) ** 2)))
+    search = least_squares(
+        misfit, start, bounds=(table[0], table[1]), diff_step=[1e-3], max_nfev=_ROUNDS, x_scale=0.3
+    )
+    p = parameters(search.x)
+    found = _misfit(short, p)
+    signal, recording = np.tile(np.arange(2 * r.N), len(found.rows)), np.repeat(found.run, 2 * r.N)
+    # Where nothing tells, a quantity may be anything that is searched.
+    deviation = jackknife_deviations(
+        np.asarray(search.jac), search.fun, (signal, recording), 12.0 / (table[1] - table[0]) ** 2
+    )
+    p[r.EFFORT : r.EFFORT + 4 * r.N] = found.by_motor.T.ravel()
+    p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * load_variances(runs) / DECAY
+    return {
+        "parameters": p,
+        "added": np.asarray(found.added, dtype=np.float64),
+        "effort_misfit": np.maximum(found.rows[:, r.N :].std(axis=0), 1e-6),
+        "structure": np.repeat([1.0, 0.0, 1.0, 0.0], r.N).reshape(4, r.N),
+        "identified": np.column_stack([np.exp(search.x), np.exp(search.x) * deviation]),
+        "dt": np.array([float(np.mean([one.step for one in runs]))]),
+    }
+
+
+def load_variances(runs: Sequence[Run]) -> Array:
+    """Variances (3,) [Nm2] of the loads to expect, by those in calibration, one of them loaded.
+
+    One that always hung there counts by its size: another day it is not there.
+    """
+    loaded = [one.load for one in runs if _is_loaded(one.load)]
+    varied = np.mean([np.var(load, axis=0) for load in loaded], axis=0)
+    size = np.mean([np.mean(np.square(load), axis=0) for load in loaded], axis=0)
+    spread: Array = np.asarray(np.where(varied > NO_LOAD**2, varied, size))
+    # One that calibration had not may be as large as the largest that it had.
+    return np.asarray(np.where(spread > NO_LOAD**2, spread, spread.max()))
+
+
+def _is_loaded(load: Array) -> bool:
+    return bool((np.abs(load) > NO_LOAD).any())
+
+
+def structure(runs: Sequence[Run], found: Sequence[CableStates]) -> Array:
+    """By what variances of angles and of loads are multiplied, what is added to them (4, 3).
+
+    The latter per square of the loads that are seen. The errors in each run are then as large as
+    is stated, free and, with a margin for other motions, loaded; the deviations in `found` are
+    those of the filter alone.
+    """
+    shown, stated, seen = [], [], []
+    for one, own in zip(runs, found, strict=True):
+        known = np.flatnonzero(np.isfinite(one.truth).all(axis=1))
+        known = known[known >= one.settled]
+        truth = one.truth[known]
+        white = np.var(np.diff(truth, n=3, axis=0), axis=0) / 20.0  # of the reference
+        squares = [
+            np.mean(np.square(each[known]), axis=0)
+            for each in (own.angle - one.truth, own.load - one.load)
+        ]
+        # Of an error that the reference's noise hides, some is believed all the same.
+        own_squares = np.array([np.maximum(squares[0] - white, 0.1 * squares[0]), squares[1]])
+        shown.append(own_squares * (_OTHER_MOTION if _is_loaded(one.load) else 1.0))
+        deviations = (own.angle_deviation, own.load_deviation)
+        stated.append([np.mean(np.square(each[known]), axis=0) for each in deviations])
+        seen.append(np.mean(np.abs(own.load[known]).sum(axis=1) ** 2))
+    out = np.empty((4, r.N))
+    for quantity, k in np.ndindex(2, r.N):
+        variances = np.column_stack([np.array(stated)[:, quantity, k], np.array(seen)])
+        wanted = np.array(shown)[:, quantity, k]
+        own, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
+        least = _FLOOR * np.min(wanted / variances[:, 0])
+        out[2 * quantity : 2 * quantity + 2, k] = max(own, least), by_load
+    return out
+
+
+@dataclass(eq=False, repr=False)
+class CableFilter(JointRegressor):
+    """Unscented filter of three joints that three motors' cables turn, and of what loads them.
+
+    Its state is friction along the cables, of motors and of pins, and the loads: grip, and torques
+    of two arms at the tip; its measurements are the motors' efforts. Stiffness, friction,
+    pretension, radii and gains are identified from recordings with truth and known loads, at least
+    one of them loaded.
+
+    Parameters
+    ----------
+    channels : tuple of str
+        Names of the motors, in the mechanism's order.
+    mechanism : CableMechanism, optional
+        What the cables are; by default that of the robot that was recorded.
+
+    Examples
+    --------
+    >>> CableFilter().name
+    'ukf_cables'
+    """
+
+    family: ClassVar[Family] = cable_filter.FAMILY
+    least_rows: ClassVar[int] = MIN_ROWS
+    training: ClassVar[Mapping[str, Rule]] = {
+        "mechanism": optional(
+            Rule(lambda value: isinstance(value, CableMechanism), "a CableMechanism")
+        )
+    }
+    channels: tuple[str, ...] = ("pitch", "jaw1", "jaw2")
+    mechanism: CableMechanism | None = None
+
+    @property
+    def identified(self) -> dict[str, tuple[float, float, str]]:
+        """What was identified of the instrument, by name: value, standard deviation, unit.
+
+        A deviation is by how much the value changes without each of the six signals (angles and
+        efforts), and without each recording, since a model that is not quite true errs alike all
+        along. Dead bands of the loads follow from the pins' friction: a load within its dead band
+        may stay unseen.
+        """
+        rows = zip(SOUGHT.items(), self.arrays_["identified"].tolist(), strict=True)
+        found = {name: (value, deviation, unit) for (name, unit), (value, deviation) in rows}
+        pins = [found[name][:2] for name in ("pitch_pin", "jaw_pin", "jaw_pin")]
+        p = self.arrays_["parameters"]
+        on_joint = np.abs(p[r.ON_JOINT : r.ON_JOINT + r.N**2].reshape(r.N, r.N))
+        for name, arms in zip(cable_filter.LOADS, on_joint.T, strict=True):
+            # It shows as soon as one of the joints that it turns slides.
+            bands = [(level / arm, off / arm) for (level, off), arm in zip(pins, arms, strict=True)
+                     if arm > 0.0]  # fmt: skip
+            found[f"{name}_dead_band"] = (*min(bands), "Nm")
+        return found
+
+    def for_recordings(self, recordings: Sequence[Recording]) -> Self:
+        """Unfitted copy for the cables that were recorded; CalibrationError for other ones."""
+        robot = recordings[0].robot
+        mechanism = self.mechanism or robot.cable_mechanism
+        if mechanism is None:
+            raise CalibrationError(
+                f"{robot.title} states no cables; {self.name} takes a robot with [cable_mechanism]"
+            )
+        _check_mechanism(self.name, mechanism)
+        for recording in recordings:
+            if recording.provenance.load > 0.0 and "truth_load/grip" not in recording.units:
+                raise CalibrationError(
+                    f"{recording.provenance.source or 'recording'}: something hangs on the tip, "
+                    f"and no truth_load/... says what torque; {self.name} needs to know its loads"
+                )
+        return self.with_params(mechanism=mechanism, channels=robot.channels)
+
+    def truth_beside(self) -> tuple[str, ...]:
+        """Columns of the loads that `fit` takes as `loads`; where there are none, nothing loads."""
+        if self.mechanism is None:
+            return ()
+        return tuple(f"truth_load/{name}" for name in ("grip", *self.mechanism.arms))
+
+    def states(self, X: Array, dt: Array) -> CableStates:
+        """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before."""
+        return states(self.arrays_, np.ascontiguousarray(X), dt)
+
+    def unloaded(self, X: Array, dt: Array) -> tuple[Array, Array]:
+        """Joints (n, 3) [rad] and states (n, 15) of the model alone, where nothing loads it.
+
+        Of motors in the first columns of `X`, `dt` (n,) [s] after the row before: no effort is
+        needed, and no load is seen.
+        """
+        parameters, given = self.arrays_["parameters"], filter_inputs(X, dt)
+        joint, torque = np.empty((2, len(given), r.N))
+        found = np.empty((len(given), r.STATES))
+        for rows in histories(dt):
+            r.simulate(given[rows], np.zeros((rows.stop - rows.start, r.N)), parameters,
+                       found[rows], joint[rows], torque[rows])  # fmt: skip
+        rigid = parameters[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
+        return joint + geometry(given[:, : r.N] @ rigid.T) @ self.arrays_["added"], found
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        arrays, found = self._identified(X, y, dt, progress)
+        arrays["structure"] = self._structure(found, X, y, dt)
+        progress(1.0)
+        return arrays
+
+    def _identified(
+        self, X: Array, y: Array, dt: Array, progress: Progress
+    ) -> tuple[Arrays, CableStates]:
+        """Arrays that were identified, and what their filter says, its deviations its own."""
+        if self.mechanism is None:
+            raise CalibrationError(f"{self.name} knows no cables; give it a mechanism")
+        self._known(y)
+        unknown = int((~np.isfinite(self._loads)).any(axis=1).sum())
+        if unknown:
+            raise CalibrationError(
+                f"{self.name}: {unknown} rows whose load is not known (truth_load/... is NaN); "
+                "leave out the recordings that have them"
+            )
+        runs = [one for _, one in self._runs(X, y, dt)]
+        if not runs:
+            raise CalibrationError(
+                f"{self.name}: no recording has more than {_SETTLED:g} s of truth after its first "
+                f"{_SETTLED:g} s; record a minute"
+            )
+        if not any(_is_loaded(one.load) for one in runs):
+            raise CalibrationError(
+                f"{self.name}: no recording with truth has a load, so that grip and tip torque "
+                "cannot be told from friction; add a minute under known loads (truth_load/...)"
+            )
+        arrays = identify(runs, self.mechanism, progress)
+        return arrays, states(arrays, X, dt)
+
+    def _runs(self, X: Array, y: Array, dt: Array) -> list[tuple[slice, Run]]:
+        """Histories that have truth, and the rows of each."""
+        every = [(rows, Run(X[rows], y[rows], self._loads[rows], dt[rows]))
+                 for rows in histories(dt)]  # fmt: skip
+        return [(rows, one) for rows, one in every if one.known > one.settled]
+
+    def _structure(self, found: CableStates, X: Array, y: Array, dt: Array) -> Array:
+        """`structure` of what was found of all rows."""
+        parts = [(one, found.part(rows)) for rows, one in self._runs(X, y, dt)]
+        return structure(*zip(*parts, strict=True))
+
+
+def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
+    """Run the filter of fitted `arrays` over rows, as `CableFilter.states`."""
+    given, parameters = filter_inputs(X, dt), arrays["parameters"]
+    prior = cable_filter.cable_prior(parameters)
+    unscented, efforts = cable_filter.cable_filter(arrays), np.ascontiguousarray(X[:, r.N :])
+    x, P = run_histories(unscented, prior, efforts, given, dt, smoothed=False)
+    out = np.empty((4, len(X), r.N))
+    by_state = cable_filter.angles_by_state(parameters)
+    cable_filter.estimate_rows(
+        given, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
+    )
+    return CableStates(out[0], out[1], out[2], out[3], x)
+
+
+def _check_mechanism(name: str, mechanism: CableMechanism) -> None:
+    """Raise CalibrationError for cables that are not three motors' loops of two alike."""
+    by_motor = [[c for c in mechanism.cables if c.motor == m] for m in mechanism.motors]
+    loops = [own for own in by_motor if len(own) == 2 and own[0].sign == -own[1].sign]
+    shafts = all(len(cable.segments) == 3 for cable in mechanism.cables)
+    if not (len(by_motor) == len(loops) == r.N and shafts):
+        raise CalibrationError(
+            f"{name} takes three motors with two cables each, of three segments; it has no model "
+            "of other cables: choose an estimator that learns from features"
+        )
+    if mechanism.contact is None or len(mechanism.arms) != r.N - 1:
+        raise CalibrationError(
+            f"{name} tells a grip and two torques at the tip; state [cable_mechanism.contact] and "
+            "two arms"
+        )

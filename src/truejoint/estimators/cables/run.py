@@ -1,0 +1,308 @@
+"""What the unscented filter of a wrist's cables is made of: angles and loads, and their deviations.
+
+Its model is `cable_loops`. Radii, zeros and eccentric pulleys are what is added to the joints as a
+linear function of where cables that give nowhere would have them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from math import nan, sqrt
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, local_vector, matrix, vector
+from truejoint.errors import CalibrationError
+from truejoint.estimators.cables import loops
+from truejoint.estimators.cables.loops import INPUTS, LOAD, PARAMETERS, RIGID, STATES, N
+from truejoint.estimators.family import Family, Params, Rule, Shape
+from truejoint.estimators.filtered import advance, quadratic
+from truejoint.filters import StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+
+TERMS: Final = 1 + 3 * N
+"""Terms of what geometry adds: a constant, each raw joint, its sine and its cosine."""
+QUIET: Final = 4e-4
+"""Motor angle [rad] within which what trembles moves no friction."""
+DECAY: Final = 3.0
+"""Time [s] in which a load fades that nothing shows any more."""
+ERROR_TIME: Final = 0.1
+"""Time [s] for which the misfit of an effort stays the same."""
+
+SOUGHT: Final[Mapping[str, str]] = {
+    "pitch_stiffness": "N/m",
+    "jaw1_stiffness": "N/m",
+    "jaw2_stiffness": "N/m",
+    "shaft_compliance": "1",
+    "pitch_friction": "N",
+    "jaw1_friction": "N",
+    "jaw2_friction": "N",
+    "wrist_friction": "1",
+    "build_up": "N/m",
+    "pitch_pin": "Nm",
+    "jaw_pin": "Nm",
+    "pin_way": "rad",
+    "tension": "N",
+    "motor_way": "rad",
+}
+"""What is identified of an instrument, with its unit."""
+
+_FARTHEST: Final = 50.0  # [rad] of a motor
+_STRONGEST: Final = 1e3  # [N] or [Nm], of anything
+
+
+@compiled
+def raw_joints(motor: Array, p: Array, out: Array) -> None:
+    """Joints (N,) [rad] of cables that give nowhere."""
+    for j in range(N):
+        out[j] = 0.0
+        for m in range(N):
+            out[j] += p[RIGID + N * j + m] * motor[m]
+
+
+@compiled
+def add_geometry(motor: Array, p: Array, added: Array, raw: Array, out: Array) -> None:
+    """Add what geometry does, `added` (TERMS, N), to joints `out` (N,); `raw` (N,) is for work."""
+    raw_joints(motor, p, raw)
+    for j in range(N):
+        total = added[0, j]
+        for k in range(N):
+            total += added[1 + k, j] * raw[k] + added[1 + N + k, j] * math.sin(raw[k])
+            total += added[1 + 2 * N + k, j] * math.cos(raw[k])
+        out[j] += total
+
+
+@compiled
+def seen_load(x: Array) -> float:
+    """Sum [Nm] of the sizes of the loads in a state."""
+    total = 0.0
+    for k in range(N):
+        total += abs(x[LOAD + k])
+    return total
+
+
+@compiled
+def stated(variance: float, seen: float, factor: float, added: float) -> float:
+    """Deviation that is stated of a `variance`, under the loads `seen` [Nm]."""
+    return sqrt(max(variance, 0.0) * factor + seen * seen * added)
+
+
+@compiled
+def estimate_rows(
+    motor: Array, x: Array, P: Array, p: Array, added: Array, by_state: Array, structure: Array,
+    out: Array,
+) -> None:  # fmt: skip
+    """Angles, their deviations, loads and theirs in every row, into `out` (4, n, N).
+
+    Of played motors (n, N), states (n, STATES) and covariances; `added` (TERMS, N) is what
+    geometry adds, `structure` (4, N) what `stated` takes of angles and loads.
+    """
+    raw = local_vector(N)
+    for i in range(motor.shape[0]):
+        loops.joints(x[i], motor[i], p, out[0, i])
+        add_geometry(motor[i], p, added, raw, out[0, i])
+        seen = seen_load(x[i])
+        for j in range(N):
+            angle, load = quadratic(by_state[j], P[i], STATES), P[i, LOAD + j, LOAD + j]
+            out[1, i, j] = stated(angle, seen, structure[0, j], structure[1, j])
+            out[2, i, j] = x[i, LOAD + j]
+            out[3, i, j] = stated(load, seen, structure[2, j], structure[3, j])
+
+
+def angles_by_state(parameters: Array) -> Array:
+    """Give the derivative (N, STATES) of the joints by the state, of cables that are taut."""
+    rows, zero, still = np.empty((STATES, N)), np.empty(N), np.zeros(N)
+    loops.joints(np.zeros(STATES), still, parameters, zero)
+    for row, unit in zip(rows, 1e-6 * np.eye(STATES), strict=True):
+        loops.joints(unit, still, parameters, row)
+    return np.ascontiguousarray((rows - zero).T / 1e-6)
+
+
+def cable_filter(arrays: Mapping[str, Array]) -> UnscentedFilter:
+    """Build the filter of a fitted `CableFilter`; raises CalibrationError or FilterError."""
+    parameters, dt = arrays["parameters"], float(arrays["dt"][0])
+    misfit = arrays["effort_misfit"]
+    if not (1e-9 < dt < 1e9 and ((misfit > 0.0) & (misfit < _STRONGEST)).all()):
+        raise CalibrationError("cable_filter: dt or effort_misfit is not above 0; fit it again")
+    kinds = ("guide", "wrist", "motor", "pin", "load")
+    given = [f"{kind}_{k}" for kind in ("angle", "change", "speed") for k in range(N)]
+    model = StateSpaceModel(
+        transition=loops.transition,
+        measurement=loops.measurement,
+        process_noise=loops.process_noise,
+        # A misfit that lasts for a time tells in each row what it told in the row before.
+        measurement_noise=np.diag(misfit**2 * max(ERROR_TIME / dt, 1.0)),
+        states=tuple(f"{kind}_{k}" for kind in kinds for k in range(N)),
+        measurements=tuple(f"effort_{k}" for k in range(N)),
+        inputs=tuple(given),
+        parameters=parameters,
+        possible={
+            **{name: (-_FARTHEST, _FARTHEST) for name in given if not name.startswith("speed")},
+            **{f"{kind}_{k}": (-_STRONGEST, _STRONGEST) for kind in ("effort", *kinds)
+               for k in range(N)},
+        },
+    )  # fmt: skip
+    return UnscentedFilter(model)
+
+
+def cable_prior(parameters: Array) -> tuple[Array, Array]:
+    """State and covariance of an instrument of which nothing is known yet."""
+    variance = np.empty(STATES)
+    variance[: loops.MOTOR] = parameters[loops.LEVEL : loops.LEVEL + 2 * N] ** 2 / 3.0
+    variance[loops.MOTOR : loops.PIN] = 1.0 / 3.0
+    variance[loops.PIN : LOAD] = parameters[loops.PIN_LEVEL : loops.PIN_LEVEL + N] ** 2 / 3.0
+    variance[LOAD:] = parameters[loops.LOAD_RATE : loops.LOAD_RATE + N] * 0.5 * DECAY
+    return np.zeros(STATES), np.diag(variance)
+
+
+LOADS: Final = "grip", "tip_first", "tip_second"
+"""What the row tells beside the joints."""
+
+LAYOUT: Final = Layout()
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+BESIDE: Final = LAYOUT.scalar("beside_deviations", "that a load's half-width is")
+STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
+LAST: Final = LAYOUT.array("last", "motor angles of the row before [rad]")
+PLAYED: Final = LAYOUT.array("played", "the same without what trembles [rad]")
+RAW: Final = LAYOUT.array("raw", "joints of cables that give nowhere [rad]")
+ADDED: Final = LAYOUT.array("added", "what geometry adds, by term and joint")
+BY_STATE: Final = LAYOUT.array("by_state", "derivative of the joints by the state")
+STRUCTURE: Final = LAYOUT.array("structure", "factor and share of the load, of angles and loads")
+GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]")
+TIP_FIRST: Final = LAYOUT.array("tip_first", "torque of the tip's first arm, its half-width [Nm]")
+TIP_SECOND: Final = LAYOUT.array("tip_second", "torque of its second arm, its half-width [Nm]")
+FILTER: Final = LAYOUT.part("filter", "of friction of loops, motors and pins, and loads")
+
+
+@compiled
+def take_motors(dt: float, x: Array, last: Array, played: Array, u: Array) -> None:
+    """Fill the filter's inputs from the motor angles in `x`, and note them; `dt` 0 starts."""
+    for m in range(N):
+        before = played[m]
+        if dt == 0.0:
+            played[m] = before = last[m] = x[m]
+        played[m] = min(max(played[m], x[m] - QUIET), x[m] + QUIET)
+        u[loops.ANGLE + m] = played[m]
+        u[loops.CHANGE + m] = played[m] - before
+        u[loops.SPEED + m] = (x[m] - last[m]) / dt if dt > 0.0 else 0.0
+        last[m] = x[m]
+
+
+@compiled
+def input_rows(X: Array, dt: Array, out: Array) -> None:
+    """Fill the filter's inputs (n, INPUTS) from motor angles in the first N columns of `X`."""
+    last, played = local_vector(N), local_vector(N)
+    for i in range(X.shape[0]):
+        take_motors(dt[i], X[i], last, played, out[i])
+
+
+@compiled
+def state_load(load: Array, value: float, deviation: float) -> None:
+    """Write down a load and its half-width."""
+    load[0] = value
+    load[1] = deviation
+
+
+@compiled
+def cable_filter_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter of the cables."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    if dt == 0.0 or memory[STARTED] == 0.0:
+        restart(own, state)
+        dt = 0.0
+    played, raw = vector(memory, numbers[PLAYED], N), vector(memory, numbers[RAW], N)
+    u = vector(state, own[at.U], INPUTS)
+    take_motors(dt, x, vector(memory, numbers[LAST], N), played, u)
+    z = vector(state, own[at.Z], N)
+    for m in range(N):
+        z[m] = x[N + m]
+    good = advance(own, state, dt)
+    memory[STARTED] = 1.0 if good else 0.0
+    estimate = vector(state, own[at.X], STATES)
+    spread = matrix(state, own[at.P], STATES, STATES)
+    p = vector(state, own[at.THETA], PARAMETERS)
+    loops.joints(estimate, played, p, out)
+    add_geometry(played, p, matrix(memory, numbers[ADDED], TERMS, N), raw, out)
+    structure = matrix(memory, numbers[STRUCTURE], 4, N)
+    seen = seen_load(estimate)
+    by_state = matrix(memory, numbers[BY_STATE], N, STATES)
+    for j in range(N):
+        out[j] = out[j] if good else nan
+        if memory[DEVIATIONS] > 0.0:
+            own_variance = quadratic(by_state[j], spread, STATES)
+            half_width[j] = memory[DEVIATIONS] * stated(
+                own_variance, seen, structure[0, j], structure[1, j]
+            )
+        raw[j] = memory[BESIDE] * stated(
+            spread[LOAD + j, LOAD + j], seen, structure[2, j], structure[3, j]
+        )
+    state_load(vector(memory, numbers[GRIP], 2), estimate[LOAD], raw[0])
+    state_load(vector(memory, numbers[TIP_FIRST], 2), estimate[LOAD + 1], raw[1])
+    state_load(vector(memory, numbers[TIP_SECOND], 2), estimate[LOAD + 2], raw[2])
+
+
+def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    if n_outputs != N:
+        raise CalibrationError(
+            f"cable_filter estimates the {N} joints of a wrist at once, not {n_outputs}"
+        )
+    return {
+        "parameters": (PARAMETERS,),
+        "added": (TERMS, N),
+        "effort_misfit": (N,),
+        "structure": (4, N),
+        "identified": (len(SOUGHT), 2),
+        "dt": (1,),
+    }
+
+
+def _pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    parameters = arrays["parameters"]
+    return LAYOUT.pack(
+        beside_deviations=1.0,
+        last=np.zeros(N),
+        played=np.zeros(N),
+        raw=np.zeros(N),
+        added=arrays["added"],
+        by_state=angles_by_state(parameters),
+        structure=arrays["structure"],
+        **dict.fromkeys(LOADS, np.zeros(2)),
+        filter=cable_filter(arrays).memory(*cable_prior(parameters)),
+    )
+
+
+def inputs(params: Params) -> tuple[str, ...]:
+    """Features that it takes: angles of the motors, and their efforts."""
+    return tuple(f"{kind}/{name}" for kind in ("motor", "effort") for name in params["channels"])
+
+
+FAMILY: Final = Family(
+    "cable_filter",
+    rules={
+        "channels": Rule(
+            lambda value: (
+                isinstance(value, (tuple, list))
+                and len(value) == N
+                and all(isinstance(name, str) and name for name in value)
+            ),
+            f"the names of {N} motors",
+        )
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=cable_filter_row,
+    remembers=True,
+    inputs=inputs,
+    targets=("position",),
+    states_deviation=lambda _params: True,
+    beside=lambda _params: dict.fromkeys(LOADS, ()),
+    bears_load=lambda _params: True,
+    gives_way=lambda arrays: angles_by_state(arrays["parameters"])[:, LOAD:],
+)

@@ -1,0 +1,1 @@
+"""gp: what runs, and what learns."""

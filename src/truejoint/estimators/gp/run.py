@@ -1,0 +1,124 @@
+"""A Gaussian process by a few inducing points: a sum of bells, one kernel for each output.
+
+Where the features leave what it was fitted to, every bell is 0 and the mean is predicted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, fill, matrix, unrolled, vector, wide
+from truejoint.estimators.family import Family, Params, Shape, integer
+from truejoint.estimators.network.run import scaling_shapes
+from truejoint.estimators.products import BLOCK, add_product, padded, standardise
+from truejoint.layout import Layout, Memory
+
+MAX_POINTS: Final = 4096
+DOUBLINGS: Final = 8  # of an exponent, from where seven terms of a series do
+SMALL: Final = -0.5 / 2**DOUBLINGS
+FARTHEST: Final = 80.0  # square of a distance; beyond it, a bell is 0 within rounding
+
+LAYOUT: Final = Layout()
+WIDTH: Final = LAYOUT.integer("width", "inducing points, filled up to a multiple of 4")
+MEAN: Final = LAYOUT.array("mean", "of each feature in training")
+INVERSE_SCALE: Final = LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used")
+TARGET_MEAN: Final = LAYOUT.array("target_mean", "of each output")
+TARGET_SCALE: Final = LAYOUT.array("target_scale", "of each output")
+INVERSE_LENGTHS: Final = LAYOUT.array("inverse_lengths", "of each output and feature")
+POINTS: Final = LAYOUT.array("points", "of each output, a row for each feature, in lengths")
+WEIGHTS: Final = LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0")
+SCALED: Final = LAYOUT.array("scaled", "standardised features")
+LENGTHS: Final = LAYOUT.array("lengths", "features in lengths of one output")
+BELLS: Final = LAYOUT.array("bells", "of each point")
+SUMS: Final = LAYOUT.array("sums", "of weighted bells, of which the first is used")
+
+
+@compiled
+def gaussian_process_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict a weighted sum of ``exp(-d**2 / 2)``, `d` the distance to each point in lengths."""
+    k, n, width = x.shape[0], out.shape[0], numbers[WIDTH]
+    mean = vector(memory, numbers[MEAN], k)
+    scaled, lengths = vector(memory, numbers[SCALED], k), vector(memory, numbers[LENGTHS], k)
+    bells, sums = vector(memory, numbers[BELLS], width), vector(memory, numbers[SUMS], BLOCK)
+    standardise(x, mean, vector(memory, numbers[INVERSE_SCALE], k), scaled)
+    for j in range(n):
+        inverse = vector(memory, numbers[INVERSE_LENGTHS] + j * k, k)
+        for i in range(k):
+            lengths[i] = scaled[i] * inverse[i]
+        add_squares(lengths, matrix(memory, numbers[POINTS] + j * k * width, k, width), bells)
+        to_bells(bells)
+        fill(sums, BLOCK, 0.0)
+        add_product(bells, matrix(memory, numbers[WEIGHTS] + j * width * BLOCK, width, BLOCK), sums)
+        out[j] = memory[numbers[TARGET_MEAN] + j] + memory[numbers[TARGET_SCALE] + j] * sums[0]
+
+
+@compiled
+@wide
+def add_squares(x: Array, points: Array, out: Array) -> None:
+    """Add up squared distances (m,) of `x` (k,) from the columns of `points` (k, m), from 0 on."""
+    for j in range(points.shape[1]):
+        out[j] = 0.0
+    for i in range(points.shape[0]):
+        own, row = x[i], points[i]
+        for j in range(points.shape[1]):
+            away = own - row[j]
+            out[j] += away * away
+
+
+@compiled
+@wide
+def to_bells(values: Array) -> None:
+    """Replace squares (m,) by ``exp(-square / 2)``, within 1e-15, by sums and products alone.
+
+    They become vector instructions, which a call of a C library's `exp` does not. A series gives
+    ``y = exp(v) - 1`` for a small v, and ``y * (2 + y)`` is the same for twice that v. Rounding is
+    relative to y, not to 1 + y, so that the doublings do not add up.
+    """
+    for j in range(values.shape[0]):
+        v = min(values[j], FARTHEST) * SMALL
+        y = v * (1.0 + v * (1.0 / 2.0 + v * (1.0 / 6.0 + v * (1.0 / 24.0 + v * (
+            1.0 / 120.0 + v * (1.0 / 720.0 + v * (1.0 / 5040.0)))))))  # fmt: skip
+        for _ in range(unrolled(DOUBLINGS)):
+            y = y * (2.0 + y)
+        values[j] = 1.0 + y
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    points = int(params["points"])
+    return {
+        **scaling_shapes(n_features, n_outputs),
+        "inverse_lengths": (n_outputs, n_features),
+        "points": (points, n_features),
+        "weights": (n_outputs, points),
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory:
+    width = int(params["points"]) + -int(params["points"]) % BLOCK
+    points = np.array([padded((arrays["points"] * own).T) for own in arrays["inverse_lengths"]])
+    return LAYOUT.pack(
+        width=width,
+        **{name: arrays[name] for name in scaling_shapes(k, n)},
+        inverse_lengths=arrays["inverse_lengths"],
+        points=points,
+        weights=np.array([padded(own[:, None]) for own in padded(arrays["weights"])]),
+        scaled=np.zeros(k),
+        lengths=np.zeros(k),
+        bells=np.zeros(width),
+        sums=np.zeros(BLOCK),
+    )
+
+
+FAMILY: Final = Family(
+    "gaussian_process",
+    rules={"points": integer(2, MAX_POINTS)},
+    shapes=_shapes,
+    pack=_pack,
+    row=gaussian_process_row,
+)

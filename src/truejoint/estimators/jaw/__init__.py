@@ -1,0 +1,1 @@
+"""jaw: what runs, and what learns."""

@@ -1,0 +1,116 @@
+"""Least squares on both cables' displacements and their derivatives: (29) and (30) of yan2020."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, vector
+from truejoint.estimators.family import Family, Params, Shape, one_of, only_joint
+from truejoint.estimators.jaw.signals import (
+    COEFFICIENTS,
+    DRIVE,
+    ERROR_SHAPES,
+    FIT_METHOD,
+    MOTOR,
+    NO_ERROR,
+    RESET,
+    bounded_error,
+)
+from truejoint.estimators.products import weighted
+from truejoint.layout import Layout, Memory
+
+OBSERVED: Final = 7
+"""Columns of the observation matrix (29)."""
+
+LAYOUT: Final = Layout()
+COMPENSATED: Final = LAYOUT.integer("compensated", "1: less the error model in the motor's angle")
+CONSTANT: Final = LAYOUT.scalar("constant", "of the sum [rad]")
+COEF: Final = LAYOUT.array("coef", "of each column")
+SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
+ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
+ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
+LAST: Final = LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before")
+COLUMNS: Final = LAYOUT.array("columns", "of one row: x1 and x2 with derivatives, sign of a speed")
+
+
+@compiled
+def cable_least_squares_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by (29), or by (30) where there is an error model."""
+    compensated = numbers[COMPENSATED]
+    drive, reset = x[compensated], x[compensated + 1]
+    columns = vector(memory, numbers[COLUMNS], OBSERVED)
+    observe(dt, drive, reset, vector(memory, numbers[LAST], 4), columns)
+    error = 0.0
+    if compensated == 1:
+        scale = vector(memory, numbers[SCALE], 2)
+        error = bounded_error(
+            x[0], reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
+            vector(memory, numbers[ERROR_RANGE], 2), half_width,
+        )  # fmt: skip
+    out[0] = weighted(columns, vector(memory, numbers[COEF], OBSERVED)) + memory[CONSTANT] - error
+
+
+@compiled
+def observe(dt: float, drive: float, reset: float, last: Array, out: Array) -> None:
+    """One row of (29) into `out` (7,): both displacements [m], their speeds and accelerations.
+
+    Last comes the sign of the drive's speed. `dt` [s] is 0 where a history starts, at rest; `last`
+    (4,), displacements and speeds of the row before, is changed in place.
+    """
+    for i in range(2):
+        place = drive if i == 0 else reset
+        speed = 0.0
+        acceleration = 0.0
+        if dt > 0.0:
+            speed = (place - last[i]) / dt
+            acceleration = (speed - last[2 + i]) / dt
+        last[i] = place
+        last[2 + i] = speed
+        out[3 * i] = place
+        out[3 * i + 1] = speed
+        out[3 * i + 2] = acceleration
+    out[6] = np.sign(out[4])
+
+
+@compiled
+def observe_rows(dt: Array, drive: Array, reset: Array, out: Array) -> None:
+    """(29) of every row, into `out` (n, 7)."""
+    last = np.zeros(4)
+    for i in range(dt.shape[0]):
+        observe(dt[i], drive[i], reset[i], last, out[i])
+
+
+def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    shapes: dict[str, Shape] = {"coef": (OBSERVED,), "constant": (1,)}
+    if params["compensated"]:
+        shapes |= ERROR_SHAPES
+    return only_joint("cable_least_squares", shapes, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    learnt = {**NO_ERROR, **arrays}
+    empty = {"last": np.zeros(4), "columns": np.zeros(OBSERVED)}
+    return LAYOUT.pack(compensated=params["compensated"], **learnt, **empty)
+
+
+FAMILY: Final = Family(
+    "cable_least_squares",
+    rules={
+        "intercept": one_of(False, True),
+        "compensated": one_of(False, True),
+        "fit_method": FIT_METHOD,
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=cable_least_squares_row,
+    remembers=True,
+    counts_samples=True,  # differences of rows
+    inputs=lambda params: (MOTOR, DRIVE, RESET) if params["compensated"] else (DRIVE, RESET),
+    targets=("position", "error"),
+)

@@ -1,0 +1,309 @@
+"""The unscented filter of yan2020 for a jaw, (12)-(26): its model, and its row."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from math import nan, sqrt
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, vector
+from truejoint.estimators.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
+from truejoint.estimators.filtered import advance
+from truejoint.estimators.jaw.dynamics import ForcepsModel
+from truejoint.estimators.jaw.signals import (
+    COEFFICIENTS,
+    ERROR_SHAPES,
+    FIT_METHOD,
+    MECHANISM_RULES,
+    MOTOR,
+    NO_ERROR,
+    RESET,
+    bounded_error,
+)
+from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+
+# Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
+# by row), jaw inertia, slider mass, torque on the jaw per motor angle, and the spectral densities
+# of torque [Nm2 s] and force [N2 s].
+_FREQUENCY: Final = 0
+_SHAPE: Final = 2
+_INERTIA: Final = 6
+_MASS: Final = 7
+_TORQUE: Final = 8
+_TORQUE_DENSITY: Final = 9
+_FORCE_DENSITY: Final = 10
+
+
+@compiled
+def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
+    """Exact solution of (12) over `dt` [s], mode by mode.
+
+    State `x` (4,): jaw angle and speed, slider place and speed; `u`: motor angle [rad], and what
+    (26) adds to the jaw's angle beforehand [rad].
+    """
+    inertia = parameters[_INERTIA]
+    mass = parameters[_MASS]
+    for i in range(4):
+        out[i] = 0.0
+    for i in range(2):
+        jaw = parameters[_SHAPE + i]
+        slider = parameters[_SHAPE + 2 + i]
+        frequency = parameters[_FREQUENCY + i]
+        rest = jaw * parameters[_TORQUE] * u[0] / (frequency * frequency)
+        place = jaw * inertia * (x[0] + u[1]) + slider * mass * x[2] - rest
+        speed = jaw * inertia * x[1] + slider * mass * x[3]
+        cosine = math.cos(frequency * dt)
+        sine = math.sin(frequency * dt)
+        new_place = rest + place * cosine + speed * sine / frequency
+        new_speed = speed * cosine - place * frequency * sine
+        out[0] += jaw * new_place
+        out[1] += jaw * new_speed
+        out[2] += slider * new_place
+        out[3] += slider * new_speed
+
+
+@compiled
+def measurement(x: Array, _u: Array, _parameters: Array, out: Array) -> None:
+    """``C`` of (13): displacement and speed of the reset cable."""
+    out[0] = x[2]
+    out[1] = x[3]
+
+
+@compiled
+def _sine(difference: float, dt: float) -> float:
+    """Integral of cos(difference s) over 0 <= s <= dt."""
+    turn = difference * dt
+    return dt if abs(turn) < 1e-9 else math.sin(turn) / difference
+
+
+@compiled
+def _versine(difference: float, dt: float) -> float:
+    """Integral of sin(difference s) over 0 <= s <= dt."""
+    half = 0.5 * difference * dt
+    return (
+        0.5 * difference * dt * dt if abs(half) < 1e-9 else 2.0 * math.sin(half) ** 2 / difference
+    )
+
+
+@compiled
+def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array) -> None:
+    """Covariance over `dt` of white torque on the jaw and white force on the slider.
+
+    The same integral as Van Loan's, solved mode by mode, so that the step may vary.
+    """
+    for i in range(2):
+        for j in range(2):
+            a = parameters[_FREQUENCY + i]
+            b = parameters[_FREQUENCY + j]
+            density = (
+                parameters[_SHAPE + i] * parameters[_SHAPE + j] * parameters[_TORQUE_DENSITY]
+                + parameters[_SHAPE + 2 + i]
+                * parameters[_SHAPE + 2 + j]
+                * parameters[_FORCE_DENSITY]
+            )
+            apart = _sine(a - b, dt)
+            together = _sine(a + b, dt)
+            place = 0.5 * density * (apart - together) / (a * b)
+            mixed = 0.5 * density * (_versine(a + b, dt) + _versine(a - b, dt)) / a
+            speed = 0.5 * density * (apart + together)
+            for row in range(2):
+                for column in range(2):
+                    shape = parameters[_SHAPE + 2 * row + i] * parameters[_SHAPE + 2 * column + j]
+                    out[2 * row, 2 * column] += shape * place
+                    out[2 * row, 2 * column + 1] += shape * mixed
+                    out[2 * column + 1, 2 * row] += shape * mixed
+                    out[2 * row + 1, 2 * column + 1] += shape * speed
+
+
+@dataclass(frozen=True)
+class FilterNoise:
+    """What the filter does not know of the forceps."""
+
+    jaw_friction: float = 1.5e-3  # size of what is neglected [Nm]
+    slider_friction: float = 0.2  # [N]
+    correlation_time: float = 5e-3  # over which friction counts as one draw [s]
+    displacement_noise: float = 4e-7  # deviation of what is measured [m]
+    speed_noise: float = 1e-4  # [m/s]
+
+    @property
+    def sensor(self) -> Array:
+        """Covariance (2, 2) of the measured displacement [m] and speed [m/s]."""
+        return np.diag([self.displacement_noise, self.speed_noise]) ** 2
+
+
+def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
+    """Build the filter's model: (13), with the noise of neglected friction."""
+    frequencies, shapes = model.modes()
+    torque = model.drive_stiffness * model.wheel_radius * model.jaw_radius / model.gear_ratio
+    masses = [model.jaw_inertia, model.slider_mass, torque]
+    friction = np.array([noise.jaw_friction, noise.slider_friction]) ** 2 * noise.correlation_time
+    # No jaw turns further than once round, within a millisecond at that, nor by (26) beforehand; no
+    # cable goes further than twice that.
+    turn, cable = 2.0 * math.pi, 4.0 * math.pi * model.jaw_radius
+    motor = cable * model.gear_ratio / model.wheel_radius
+    largest = {
+        "jaw": turn, "jaw_speed": 1e3 * turn, "reset": cable, "reset_speed": 1e3 * cable,
+        "motor": motor, "compensation": turn,
+    }  # fmt: skip
+    return StateSpaceModel(
+        transition=transition,
+        measurement=measurement,
+        process_noise=process_noise,
+        measurement_noise=noise.sensor,
+        states=("jaw", "jaw_speed", "reset", "reset_speed"),
+        measurements=("reset", "reset_speed"),
+        inputs=("motor", "compensation"),
+        parameters=np.concatenate([frequencies, shapes.ravel(), masses, friction]),
+        possible={name: (-bound, bound) for name, bound in largest.items()},
+    )
+
+
+MECHANISM_NAMES: Final = tuple(field.name for field in fields(ForcepsModel))
+NOISE_NAMES: Final = tuple(field.name for field in fields(FilterNoise))
+
+
+def mechanism_of(params: Params) -> ForcepsModel:
+    """Model (12) that a filter with these parameters takes the forceps for."""
+    return ForcepsModel(**{name: float(params[name]) for name in MECHANISM_NAMES})
+
+
+def noise_of(params: Params) -> FilterNoise:
+    """Noise that a filter with these parameters allows for."""
+    return FilterNoise(**{name: float(params[name]) for name in NOISE_NAMES})
+
+
+def rest_spread(model: ForcepsModel, noise: FilterNoise) -> Array:
+    """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
+    r, k_r = model.jaw_radius, model.reset_stiffness
+    angle = noise.slider_friction / (k_r * r) + noise.jaw_friction / (
+        (k_r + model.drive_stiffness) * r**2
+    )
+    sensors = noise.displacement_noise, noise.speed_noise
+    return np.asarray(np.diag([angle, 1e-2, *sensors]) ** 2)
+
+
+def jaw_filter(params: Params) -> UnscentedFilter:
+    """Build the filter (15)-(23), of its parameters."""
+    space = state_space(mechanism_of(params), noise_of(params))
+    return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))
+
+
+COMPENSATIONS: Final = ("constant", "output", "scaled", "signed", "literal")
+"""What makes up for the filter's error: a constant, or (25) in one of four readings of (26)."""
+
+LAYOUT: Final = Layout()
+COMPENSATION: Final = LAYOUT.integer("compensation", "which of COMPENSATIONS")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]; NaN: start anew")
+LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
+INJECTED: Final = LAYOUT.scalar("injected", "what (26) added to the state [rad]")
+DRIVE_PER_ANGLE: Final = LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
+RESET_STIFFNESS: Final = LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
+DIVISOR: Final = LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
+CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle [rad]")
+GAIN: Final = LAYOUT.scalar("loop_gain", "share of what is injected that stays")
+SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
+ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
+ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
+FILTER: Final = LAYOUT.part("filter", "of jaw [rad] and its speed, reset cable [m] and its speed")
+
+
+@compiled
+def jaw_filter_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter of yan2020."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    estimate = vector(state, own[at.X], 4)
+    motor, reset = x[0], x[1]
+    speed = nan
+    fresh = dt == 0.0 or math.isnan(memory[LAST_MOTOR])
+    if fresh:
+        restart(own, state)
+        tension = memory[DRIVE_PER_ANGLE] * motor + memory[RESET_STIFFNESS] * reset
+        estimate[0] = tension / memory[DIVISOR]
+        estimate[2] = reset
+        memory[LAST_MOTOR] = motor
+        memory[INJECTED] = 0.0
+        dt = 0.0
+    else:
+        speed = (reset - memory[LAST_RESET]) / dt
+    z = vector(state, own[at.Z], 2)
+    z[0] = reset
+    z[1] = speed
+    u = vector(state, own[at.U], 2)
+    u[0] = memory[LAST_MOTOR]
+    u[1] = memory[INJECTED]
+    good = advance(own, state, dt)
+    if memory[DEVIATIONS] > 0.0:
+        half_width[0] = memory[DEVIATIONS] * sqrt(max(vector(state, own[at.P], 1)[0], 0.0))
+    injected = 0.0
+    added = memory[CONSTANT]
+    if numbers[COMPENSATION] > 0:
+        scale = vector(memory, numbers[SCALE], 2)
+        error = bounded_error(
+            motor, reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
+            vector(memory, numbers[ERROR_RANGE], 2), half_width,
+        )  # fmt: skip
+        if numbers[COMPENSATION] == 1:
+            added = -error
+        elif numbers[COMPENSATION] == 2:
+            injected = -error / memory[GAIN]
+        elif numbers[COMPENSATION] == 3:
+            injected = -error
+        else:
+            injected = error
+    memory[LAST_MOTOR] = motor if good else nan
+    memory[LAST_RESET] = reset
+    memory[INJECTED] = injected
+    out[0] = estimate[0] + injected + added if good else nan
+
+
+def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    shapes: dict[str, Shape] = {"constant": (1,)}
+    if params["compensation"] != "constant":
+        shapes = {**ERROR_SHAPES, "loop_gain": (1,)}
+    return only_joint("jaw_filter", shapes, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    model, noise = mechanism_of(params), noise_of(params)
+    return LAYOUT.pack(
+        compensation=COMPENSATIONS.index(params["compensation"]),
+        drive_tension=model.drive_stiffness * model.wheel_radius / model.gear_ratio,
+        reset_stiffness=model.reset_stiffness,
+        divisor=(model.drive_stiffness + model.reset_stiffness) * model.jaw_radius,
+        **{"loop_gain": 1.0, **NO_ERROR, **arrays},
+        filter=jaw_filter(params).memory(np.zeros(4), rest_spread(model, noise)),
+    )
+
+
+FAMILY: Final = Family(
+    "jaw_filter",
+    rules={
+        **dict.fromkeys((*MECHANISM_NAMES, *NOISE_NAMES), POSITIVE),
+        **MECHANISM_RULES,
+        "lambda_": number(-4.0 + 1e-6, 1e6),
+        "compensation": one_of(*COMPENSATIONS),
+        "fit_method": FIT_METHOD,
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=jaw_filter_row,
+    remembers=True,
+    # The gain depends on the step, and what is left to compensate depends on the gain.
+    counts_samples=True,
+    inputs=lambda _params: (MOTOR, RESET),
+    targets=("position",),
+    # What is left by a constant alone is friction that always pulls the same way, which no
+    # covariance tells; that of the bare filter is more than enough for what (25) leaves.
+    states_deviation=lambda params: params["compensation"] != "constant",
+)

@@ -1,0 +1,1 @@
+"""jaw_load: what runs, and what learns."""

@@ -1,0 +1,221 @@
+"""An unscented filter that carries friction and the external load in its state.
+
+A few elastoplastic elements, each a bristle that bends with the reset cable's motion until it
+slides, stand for friction. What the motor's side reads, against what it should, corrects their
+deflections and the load: fast and small as friction, slow and lasting as a load.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import ClassVar, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from truejoint.array_types import Array
+from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.family import Family
+from truejoint.estimators.filtered import run_histories
+from truejoint.estimators.jaw.base import JawEstimator, median_dt
+from truejoint.estimators.jaw_load import run as friction_filter
+from truejoint.estimators.jaw_load import smoother as friction_smoother
+from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
+from truejoint.estimators.plays.jaw_bank import bank_columns
+from truejoint.estimators.plays.jaw_plays import ridge
+from truejoint.robots.forceps_mechanism import TABLE_1
+
+WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
+_PENALTY: Final = 1e-5
+
+
+SMALLEST_ERROR: Final = 0.05
+"""Share of a load that the law of stiffness may be off by, however well it was identified."""
+USUAL_GROWTH: Final = 500.0
+"""Growth of a wire rope's stiffness [N/m per N]: 0.1 to 0.5 of it per pretension of 5 to 12 N."""
+
+
+@dataclass(frozen=True)
+class Stiffness:
+    """Drive-cable stiffness found with known weights, by `identify_stiffness`.
+
+    Attributes
+    ----------
+    drive_stiffness : float
+        ``K_d`` where the jaw is at its zero [N/m].
+    growth : float
+        By how much it grows with the tension [N/m per N].
+    deviation : float
+        Standard deviation of the first [N/m].
+
+    Examples
+    --------
+    >>> Stiffness(drive_stiffness=12e3, growth=500.0, deviation=300.0).growth
+    500.0
+    """
+
+    drive_stiffness: float
+    growth: float
+    deviation: float
+
+
+@dataclass(frozen=True, eq=False)
+class JawStates:
+    """What the filter says about each row of a record."""
+
+    angle: Array  # (n,) [rad]
+    angle_deviation: Array  # of the state, and of what the model misses
+    load: Array  # torque from outside (n,) [Nm], positive where it opens the jaw
+    load_deviation: Array  # of the state, of the stiffness, and of what friction may hide
+    stretch: Array  # of the drive cable, beyond that without a load (n,) [m]
+
+
+@dataclass(eq=False, repr=False)
+class FrictionFilter(JawEstimator):
+    """Unscented filter with friction and external load in its state; past yan2020.
+
+    Fitted to an unloaded motion: the jaw's angle and the motor's side, each as a polynomial in
+    ``x2`` and weights of the elements.
+
+    Parameters
+    ----------
+    drive_stiffness : float
+        ``K_d`` [N/m] where the jaw is at its zero, which turns stretch into torque; see
+        `identify_stiffness`.
+    stiffness_growth : float
+        By how much it grows with the cable's tension [N/m per N].
+    stiffness_error : float
+        Share by which a load may be off since they are not known better.
+    largest_load : float
+        What no load exceeds [Nm]; the drive cable is slack from its pretension times ``r`` on. An
+        angle under more than that is not believed.
+    stretch_drift : float
+        How fast a load may stretch the drive cable [m per square root of a second].
+    friction_drift : float
+        How fast friction leaves what the elements say [share of it per square root of a second].
+    error_time : float
+        Time over which the motor side's misfit stays the same [s]: rows closer than that tell
+        little new.
+    widths : tuple of float
+        How far each element bends before it slides [m].
+    gear_ratio, wheel_radius, jaw_radius, spring_stiffness : float
+        ``z_i``, ``R``, ``r`` [m], ``K_sp`` [N/m].
+
+    Examples
+    --------
+    >>> FrictionFilter(widths=(1e-5, 1e-4)).name
+    'ukf_friction'
+    """
+
+    family: ClassVar[Family] = friction_filter.FAMILY
+    drive_stiffness: float = 14e3
+    stiffness_growth: float = USUAL_GROWTH
+    stiffness_error: float = 0.3
+    largest_load: float = 0.05
+    stretch_drift: float = 3.6e-5
+    friction_drift: float = 0.02
+    error_time: float = 0.1
+    widths: tuple[float, ...] = WIDTHS
+    gear_ratio: float = TABLE_1.gear_ratio
+    wheel_radius: float = TABLE_1.wheel_radius
+    jaw_radius: float = TABLE_1.jaw_radius
+    spring_stiffness: float = TABLE_1.spring_stiffness
+
+    @property
+    def jaw_friction(self) -> float:
+        """Friction torque of the jaw [Nm], as the unloaded motion and the stiffness tell it.
+
+        Up to twice that may hang against the last motion without showing: the dead band.
+        """
+        return friction_filter.jaw_friction(self.model_params(), self.arrays_)
+
+    def with_stiffness(self, found: Stiffness) -> Self:
+        """Copy with an identified stiffness, fitted as this one is."""
+        params = {
+            **self.model_params(),
+            "drive_stiffness": found.drive_stiffness,
+            "stiffness_growth": found.growth,
+            "stiffness_error": min(
+                max(found.deviation / found.drive_stiffness, SMALLEST_ERROR), 1.0
+            ),
+        }
+        copy = self.from_data(replace(self.data, params=params), 2, 1)
+        copy.single_output_ = self.single_output_
+        return copy
+
+    def elements(self, X: Array, dt: Array) -> Array:
+        """How far each element is bent (n, m), -1 to 1, by the motion of ``x2`` alone."""
+        return self._columns(X, dt, 1.0)[:, DEGREE:]
+
+    def misfit(self, X: Array, dt: Array) -> Array:
+        """Stretch of the drive cable (n,) [m] beyond what the elements alone make of ``x2``."""
+        columns = self._columns(X, dt, float(self.arrays_["scale"][0]))
+        drive = self.arrays_["drive"]
+        return np.asarray(self._drive(X) - drive[0] - columns @ drive[1:])
+
+    def states(self, X: Array, dt: Array, *, smoothed: bool = False) -> JawStates:
+        """Angle and load in every row of `X` (n, 2), `dt` (n,) [s] after that before.
+
+        Each is from the rows up to it or, `smoothed`, which no controller can, from later ones as
+        well.
+        """
+        unscented = friction_filter.friction_filter(self.model_params(), self.arrays_)
+        drive, reset = self._drive(X), X[:, 1]
+        moved = np.where(dt > 0.0, np.diff(reset, prepend=reset[:1]), 0.0)
+        control, prior = np.column_stack([moved, reset]), friction_prior(len(self.widths))
+        x, P = run_histories(unscented, prior, drive[:, None], control, dt, smoothed=smoothed)
+        cable = friction_filter.cable_numbers(self.model_params(), self.arrays_)
+        found, scale = np.empty((4, len(X))), float(self.arrays_["scale"][0])
+        friction_filter.judge_rows(
+            dt, drive, np.ascontiguousarray(reset), scale, x, P, self.arrays_["angle"], cable, found
+        )
+        angle_deviation = np.sqrt(found[1] + self.arrays_["misfit"][1] ** 2)
+        return JawStates(found[0], angle_deviation, found[2], np.sqrt(found[3]), x[:, -1])
+
+    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
+        drive, scale = self._drive(X), float(1.0 / np.abs(X[:, 1]).max())
+        columns = self._columns(X, dt, scale)
+        fits, misfit = [], []
+        for side in (y, drive):
+            weights, constant = ridge(columns[known], side[known], _PENALTY)
+            left = side - (constant + columns @ weights)
+            fits.append(np.append(constant, weights))
+            misfit.append(float(np.sqrt(np.mean(left[known] ** 2))))
+        progress(0.7)
+        arrays = {
+            "angle": fits[0],
+            "drive": fits[1],
+            "scale": np.array([scale]),
+            "misfit": np.maximum(misfit[::-1], 1e-9),
+            "dt": np.array([median_dt(dt)]),
+        }
+        friction_filter.friction_filter(self.model_params(), arrays)
+        return arrays
+
+    def _drive(self, X: Array) -> Array:
+        """Displacement of the drive cable (n,) [m] that the motor's angle makes."""
+        return np.asarray(X[:, 0] * (self.wheel_radius / self.gear_ratio))
+
+    def _columns(self, X: Array, dt: Array, scale: float) -> Array:
+        """Powers of ``x2`` and deflections of the elements (n, k)."""
+        columns, widths = np.empty((len(X), DEGREE + len(self.widths))), np.array(self.widths)
+        bank_columns(dt, np.ascontiguousarray(X[:, 1]), scale, widths, columns)
+        return columns
+
+
+class FrictionSmoother(FrictionFilter):
+    """`FrictionFilter` with a Rauch-Tung-Striebel smoother: each row from all rows of the record.
+
+    Not causal. Parameters as `FrictionFilter`.
+
+    Examples
+    --------
+    >>> FrictionSmoother().name
+    'ukf_friction_smoothed'
+    """
+
+    family: ClassVar[Family] = friction_smoother.FAMILY
+
+    def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
+        """Jaw angle (n, 1) [rad] for rows `X` (n, 2), each from all of them."""
+        return self.states(X, self.time_steps(dt, len(X)), smoothed=True).angle[:, None]

@@ -1,0 +1,345 @@
+"""What the filter with friction and load in its state is made of.
+
+Slider, cables and jaw hold friction that depends on which way they last moved. A few elastoplastic
+elements, each a bristle that bends with the reset cable's motion until it slides, stand for it.
+
+A load stretches the drive cable beyond what it is stretched unloaded, which is the filter's last
+state. A rope's strands bed in as it is pulled, so its stiffness grows with its tension ``T``:
+``dT/ds = K_d + k T``, of which the spring sets what is there unloaded, ``K_sp x2``. While the jaw
+stands, its friction may hide a part of a load; so may the slider's a part of the angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import exp, expm1, isnan, nan, sqrt
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, matrix, vector
+from truejoint.errors import CalibrationError
+from truejoint.estimators.family import (
+    POSITIVE,
+    Family,
+    Params,
+    Shape,
+    is_number,
+    number,
+    numbers,
+    only_joint,
+)
+from truejoint.estimators.filtered import advance, quadratic
+from truejoint.estimators.jaw.signals import MECHANISM_RULES, MOTOR, RESET, SLIDING, stand
+from truejoint.filters import StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+
+DEGREE: Final = 4
+"""Highest power of ``x2`` in both polynomials."""
+
+UNSHOWN: Final = 2.0 / sqrt(3.0)
+"""Deviation of a load that nothing has shown, in sizes of the jaw's friction: motor and reset cable
+stand, and it may be anything from nothing to twice the friction."""
+SHOWN: Final = 0.4
+"""The same of a load that has moved the reset cable: it came past where it now rests, or nearly
+there, and friction holds some of what is left."""
+TURNING: Final = 0.5
+"""The same while the motor moves and the reset cable does not yet: friction is turning round."""
+HIDDEN_ANGLE: Final = 0.3
+"""The same of the angle and the slider's friction, while the reset cable stands."""
+
+_LARGEST: Final = 1e30
+_FARTHEST: Final = 3.0
+"""Largest displacements of training beyond which no cable is: further out by its whole range."""
+
+
+@compiled
+def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) -> None:
+    """Bend each element by the reset cable's motion ``u[0]`` [m]; the stretch stays.
+
+    `parameters` begins with the number of elements and their widths [m].
+    """
+    n = int(parameters[0])
+    for i in range(n):
+        out[i] = min(max(x[i] + u[0] / parameters[1 + i], -1.0), 1.0)
+    out[n] = x[n]
+
+
+@compiled
+def response(place: float, x: Array, elements: int, weights: Array) -> float:
+    """Sum of a constant, powers of a scaled place, and the elements' deflections in `x`."""
+    total = weights[0]
+    power = 1.0
+    for i in range(DEGREE):
+        power = power * place
+        total = total + weights[1 + i] * power
+    for i in range(elements):
+        total = total + weights[1 + DEGREE + i] * x[i]
+    return float(total)
+
+
+@compiled
+def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Drive cable's displacement [m] where the reset cable's is ``u[1]`` [m].
+
+    `parameters` goes on with the inverse scale, constant and powers of a polynomial, and a weight
+    for each element.
+    """
+    n = int(parameters[0])
+    weights = parameters[2 + n : 3 + 2 * n + DEGREE]
+    out[0] = response(u[1] * parameters[1 + n], x, n, weights) + x[n]
+
+
+@compiled
+def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array) -> None:
+    """Random walks: the last two parameters are variances per second of elements and stretch."""
+    n = int(parameters[0])
+    for i in range(n):
+        out[i, i] = parameters[3 + 2 * n + DEGREE] * dt
+    out[n, n] = parameters[4 + 2 * n + DEGREE] * dt
+
+
+@compiled
+def stiffening(stretch: float, growth: float) -> float:
+    """Exponent by which a `stretch` [m] raises the stiffness; bounded, whatever comes in."""
+    return min(max(growth * stretch, -50.0), 50.0)
+
+
+@compiled
+def external_torque(stretch: float, tension: float, cable: Array) -> float:
+    """Torque on the jaw from outside [Nm].
+
+    Of the drive cable's `stretch` beyond that without a load [m] and its `tension` without one [N],
+    both from the jaw's zero. `cable` begins with ``K_d`` [N/m], its growth ``k`` [N/m per N] and
+    the jaw's radius [m].
+    """
+    stiffness = cable[0] + cable[1] * tension
+    return float(-stiffness / cable[1] * expm1(stiffening(stretch, cable[1])) * cable[2])
+
+
+@compiled
+def hidden_load(dt: float, drive: float, reset: float, hold: Array) -> float:
+    """Deviation of what the jaw's friction may hide of a load, in sizes of that friction.
+
+    Of the drive cable's place by the motor and the reset cable's [m]. `hold` (5,) changes: places
+    and standstill of reset and drive cable, as `stand` takes them, and what share of a load the
+    reset cable has not shown since the motor stands.
+    """
+    before = hold[0]
+    standing = stand(dt, reset, hold[0:2])
+    motor_stands = stand(dt, drive, hold[2:4]) >= 1.0
+    if dt == 0.0 or not motor_stands:
+        hold[4] = 1.0
+    else:
+        hold[4] = hold[4] * exp(-abs(hold[0] - before) / SLIDING)
+    if not motor_stands:
+        return float(TURNING * standing)
+    unshown, shown = UNSHOWN * hold[4], SHOWN * (1.0 - hold[4])
+    return float(standing * sqrt(unshown * unshown + shown * shown))
+
+
+@compiled
+def judge(
+    dt: float,
+    drive: float,
+    reset: float,
+    stretch: float,
+    stretch_variance: float,
+    cable: Array,
+    hold: Array,
+    load: Array,
+) -> float:
+    """Load on the jaw [Nm] and its deviation into `load` (2,); gives the variance hidden in angle.
+
+    `cable` (8,) goes on with the spring's stiffness [N/m], the share that the torque may be off by,
+    friction of the jaw [Nm] and of the slider, in terms of the angle [rad], and the largest load
+    [Nm]. `drive`, `reset` [m] and `hold` (5,) are as `hidden_load` takes them.
+    """
+    hidden = hidden_load(dt, drive, reset, hold) * cable[5]
+    tension = cable[3] * reset
+    torque = external_torque(stretch, tension, cable)
+    slope = (cable[0] + cable[1] * tension) * exp(stiffening(stretch, cable[1])) * cable[2]
+    off = cable[4] * torque
+    load[0] = torque
+    load[1] = sqrt(slope * slope * max(stretch_variance, 0.0) + off * off + hidden * hidden)
+    return float((HIDDEN_ANGLE * hold[1] * cable[6]) ** 2)
+
+
+def jaw_friction(params: Params, arrays: Mapping[str, Array]) -> float:
+    """Friction torque of the jaw [Nm] that the unloaded motion shows.
+
+    Turning round, the drive side moves by both frictions, ``F_s (1/K_r + 1/K_d) + tau/(K_d r)``
+    each way, and the angle by the slider's alone, ``F_s / (K_r r)``; both cables are one rope's.
+    """
+    drive, angle = (float(arrays[name][1 + DEGREE :].sum()) for name in ("drive", "angle"))
+    radius = float(params["jaw_radius"])
+    return max((drive - 2.0 * radius * angle) * float(params["drive_stiffness"]) * radius, 0.0)
+
+
+def cable_numbers(params: Params, arrays: Mapping[str, Array]) -> Array:
+    """Numbers (8,) of `judge`."""
+    names = ("drive_stiffness", "stiffness_growth", "jaw_radius", "spring_stiffness")
+    known = [float(params[name]) for name in (*names, "stiffness_error")]
+    slider = abs(float(arrays["angle"][1 + DEGREE :].sum()))
+    return np.array([*known, jaw_friction(params, arrays), slider, float(params["largest_load"])])
+
+
+def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
+    """Build the filter of a fitted `FrictionFilter`; raises CalibrationError or FilterError."""
+    for name in ("scale", "misfit", "dt"):
+        if not all(is_number(value, 1.0 / _LARGEST, _LARGEST) for value in arrays[name]):
+            raise CalibrationError(f"friction_filter: {name} is not above 0; fit it again")
+    widths = params["widths"]
+    n = len(widths)
+    last = [params["friction_drift"] ** 2, params["stretch_drift"] ** 2]
+    parameters = np.concatenate([[float(n)], widths, arrays["scale"], arrays["drive"], last])
+    # A misfit that lasts for a time tells in each row what it told in the row before.
+    repeated = max(params["error_time"] / float(arrays["dt"][0]), 1.0)
+    reset = _FARTHEST / float(arrays["scale"][0])
+    powers = np.concatenate([_FARTHEST ** np.arange(DEGREE + 1.0), np.ones(n)])
+    drive = float(np.abs(arrays["drive"]) @ powers) + reset
+    largest = {"reset": reset, "reset_motion": 2.0 * reset, "drive": drive, "stretch": drive}
+    model = StateSpaceModel(
+        transition=transition,
+        measurement=measurement,
+        process_noise=process_noise,
+        measurement_noise=[[arrays["misfit"][0] ** 2 * repeated]],
+        states=(*(f"friction_{i}" for i in range(n)), "stretch"),
+        measurements=("drive",),
+        inputs=("reset_motion", "reset"),
+        parameters=parameters,
+        possible={name: (-bound, bound) for name, bound in largest.items()},
+    )
+    return UnscentedFilter(model)
+
+
+def friction_prior(elements: int) -> tuple[Array, Array]:
+    """Mean (n + 1,) and covariance at first: unloaded, friction within half of what it can hold."""
+    return np.zeros(elements + 1), np.diag([*([0.25] * elements), 4e-12])
+
+
+LAYOUT: Final = Layout()
+ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]; NaN: start anew")
+DRIVE_FACTOR: Final = LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
+INVERSE: Final = LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
+MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
+BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the load's half-width is")
+ANGLE: Final = LAYOUT.array("angle", "constant, powers and elements of the angle [rad]")
+LOAD: Final = LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]")
+CABLE: Final = LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest")
+HOLD: Final = LAYOUT.array("hold", "where both cables stand [m], for how long; a load not shown")
+FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the stretch [m]")
+
+
+@compiled
+def friction_filter_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter with friction and load."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    reset = x[1]
+    moved = reset - memory[LAST_RESET]
+    if dt == 0.0 or isnan(moved):
+        restart(own, state)
+        moved = dt = 0.0
+    drive = x[0] * memory[DRIVE_FACTOR]
+    vector(state, own[at.Z], 1)[0] = drive
+    u = vector(state, own[at.U], 2)
+    u[0] = moved
+    u[1] = reset
+    good = advance(own, state, dt)
+    memory[LAST_RESET] = reset if good else nan
+    elements = numbers[ELEMENTS]
+    weights = vector(memory, numbers[ANGLE], 1 + DEGREE + elements)
+    estimate = vector(state, own[at.X], elements + 1)
+    out[0] = response(reset * memory[INVERSE], estimate, elements, weights) if good else nan
+    spread = matrix(state, own[at.P], elements + 1, elements + 1)
+    cable, hold = vector(memory, numbers[CABLE], 8), vector(memory, numbers[HOLD], 5)
+    load = vector(memory, numbers[LOAD], 2)
+    hidden = judge(
+        dt, drive, reset, estimate[elements], spread[elements, elements], cable, hold, load
+    )
+    load[1] *= memory[BESIDE]
+    if memory[DEVIATIONS] > 0.0:
+        variance = quadratic(weights[1 + DEGREE :], spread, elements) + memory[MISFIT] ** 2
+        half_width[0] = memory[DEVIATIONS] * sqrt(variance + hidden)
+    if not abs(load[0]) <= cable[7]:
+        half_width[0] = nan  # no load is as large: a sensor has slipped, or the cable is slack
+
+
+@compiled
+def judge_rows(
+    dt: Array,
+    drive: Array,
+    reset: Array,
+    scale: float,
+    X: Array,
+    spread: Array,
+    weights: Array,
+    cable: Array,
+    out: Array,
+) -> None:
+    """Angle and load in every row, each with its variance, into `out` (4, n).
+
+    Of both cables' displacements (n,) [m], states (n, m + 1) and covariances.
+    """
+    elements = X.shape[1] - 1
+    hold, load = np.zeros(5), np.empty(2)
+    for i in range(X.shape[0]):
+        own = spread[i, elements, elements]
+        hidden = judge(dt[i], drive[i], reset[i], X[i, elements], own, cable, hold, load)
+        out[0, i] = response(reset[i] * scale, X[i], elements, weights)
+        out[1, i] = quadratic(weights[1 + DEGREE :], spread[i], elements) + hidden
+        out[2, i], out[3, i] = load[0], load[1] * load[1]
+
+
+def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    """Shapes of the learnt arrays."""
+    count = 1 + DEGREE + len(params["widths"])
+    known: dict[str, Shape] = {
+        "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "dt": (1,)
+    }  # fmt: skip
+    return only_joint("friction_filter", known, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    elements = len(params["widths"])
+    return LAYOUT.pack(
+        elements=elements,
+        drive_factor=params["wheel_radius"] / params["gear_ratio"],
+        inverse_scale=arrays["scale"][0],
+        misfit=arrays["misfit"][1],
+        angle=arrays["angle"],
+        beside_deviations=1.0,
+        load=np.zeros(2),
+        cable=cable_numbers(params, arrays),
+        hold=np.zeros(5),
+        filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
+    )
+
+
+FAMILY: Final = Family(
+    "friction_filter",
+    rules={
+        **dict.fromkeys(("stretch_drift", "friction_drift", "error_time"), POSITIVE),
+        **dict.fromkeys(("drive_stiffness", "largest_load"), POSITIVE),
+        "stiffness_growth": number(1e-3, 1e6),
+        "stiffness_error": number(0.0, 1.0),
+        **MECHANISM_RULES,
+        "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
+    },
+    shapes=shapes,
+    pack=_pack,
+    row=friction_filter_row,
+    remembers=True,
+    inputs=lambda _params: (MOTOR, RESET),
+    targets=("position",),
+    states_deviation=lambda _params: True,
+    beside=lambda _params: {"load": ()},
+    bears_load=lambda _params: True,
+)

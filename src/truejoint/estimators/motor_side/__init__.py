@@ -1,0 +1,1 @@
+"""motor_side: what runs, and what learns."""

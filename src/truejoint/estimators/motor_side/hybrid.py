@@ -1,0 +1,180 @@
+"""The filter of an elastic joint, and boosted trees that learn what it leaves."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from sklearn.base import clone
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
+from truejoint.estimators import registry
+from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.cross_validation import BLOCKS
+from truejoint.estimators.family import Family, Params
+from truejoint.estimators.motor_side import hybrid_rows as elastic_hybrid
+from truejoint.estimators.motor_side.learn import (
+    ElasticJointFilter,
+    JointEstimate,
+    motion_of,
+    run,
+)
+from truejoint.estimators.motor_side.run import ElasticJoint, output_terms
+from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.trees.learn import TreeSum, added, tree_sum, trees_data
+from truejoint.estimators.wrapped import Regressor, WrappedRegressor
+
+_PLAYS: Final[Params] = {
+    "plays": (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9),  # half-widths, in half ranges
+    "time_constants": (0.05, 0.5, 2.0),  # of low-passes [s]
+}
+"""What the trees see of the signals, driver and torque."""
+_ROWS: Final = 40_000  # that the trees are fitted to, at most
+_JUDGED: Final = 10_000  # by which zeros are found, at most
+_BELIEVED: Final = 0.8  # share of a zero that others' trees leave
+_ASKED: Final = 0.15  # share of what is seen that a split of the torque's trees may ask for
+_FILTERED: Final = 0.6  # share of the fit's time that the filter takes
+
+
+@dataclass(eq=False, repr=False)
+class ElasticJointHybrid(ElasticJointFilter):
+    """`ElasticJointFilter`, and boosted trees that learn what it leaves.
+
+    The mean of two sets of trees. Those of one see plays and low-passes of driver and torque. Each
+    recording has a zero that no signal shows, and these trees would learn it by heart, by the load
+    and speed that a recording has and no other; what they are fitted to is therefore less the
+    `zeros` of the histories. Those of the other see what the filter estimates besides, its friction
+    and load included. The jaw's torque, where it is learnt, has one set, which sees as much; each
+    split may ask for a few features alone, drawn at random, as in a random forest (Breiman, Machine
+    Learning 45, 2001), since the load by itself would tell the recordings apart. What it needs is
+    what the filter needs; loads, and all deviations that `estimate` gives, are the filter's own.
+
+    Examples
+    --------
+    >>> ElasticJointHybrid(elements=3).name
+    'hybrid'
+    """
+
+    family: ClassVar[Family] = elastic_hybrid.FAMILY
+    members: ClassVar[tuple[str, ...]] = (registry.BESIDE_FILTER,)
+    """What an automatic choice tries on the same signals, so that a mean of both can be taken."""
+
+    _FOUND: ClassVar[Params] = {
+        **ElasticJointFilter._FOUND, **_PLAYS, **dict.fromkeys(elastic_hybrid.SIZES, 1)
+    }  # fmt: skip
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
+        known = np.flatnonzero(self._known(y))
+        kept = np.zeros(len(X), dtype=bool)
+        kept[known[:: -(-len(known) // _ROWS)]] = True
+        low, high = X[known].min(axis=0), X[known].max(axis=0)
+        scales = {"centre": 0.5 * (low + high), "inverse_half_range": 2.0 / (high - low)}
+        motion = motion_of(X, filtered["scales"], dt)
+        states, _ = run(ElasticJoint.from_arrays(filtered), motion, float(filtered["scales"][3]))
+        columns = output_terms(motion.angle, states)[kept]
+        told = np.column_stack([columns @ response for response in filtered["outputs"]])
+        seen = self._sight(scales, X, dt, kept, states[kept], told)
+        left, history = self._targets(y, dt)[kept] - told, motion.history[kept]
+        sums = [_angle_trees(seen, elastic_hybrid.n_plays(self.found_), left[:, 0], history)]
+        progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
+        sums += [_torque_trees(seen, torque) for torque in left.T[1:]]
+        progress(1.0)
+        trees = trees_data(sums, np.zeros(seen.shape[1]), np.ones(seen.shape[1]))
+        self.found_ = {**self.found_, **trees.params}
+        return elastic_hybrid.joined(filtered, scales, trees.arrays)
+
+    def estimate(
+        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
+    ) -> JointEstimate:
+        """Angle, torque and load, as the filter tells them, with what the trees add.
+
+        Raises CalibrationError where it is to be `smoothed`: the trees know what the filter leaves,
+        and on smoothed states they err more than on its own.
+        """
+        if smoothed:
+            raise CalibrationError(
+                f"{self.name}: its trees know what the filter leaves, not a smoother; smooth with "
+                f"{ElasticJointFilter().name}, or take smoothed=False"
+            )
+        return super().estimate(X, dt)
+
+    def _beyond(self, X: Array, dt: Array, states: Array, told: Array) -> Array:
+        _, scales, data = elastic_hybrid.parts(self.model_params(), self.arrays_)
+        seen = self._sight(scales, X, dt, np.ones(len(X), dtype=bool), states, told)
+        return WrappedRegressor.from_data(data, seen.shape[1], told.shape[1]).evaluate(seen)
+
+    def _sight(
+        self, scales: Arrays, X: Array, dt: Array, kept: Flags, states: Array, told: Array
+    ) -> Array:
+        """Give what trees see in rows `kept` (n,) of `X` (n, 2); states and what is told of those.
+
+        Of the latter the angle alone: trees that see the torque err more between loads.
+        """
+        bank = elastic_hybrid.bank(self.model_params())
+        plays = play_bank.expand_rows(bank, scales, X, dt, kept)
+        return np.hstack([plays, states, told[:, :1]])
+
+
+def _angle_trees(seen: Array, n_plays: int, left: Array, history: Integers) -> TreeSum:
+    """Mean of trees that see plays, fitted to what is `left` (n,) less `zeros`, and of others.
+
+    The others see all that is `seen` (n, k), plays in the first `n_plays` columns.
+    """
+    plays, unfitted = seen[:, :n_plays], registry.member("boosted_trees")
+    zero = zeros(unfitted, plays, left[:, None], history)[:, 0]
+    both = ((plays, left - zero), (seen, left))
+    return added([_fitted(unfitted, *rows).rescaled(0.0, 0.5) for rows in both])
+
+
+def _torque_trees(seen: Array, left: Array) -> TreeSum:
+    """Trees on what is `seen` (n, k), fitted to what is `left` (n,) of the torque, NaN: unknown."""
+    rows = np.isfinite(left)
+    unfitted = registry.member("boosted_trees").set_params(max_features=_ASKED)
+    return _fitted(unfitted, seen[rows], left[rows])
+
+
+def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:
+    """Trees of a clone that is fitted to rows `X` (n, k) and targets `y` (n,)."""
+    found = tree_sum(clone(unfitted).fit(X, y))
+    assert found is not None  # noqa: S101  # boosted trees are one
+    return found
+
+
+def zeros(model: Regressor, X: Array, y: Array, history: Integers) -> Array:
+    """Zeros (n, n_outputs) of the histories of rows, which a model should not learn by heart.
+
+    Of features `X` (n, k), targets `y` (n, n_outputs) and the number of each row's `history` (n,):
+    four fifths of the mean of what clones of the model leave that are fitted to other histories, as
+    the random intercepts of a mixed-effects forest (Hajjem, Bellavance and Larocque, Journal of
+    Statistical Computation and Simulation 84, 2014), found once. They are 0 for an output whose
+    errors on other histories are not less without them, as where each history is alone under its
+    load, and where there are fewer than five.
+    """
+    some = slice(None, None, -(-len(y) // _JUDGED))
+    names, own = np.unique(history[some], return_inverse=True)
+    found = np.zeros((int(history.max()) + 1, y.shape[1]))
+    if len(names) < BLOCKS:
+        return found[history]
+    X, y = X[some], y[some]
+    part = (np.random.default_rng(0).permutation(len(names)) % BLOCKS)[own]
+    left = y - _by_others(model, X, y, part)
+    sums = np.column_stack([np.bincount(own, column) for column in left.T])
+    zero = _BELIEVED * sums / np.bincount(own)[:, None]
+    without = y - _by_others(model, X, y - zero[own], part)
+    pays = np.mean(without**2, axis=0) < np.mean(left**2, axis=0)
+    found[names] = np.where(pays, zero, 0.0)
+    return found[history]
+
+
+def _by_others(model: Regressor, X: Array, y: Array, part: Integers) -> Array:
+    """Predict (n, n_outputs) each part of the rows by clones that are fitted to the others."""
+    out = np.empty_like(y)
+    for number in range(BLOCKS):
+        own = part == number
+        for j in range(y.shape[1]):
+            out[own, j] = clone(model).fit(X[~own], y[~own, j]).predict(X[own])
+    return out

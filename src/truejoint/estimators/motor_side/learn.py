@@ -1,0 +1,390 @@
+"""Unscented filter of an elastic joint with friction, driven and measured at its motor side."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy.optimize import least_squares
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
+from truejoint.estimators.cross_validation import blocks, cross_validated, levels
+from truejoint.estimators.family import Family, Params
+from truejoint.estimators.filtered import histories, run_histories
+from truejoint.estimators.jaw import base as jaw
+from truejoint.estimators.motor_side import run as model
+from truejoint.estimators.motor_side.run import (
+    DRIVER,
+    LOAD_TERMS,
+    NOISE,
+    PER_ELEMENT,
+    POLYNOMIAL,
+    TORQUE,
+    ElasticJoint,
+    bent_terms,
+    output_terms,
+    terms,
+)
+from truejoint.estimators.plays.jaw_bank import bank_columns
+from truejoint.estimators.plays.jaw_plays import ridge
+from truejoint.filters import UnscentedFilter
+
+LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque
+SETTLED: Final = 0.5  # travel after which friction has forgotten how it began, in half ranges
+_FILTER_DT: Final = 0.02  # [s] between the rows that the fit filters
+_PENALTY: Final = 1e-7  # on standardised terms
+_BENDS: Final = (0.0, 0.03, 0.1, 0.3, 1.0)  # sizes tried of terms that bend with the load
+_WIDTHS: Final = (0.003, 1.0)  # of a friction element, least and largest, in half ranges
+_FIRST_WIDTHS: Final = (0.012, 0.5)  # where the search for widths starts
+_ROUNDS: Final = 8  # of loads and torque response in turn
+
+
+@dataclass(frozen=True, eq=False)
+class JointEstimate:
+    """What the filter knows after each row."""
+
+    outputs: Array  # (n, 1 or 2), jaw's angle [rad] and, if it was learnt, torque [Nm]
+    deviations: Array  # (n, 1 or 2), of the state, and of what the joint's model misses
+    load: Array  # (n,), torque that would hold it in the middle without friction [Nm]
+    load_deviation: Array  # (n,)
+
+
+@dataclass(eq=False, repr=False)
+class ElasticJointFilter(JointRegressor):
+    """Unscented filter for a cable-driven jaw whose driver alone is measured: angle and torque.
+
+    State: deflections of friction elements in series with springs (Prandtl-Ishlinskii, Maxwell
+    slip), which the driver drags along; the load, a random walk; and the friction that the elements
+    do not explain, which fades with travel. Measured: the driver's torque, the sum of all three
+    through a response that bends with travel and load. The jaw hangs on an elastic cable, so its
+    angle is another such response. Inertia is left out: on the da Vinci grasper at 0.5 Hz it is
+    below a thousandth of the torque.
+
+    Learnt: widths, responses, and how large and how lasting the unexplained friction is. Each
+    recording that it learns from is taken to have one load throughout, and not all the same. The
+    jaw's torque is a third response, told beside the angle, where `fit` is given it as `loads`
+    (n, 1) [Nm]: by `calibrate`, recordings that have ``truth_effort/jaw``.
+
+    Parameters
+    ----------
+    elements : int
+        Friction elements, 1 to 12.
+    load_drift : float
+        How far the load wanders in a second, in standard deviations of the loads calibrated with.
+    torque_noise : float
+        Standard deviation of the torque's mean over a second, in standard deviations of the torque.
+
+    Examples
+    --------
+    >>> ElasticJointFilter(elements=3).name
+    'ukf_elastic'
+    """
+
+    family: ClassVar[Family] = model.FAMILY
+    least_rows: ClassVar[int] = jaw.MIN_ROWS
+    elements: int = 5
+    load_drift: float = 0.05
+    torque_noise: float = 7e-3
+
+    _FOUND: ClassVar[Params] = {"tells_torque": False}
+    """Parameters of the family that a fit finds, as they are before one."""
+
+    def model_params(self) -> Params:
+        """Parameters of the family: its own, and those that a fit found."""
+        return {**super().model_params(), **vars(self).get("found_", self._FOUND)}
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls(**{name: value for name, value in params.items() if name not in cls._FOUND})
+        made.found_ = {name: params[name] for name in cls._FOUND}
+        return made
+
+    def truth_beside(self) -> tuple[str, ...]:
+        """Column of the jaw's torque; of a history in which it is 0 throughout it is not known."""
+        return (model.JAW_TORQUE,)
+
+    def _targets(self, y: Array, dt: Array) -> Array:
+        """Angle, of `y` (n, 1), and torque where it is known in enough rows, NaN elsewhere."""
+        history, read = np.cumsum(dt == 0.0), np.isfinite(self._loads) & (self._loads != 0.0)
+        is_read = np.bincount(history, read[:, 0])[history, None] > 0.0
+        torque = np.where(np.isfinite(y) & is_read, self._loads, np.nan)
+        return np.hstack([y, torque] if np.isfinite(torque).sum() >= self.least_rows else [y])
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        known = self._known(y)
+        self._check_motion(X, known, dt)
+        low, high = float(X[:, 0].min()), float(X[:, 0].max())
+        scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
+        kept = thinned(dt, known)
+        motion = motion_of(X, scales, dt).pick(kept)
+        settled = np.flatnonzero(motion.travel > SETTLED)
+        with_truth = known[kept][settled]
+        if with_truth.sum() < jaw.MIN_ROWS:
+            raise CalibrationError(
+                f"{self.name}: {int(with_truth.sum())} rows with truth after a quarter of the "
+                f"driver's range was travelled; it needs {jaw.MIN_ROWS}: record longer motions"
+            )
+        progress(0.05)
+        static = _Static(motion, settled, with_truth, y[kept][settled[with_truth], 0])
+        joint = static.identify(
+            int(self.elements), float(self.load_drift), float(self.torque_noise) ** 2
+        )
+        if joint.load_deviation < LEAST_LOAD_SPREAD:
+            raise CalibrationError(
+                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
+                f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
+                " be told apart: add recordings under other loads"
+            )
+        progress(0.8)
+        states, spread = run(joint, motion, mean_dt(motion.dt))
+        targets = self._targets(y, dt)[kept]
+        self.found_: Params = {**self._FOUND, "tells_torque": targets.shape[1] > 1}
+        told = [_response(motion, states, spread, target) for target in targets.T]
+        progress(1.0)
+        return {
+            "scales": scales,
+            "noise": np.array([getattr(joint, name) for name in NOISE]),
+            "widths": joint.widths,
+            "torque": joint.torque,
+            "outputs": np.array([coefficients for coefficients, _ in told]),
+            "misfit": np.array([misfit for _, misfit in told]),
+        }
+
+    def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
+        for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
+            jaw.check_changes(self.name, name, column[known], " under load")
+        jaw.check_jumps(self.name, DRIVER, X[:, 0], np.cumsum(dt == 0.0))
+        turns = sum(jaw.reversals(X[rows, 0]) for rows in histories(dt))
+        jaw.check_reversals(self.name, "driver", turns)
+
+    def estimate(
+        self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
+    ) -> JointEstimate:
+        """Angle, torque and load, with their deviations, of rows `X` (n, 2) in the order of time.
+
+        `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
+        """
+        arrays = self.arrays_
+        motion = motion_of(X, arrays["scales"], self.time_steps(dt, len(X)))
+        joint, dt = ElasticJoint.from_arrays(arrays), float(arrays["scales"][3])
+        states, spread = run(joint, motion, dt, smoothed=smoothed)
+        outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
+        model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
+        elements, scale = int(self.elements), float(arrays["scales"][2])
+        return JointEstimate(
+            outputs=outputs + self._beyond(X, motion.dt, states, outputs),
+            deviations=np.sqrt(variance + arrays["misfit"] ** 2),
+            load=states[:, elements] * scale,
+            load_deviation=np.sqrt(np.maximum(spread[:, elements, elements], 0.0)) * scale,
+        )
+
+    def _beyond(self, _X: Array, _dt: Array, _states: Array, told: Array) -> Array:
+        """Give what is to be added (n, n_outputs) to what the filter has `told` of its states."""
+        return np.zeros_like(told)
+
+
+def motion_of(X: Array, scales: Array, dt: Array) -> Motion:
+    """Rows `X` (n, 2) of driver and torque in units of the calibration, of its `scales` (4,)."""
+    middle, half_range, torque, _dt = scales
+    return Motion((X[:, 0] - middle) / half_range, X[:, 1] / torque, dt)
+
+
+def thinned(dt: Array, known: Flags) -> Integers:
+    """Rows that the fit filters: the first of each history, those with truth, some between."""
+    stride = max(1, round(_FILTER_DT / mean_dt(dt)))
+    fresh = dt == 0.0
+    count = np.arange(len(dt)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
+    return np.flatnonzero(known | (count % stride == 0))
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Rows of one or more histories, in units of the calibration."""
+
+    angle: Array  # (n,), of the driver, as is the torque
+    torque: Array
+    dt: Array  # (n,), time since the row before [s], 0 where a history starts
+
+    @property
+    def history(self) -> Integers:
+        """Number of each row's history (n,), from 0."""
+        return np.asarray(np.cumsum(self.dt == 0.0) - 1, dtype=np.int64)
+
+    @property
+    def moved(self) -> Array:
+        """How far the driver went since the row before (n,), 0 where a history starts."""
+        return np.where(self.dt > 0.0, np.diff(self.angle, prepend=self.angle[:1]), 0.0)
+
+    @property
+    def travel(self) -> Array:
+        """Way that the driver went since its history started (n,)."""
+        way = np.cumsum(np.abs(self.moved))
+        return np.asarray(way - way[self.dt == 0.0][self.history])
+
+    def deflections(self, widths: Array) -> Array:
+        """Deflections (n, m) of friction elements that start in the middle of each history."""
+        out = np.empty((len(self.angle), len(widths)))
+        bank_columns(self.dt, self.angle, 1.0, widths, out)
+        return out
+
+    def pick(self, rows: Integers) -> Motion:
+        """Take some of the rows, in order and with the first of each history among them."""
+        clock = np.cumsum(self.dt)
+        dt = np.diff(clock[rows], prepend=clock[rows[:1]])
+        fresh = np.diff(self.history[rows], prepend=-1) > 0
+        return Motion(self.angle[rows], self.torque[rows], np.where(fresh, 0.0, dt))
+
+
+def _response(motion: Motion, states: Array, spread: Array, target: Array) -> tuple[Array, float]:
+    """Response (k,) of an output to states (n, m + 2) of the filter, of covariance `spread`.
+
+    Of its values `target` (n,), NaN where unknown; and the deviation of what it misses of them.
+    """
+    rows = np.flatnonzero(np.isfinite(target))
+    angle, y = motion.angle[rows], target[rows]
+    columns = output_terms(angle, states[rows])
+    found = respond(columns, y, states[rows, -2], motion.history[rows], motion.dt[rows])
+    told, by_state = np.empty((2, len(rows), 1))
+    model.output_rows(angle, states[rows], spread[rows], found, told, by_state)
+    left = float(np.mean((y - told[:, 0]) ** 2))
+    return found[0], np.sqrt(max(left - float(by_state.mean()), 0.1 * left))
+
+
+def regress(columns: Array, y: Array) -> Array:
+    """Ridge regression of `y` (n,) on standardised `columns` (n, k), the first constant."""
+    weights, constant = ridge(columns, y, _PENALTY)
+    weights[0] = constant
+    return weights
+
+
+def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array) -> Array:
+    """Responses (n_outputs, k) to `columns` (n, k), the first constant, of outputs `y` (n, ...).
+
+    How much they may bend with the load, and the penalty, are those that err least on histories
+    under loads that are left out in turn: three loads are no reason for a cubic. Of one history,
+    on blocks of it.
+    """
+    _, own = np.unique(history, return_inverse=True)
+    count = np.bincount(own)
+    parts = levels(np.bincount(own, load) / count)
+    rows = [np.isin(own, part) for part in parts] if len(parts) > 1 else blocks(dt)
+    table = np.column_stack([columns, y])
+    products = np.array([table[some].T @ table[some] for some in rows])
+    bent = bent_terms((columns.shape[1] - 2 - POLYNOMIAL) // PER_ELEMENT)[1:]
+    weights = [np.where(bent, share, 1.0) for share in _BENDS]
+    return np.ascontiguousarray(cross_validated(products, weights).coefficients.T)
+
+
+def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:
+    """Torque response (p,) of which the load is a part as it is, and what it leaves over (n,)."""
+    free = [i for i in range(columns.shape[1]) if i not in LOAD_TERMS]
+    found = np.zeros(columns.shape[1])
+    found[free] = ridge(columns[:, free], torque - load, _PENALTY)[0]
+    found[LOAD_TERMS[1]] = 1.0
+    return found, torque - columns @ found
+
+
+class _Static:
+    """Rows (k,) of a motion to fit the static responses to, with one load for each history.
+
+    The torque's response needs no truth and is fitted to all `rows`, after friction has `SETTLED`;
+    the jaw's to those `known` (k,), where its angle is `jaw`. Loads and the torque's response are
+    found by turns, the elements' widths by variable projection on torque and jaw angle together.
+    """
+
+    def __init__(self, motion: Motion, rows: Integers, known: Flags, jaw: Array) -> None:
+        self.motion, self.rows, self.known, self.jaw = motion, rows, known, jaw
+        self.angle, self.torque = motion.angle[rows], motion.torque[rows]
+        _, self.history = np.unique(motion.history[rows], return_inverse=True)
+        self.count = np.bincount(self.history)
+        self.load = self._by_history(self.torque)
+
+    def columns(self, widths: Array) -> Array:
+        """Terms (n, p) of the responses."""
+        deflections = self.motion.deflections(widths)[self.rows]
+        return terms(self.angle, self.load[self.history], deflections)
+
+    def settle_loads(self, widths: Array) -> None:
+        """Find the load of each history, and the torque response, by turns."""
+        deflections = self.motion.deflections(widths)[self.rows]
+        for _ in range(_ROUNDS):
+            load = self.load[self.history]
+            columns = terms(self.angle, load, deflections)
+            self.load = self.load + self._by_history(regress_torque(columns, self.torque, load)[1])
+
+    def misfits(self, widths: Array) -> tuple[Array, Array]:
+        """Find what the best responses leave of torque (n,) and jaw angle (k,)."""
+        columns = self.columns(widths)
+        left = regress_torque(columns, self.torque, self.load[self.history])[1]
+        columns = columns[self.known]
+        return left, self.jaw - columns @ regress(columns, self.jaw)
+
+    def find_widths(self, elements: int) -> Array:
+        """Widths by variable projection: the responses are solved for at every trial."""
+        start = np.geomspace(*_FIRST_WIDTHS, elements)
+        self.settle_loads(start)
+        # As if both had independent errors of their own size: their likelihoods then add up.
+        scales = [max(float(e.std()), 1e-12) * np.sqrt(len(e)) for e in self.misfits(start)]
+
+        def residuals(logarithms: Array) -> Array:
+            left = self.misfits(np.exp(logarithms))
+            return np.concatenate([e / scale for e, scale in zip(left, scales, strict=True)])
+
+        x0, bounds = np.log(start), (np.log(_WIDTHS[0]), np.log(_WIDTHS[1]))
+        found = least_squares(residuals, x0, bounds=bounds, diff_step=[0.05], max_nfev=15)
+        widths = np.sort(np.exp(found.x))
+        self.settle_loads(widths)
+        return widths
+
+    def identify(self, elements: int, load_drift: float, noise_density: float) -> ElasticJoint:
+        """Identify widths, torque response and noise of a joint."""
+        widths = self.find_widths(elements)
+        load = self.load[self.history]
+        torque, left = regress_torque(self.columns(widths), self.torque, load)
+        spread = max(float(load.std()), 1e-6)
+        return ElasticJoint(
+            widths=widths,
+            torque=torque,
+            load_density=(load_drift * spread) ** 2,
+            rest_deviation=max(float(left.std()), 1e-6),
+            rest_travel=_memory(left, self.motion.travel[self.rows]),
+            noise_density=noise_density,
+            load_mean=float(load.mean()),
+            load_deviation=spread,
+        )
+
+    def _by_history(self, values: Array) -> Array:
+        return np.bincount(self.history, values) / self.count
+
+
+def _memory(left: Array, travel: Array) -> float:
+    """Travel over which `left` (n,) forgets itself, from neighbours a small way apart."""
+    apart = np.diff(travel, prepend=travel[:1])
+    near = np.flatnonzero((apart > 0.02) & (apart < 0.1))
+    if not len(near):
+        return 0.05
+    alike = float(np.mean(left[near] * left[near - 1]) / max(float(np.mean(left**2)), 1e-300))
+    return float(-apart[near].mean() / np.log(min(max(alike, 0.05), 0.99)))
+
+
+def run(
+    joint: ElasticJoint, motion: Motion, dt: float, *, smoothed: bool = False
+) -> tuple[Array, Array]:
+    """States (n, m + 2) and covariances (n, m + 2, m + 2) by filter or smoother, in each history.
+
+    The torque's noise is reckoned with rows `dt` [s] apart.
+    """
+    unscented = UnscentedFilter(joint.state_space(dt))
+    u = np.column_stack([motion.angle, motion.moved])
+    return run_histories(unscented, joint.prior(), motion.torque, u, motion.dt, smoothed=smoothed)
+
+
+def mean_dt(dt: Array) -> float:
+    """Mean time between rows [s] within histories; 5 ms where there is only one row."""
+    moving = dt[dt > 0.0]
+    return float(moving.mean()) if len(moving) else 5e-3

@@ -1,0 +1,380 @@
+"""An elastic joint with friction, seen from its motor: what its unscented filter is made of.
+
+Everything is in units of the calibration: the driver's angle ``d`` from the middle of its range in
+half ranges, torques in standard deviations of the driver's torque.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import nan, sqrt
+from typing import Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.compiled import compiled, copy, matrix, vector
+from truejoint.errors import CalibrationError
+from truejoint.estimators.family import (
+    Family,
+    Params,
+    Shape,
+    integer,
+    number,
+    one_of,
+    only_joint,
+)
+from truejoint.estimators.filtered import advance, quadratic
+from truejoint.filters import StateSpaceModel, UnscentedFilter
+from truejoint.filters import fields as at
+from truejoint.filters.kernels import restart
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+
+DRIVER: Final = "driver/jaw"
+TORQUE: Final = "effort/jaw"
+JAW_TORQUE: Final = "truth_effort/jaw"
+"""What the torque beside the angle is learnt of."""
+BESIDE_NAME: Final = "torque"
+
+POLYNOMIAL: Final = 10
+"""Terms of a cubic in driver angle and load."""
+PER_ELEMENT: Final = 6
+"""Terms of a quadratic in both, by which each friction element is weighed."""
+LOAD_TERMS: Final = (0, 4, 5, 6)
+"""Terms of the load alone: 1, B, B^2, B^3."""
+BENT_TERMS: Final = (5, 6, 8)
+"""Terms that bend with the load, of the cubic: B^2, B^3, d B^2."""
+BENT_OF_ELEMENT: Final = 4
+"""The one of each friction element: z B^2."""
+SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "dt")
+"""What turns radians and newton metres into units of the calibration, and its time step [s]."""
+NOISE: Final = (
+    "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
+)  # fmt: skip
+"""Fields of `ElasticJoint` that are one number each, in the order of the model file."""
+
+_LARGEST: Final = 1e30
+_FARTHEST: Final = 3.0
+"""Half ranges from the middle, beyond which no driver is: further out by its whole range."""
+_STRONGEST: Final = 100.0
+"""Standard deviations of the torque beyond which none is."""
+
+# Parameters of the compiled functions; then come the widths and the coefficients.
+_ELEMENTS: Final = 0
+_LOAD_DENSITY: Final = 1
+_REST_VARIANCE: Final = 2
+_REST_TRAVEL: Final = 3
+_WIDTHS: Final = 4
+
+
+def count_terms(elements: int) -> int:
+    """Count the coefficients of a response with so many friction elements."""
+    return POLYNOMIAL + PER_ELEMENT * elements
+
+
+@compiled
+def response(angle: float, load: float, x: Array, elements: int, coefficients: Array) -> float:
+    """Respond as the joint does at rest to ``d`` and ``B``: with a torque, or an angle.
+
+    A cubic in both plus, for each friction element, its deflection ``z``, in `x` and from -1 to 1,
+    times a quadratic in both: the ratio of the linkage changes over its travel, the cable stiffens
+    with load, and friction grows with the cable's tension.
+    """
+    c = coefficients
+    total: float = c[0] + angle * (c[1] + angle * (c[2] + angle * c[3]))
+    total += load * (c[4] + load * (c[5] + load * c[6]))
+    total += angle * load * (c[7] + load * c[8] + angle * c[9])
+    for i in range(elements):
+        place = POLYNOMIAL + PER_ELEMENT * i
+        deflection = min(max(x[i], -1.0), 1.0)
+        weight = c[place] + angle * (c[place + 1] + angle * c[place + 2])
+        weight += load * (c[place + 3] + load * c[place + 4] + angle * c[place + 5])
+        total += deflection * weight
+    return total
+
+
+def terms(angle: Array, load: Array, deflections: Array) -> Array:
+    """Terms (n, count_terms) that `response` weighs, for ``d`` (n,), ``B`` (n,), ``z`` (n, m)."""
+    one = np.ones_like(angle)
+    deflections = np.clip(deflections, -1.0, 1.0)
+    columns = [
+        one, angle, angle**2, angle**3, load, load**2, load**3,
+        angle * load, angle * load**2, angle**2 * load,
+    ]  # fmt: skip
+    for z in deflections.T:
+        columns += [z, z * angle, z * angle**2, z * load, z * load**2, z * angle * load]
+    return np.column_stack(columns)
+
+
+@compiled
+def output(angle: float, x: Array, elements: int, coefficients: Array) -> float:
+    """Tell the jaw's angle or torque at ``d`` of a state `x` (m + 2,) of the filter.
+
+    The last two `coefficients` weigh the rest of friction ``w`` and ``w d``, those before
+    `response`.
+    """
+    last = POLYNOMIAL + PER_ELEMENT * elements
+    rest: float = x[elements + 1] * (coefficients[last] + angle * coefficients[last + 1])
+    return response(angle, x[elements], x, elements, coefficients) + rest
+
+
+def bent_terms(elements: int) -> Mask:
+    """Which terms of an `output` (count_terms + 2,) bend with the load."""
+    bent = np.zeros(count_terms(elements) + 2, dtype=bool)
+    bent[list(BENT_TERMS)] = True
+    bent[POLYNOMIAL + BENT_OF_ELEMENT : count_terms(elements) : PER_ELEMENT] = True
+    return bent
+
+
+def output_terms(angle: Array, states: Array) -> Array:
+    """Terms (n, count_terms + 2) that `output` weighs, for ``d`` (n,) and states (n, m + 2)."""
+    elements = states.shape[1] - 2
+    rest = states[:, -1]
+    static = terms(angle, states[:, elements], states[:, :elements])
+    return np.column_stack([static, rest, rest * angle])
+
+
+@compiled
+def transition(x: Array, u: Array, _dt: float, parameters: Array, out: Array) -> None:
+    """Drag the friction elements along; the load stays; the rest of friction fades with travel.
+
+    State `x` (m + 2,): deflections, load ``B``, friction that they do not explain; `u`: ``d``,
+    travel.
+    """
+    elements = int(parameters[_ELEMENTS])
+    for i in range(elements):
+        moved = x[i] + u[1] / parameters[_WIDTHS + i]
+        out[i] = min(max(moved, -1.0), 1.0)
+    out[elements] = x[elements]
+    out[elements + 1] = x[elements + 1] * math.exp(-abs(u[1]) / parameters[_REST_TRAVEL])
+
+
+@compiled
+def process_noise(_x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
+    """Covariance of the load's random walk over `dt` and of the rest of friction over a travel."""
+    elements = int(parameters[_ELEMENTS])
+    out[elements, elements] = parameters[_LOAD_DENSITY] * dt
+    fade = -math.expm1(-2.0 * abs(u[1]) / parameters[_REST_TRAVEL])
+    out[elements + 1, elements + 1] = parameters[_REST_VARIANCE] * fade
+
+
+@compiled
+def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Torque at the driver: load, the friction that the elements explain, and the rest of it."""
+    elements = int(parameters[_ELEMENTS])
+    coefficients = parameters[_WIDTHS + elements :]
+    out[0] = x[elements + 1] + response(u[0], x[elements], x, elements, coefficients)
+
+
+@dataclass(frozen=True, eq=False)
+class ElasticJoint:
+    """Identified joint, in units of the calibration."""
+
+    widths: Array  # (m,), travel from the middle of an element's deflection to sliding
+    torque: Array  # (count_terms(m),), of the driver's torque, whose load part is ``B`` as it is
+    load_density: float  # variance that the load gains in a second
+    rest_deviation: float  # of the friction that the elements do not explain
+    rest_travel: float  # over which it forgets itself
+    noise_density: float  # of the measured torque: variance times the time step [s]
+    load_mean: float  # of the loads calibrated with: what the filter expects at first
+    load_deviation: float
+
+    @classmethod
+    def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
+        """Joint of the arrays of a fitted filter; raises CalibrationError if one makes no sense."""
+        noise = dict(zip(NOISE, arrays["noise"].tolist(), strict=True))
+        positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
+        bounded = all(abs(v) <= _LARGEST for v in (*arrays["scales"], *arrays["noise"]))
+        if min(positive) <= 0.0 or noise["load_density"] < 0.0 or not bounded:
+            raise CalibrationError(
+                f"elastic_joint: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit "
+                "it again"
+            )
+        return cls(arrays["widths"], arrays["torque"], **noise)
+
+    def state_space(self, dt: float) -> StateSpaceModel:
+        """Build the model of the filter for rows `dt` [s] apart."""
+        elements = len(self.widths)
+        head = [elements, self.load_density, self.rest_deviation**2, self.rest_travel]
+        return StateSpaceModel(
+            transition=transition,
+            measurement=measurement,
+            process_noise=process_noise,
+            measurement_noise=[[self.noise_density / dt]],
+            states=(*(f"friction{i + 1}" for i in range(elements)), "load", "rest"),
+            measurements=("torque",),
+            inputs=("driver", "travel"),
+            parameters=np.concatenate([head, self.widths, self.torque]),
+            possible={
+                "driver": (-_FARTHEST, _FARTHEST),
+                "travel": (-2.0 * _FARTHEST, 2.0 * _FARTHEST),
+                **dict.fromkeys(("torque", "load", "rest"), (-_STRONGEST, _STRONGEST)),
+            },
+        )
+
+    def prior(self) -> tuple[Array, Array]:
+        """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
+        elements = len(self.widths)
+        mean = np.zeros(elements + 2)
+        mean[elements] = self.load_mean
+        variance = np.full(elements + 2, 1.0 / 3.0)
+        variance[elements] = self.load_deviation**2
+        variance[elements + 1] = self.rest_deviation**2
+        return mean, np.diag(variance)
+
+
+LAYOUT: Final = Layout()
+ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
+N_TERMS: Final = LAYOUT.integer("n_terms", "of an output's response")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges; NaN: start anew")
+MIDDLE: Final = LAYOUT.scalar("middle", "of the driver's range [rad]")
+HALF_RANGE: Final = LAYOUT.scalar("half_range", "of the driver [rad]")
+TORQUE_SCALE: Final = LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
+RESPONSES: Final = LAYOUT.array("responses", "coefficients of each output")
+OUTPUT_MISFIT: Final = LAYOUT.array("misfit", "standard deviation of what a response misses")
+N_TOLD: Final = LAYOUT.integer("n_told", "responses: of the angle, and of the torque if learnt")
+BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
+TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]")
+NEAR: Final = LAYOUT.array("near", "a state beside the estimate")
+SLOPE: Final = LAYOUT.array("slope", "of an output over the state")
+FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
+
+
+@compiled
+def elastic_joint_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the filter of the elastic joint."""
+    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    angle = (x[0] - memory[MIDDLE]) / memory[HALF_RANGE]
+    moved = angle - memory[LAST]
+    if dt == 0.0 or math.isnan(moved):
+        restart(own, state)
+        moved = dt = 0.0
+    vector(state, own[at.Z], 1)[0] = x[1] / memory[TORQUE_SCALE]
+    u = vector(state, own[at.U], 2)
+    u[0] = angle
+    u[1] = moved
+    good = advance(own, state, dt)
+    memory[LAST] = angle if good else nan
+    elements, n_terms = numbers[ELEMENTS], numbers[N_TERMS]
+    n = elements + 2
+    estimate = vector(state, own[at.X], n)
+    spread = matrix(state, own[at.P], n, n)
+    near = vector(memory, numbers[NEAR], n)
+    slope = vector(memory, numbers[SLOPE], n)
+    misfit = vector(memory, numbers[OUTPUT_MISFIT], numbers[N_TOLD])
+    responses = matrix(memory, numbers[RESPONSES], numbers[N_TOLD], n_terms)
+    torque = vector(memory, numbers[TOLD], 2)
+    for j in range(numbers[N_TOLD]):
+        coefficients = responses[j]
+        value = output(angle, estimate, elements, coefficients) if good else nan
+        deviations = memory[DEVIATIONS] if j == 0 else memory[BESIDE]
+        width = 0.0
+        if deviations > 0.0:
+            variance = output_variance(angle, estimate, spread, coefficients, near, slope)
+            width = deviations * sqrt(variance + misfit[j] ** 2)
+        if j > 0:
+            torque[0] = value
+            torque[1] = width
+        else:
+            out[0] = value
+            if deviations > 0.0:
+                half_width[0] = width
+
+
+@compiled
+def output_variance(
+    angle: float, x: Array, spread: Array, coefficients: Array, near: Array, slope: Array
+) -> float:
+    """Variance of what a state (n,) of covariance `spread` (n, n) says of one output.
+
+    By differences over a deviation each way, since responses bend where an element slides; `near`
+    and `slope` (n,) are room to work in.
+    """
+    n = spread.shape[0]
+    elements = n - 2
+    copy(x, near, n)
+    for i in range(n):
+        width = sqrt(max(spread[i, i], 1e-12))
+        near[i] = x[i] + width
+        ahead = output(angle, near, elements, coefficients)
+        near[i] = x[i] - width
+        slope[i] = (ahead - output(angle, near, elements, coefficients)) / (2.0 * width)
+        near[i] = x[i]
+    return float(quadratic(slope, spread, n))
+
+
+@compiled
+def output_rows(
+    angles: Array, states: Array, spread: Array, coefficients: Array, out: Array, variance: Array
+) -> None:
+    """`output` and `output_variance` of every row for each of `coefficients` (k, ...): (n, k)."""
+    near, slope = np.empty(states.shape[1]), np.empty(states.shape[1])
+    for i in range(states.shape[0]):
+        x, P = states[i], spread[i]
+        for j in range(coefficients.shape[0]):
+            c = coefficients[j]
+            out[i, j] = output(angles[i], x, len(x) - 2, c)
+            variance[i, j] = output_variance(angles[i], x, P, c, near, slope)
+
+
+def n_told(params: Params) -> int:
+    """Count what is told of the jaw: its angle, and its torque where that was learnt."""
+    return 1 + int(params["tells_torque"])
+
+
+def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
+    elements = int(params["elements"])
+    n_terms = count_terms(elements)
+    known: dict[str, Shape] = {
+        "scales": (len(SCALES),),
+        "noise": (len(NOISE),),
+        "widths": (elements,),
+        "torque": (n_terms,),
+        "outputs": (n_told(params), n_terms + 2),
+        "misfit": (n_told(params),),
+    }
+    return only_joint("elastic_joint", known, n_outputs)
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+    joint = ElasticJoint.from_arrays(arrays)
+    middle, half_range, torque, dt = arrays["scales"].tolist()
+    elements = int(params["elements"])
+    return LAYOUT.pack(
+        elements=elements,
+        n_terms=arrays["outputs"].shape[1],
+        n_told=n_told(params),
+        torque=np.zeros(2),
+        middle=middle,
+        half_range=half_range,
+        torque_scale=torque,
+        responses=arrays["outputs"],
+        misfit=arrays["misfit"],
+        near=np.zeros(elements + 2),
+        slope=np.zeros(elements + 2),
+        filter=UnscentedFilter(joint.state_space(dt)).memory(*joint.prior()),
+    )
+
+
+FAMILY: Final = Family(
+    "elastic_joint",
+    rules={
+        "elements": integer(1, 12),
+        "load_drift": number(0.0, 1e3),
+        "torque_noise": number(1e-6, 1e3),
+        "tells_torque": one_of(False, True),
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=elastic_joint_row,
+    remembers=True,
+    inputs=lambda _params: (DRIVER, TORQUE),
+    targets=("position",),
+    states_deviation=lambda _params: True,
+    beside=lambda params: {BESIDE_NAME: ()} if params["tells_torque"] else {},
+)

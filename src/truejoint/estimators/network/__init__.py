@@ -1,0 +1,1 @@
+"""network: what runs, and what learns."""

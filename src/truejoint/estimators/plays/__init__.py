@@ -1,0 +1,1 @@
+"""plays: what runs, and what learns."""

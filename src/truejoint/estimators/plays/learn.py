@@ -1,0 +1,394 @@
+"""Ridge regression and boosted trees on plays and low-passes of every feature."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
+from truejoint.estimators import registry
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, constant_columns
+from truejoint.estimators.cross_validation import BLOCKS
+from truejoint.estimators.family import (
+    Family,
+    Params,
+    Rule,
+    check_rules,
+    integer,
+    optional,
+    random_state,
+)
+from truejoint.estimators.gp.learn import GaussianProcess
+from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.plays.coupling import identify_coupling
+from truejoint.estimators.polynomial import interactions, offset
+from truejoint.estimators.polynomial.learn import polynomial_design
+from truejoint.estimators.polynomial.ridge import MOST_PRODUCTS, Ridge
+from truejoint.estimators.stack.learn import Combination
+from truejoint.estimators.stack.run import members
+
+if TYPE_CHECKING:
+    from truejoint.robots import Robot
+
+_LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of more joints has trees
+_FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
+_FEWER_TREES: Final = 70
+_PLAYS: Final = (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9)
+_TIME_CONSTANTS: Final = (0.05, 0.5, 2.0)  # [s]
+_SHORT: Final = (0.1,)  # [s], which tells a Gaussian process how fast and which way
+_NARROW: Final = 4
+"""Of the plays where capstans turn. The wider ones, and low-passes, tell the direction of a zig-zag
+of one speed just as well, and something else of any other motion."""
+_IDENTIFIED: Final = 6_000  # rows that the search for a coupling sees, at most
+_GAIN: Final = 0.05  # share of the error on blocks left out that plays which grow must take away
+
+
+@dataclass(eq=False, repr=False)
+class RichPlay(JointRegressor):
+    """A model on plays and low-passes of every feature: for joints whose error has a history.
+
+    Half-widths are shares of half the range that a feature has in training, so nothing is to be
+    chosen for a robot or a unit. A ridge regression on the features, plays and low-passes, and on
+    their products with the features (the width of a loop grows with load), is learnt first.
+    `calibrate` adds plays of measured positions whose widths grow with efforts (friction grows with
+    the tension of a cable). Where joints are coupled, plays of all their positions together stand
+    in place of the plays of each feature: the cables of one joint pull at the others, as in a
+    wrist. Stiffness and friction are found first, see
+    `truejoint.estimators.plays.coupling.identify_coupling`. Where capstans turn, what errs once in
+    each turn of one, as an eccentric one does, is seen by the cosine and sine of its angle.
+
+    Parameters
+    ----------
+    learner : {"ridge", "trees", "gaussian_process"}
+        The ridge regression alone, or with boosted trees on what it leaves; or a Gaussian process.
+    couple : bool
+        Whether there are plays of several joints together.
+    positions : sequence of int, optional
+        Places of the features that are positions of such joints, 2 to 12; by default the measured
+        positions, or all where features have no names.
+    shares : sequence of float
+        Of friction that such plays have, in place of one play with all of it.
+    turn : bool
+        Whether the angles of capstans are seen.
+    turns : sequence of sequence of float, optional
+        By how much each capstan turns with each feature [rad over its unit]; `calibrate` takes
+        those that the robot's transmission says of the joints' measured positions.
+    plays : sequence of float, optional
+        Half-widths of the plays of each feature, in half ranges of it; by default eight from 0.01
+        to 0.9, the four smallest of them where capstans turn; where joints are coupled, or for a
+        Gaussian process, none.
+    time_constants : sequence of float, optional
+        Of the low-passes [s]; by default 0.05, 0.5 and 2, for a Gaussian process 0.1, or none where
+        capstans turn.
+    rows : int
+        Most rows that the model is fitted to, evenly spread; plays and low-passes see all.
+    leading : int, optional
+        By how many of the features, the first ones, everything is multiplied; by default the
+        `squared`, or, without, all if that makes few enough products, else only features by
+        features. Where capstans turn, up to the last feature that turns one, by each other.
+    squared : int
+        By the squares of how many of them, the first ones, everything is multiplied too.
+    pairs : sequence of (int, int), optional
+        Places of a feature, and of one that the widths of its further plays grow with, or shrink;
+        by default, each measured position with the effort of its joint, or with those of cables;
+        for a Gaussian process, or where capstans turn, none. They are left out unless the ridge
+        regression errs by a twentieth less with them, on blocks of rows that are left out in turn.
+    growing : sequence of float
+        Largest half-widths of these plays, in half ranges of the feature.
+    random_state : int, optional
+        Seed of the trees; their own by default.
+
+    Attributes
+    ----------
+    model_ : JointRegressor
+        Fitted to what it sees.
+    pairs_ : sequence of (int, int)
+        Those of `pairs` that were not left out: all or none.
+    coupled_ : sequence of int
+        Places of the features that are coupled; none unless asked for.
+
+    Examples
+    --------
+    >>> x = np.sin(np.arange(3000.0) / 200.0)[:, None]
+    >>> slack = RichPlay().fit(x, np.sign(np.gradient(x[:, 0])))
+    >>> bool(slack.score(x, np.sign(np.gradient(x[:, 0]))) > 0.9)
+    True
+    """
+
+    family: ClassVar[Family] = play_bank.FAMILY
+    least_rows: ClassVar[int] = 300
+    training: ClassVar[Mapping[str, Rule]] = {
+        "positions": optional(
+            Rule(lambda value: isinstance(value, tuple | list), "places of features")
+        ),
+        "rows": integer(1, 10**9),
+        "leading": optional(integer(0, MOST_PRODUCTS)),
+        "squared": integer(0, MOST_PRODUCTS),
+        "random_state": random_state(),
+    }
+    learner: str = "ridge"
+    couple: bool = False
+    positions: tuple[int, ...] | None = None
+    shares: tuple[float, ...] = (0.3, 1.0, 2.0)
+    turn: bool = False
+    turns: tuple[tuple[float, ...], ...] | None = None
+    plays: tuple[float, ...] | None = None
+    time_constants: tuple[float, ...] | None = None
+    rows: int = 40_000
+    leading: int | None = None
+    squared: int = 0
+    pairs: tuple[tuple[int, int], ...] | None = None
+    growing: tuple[float, ...] = (0.05, 0.2, 0.6)
+    random_state: int | None = None
+
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Unfitted copy whose pairs, positions and turns are those of the features called so."""
+        usual = () if self.turn or self.learner == "gaussian_process" else loaded_pairs(names)
+        pairs = usual if self.pairs is None else self.pairs
+        positions = self.positions
+        if self.couple and positions is None:
+            positions = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
+        turns = self.turns
+        if self.turn and turns is None:
+            turns = capstan_turns(names, robot, joints)
+        return self.with_params(pairs=pairs, positions=positions, turns=turns)
+
+    def minimum_rows(self, n_features: int) -> int:
+        """As many as what sees the plays needs; those that grow are left out where they harm."""
+        seen = play_bank.n_constant(self._params(n_features), n_features)
+        return max(self.least_rows, Ridge().minimum_rows(seen))
+
+    def check_params(self) -> None:
+        """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
+        check_rules(self.name, self.training, self.get_params(deep=False))
+        if self.learner == "gaussian_process" and (self.leading is not None or self.squared):
+            raise CalibrationError(
+                "leading and squared are of products, and a Gaussian process has none: leave them "
+                "out"
+            )
+        for name, wanted in (("positions", "couple"), ("shares", "couple"), ("turns", "turn")):
+            given = getattr(self, name)
+            if given and given != getattr(RichPlay, name) and not getattr(self, wanted):
+                raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
+        asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
+        if self.couple and self.positions is not None:
+            self._check_count(self.positions)
+            asked["coupled"] = self.positions
+        self.family.check_params({**self.model_params(), **asked})
+
+    def model_params(self) -> Params:
+        """Parameters of the family: its own, and the model's once there is one."""
+        return self._params(int(vars(self).get("n_features_in_", 0)))
+
+    def _params(self, n_features: int) -> Params:
+        """Those for so many features."""
+        names = ("learner", "couple", "growing", "shares", "turn")
+        plays, times = self._usual()
+        return {
+            **{name: getattr(self, name) for name in names},
+            "plays": plays if self.plays is None else self.plays,
+            "time_constants": times if self.time_constants is None else self.time_constants,
+            "pairs": vars(self).get("pairs_", self._asked()),
+            "coupled": vars(self).get("coupled_", self._joined(n_features)),
+            "turns": self.turns or () if self.turn else (),
+            "members": vars(self).get("members_", _UNFITTED),
+        }
+
+    def _usual(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """Half-widths of plays and time constants of low-passes where none are given."""
+        if self.learner == "gaussian_process":
+            return (), _SHORT
+        if self.turn:
+            return (() if self.couple else _PLAYS[:_NARROW]), ()
+        return (() if self.couple else _PLAYS), _TIME_CONSTANTS
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters; the model among them is to be run only."""
+        own = {name: value for name, value in params.items() if name not in ("members", "coupled")}
+        made = cls(**own, positions=params["coupled"] or None)
+        made.members_, made.pairs_ = params["members"], params["pairs"]
+        made.coupled_ = params["coupled"]
+        return made
+
+    def check_shape(self, n_features: int, n_outputs: int) -> None:
+        """Take any number of either; raise CalibrationError for places of features not there.
+
+        And where one joint alone, or more than there may be, would be coupled.
+        """
+        play_bank.check_places("pairs", self._asked(), n_features)
+        joined = self._joined(n_features)
+        play_bank.check_places("positions", [joined], n_features)
+        if self.couple:
+            self._check_count(joined)
+        if self.turn and not self.turns:
+            raise CalibrationError(
+                f"{self.name} must know how capstans turn; take a robot whose transmission is in "
+                "its file, and the measured positions of its joints as features, or give turns"
+            )
+        play_bank.check_turns(self.turns or (), n_features)
+
+    def _check_count(self, joined: Sequence[int]) -> None:
+        if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
+            raise CalibrationError(
+                f"measured positions among the features: {len(joined)}; {self.name} couples 2 to "
+                f"{play_bank.MAX_COUPLED}: give other features, or do not couple them"
+            )
+
+    def _joined(self, n_features: int) -> tuple[int, ...]:
+        """Places of the features that are coupled; all where they have no names."""
+        if not self.couple:
+            return ()
+        return tuple(range(n_features)) if self.positions is None else tuple(self.positions)
+
+    def _asked(self) -> tuple[tuple[int, int], ...]:
+        """Give the pairs that are asked for; none where features have no names."""
+        return () if self.pairs is None else self.pairs
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        known = np.flatnonzero(self._known(y))
+        kept = np.zeros(len(X), dtype=bool)
+        kept[known[:: -(-len(known) // int(self.rows))]] = True
+        low, high = X[known].min(axis=0), X[known].max(axis=0)
+        varies = ~constant_columns(X[known])
+        inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
+        arrays = {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
+        self.pairs_, self.coupled_ = self._asked(), self._joined(X.shape[1])
+        params = self.model_params()
+        if self.coupled_:
+            arrays |= self._coupling(X, y, dt, arrays)
+        seen = play_bank.expand_rows(params, arrays, X, dt, kept)
+        crossed = play_bank.n_constant(params, X.shape[1])
+        history = np.cumsum(dt == 0.0)
+        starts = np.where(np.diff(history[kept], prepend=0) > 0, 0.0, 1.0)
+        if self.learner != "gaussian_process" and history[-1] >= BLOCKS:
+            starts[1:] = 1.0  # as many as a fit to all has, though one may be hidden from this
+        if self.pairs_ and not self._gains(seen, crossed, X.shape[1], y[kept], starts):
+            self.pairs_, seen = (), np.ascontiguousarray(seen[:, :crossed])
+        unfitted = self._unfitted(X.shape[1], crossed, y.shape[1])
+        self.model_ = unfitted.fit(seen, y[kept], progress, starts)
+        self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
+        return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
+
+    def _coupling(self, X: Array, y: Array, dt: Array, arrays: Arrays) -> Arrays:
+        """Coupling of joints, on some of the rows: the first of each history among them."""
+        with_truth, fresh = self._known(y), dt == 0.0
+        used = fresh.copy()
+        for rows in (np.arange(len(X)), np.flatnonzero(with_truth)):
+            used[rows[:: -(-len(rows) // _IDENTIFIED)]] = True
+        alone = {**self.model_params(), "plays": (), "pairs": (), "coupled": ()}
+        seen = play_bank.expand_rows(alone, arrays, X, dt, used)
+        places, known = list(self.coupled_), with_truth[used]
+        positions = np.ascontiguousarray(seen[:, places])
+        products = interactions.interaction_factors(*3 * [len(places)])[len(places) :]
+        explained = np.hstack([seen, polynomial_design(positions, products)])[known]
+        found = identify_coupling(positions, fresh[used], known, explained, y[used][known])
+        return vars(found)
+
+    def _gains(self, seen: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
+        """Whether a ridge regression errs less with what is `seen` beyond the first `crossed`."""
+        products = self._products(n_features, crossed)
+        log_errors = [
+            np.log(np.maximum(Ridge(*products).fit(rows, y, dt=dt).errors_, 1e-12)).mean()
+            for rows in (seen, seen[:, :crossed])
+        ]
+        return bool(log_errors[0] < log_errors[1] + math.log1p(-_GAIN))
+
+    def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
+        """Fitted copy, as `JointRegressor.adapted` says; of the ridge regression alone."""
+        if self.learner != "ridge":
+            return super().adapted(X, y, dt)
+        known = self._known(y)
+        seen = play_bank.expand_rows(self.model_params(), self.arrays_, X, dt, known)
+        ((data, _),) = members(self.model_params(), self.arrays_)
+        ridge = Ridge.from_data(data, seen.shape[1], y.shape[1])
+        own, penalties = ridge.adapted(seen, y[known], np.zeros(len(seen)))
+        return self.with_arrays({f"0/{name}": a for name, a in own.arrays_.items()}), penalties
+
+    def _products(self, n_features: int, n_seen: int) -> tuple[int, int, int]:
+        """By how many of what is seen, the first ones, how many are multiplied; by whose squares.
+
+        Raises CalibrationError if there are too many products of what was asked for.
+        """
+        squared = min(int(self.squared), n_features)
+        if self.turn and self.turns and self.leading is None and not squared:
+            first = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
+            if first**2 <= MOST_PRODUCTS:
+                return first, first, 0
+        if self.leading is None and not squared:
+            choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
+            return (*next(pair for pair in choices if pair[0] * pair[1] <= MOST_PRODUCTS), 0)
+        leading = min(squared if self.leading is None else int(self.leading), n_features)
+        asked = (leading + squared) * n_seen
+        if asked > MOST_PRODUCTS:
+            raise CalibrationError(
+                f"leading={self.leading} and squared={self.squared} make {asked} products of "
+                f"{n_seen} features, plays and low-passes; at most {MOST_PRODUCTS}: ask for fewer"
+            )
+        return leading, n_seen, squared
+
+    def _unfitted(self, n_features: int, n_crossed: int, n_outputs: int) -> JointRegressor:
+        """Model for so many features, what of them and their plays is multiplied, and joints."""
+        if self.learner == "gaussian_process":
+            return GaussianProcess()
+        products = self._products(n_features, n_crossed)
+        ridge = Ridge(*products, trimmed=self.learner == "trees")
+        if self.learner == "ridge":
+            return ridge
+        trees = registry.member("boosted_trees")
+        if n_outputs <= _FEW_JOINTS:
+            trees.set_params(max_leaf_nodes=_LEAVES)
+        else:
+            n = min(trees.max_iter, _FEWER_TREES)
+            trees.set_params(max_leaf_nodes=_LEAVES // 2, max_iter=n)
+        return Combination((ridge, trees), None, self.random_state)
+
+
+def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
+    """Places of measured positions, each with that of an effort that may widen its loop.
+
+    Of its own joint or, where that has none, of the channels that are no measured joint, as the
+    wires of a sheath. None where these are too many.
+    """
+    effort = {name.removeprefix("effort/"): i for i, name in enumerate(names)
+              if name.startswith("effort/")}  # fmt: skip
+    measured = {name.removeprefix("measured/"): i for i, name in enumerate(names)
+                if name.startswith("measured/")}  # fmt: skip
+    cables = [i for joint, i in effort.items() if joint not in measured]
+    pairs = [
+        (i, other)
+        for joint, i in measured.items()
+        for other in ([effort[joint]] if joint in effort else cables)
+    ]
+    return tuple(pairs) if len(pairs) <= play_bank.MAX_PAIRS else ()
+
+
+def capstan_turns(
+    names: Sequence[str], robot: Robot, joints: Sequence[str]
+) -> tuple[tuple[float, ...], ...]:
+    """Turn of each joint's capstan by each of the features called `names` [rad over its unit].
+
+    By the robot's transmission, behind its gearboxes; of `joints` alone, those whose capstan is
+    turned by measured positions that are all features.
+    """
+    if robot.transmission is None:
+        return ()
+    by_joint = robot.transmission.capstan_matrix[robot.index(joints)]
+    place = {name.removeprefix("measured/"): i for i, name in enumerate(names)
+             if name.startswith("measured/")}  # fmt: skip
+    found = []
+    for row in by_joint:
+        used = {joint: turn for joint, turn in zip(robot.joint_names, row, strict=True) if turn}
+        if set(used) <= set(place):
+            turns = np.zeros(len(names))
+            turns[[place[joint] for joint in used]] = list(used.values())
+            found.append(tuple(turns.tolist()))
+    return tuple(found)
+
+
+_UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)

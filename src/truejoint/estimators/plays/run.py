@@ -1,0 +1,357 @@
+"""Plays and low-passes of every feature, and a model of another family that sees them.
+
+A joint behind cables remembers where its motor came from: friction and slack make a play, creep a
+low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen, European Journal
+of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
+larger swings. Friction grows with the tension of a cable, so that there may be plays of one feature
+whose widths go up, or down, with another; and cables that pull at several joints make plays of all
+these together. What is eccentric, as a capstan may be, errs once in each of its turns.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.compiled import compiled, matrix, vector
+from truejoint.errors import CalibrationError
+from truejoint.estimators.family import (
+    LARGEST,
+    Family,
+    Params,
+    Rule,
+    Shape,
+    call_row,
+    find_family,
+    is_integer,
+    is_number,
+    numbers,
+    one_of,
+)
+from truejoint.estimators.plays.coupled_rows import coupled_play
+from truejoint.estimators.products import standardise
+from truejoint.estimators.stack.run import are_members, members
+from truejoint.features.feature_set import MAX_TIME_CONSTANT
+from truejoint.features.kernels import lowpass, play
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
+
+LEARNERS: Final = ("ridge", "trees", "gaussian_process")
+MAX_PLAYS: Final = 32
+MAX_LOWPASSES: Final = 8
+MAX_PAIRS: Final = 32
+MAX_COUPLED: Final = 12
+MAX_TURNING: Final = 16
+LEAST: Final = 0.1
+"""Share of its largest half-width that a growing play has where the other feature is least."""
+
+LAYOUT: Final = Layout()
+N_PLAYS: Final = LAYOUT.integer("n_plays", "of each feature")
+N_LOWPASSES: Final = LAYOUT.integer("n_lowpasses", "of each feature")
+CENTRE: Final = LAYOUT.array("centre", "of the range of each feature in training")
+INVERSE_HALF_RANGE: Final = LAYOUT.array("inverse_half_range", "of it; 0 where it is not used")
+HALF_WIDTHS: Final = LAYOUT.array("half_widths", "of the plays, in half ranges")
+TIME_CONSTANTS: Final = LAYOUT.array("time_constants", "of the low-passes [s]")
+OUTPUTS: Final = LAYOUT.array("outputs", "of the plays of each feature, as they were last")
+TRAILS: Final = LAYOUT.array("trails", "output and input of each low-pass, as they were last")
+SEEN: Final = LAYOUT.array("seen", "by the model: features, then plays, then low-passes")
+N_PAIRS: Final = LAYOUT.integer("n_pairs", "of a feature and one that its plays grow with")
+N_GROWING: Final = LAYOUT.integer("n_growing", "plays of a pair, each way")
+PAIRS: Final = LAYOUT.integers("pairs", "the feature, and the one that its plays grow with")
+GROWING: Final = LAYOUT.array("growing", "largest half-widths of growing plays, in half ranges")
+GROWN: Final = LAYOUT.array("grown", "outputs of growing plays, as they were last")
+N_COUPLED: Final = LAYOUT.integer("n_coupled", "features with plays of all together")
+N_SHARES: Final = LAYOUT.integer("n_shares", "such plays of all")
+COUPLED: Final = LAYOUT.integers("coupled", "the features")
+COUPLING: Final = LAYOUT.array("coupling", "stiffness between two of them over that of the first")
+REACHES: Final = LAYOUT.array("reaches", "half-widths of their plays, in half ranges")
+SHARES: Final = LAYOUT.array("shares", "of the half-widths")
+WANTED: Final = LAYOUT.array("wanted", "features that are coupled, scaled")
+STOOD: Final = LAYOUT.array("stood", "where they were last behind the plays, for each share")
+N_TURNING: Final = LAYOUT.integer("n_turning", "capstans of which the angle is seen")
+TURNS: Final = LAYOUT.array("turns", "of each capstan, by each feature [rad over its unit]")
+ROW: Final = LAYOUT.address("row", "prediction of the model")
+MODEL: Final = LAYOUT.part("model", "of what is seen")
+
+
+@compiled
+def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -> None:
+    """Scale features `x` (k,) to -1 to 1, add how far plays and low-passes are from them.
+
+    `seen` is ``n_seen(k, ...)`` long. A play is divided by its half-width, so that it too runs
+    from -1 to 1.
+    """
+    k, n_plays, n_lowpasses = x.shape[0], numbers[N_PLAYS], numbers[N_LOWPASSES]
+    fresh = dt == 0.0
+    standardise(
+        x, vector(memory, numbers[CENTRE], k), vector(memory, numbers[INVERSE_HALF_RANGE], k), seen
+    )
+    half_widths = vector(memory, numbers[HALF_WIDTHS], n_plays)
+    outputs = vector(memory, numbers[OUTPUTS], k * n_plays)
+    time_constants = vector(memory, numbers[TIME_CONSTANTS], n_lowpasses)
+    for i in range(k):
+        for j in range(n_plays):
+            at = i * n_plays + j
+            outputs[at] = play(half_widths[j], fresh, seen[i], outputs[at])
+            seen[k + at] = (outputs[at] - seen[i]) / half_widths[j]
+        for j in range(n_lowpasses):
+            at = i * n_lowpasses + j
+            kept = vector(memory, numbers[TRAILS] + 2 * at, 2)
+            trail = lowpass(time_constants[j], fresh, dt, seen[i], kept)
+            seen[k + k * n_plays + at] = trail - seen[i]
+    start = k * (1 + n_plays + n_lowpasses)
+    couple(numbers, memory, fresh, seen, start)
+    start += numbers[N_COUPLED] * numbers[N_SHARES]
+    turn(numbers, memory, x, seen, start)
+    grow(numbers, memory, fresh, seen, start + 2 * numbers[N_TURNING])
+
+
+@compiled
+def couple(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: int) -> None:
+    """Add plays of several features together: `seen` from `start` on, in their half-widths."""
+    k, n_shares = numbers[N_COUPLED], numbers[N_SHARES]
+    coupling = matrix(memory, numbers[COUPLING], k, k)
+    reaches = vector(memory, numbers[REACHES], k)
+    shares = vector(memory, numbers[SHARES], n_shares)
+    wanted = vector(memory, numbers[WANTED], k)
+    for i in range(k):
+        wanted[i] = seen[numbers[numbers[COUPLED] + i]]
+    for j in range(n_shares):
+        found = vector(seen, start + j * k, k)
+        stood = vector(memory, numbers[STOOD] + j * k, k)
+        coupled_play(coupling, reaches, shares[j], fresh, wanted, stood, found)
+        for i in range(k):
+            found[i] /= shares[j] * reaches[i]
+
+
+@compiled
+def turn(numbers: Integers, memory: Array, x: Array, seen: Array, start: int) -> None:
+    """Add cosine and sine of the angle of each capstan: `seen` from `start` on."""
+    k, n_turning = x.shape[0], numbers[N_TURNING]
+    turns = vector(memory, numbers[TURNS], n_turning * k)
+    for i in range(n_turning):
+        angle = 0.0
+        for j in range(k):
+            angle += turns[i * k + j] * x[j]
+        seen[start + 2 * i] = math.cos(angle)
+        seen[start + 2 * i + 1] = math.sin(angle)
+
+
+@compiled
+def grow(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: int) -> None:
+    """Add plays whose widths go up, then down, with another feature: `seen` from `start` on."""
+    n_pairs, n_growing = numbers[N_PAIRS], numbers[N_GROWING]
+    growing = vector(memory, numbers[GROWING], n_growing)
+    outputs = vector(memory, numbers[GROWN], 2 * n_pairs * n_growing)
+    for i in range(n_pairs):
+        here = seen[numbers[numbers[PAIRS] + 2 * i]]
+        other = 0.5 * seen[numbers[numbers[PAIRS] + 2 * i + 1]]
+        for way in range(2):
+            share = 0.5 + other if way == 0 else 0.5 - other
+            width = LEAST + (1.0 - LEAST) * min(max(share, 0.0), 1.0)
+            for j in range(n_growing):
+                at = (2 * i + way) * n_growing + j
+                outputs[at] = play(width * growing[j], fresh, here, outputs[at])
+                seen[start + at] = (outputs[at] - here) / growing[j]
+
+
+@compiled
+def play_bank_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by the model from what the features are and were."""
+    k = x.shape[0]
+    n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
+    n += numbers[N_COUPLED] * numbers[N_SHARES] + 2 * numbers[N_TURNING]
+    n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
+    seen = vector(memory, numbers[SEEN], n)
+    expand(numbers, memory, dt, x, seen)
+    call_row(
+        numbers[ROW],
+        part_numbers(numbers, MODEL),
+        part_memory(numbers, memory, MODEL),
+        dt,
+        seen,
+        out,
+        half_width,
+    )
+
+
+@compiled
+def _expand_rows(
+    numbers: Integers, memory: Array, dt: Array, X: Array, kept: Mask, out: Array
+) -> None:
+    at = 0
+    for i in range(X.shape[0]):
+        expand(numbers, memory, dt[i], X[i], out[at])
+        if kept[i] and at < out.shape[0] - 1:
+            at += 1
+
+
+def expand_rows(
+    params: Params, arrays: Mapping[str, Array], X: Array, dt: Array, kept: Mask
+) -> Array:
+    """Give what a model sees (m, n_seen) in the rows `kept` (n,) of features `X` (n, k)."""
+    memory = packed(params, arrays, X.shape[1])
+    out = np.empty((int(kept.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
+    _expand_rows(memory.numbers, memory.memory, dt, X, kept, out)
+    return out[:-1]
+
+
+def n_seen(params: Params, n_features: int) -> int:
+    """Count what the model sees."""
+    growing = 2 * len(params["pairs"]) * len(params["growing"])
+    return n_constant(params, n_features) + growing
+
+
+def n_constant(params: Params, n_features: int) -> int:
+    """Count what comes before the plays that grow."""
+    alone = n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
+    return alone + len(params["coupled"]) * len(params["shares"]) + 2 * len(params["turns"])
+
+
+def check_places(name: str, places: Sequence[Sequence[int]], n_features: int) -> None:
+    """Raise CalibrationError, with the parameter's name, for a feature that is not there."""
+    if any(place >= n_features for some in places for place in some):
+        raise CalibrationError(
+            f"play_bank has {name} {places}; it must be of features 0 to {n_features - 1}"
+        )
+
+
+def check_turns(turns: Sequence[Sequence[float]], n_features: int) -> None:
+    """Raise CalibrationError unless there is a turn by each feature."""
+    if any(len(row) != n_features for row in turns):
+        raise CalibrationError(
+            f"play_bank has turns by {len(turns[0])} features; it must be by each of {n_features}"
+        )
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    ((data, _),) = members(params, {})
+    family, k = find_family(data.family), n_seen(params, n_features)
+    family.check_params(data.params)
+    if family.inputs is not None or family.remembers:
+        raise CalibrationError(
+            f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
+            "features"
+        )
+    check_places("pairs", params["pairs"], n_features)
+    check_places("coupled", [params["coupled"]], n_features)
+    check_turns(params["turns"], n_features)
+    n_coupled = len(params["coupled"])
+    joined = {"coupling": (n_coupled, n_coupled), "reaches": (n_coupled,)} if n_coupled else {}
+    own = family.shapes(data.params, k, n_outputs)
+    return {
+        "centre": (n_features,),
+        "inverse_half_range": (n_features,),
+        **joined,
+        **{f"0/{name}": shape for name, shape in own.items()},
+    }
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
+    ((data, _),) = members(params, arrays)
+    family = find_family(data.family)
+    model = family.memory(data, n_seen(params, n_features), n_outputs)
+    return packed(params, arrays, n_features, model, family)
+
+
+def packed(
+    params: Params,
+    arrays: Mapping[str, Array],
+    k: int,
+    model: Memory | None = None,
+    family: Family | None = None,
+) -> Memory:
+    """Memory of the plays of `k` features, and of the model of a `family`, if there is one."""
+    n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
+    pairs, n_growing = params["pairs"], len(params["growing"])
+    coupled, shares = params["coupled"], params["shares"]
+    nothing = np.ones((1, 1))  # C has no array without elements
+    return LAYOUT.pack(
+        {} if family is None else {"row": family.row},
+        n_plays=n_plays,
+        n_lowpasses=n_lowpasses,
+        centre=arrays["centre"],
+        inverse_half_range=arrays["inverse_half_range"],
+        half_widths=params["plays"] or nothing,
+        time_constants=params["time_constants"] or nothing,
+        outputs=np.zeros(max(1, k * n_plays)),
+        trails=np.zeros((max(1, k * n_lowpasses), 2)),
+        seen=np.zeros(n_seen(params, k)),
+        n_pairs=len(pairs),
+        n_growing=n_growing,
+        pairs=pairs or ((0, 0),),
+        growing=params["growing"],
+        grown=np.zeros(max(1, 2 * len(pairs) * n_growing)),
+        n_coupled=len(coupled),
+        n_shares=len(shares),
+        coupled=coupled or (0,),
+        coupling=arrays["coupling"] if coupled else nothing,
+        reaches=arrays["reaches"] if coupled else nothing,
+        shares=shares,
+        wanted=np.zeros(max(1, len(coupled))),
+        stood=np.zeros(max(1, len(coupled) * len(shares))),
+        n_turning=len(params["turns"]),
+        turns=np.ravel(params["turns"]) if params["turns"] else nothing,
+        row=0 if family is None else family.row_address(),
+        model=Layout().pack() if model is None else model,
+    )
+
+
+def _are_pairs(value: object) -> bool:
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) <= MAX_PAIRS
+        and all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in value)
+        and all(is_integer(place, 0, 10**6) for pair in value for place in pair)
+    )
+
+
+def _are_places(value: object) -> bool:
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) <= MAX_COUPLED
+        and len(value) == len(set(map(repr, value))) != 1
+        and all(is_integer(place, 0, 10**6) for place in value)
+    )
+
+
+def _are_turns(value: object) -> bool:
+    return (
+        isinstance(value, (tuple, list))
+        and len(value) <= MAX_TURNING
+        and all(isinstance(row, (tuple, list)) and len(row) == len(value[0]) for row in value)
+        and all(is_number(turn, -LARGEST, LARGEST) for row in value for turn in row)
+    )
+
+
+FAMILY: Final = Family(
+    "play_bank",
+    rules={
+        "learner": one_of(*LEARNERS),
+        "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),
+        "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]", least=0),
+        "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),
+        "pairs": Rule(_are_pairs, f"up to {MAX_PAIRS} pairs of features by their places"),
+        "couple": Rule(lambda value: isinstance(value, bool), "True or False"),
+        "coupled": Rule(_are_places, f"no features, or 2 to {MAX_COUPLED} by their places"),
+        "shares": numbers(MAX_PLAYS, 1e-3, 1e3, "shares of a half-width"),
+        "turn": Rule(lambda value: isinstance(value, bool), "True or False"),
+        "turns": Rule(
+            _are_turns,
+            f"rows of up to {MAX_TURNING} capstans: angle by each feature [rad over its unit]",
+        ),
+        "members": Rule(
+            lambda value: are_members(value) and len(value) == 1 and not value[0][2],
+            "one model: family, its parameters and no outputs",
+        ),
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=play_bank_row,
+    remembers=True,
+)

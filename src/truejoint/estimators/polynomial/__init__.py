@@ -1,0 +1,1 @@
+"""polynomial: what runs, and what learns."""

@@ -1,0 +1,1 @@
+"""stack: what runs, and what learns."""

@@ -1,0 +1,264 @@
+"""A weighted sum of estimators: one after the other on what is left, or each with a weight."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Self
+
+import numpy as np
+from sklearn.base import clone
+
+from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
+from truejoint.estimators import registry
+from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.family import (
+    EstimatorData,
+    Family,
+    Params,
+    Rule,
+    find_family,
+    integer,
+    optional,
+    random_state,
+)
+from truejoint.estimators.stack import combination_with_filter, combination_with_memory
+from truejoint.estimators.stack import run as combination
+from truejoint.estimators.wrapped import Regressor, joint_regressor
+
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
+    from truejoint.robots import Robot
+
+
+class _FamilyOfMembers:
+    """Family of a combination, as its members make it; of the class, that without a memory."""
+
+    def __get__(self, one: Combination | None, _owner: type) -> Family:
+        own: Mapping[str, Any] = {} if one is None else vars(one)
+        return own.get("_by_members", combination.FAMILY)  # type: ignore[no-any-return]
+
+
+@dataclass(eq=False, repr=False)
+class Combination(JointRegressor):
+    """Sum of estimators: by `weights`, or each fitted to what those before it leave.
+
+    With weights, it is what Breiman calls stacked regressions (Machine Learning 24, 1996), the
+    choice of one estimator for each joint included; they come from errors on rows that the members
+    were not fitted to, see `truejoint.calibration.Automatic`. Without weights it is one step of
+    boosting: the first member explains what it can, and the next its residual.
+
+    Parameters
+    ----------
+    members : sequence of Regressor or str
+        Unfitted, each with a row, or names of truejoint's own, ``boosted_trees`` and
+        ``random_forest`` among them; by default the linear model, then boosted trees. Where one
+        takes features of its own, as a physical filter does, all see these: what the filter leaves
+        can then be learnt.
+    weights : sequence of sequence of float, optional
+        A row for each member, a column for each output. A member is fitted to those outputs alone
+        for which it has a weight other than 0, one without any is left out.
+    random_state : int, optional
+        Seed of the members; their own by default.
+    rows : int, optional
+        Most rows that members without a memory are fitted to, evenly spread; by default all.
+
+    Attributes
+    ----------
+    members_ : list of JointRegressor
+        Fitted, of those that have a weight.
+
+    Examples
+    --------
+    >>> X = np.linspace(-1.0, 1.0, 200)[:, None]
+    >>> model = Combination().fit(X, X[:, 0] + (X[:, 0] > 0.5))
+    >>> model.name, [member.name for member in model.members_]
+    ('linear_trees', ['linear', 'HistGradientBoostingRegressor'])
+    >>> model.predict([[0.2], [0.8]]).round(1)
+    array([0.2, 1.8])
+    """
+
+    family: ClassVar[Family] = _FamilyOfMembers()  # type: ignore[assignment]  # by its members
+    training: ClassVar[Mapping[str, Rule]] = {
+        "random_state": random_state(),
+        "rows": optional(integer(1, 10**9)),
+    }
+    members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
+    weights: Sequence[Sequence[float]] | None = None
+    random_state: int | None = None
+    rows: int | None = None
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.members, list | tuple):
+            return  # `fit` says so, and what else is wrong
+        with suppress(CalibrationError):
+            self._by_members = _family([member.family for member in self._unfitted()])
+
+    def set_params(self, **params: Any) -> Self:
+        """Set parameters by name; other members may make another family of it."""
+        super().set_params(**params)
+        self.__post_init__()
+        return self
+
+    def minimum_rows(self, n_features: int) -> int:
+        """As many as the most demanding member needs."""
+        return max(member.minimum_rows(n_features) for member in self._unfitted())
+
+    def check_params(self) -> None:
+        """Raise CalibrationError if a member cannot be one, or the weights are not theirs."""
+        if not isinstance(self.members, list | tuple):
+            raise CalibrationError(
+                f"members of a combination are {self.members!r:.60}; give a list of estimators"
+            )
+        unfitted = self._unfitted()
+        for member in unfitted:
+            member.check_params()
+        own = [(one.name, one.family.inputs(one.model_params())) for one in unfitted
+               if one.family.inputs]  # fmt: skip
+        if len({inputs for _, inputs in own}) > 1:
+            raise CalibrationError(
+                f"{' and '.join(name for name, _ in own)} take features of their own, not the "
+                "same, and cannot be combined; fit each alone"
+            )
+        if self.weights is not None:
+            weights = np.zeros(0)
+            with suppress(TypeError, ValueError):  # of words, or of rows that are not as long
+                weights = np.asarray(self.weights, dtype=np.float64)
+            good = weights.ndim == 2 and len(weights) == len(unfitted)
+            if not (good and np.isfinite(weights).all() and weights.any(axis=0).all()):
+                raise CalibrationError(
+                    f"weights of a combination have shape {weights.shape}; give a finite one for "
+                    f"each of {len(unfitted)} members and each output, not all 0 for an output"
+                )
+        super().check_params()
+
+    def check_shape(self, n_features: int, n_outputs: int) -> None:
+        """Raise CalibrationError for numbers of either that a member does not take."""
+        if self.weights is not None and np.shape(self.weights)[1] != n_outputs:
+            raise CalibrationError(
+                f"weights of a combination are for {np.shape(self.weights)[1]} outputs; it must be "
+                f"{n_outputs}"
+            )
+        for member in self._unfitted():
+            member.check_shape(n_features, n_outputs)
+
+    def for_recordings(self, recordings: Sequence[Recording]) -> Self:
+        """Unfitted copy whose members know what the recordings say of the robot.
+
+        Raises CalibrationError when they cannot serve to fit a member.
+        """
+        return self._of(one.for_recordings(recordings) for one in self._unfitted())
+
+    def truth_beside(self) -> tuple[str, ...]:
+        """Columns of known loads that members take, each once."""
+        return tuple(dict.fromkeys(n for one in self._unfitted() for n in one.truth_beside()))
+
+    def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
+        """Unfitted copy whose members know features and joints; raises as they do."""
+        return self._of(one.for_features(names, robot, joints) for one in self._unfitted())
+
+    def _of(self, members: Iterable[JointRegressor]) -> Self:
+        """Unfitted copy of other members; of those that it has, names too, where they are alike."""
+        told = tuple(members)
+        known = self._unfitted()
+        same = _described(told) == _described(known) and [*map(repr, told)] == [*map(repr, known)]
+        return self.with_params(**({} if same else {"members": told}))
+
+    def model_params(self) -> Params:
+        """Parameters of the family: each member's family, parameters and outputs."""
+        return dict(vars(self).get("params_") or _described(self._unfitted()))
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        same = (one for one in map(registry.registered, registry.OWN) if type(one) is cls)
+        made = next((one for one in same if one.model_params() == params), cls())
+        made.params_ = params
+        return made
+
+    @classmethod
+    def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
+        """Fitted estimator of its data; raises as `JointRegressor.from_data`."""
+        family = find_family(data.family)
+        family.check(data, n_features, n_outputs)
+        made = super().from_data(data, n_features, n_outputs)
+        made.members, made._by_members = (), family
+        return made
+
+    def settled(self) -> Self:
+        """Unfitted copy, of settled members."""
+        fitted = vars(self).get("members_")
+        if self._is_named() or fitted is None:
+            return super().settled()
+        return self.with_params(
+            members=tuple(member.settled() for member in fitted),
+            weights=None if self.weights is None else self._used(),
+        )
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        unfitted, n = self._unfitted(), y.shape[1]
+        weights = np.ones((len(unfitted), n))
+        if self.weights is not None:
+            weights = np.array(self._used(), dtype=np.float64)
+            unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
+        self.members_ = []
+        arrays: Arrays = {"weights": weights[weights != 0.0]}
+        left, loads = y.copy(), self.truth_beside()
+        for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
+            outputs = np.flatnonzero(own)
+            told = partial(_share, progress, number, len(unfitted))
+            if self.random_state is not None:
+                seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
+                member.set_params(**dict.fromkeys(seeds, self.random_state))
+            rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
+            if self.rows is not None and not member.family.remembers:
+                rows = rows[:: -(-len(rows) // int(self.rows))]
+            steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
+            taken = [loads.index(name) for name in member.truth_beside()]
+            member.fit(X[rows], left[rows][:, outputs], told, steps, self._loads[rows][:, taken])
+            member.memory()  # refuses what only works offline
+            if self.weights is None and number + 1 < len(unfitted):
+                left -= member.evaluate(X, dt)
+            self.members_.append(member)
+            arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}
+        self.params_ = _described(self.members_, weights)
+        return arrays
+
+    def _is_named(self) -> bool:
+        """Whether all members are names, which what is learnt of recordings does not change."""
+        return all(isinstance(member, str) for member in self.members)
+
+    def _unfitted(self) -> list[JointRegressor]:
+        """Give members of one's own."""
+        members = (registry.member(m) if isinstance(m, str) else m for m in self.members)
+        return [clone(joint_regressor(member)) for member in members]
+
+    def _used(self) -> tuple[tuple[float, ...], ...]:
+        """Weights of the members that have any."""
+        return tuple(tuple(map(float, own)) for own in self.weights or () if np.any(own))
+
+
+def _family(members: Sequence[Family]) -> Family:
+    """Give the family of a combination of members of these."""
+    if any(one.inputs for one in members):
+        return combination_with_filter.FAMILY
+    remembers = any(one.remembers for one in members)
+    return combination_with_memory.FAMILY if remembers else combination.FAMILY
+
+
+def _described(members: Sequence[JointRegressor], weights: Array | None = None) -> Params:
+    """Parameters of the family: family, parameters and outputs of each member."""
+    rows = np.zeros((len(members), 0)) if weights is None else weights
+    return {
+        "members": tuple(
+            (member.family.name, dict(member.model_params()), tuple(np.flatnonzero(row).tolist()))
+            for member, row in zip(members, rows, strict=True)
+        )
+    }
+
+
+def _share(progress: Progress, done: int, count: int, fraction: float) -> None:
+    progress((done + fraction) / count)

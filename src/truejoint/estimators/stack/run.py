@@ -1,0 +1,170 @@
+"""A weighted sum of other estimators, each for some of the outputs: their rows in turn."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, fill, unrolled, vector
+from truejoint.errors import CalibrationError
+from truejoint.estimators.family import (
+    EstimatorData,
+    Family,
+    Params,
+    Path,
+    Rule,
+    Shape,
+    call_row,
+    find_family,
+    is_integer,
+)
+from truejoint.layout import PART_SIZE, Layout, Memory, part_memory, part_numbers
+
+MAX_MEMBERS: Final = 10
+MAX_OUTPUTS: Final = 64
+DEPTH: Final = 3
+"""How deep a sum may stand within sums."""
+
+LAYOUT: Final = Layout()
+N_MEMBERS: Final = LAYOUT.integer("n_members", "estimators in the sum")
+COUNT: Final = LAYOUT.integers("count", "outputs of each member")
+FIRST: Final = LAYOUT.integers("first", "of the outputs of each member")
+OUTPUT: Final = LAYOUT.integers("output", "that each output of the members adds to")
+WEIGHTS: Final = LAYOUT.array("weights", "of each output of the members")
+PREDICTED: Final = LAYOUT.array("predicted", "by one member")
+ROW: Final = LAYOUT.address("row_0", "prediction of a member")
+for _i in range(1, MAX_MEMBERS):
+    LAYOUT.address(f"row_{_i}", "prediction of a member")
+MEMBER: Final = LAYOUT.part("member_0", "of the sum")
+for _i in range(1, MAX_MEMBERS):
+    LAYOUT.part(f"member_{_i}", "of the sum")
+
+
+@compiled
+def combination_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict a weighted sum of what the members predict."""
+    fill(out, out.shape[0], 0.0)
+    for i in range(unrolled(numbers[N_MEMBERS])):
+        first, count = numbers[numbers[FIRST] + i], numbers[numbers[COUNT] + i]
+        predicted = vector(memory, numbers[PREDICTED], count)
+        call_row(
+            numbers[ROW + i],
+            part_numbers(numbers, MEMBER + PART_SIZE * i),
+            part_memory(numbers, memory, MEMBER + PART_SIZE * i),
+            dt,
+            x,
+            predicted,
+            half_width,
+        )
+        weights = vector(memory, numbers[WEIGHTS] + first, count)
+        add_weighted(predicted, weights, vector(numbers, numbers[OUTPUT] + first, count), out)
+
+
+@compiled
+def add_weighted(predicted: Array, weights: Array, output: Integers, out: Array) -> None:
+    """Add what a member predicts, weighted, to the outputs that it is for."""
+    for i in range(predicted.shape[0]):
+        out[output[i]] += weights[i] * predicted[i]
+
+
+def are_members(value: object, depth: int = DEPTH) -> bool:
+    """Whether `value` is a sequence of (family, its parameters, outputs), sums not too deep."""
+    return (
+        isinstance(value, (tuple, list))
+        and 1 <= len(value) <= MAX_MEMBERS
+        and all(_is_member(member, depth) for member in value)
+    )
+
+
+def _is_member(value: object, depth: int) -> bool:
+    if not isinstance(value, (tuple, list)) or len(value) != 3:
+        return False
+    family, params, outputs = value
+    return (
+        isinstance(family, str)
+        and isinstance(params, Mapping)
+        and isinstance(outputs, (tuple, list))
+        and all(is_integer(output, 0, MAX_OUTPUTS - 1) for output in outputs)
+        and len(set(outputs)) == len(outputs)
+        and ("members" not in params or (depth > 1 and are_members(params["members"], depth - 1)))
+    )
+
+
+def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[EstimatorData, list[int]]]:
+    """Give each member as data, of arrays called ``<number>/<name>``, and its outputs."""
+    for number, (family, own, outputs) in enumerate(params["members"]):
+        prefix = f"{number}/"
+        found = {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
+        yield EstimatorData(family, own, found), list(outputs)
+
+
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    known: set[int] = set()
+    shapes: dict[str, Shape] = {}
+    n_weights = 0
+    for number, (data, outputs) in enumerate(members(params, {})):
+        family = find_family(data.family)
+        family.check_params(data.params)
+        family.check_size(data.params, n_features)
+        own = family.shapes(data.params, n_features, len(outputs))
+        shapes |= {f"{number}/{name}": shape for name, shape in own.items()}
+        n_weights += len(outputs)
+        known |= set(outputs)
+    if known != set(range(n_outputs)):
+        raise CalibrationError(
+            f"the members of a combination are for outputs {sorted(known)}; it must be each of "
+            f"{n_outputs}"
+        )
+    return {"weights": (n_weights,), **shapes}
+
+
+def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
+    parts = {f"member_{i}": Layout().pack() for i in range(MAX_MEMBERS)}
+    functions: dict[str, Any] = {}
+    rows: dict[str, int] = {}
+    used: list[Sequence[int]] = []
+    for i, (data, outputs) in enumerate(members(params, arrays)):
+        family = find_family(data.family)
+        parts[f"member_{i}"] = family.memory(data, n_features, len(outputs))
+        functions[f"row_{i}"], rows[f"row_{i}"] = family.row, family.row_address()
+        used.append(outputs)
+    count = [len(outputs) for outputs in used]
+    return LAYOUT.pack(
+        functions,
+        n_members=len(used),
+        count=count,
+        first=np.cumsum([0, *count[:-1]]),
+        output=np.concatenate(used),
+        weights=arrays["weights"],
+        predicted=np.zeros(n_outputs),
+        **rows,
+        **parts,
+    )
+
+
+def _beside(params: Params) -> dict[str, Path]:
+    """Find what members tell beside the position, each quantity in the first that does."""
+    found: dict[str, Path] = {}
+    for i, (data, _) in enumerate(members(params, {})):
+        for name, path in find_family(data.family).beside(data.params).items():
+            found.setdefault(name, (f"member_{i}", *path))
+    return found
+
+
+FAMILY: Final = Family(
+    "combination",
+    rules={
+        "members": Rule(
+            are_members, f"1 to {MAX_MEMBERS} members: family, its parameters and outputs"
+        )
+    },
+    shapes=_shapes,
+    pack=_pack,
+    row=combination_row,
+    beside=_beside,
+)

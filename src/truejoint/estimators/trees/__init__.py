@@ -1,0 +1,1 @@
+"""trees: what runs, and what learns."""

@@ -1,0 +1,313 @@
+"""What scikit-learn has learnt as arrays of ours, where a family of ours computes the same."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from sklearn.dummy import DummyRegressor
+from sklearn.ensemble import (
+    BaggingRegressor,
+    ExtraTreesRegressor,
+    GradientBoostingRegressor,
+    HistGradientBoostingRegressor,
+    RandomForestRegressor,
+    VotingRegressor,
+)
+from sklearn.multioutput import MultiOutputRegressor
+from sklearn.neural_network import MLPRegressor
+from sklearn.pipeline import Pipeline
+from sklearn.preprocessing import MaxAbsScaler, RobustScaler, StandardScaler
+from sklearn.tree import BaseDecisionTree
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.network import run as network
+from truejoint.estimators.polynomial import run as polynomial
+from truejoint.estimators.trees.run import FAMILY, MAX_NODES
+
+_SCALERS: Final = {StandardScaler: "mean_", RobustScaler: "center_", MaxAbsScaler: ""}
+"""Steps that take away the attribute of this name and divide by ``scale_``."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """A regressor that sees features less `mean` over `scale` (k,)."""
+
+    regressor: Any
+    mean: Array
+    scale: Array
+
+
+def convert(
+    parts: Sequence[object], n_features: int, target_mean: Array, target_scale: Array
+) -> EstimatorData | None:
+    """Give data of a family of ours that computes what regressors do; None if there is none.
+
+    `parts`, one for all outputs or one for each, predict targets less `target_mean` over
+    `target_scale` (n_outputs,). Whoever calls compares what both predict: a class may inherit from
+    one of scikit-learn's and predict otherwise. Raises CalibrationError for too large trees.
+    """
+    separate = [
+        p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts
+    ]  # one by one, where they are fitted so
+    scaled = [_scaled(one, n_features) for ones in separate for one in ones]
+    found = [one for one in scaled if one is not None]
+    if len(found) != len(scaled) or len(found) not in (1, len(target_mean)):
+        return None
+    mean, scale = found[0].mean, found[0].scale
+    if any((one.mean != mean).any() or (one.scale != scale).any() for one in found):
+        return None
+    sums = [tree_sum(one.regressor) for one in found]
+    trees = [one for one in sums if one is not None and one.trees]
+    if len(trees) == len(sums):
+        means, scales = (np.split(a, len(trees)) for a in (target_mean, target_scale))
+        rescaled = [one.rescaled(*by) for one, *by in zip(trees, means, scales, strict=True)]
+        return trees_data(rescaled, mean, scale)
+    if isinstance(found[0].regressor, MLPRegressor):
+        return _network(found[0], target_mean, target_scale) if len(found) == 1 else None
+    return _linear(found, target_mean, target_scale)
+
+
+def is_convertible_step(step: object) -> bool:
+    """Whether a step of a pipeline before its last can become a part of arrays of ours."""
+    return step is None or step == "passthrough" or type(step) in _SCALERS
+
+
+def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
+    """Strip a regressor of search and scaling; None if there is more."""
+    found = getattr(regressor, "best_estimator_", regressor)
+    mean, scale = np.zeros(n_features), np.ones(n_features)
+    if not isinstance(found, Pipeline):
+        return _Scaled(found, mean, scale)
+    *before, (_, last) = found.steps
+    steps: list[Any] = [step for _, step in before if step not in (None, "passthrough")]
+    if len(steps) > 1 or not all(map(is_convertible_step, steps)):
+        return None
+    for step in steps:
+        taken = getattr(step, _SCALERS[type(step)] or "", None)
+        mean = mean if taken is None else np.asarray(taken, dtype=np.float64)
+        scale = scale if step.scale_ is None else np.asarray(step.scale_, dtype=np.float64)
+    return _Scaled(last, mean, scale)
+
+
+def _linear(
+    parts: Sequence[_Scaled], target_mean: Array, target_scale: Array
+) -> EstimatorData | None:
+    """Polynomial of degree 1, of whatever has coefficients and an intercept."""
+    shape = len(target_mean) // len(parts), len(parts[0].mean)
+    found = [part.regressor for part in parts]
+    try:
+        coefs = [np.asarray(one.coef_, np.float64).reshape(shape) for one in found]
+        each = [np.ravel(one.intercept_).astype(np.float64) for one in found]
+        intercepts = [np.broadcast_to(intercept, shape[0]) for intercept in each]
+    except (AttributeError, TypeError, ValueError):
+        return None
+    arrays = {
+        "mean": parts[0].mean,
+        "inverse_scale": 1.0 / parts[0].scale,
+        "coef": np.ascontiguousarray(np.concatenate(coefs).T * target_scale),
+        "intercept": target_mean + target_scale * np.concatenate(intercepts),
+    }
+    return EstimatorData(polynomial.FAMILY.name, {"degree": 1}, arrays)
+
+
+def _network(part: _Scaled, target_mean: Array, target_scale: Array) -> EstimatorData | None:
+    """Network of ours, of one with logistic hidden units."""
+    fitted = part.regressor
+    params = {
+        "hidden_layer_sizes": tuple(len(bias) for bias in fitted.intercepts_[:-1]),
+        "weight_decay": float(fitted.alpha),
+        "learning_rate": float(fitted.learning_rate_init),
+        "batch_size": 200 if fitted.batch_size == "auto" else int(fitted.batch_size),
+        "epochs": int(fitted.n_iter_),
+        "random_state": fitted.random_state,
+    }
+    try:
+        network.FAMILY.check_params(params)
+    except CalibrationError:
+        return None
+    arrays = {
+        "mean": part.mean,
+        "inverse_scale": 1.0 / part.scale,
+        "target_mean": target_mean,
+        "target_scale": target_scale,
+    }
+    for i, (weight, bias) in enumerate(zip(fitted.coefs_, fitted.intercepts_, strict=True)):
+        arrays |= {f"weight_{i}": np.array(weight), f"bias_{i}": np.array(bias)}
+    return EstimatorData(network.FAMILY.name, params, arrays)
+
+
+@dataclass(frozen=True, eq=False)
+class Tree:
+    """One tree, its nodes in the order in which a walk to the left first meets them."""
+
+    feature: Integers  # (n_nodes,), -1 for a leaf
+    threshold: Array  # up to which a row goes to the next node
+    right: Integers  # node that other rows go to; 0 for a leaf
+    value: Array  # (n_nodes, n_outputs), of which those of the leaves count
+
+
+@dataclass(frozen=True, eq=False)
+class TreeSum:
+    """Trees whose values are added to `offset` (n_outputs,)."""
+
+    trees: Sequence[Tree]
+    offset: Array
+
+    def rescaled(self, mean: Array | float, scale: Array | float) -> TreeSum:
+        """Give `mean` and `scale`, numbers or (n_outputs,), times what this gives."""
+        trees = [replace(tree, value=tree.value * scale) for tree in self.trees]
+        return TreeSum(trees, mean + scale * self.offset)
+
+
+def tree_sum(regressor: object) -> TreeSum | None:
+    """Trees of a fitted regressor of scikit-learn; None if it is no sum of trees."""
+    if isinstance(regressor, BaseDecisionTree):
+        return _sum_of([_grown(regressor, 1.0)], 0.0)
+    if isinstance(regressor, (RandomForestRegressor, ExtraTreesRegressor)):
+        share = 1.0 / len(regressor.estimators_)
+        return _sum_of([_grown(tree, share) for tree in regressor.estimators_], 0.0)
+    if isinstance(regressor, GradientBoostingRegressor):
+        return _gradient_boosted(regressor)
+    if isinstance(regressor, HistGradientBoostingRegressor):
+        return _histogram_boosted(regressor)
+    if isinstance(regressor, (BaggingRegressor, VotingRegressor)):
+        return _averaged(regressor)
+    return None
+
+
+def trees_data(sums: Sequence[TreeSum], mean: Array, scale: Array) -> EstimatorData:
+    """One sum for all outputs, or one for each, on features less `mean` over `scale` (k,).
+
+    Raises CalibrationError if the trees are too many for a model file.
+    """
+    trees = [tree for part in sums for tree in part.trees]
+    n_nodes = sum(len(tree.feature) for tree in trees)
+    n_values = sum(tree.value[tree.feature < 0].size for tree in trees)
+    if max(n_nodes, n_values) > MAX_NODES:
+        raise CalibrationError(
+            f"its {len(trees)} trees have {n_nodes} nodes and {n_values} values, more than the "
+            f"{MAX_NODES} of either that a model file holds; set min_samples_leaf or "
+            "max_leaf_nodes, or fit at a lower rate"
+        )
+    outputs = [-1] if len(sums) == 1 else range(len(sums))
+    output = np.concatenate([np.full(len(p.trees), j) for j, p in zip(outputs, sums, strict=True)])
+    sizes = np.array([len(tree.feature) for tree in trees])
+    root = np.cumsum(sizes) - sizes
+    feature = np.concatenate([tree.feature for tree in trees])
+    leaf = feature < 0
+    width = np.repeat([tree.value.shape[1] for tree in trees], sizes)[leaf]
+    right = np.concatenate([tree.right for tree in trees]) + np.repeat(root, sizes)
+    right[leaf] = np.cumsum(width) - width
+    arrays = {
+        "mean": mean,
+        "scale": scale,
+        "offset": np.concatenate([part.offset for part in sums]),
+        "root": root,
+        "output": output,
+        "feature": feature,
+        "threshold": np.concatenate([tree.threshold for tree in trees]),
+        "right": right,
+        "value": np.concatenate([tree.value[tree.feature < 0].ravel() for tree in trees]),
+    }
+    params = {"n_trees": len(trees), "n_nodes": n_nodes, "n_values": n_values}
+    return EstimatorData(FAMILY.name, params, {n: a.astype(np.float64) for n, a in arrays.items()})
+
+
+def _gradient_boosted(regressor: Any) -> TreeSum | None:
+    offset = 0.0
+    if regressor.init != "zero":
+        if not isinstance(regressor.init_, DummyRegressor):
+            return None
+        offset = float(regressor.init_.constant_.item())
+    rate = regressor.learning_rate
+    return _sum_of([_grown(tree, rate) for tree in regressor.estimators_.ravel()], offset)
+
+
+def _histogram_boosted(regressor: Any) -> TreeSum | None:
+    # scikit-learn has no public names for what histogram boosting has learnt.
+    stages = [stage[0].nodes for stage in regressor._predictors]
+    if any(nodes["is_categorical"].any() for nodes in stages):
+        return None
+    trees = []
+    for nodes in stages:  # which compare features as they are
+        leaf = nodes["is_leaf"].astype(bool)
+        feature = np.where(leaf, -1, nodes["feature_idx"])
+        threshold = np.where(leaf, 0.0, nodes["num_threshold"])
+        left, right = (nodes[side].astype(np.int64) for side in ("left", "right"))
+        value = nodes["value"][:, None].copy()
+        trees.append(_in_order(feature, threshold, left, right, value))
+    return _sum_of(trees, regressor._baseline_prediction.item())
+
+
+def _averaged(regressor: Any) -> TreeSum | None:
+    members = [tree_sum(member) for member in regressor.estimators_]
+    sums = [member for member in members if member is not None]
+    if len(sums) != len(members):
+        return None
+    weights = np.ones(len(sums))
+    if isinstance(regressor, VotingRegressor) and regressor.weights is not None:
+        named = zip(regressor.estimators, regressor.weights, strict=True)
+        weights = np.array([weight for (_, member), weight in named if member != "drop"])
+    scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
+    if isinstance(regressor, BaggingRegressor):  # of which each sees some features
+        seen = zip(scaled, regressor.estimators_features_, strict=True)
+        scaled = [
+            replace(one, trees=[
+                replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
+                for t in one.trees
+            ])
+            for one, columns in seen
+        ]  # fmt: skip
+    return added(scaled)
+
+
+def added(sums: Sequence[TreeSum]) -> TreeSum:
+    """One sum of what several give."""
+    return TreeSum([t for one in sums for t in one.trees], np.sum([s.offset for s in sums], axis=0))
+
+
+def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:
+    return TreeSum(trees, np.full(trees[0].value.shape[1] if trees else 1, offset))
+
+
+def _grown(regressor: Any, factor: float) -> Tree:
+    """Tree of `sklearn.tree`, which compares features in single precision."""
+    tree = regressor.tree_
+    feature = np.where(tree.children_left < 0, -1, tree.feature)
+    threshold = np.where(feature < 0, 0.0, single_threshold(tree.threshold))
+    value = factor * tree.value[:, :, 0]
+    return _in_order(feature, threshold, tree.children_left, tree.children_right, value)
+
+
+def _in_order(
+    feature: Integers, threshold: Array, left: Integers, right: Integers, value: Array
+) -> Tree:
+    """Tree with its nodes in the order of a walk to the left first; most are in it already."""
+    inner = np.flatnonzero(feature >= 0)
+    if not (left[inner] == inner + 1).all():
+        order, rest = [], [0]
+        while rest:
+            node = rest.pop()
+            order.append(node)
+            if feature[node] >= 0:
+                rest += [int(right[node]), int(left[node])]
+        place = np.empty(len(order), dtype=np.int64)
+        place[order] = np.arange(len(order))
+        right = np.where(feature >= 0, place[right], 0)[order]
+        feature, threshold, value = feature[order], threshold[order], value[order]
+    return Tree(feature, threshold, np.where(feature >= 0, right, 0), value)
+
+
+def single_threshold(threshold: Array) -> Array:
+    """Largest numbers (n,) that are at most `threshold` (n,) once they are rounded to float32."""
+    below = threshold.astype(np.float32)
+    below = np.where(below > threshold, np.nextafter(below, np.float32(-np.inf)), below)
+    above = np.nextafter(below, np.float32(np.inf))
+    half = 0.5 * (below.astype(np.float64) + above)
+    # Half-way between two numbers goes to the one whose last bit is 0.
+    return np.where(half.astype(np.float32) == below, half, np.nextafter(half, -np.inf))

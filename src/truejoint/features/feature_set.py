@@ -1,0 +1,371 @@
+"""Causal features of a recording's signals, the same offline as in the robot's loop."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Final, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.array_types import Array
+from truejoint.errors import CalibrationError
+from truejoint.features import kernels
+from truejoint.summary import Summarised
+
+if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
+    from truejoint.recordings import Recording
+    from truejoint.robots import Robot
+
+Operation = Literal["value", "lag", "lowpass", "rate", "play", "delay", "trail"]
+
+MAX_FEATURES: Final = 512
+MAX_LAG: Final = 10_000
+MAX_TIME_CONSTANT: Final = 3600.0
+MAX_SIGNAL_LENGTH: Final = 120
+MAX_RATE_RATIO: Final = 1.5
+"""How far the time step may be from that of training where features count samples."""
+
+_CODES: Final[Mapping[Operation, int]] = {
+    name: getattr(kernels, name.upper()) for name in get_args(Operation)
+}
+_SIGNAL: Final = re.compile(r"[A-Za-z]\w*/\w+", re.ASCII)
+_CALL: Final = re.compile(r"(\w+)\(\s*([^\s,()]+)\s*,\s*([^\s,()]+)\s*\)", re.ASCII)
+_FORMS: Final = (
+    "'measured/jaw', 'lag(measured/jaw, 3)' (samples), 'lowpass(effort/jaw, 0.05)' (s), "
+    "'rate(measured/jaw, 0.02)' (s), 'play(measured/jaw, 0.0175)' (half-width, rad or m), "
+    "'delay(measured/jaw, 0.4)' (s), 'trail(measured/jaw, 0.02)' (way, rad or m)"
+)
+
+
+def is_signal(name: str) -> bool:
+    """Whether a column is called ``<quantity>/<channel>``, as every input of a model is."""
+    return len(name) <= MAX_SIGNAL_LENGTH and _SIGNAL.fullmatch(name) is not None
+
+
+@dataclass(frozen=True)
+class Feature:
+    """One input of a model: a signal of the recording, as it is or through a causal operation.
+
+    Attributes
+    ----------
+    signal : str
+        Column of a recording, ``<quantity>/<channel>``; never a ``truth`` column.
+    operation : str
+        ``value``: the signal itself. ``lag``: its value some samples ago. ``lowpass``: first-order
+        low-pass, exact for a signal that runs straight between its samples at any spacing.
+        ``rate``: derivative of the same low-pass. ``play``: the play (backlash) operator.
+        ``delay``: its value some time ago, ``trail``: where it was before the last so much of its
+        way; both at any rate, straight between 32 points of that time or way at most.
+    parameter : float
+        Samples (``lag``, 1 to 10000), time constant [s] (``lowpass`` and ``rate``, up to 3600),
+        time [s] (``delay``, up to 3600), half-width (``play``) or way (``trail``) [unit of the
+        signal]; 0 for ``value``.
+
+    Raises
+    ------
+    CalibrationError
+        If a part breaks these rules.
+
+    Examples
+    --------
+    >>> str(Feature.parse("play(measured/jaw, 0.02)"))
+    'play(measured/jaw, 0.02)'
+    """
+
+    signal: str
+    operation: Operation = "value"
+    parameter: float = 0.0
+
+    def __post_init__(self) -> None:
+        if not is_signal(self.signal):
+            raise CalibrationError(
+                f"feature signal {self.signal[:80]!r} is not '<quantity>/<channel>'; write one of "
+                f"{_FORMS}"
+            )
+        if self.signal.startswith("truth"):
+            raise CalibrationError(
+                f"feature {self.signal!r} is what a model has to find; choose motor-side signals"
+            )
+        if self.operation not in _CODES:
+            raise CalibrationError(
+                f"no feature operation {self.operation!r}; write one of {_FORMS}"
+            )
+        p = self.parameter
+        smooth = (0 < p <= MAX_TIME_CONSTANT, f"takes up to {MAX_TIME_CONSTANT:g} s")
+        rules: dict[Operation, tuple[bool, str]] = {
+            "value": (p == 0, "takes no parameter"),
+            "lag": (1 <= p <= MAX_LAG and float(p).is_integer(), f"takes 1 to {MAX_LAG} samples"),
+            "lowpass": smooth,
+            "rate": smooth,
+            "play": (0 < p < math.inf, "takes a half-width above 0 in the signal's unit"),
+            "delay": smooth,
+            "trail": (0 < p < math.inf, "takes a way above 0 in the signal's unit"),
+        }
+        good, rule = rules[self.operation]
+        if not good:
+            raise CalibrationError(
+                f"feature {self.operation}({self.signal}, {p!r}): {self.operation} {rule}"
+            )
+
+    def __str__(self) -> str:
+        if self.operation == "value":
+            return self.signal
+        parameter = int(self.parameter) if self.operation == "lag" else self.parameter
+        return f"{self.operation}({self.signal}, {parameter!r})"
+
+    @classmethod
+    def parse(cls, text: str) -> Feature:
+        """Feature of its text, for instance ``"lag(measured/jaw, 3)"``, the inverse of `str`.
+
+        Raises CalibrationError if the text is none of the known forms.
+        """
+        if not isinstance(text, str):
+            raise CalibrationError(f"feature {text!r:.80} is no text; write one of {_FORMS}")
+        text = text.strip()
+        call = _CALL.fullmatch(text)
+        if call is None:
+            return cls(text)
+        operation, signal, number = call.groups()
+        try:
+            parameter = float(number)
+        except ValueError:
+            raise CalibrationError(
+                f"feature {text[:80]!r}: {number[:40]!r} is not a number; write one of {_FORMS}"
+            ) from None
+        if operation == "value":
+            raise CalibrationError(f"feature {text[:80]!r}: write {signal!r} for the value itself")
+        return cls(signal, operation, parameter)  # type: ignore[arg-type]  # checked there
+
+    def unit(self, signal_unit: str) -> str:
+        """SI unit of the feature when its signal is in `signal_unit`."""
+        return f"{signal_unit}/s" if self.operation == "rate" else signal_unit
+
+    @property
+    def memory(self) -> int:
+        """Length of the feature's state."""
+        lengths = {
+            "value": 0,
+            "lag": int(self.parameter) + 1,
+            "play": 1,
+            "delay": kernels.RECALL_MEMORY,
+            "trail": kernels.TRAIL_MEMORY,
+        }
+        return lengths.get(self.operation, 2)
+
+
+@dataclass
+class FeatureState:
+    """What features remember between samples; made by `FeatureSet.start`."""
+
+    memory: Array
+    clock: Array  # (2,), whether a sample was seen, and its time stamp [s]
+
+
+@dataclass(frozen=True, repr=False)
+class FeatureSet(Summarised):
+    """Features in the order of a model's inputs.
+
+    Raises
+    ------
+    CalibrationError
+        If there are none, more than 512, or one stands twice.
+
+    Examples
+    --------
+    >>> FeatureSet.parse(["measured/jaw", "rate(measured/jaw, 0.1)"]).signals
+    ('measured/jaw',)
+    """
+
+    features: tuple[Feature, ...]
+
+    def __post_init__(self) -> None:
+        if not 1 <= len(self.features) <= MAX_FEATURES:
+            raise CalibrationError(
+                f"{len(self.features)} features chosen; a model takes 1 to {MAX_FEATURES}"
+            )
+        twice = sorted({n for n in self.names if self.names.count(n) > 1})
+        if twice:
+            raise CalibrationError(f"features {', '.join(twice)} stand twice; name each once")
+
+    @classmethod
+    def parse(cls, texts: FeatureSet | Iterable[str] | str) -> FeatureSet:
+        """Feature set of the texts of its features, or of one; raises CalibrationError."""
+        if isinstance(texts, FeatureSet):
+            return texts
+        texts = [texts] if isinstance(texts, str) else texts
+        if not isinstance(texts, Iterable):
+            raise CalibrationError(f"features are {texts!r:.80}; give a list, each one of {_FORMS}")
+        return cls(tuple(Feature.parse(text) for text in texts))
+
+    def __len__(self) -> int:
+        return len(self.features)
+
+    def summary(self) -> dict[str, str]:
+        """How many features there are, and the first of them."""
+        some = ", ".join(self.names[:3]) + (", ..." if len(self) > 3 else "")
+        return {"features": f"{len(self)}: {some}"}
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Text of each feature, in order; `parse` reads it back."""
+        return tuple(str(feature) for feature in self.features)
+
+    @cached_property
+    def signals(self) -> tuple[str, ...]:
+        """Columns that the features are made of, each once, in order of first use."""
+        return tuple(dict.fromkeys(feature.signal for feature in self.features))
+
+    @property
+    def counts_samples(self) -> bool:
+        """Whether a feature counts samples and thus means something else at another rate."""
+        return any(feature.operation == "lag" for feature in self.features)
+
+    def units(self, signal_units: Mapping[str, str]) -> tuple[str, ...]:
+        """SI unit of each feature, of the units of the signals by column name."""
+        return tuple(feature.unit(signal_units[feature.signal]) for feature in self.features)
+
+    @cached_property
+    def program(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, NDArray[np.int64]]:
+        """Operation, source, parameter and state slot (k,) of each feature, for the kernels."""
+        lengths = [feature.memory for feature in self.features]
+        return (
+            np.array([_CODES[feature.operation] for feature in self.features], dtype=np.int64),
+            np.array([self.signals.index(f.signal) for f in self.features], dtype=np.int64),
+            np.array([feature.parameter for feature in self.features], dtype=float),
+            np.cumsum([0, *lengths[:-1]], dtype=np.int64),
+        )
+
+    def start(self) -> FeatureState:
+        """State before the first sample."""
+        return FeatureState(np.zeros(sum(f.memory for f in self.features)), np.zeros(2))
+
+    def step(
+        self, state: FeatureState, t: float, sample: Array, gap_limit: float, out: Array
+    ) -> bool:
+        """Features of one sample, into `out` (k,); the same bits as `compute` gives.
+
+        Returns whether their history starts here. `state` is changed in place; `sample`
+        (n_signals,) holds the values of `signals` at `t` [s]; after `gap_limit` [s] without a
+        sample the history starts anew.
+        """
+        return kernels.feature_row(
+            *self.program, gap_limit, t, sample, state.memory, state.clock, out
+        )
+
+    def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
+        """Features (n, k) of every row of a recording, in the units that `units` states.
+
+        The history starts at the first row and after each gap of more than `gap_limit` [s], by
+        default that of `default_gap_limit`. Raises RecordingError, naming the columns, if a signal
+        is missing.
+        """
+        if gap_limit is None:
+            gap_limit = default_gap_limit([recording])
+        samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
+        out = np.empty((len(recording), len(self)))
+        kernels.feature_rows(
+            *self.program, gap_limit, np.array(recording.t), samples,
+            self.start().memory, out,
+        )  # fmt: skip
+        return out
+
+
+def sample_dt(recordings: Sequence[Recording]) -> float:
+    """Median time between the rows [s] of recordings.
+
+    Examples
+    --------
+    >>> round(sample_dt(training), 6)
+    0.01
+    """
+    return float(np.median(np.concatenate([np.diff(recording.t) for recording in recordings])))
+
+
+def check_sample_dt(recording: Recording, trained: float) -> None:
+    """Refuse, with CalibrationError, a recording whose rows are not about `trained` [s] apart."""
+    dt = sample_dt([recording])
+    if max(trained, dt) > MAX_RATE_RATIO * min(trained, dt):
+        raise CalibrationError(
+            f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, "
+            f"training every {trained:.4g} s, and the model counts samples (lag features, filters, "
+            "differences); resample it, or calibrate at this rate"
+        )
+
+
+def check_history(recording: Recording, gap_limit: float) -> None:
+    """Refuse, with CalibrationError, a recording in which most rows would begin a history anew.
+
+    They are more than `gap_limit` [s] apart, or so far but for rounding.
+    """
+    dt = sample_dt([recording])
+    if dt > 0.999 * gap_limit:
+        raise CalibrationError(
+            f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, and the "
+            f"model takes {gap_limit:.4g} s without one for a gap, after which it knows no past; "
+            "record at the rate of the training, or calibrate at this one"
+        )
+
+
+def default_gap_limit(recordings: Sequence[Recording]) -> float:
+    """Ten times the median time between rows [s]: what is longer counts as a gap.
+
+    Examples
+    --------
+    >>> round(default_gap_limit(training), 6)
+    0.1
+    """
+    return 10.0 * sample_dt(recordings)
+
+
+def time_steps(t: Array, gap_limit: float) -> Array:
+    """Time since the row before (n,) [s], 0 where a history starts: first row, and after gaps.
+
+    Parameters
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s].
+    gap_limit : float
+        Time without a sample [s] after which the history starts anew.
+
+    Examples
+    --------
+    >>> time_steps(np.array([0.0, 0.1, 9.0]), gap_limit=1.0)
+    array([0. , 0.1, 0. ])
+    """
+    steps = np.diff(t, prepend=t[:1])
+    return np.where((steps > 0.0) & (steps <= gap_limit), steps, 0.0)
+
+
+def default_features(robot: Robot, recording: Recording) -> FeatureSet:
+    """Measured position and effort of every channel of the robot that the recording has.
+
+    For RAVEN-II these are the 16 inputs of peng2024, II-C: positions and torques of seven joints
+    and one unused channel.
+
+    Raises
+    ------
+    CalibrationError
+        If the recording has none of them.
+
+    Examples
+    --------
+    >>> default_features(test.robot, test).names
+    ('measured/jaw', 'effort/jaw')
+    """
+    names = [
+        f"{quantity}/{channel}"
+        for quantity in ("measured", "effort")
+        for channel in robot.channels
+        if f"{quantity}/{channel}" in recording.table.columns
+    ]
+    if not names:
+        raise CalibrationError(
+            f"{recording.provenance.source or 'recording'} has no measured or effort column of a "
+            f"channel of {robot.title}; name the features to use"
+        )
+    return FeatureSet.parse(names)
