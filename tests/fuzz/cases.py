@@ -257,7 +257,7 @@ def value_of(annotation: str) -> Callable[[Draw], Any] | None:
 def functions() -> dict[str, Callable[..., Any]]:
     """Public functions that take what can be drawn, by name."""
     found = {}
-    for module in ("", "calibration", "evaluation", "filters", "models", "motion", "recordings",
+    for module in ("", "calibration", "evaluation", "features", "filters", "motion", "recordings",
                    "robots", "runtime", "simulation"):  # fmt: skip
         owner = getattr(truejoint, module) if module else truejoint
         for name in dir(owner):

@@ -30,7 +30,7 @@ from .registered import forceps, in_loop, model, ready, ready_unless_refused, un
 
 HEAVY = (
     "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.stats",
-    "truejoint.estimators", "truejoint.recordings", "truejoint.calibration.calibration",
+    "truejoint.estimators.base", "truejoint.recordings", "truejoint.calibration.calibration",
 )  # fmt: skip
 CAUSAL = tuple(in_loop())
 FAMILIES = {name: get_estimator(name).family for name in CAUSAL}
