@@ -35,19 +35,6 @@ from scipy.spatial.transform import Rotation
 
 from truejoint import Calibration, Recording, calibrate
 from truejoint.array_types import Array, Mask
-from truejoint.calibration import (
-    BlockPose,
-    Plate,
-    Shots,
-    Touches,
-    calibrate_by_points,
-    calibrate_by_touch,
-    find_block,
-    rezeroed_by_touch,
-)
-from truejoint.calibration.touch_guide import Guide, Learning
-from truejoint.calibration.touch_plan import choose_touches
-from truejoint.calibration.touches import known_kinematics, tip_rows, zero_prior
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
 from truejoint.errors import CalibrationError
 from truejoint.motion import follow, random_motion, workspace_of, zigzag
@@ -60,6 +47,19 @@ from truejoint.robots.reach import reach
 from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.twin import Raven2Twin
+from truejoint.tip import (
+    BlockPose,
+    Plate,
+    Shots,
+    Touches,
+    calibrate_by_points,
+    calibrate_by_touch,
+    find_block,
+    rezeroed_by_touch,
+)
+from truejoint.tip.touch_guide import Guide, Learning
+from truejoint.tip.touch_plan import choose_touches
+from truejoint.tip.touches import known_kinematics, tip_rows, zero_prior
 
 Row = dict[str, Any]
 FEW = 6  # touches that re-zero

@@ -38,7 +38,6 @@ from scipy.stats import norm
 
 from benchmarks.automatic_choice import kept
 from truejoint import calibrate
-from truejoint.calibration import Registered, Registration, tracked_truth
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
@@ -48,6 +47,7 @@ from truejoint.recordings.datasets import locate, read_dataset
 from truejoint.robots import Robot
 from truejoint.simulation import TwinOutput, make_twin
 from truejoint.simulation.tracker import TRACKERS
+from truejoint.tip import Registered, Registration, tracked_truth
 from truejoint.units import display_unit
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ from . import robots as robots
 from . import runtime as runtime
 from . import simulation as simulation
 from . import studies as studies
+from . import tip as tip
 from ._version import __version__ as __version__
 from .calibration import Calibration as Calibration
 from .calibration import calibrate as calibrate

@@ -11,16 +11,16 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 import typer
-from tests.calibration.test_touch_calibration import session as from_nothing
-from tests.calibration.test_touch_calibration import without_truth
-from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
+from tests.tip.test_touch_calibration import session as from_nothing
+from tests.tip.test_touch_calibration import without_truth
+from tests.tip.touched_arm import ROBOT, Touched, fitted, touched
 
 import truejoint
-from truejoint.calibration import Touches, read_plate, write_plate
-from truejoint.calibration.touch_guide import FindingBlock, Guide, design_pose
 from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
+from truejoint.tip import Touches, read_plate, write_plate
+from truejoint.tip.touch_guide import FindingBlock, Guide, design_pose
 
 
 def kept(made: Touched, path: Path) -> None:
@@ -150,7 +150,7 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
     made, seated, early = [], [], 0.1 if is_early else 0.0
     if not is_early:
         fail = Mock(side_effect=CalibrationError("do not fit"))
-        monkeypatch.setattr("truejoint.calibration.touch_guide.fit_block", fail)
+        monkeypatch.setattr("truejoint.tip.touch_guide.fit_block", fail)
 
     def seat(stop) -> float:
         seated.append(stop.dimple)

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from truejoint.calibration import BlockPose, Plate
 from truejoint.calibration.zero import CORRELATION_MARGIN
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.runtime import ReZero
 from truejoint.runtime.rezero import DRIFT, PRIOR
+from truejoint.tip import BlockPose, Plate
 
 SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4, 2e-5])
 STEP = np.array([1e-2, 1e-3])

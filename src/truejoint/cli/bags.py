@@ -74,7 +74,7 @@ class Truth:
         recording: truejoint.Recording,
         seen: truejoint.recordings.Track | None,
         clocks: Clocks,
-    ) -> tuple[truejoint.Recording, truejoint.calibration.Registered | None]:
+    ) -> tuple[truejoint.Recording, truejoint.tip.Registered | None]:
         """Give a recording the truth of a file, or of what a tracker has `seen`, if any."""
         if seen is not None:
             return with_tracked_truth(recording, seen, self.registration, clocks)
@@ -156,7 +156,7 @@ def _list_topics(bags: list[Path], *, as_json: bool) -> None:
 def _tell(
     recording: truejoint.Recording,
     output: Path,
-    registered: truejoint.calibration.Registered | None,
+    registered: truejoint.tip.Registered | None,
     *,
     as_json: bool,
 ) -> None:

@@ -30,8 +30,8 @@ def plate(
     as_json: options.Json = False,
 ) -> None:
     """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
-    from truejoint.calibration.plate import plate_text  # noqa: PLC0415  # NumPy
-    from truejoint.calibration.plate_shape import design_plate, plate_stl, plate_svg  # noqa: PLC0415
+    from truejoint.tip.plate import plate_text  # noqa: PLC0415  # NumPy
+    from truejoint.tip.plate_shape import design_plate, plate_stl, plate_svg  # noqa: PLC0415
 
     shape = design_plate(truejoint.get_robot(robot, arm))
     made = shape.plate()

@@ -25,9 +25,9 @@ from truejoint.files import check_target, write_atomically
 from truejoint.units import shown
 
 if TYPE_CHECKING:
-    from truejoint.calibration import BlockPose, Touches
-    from truejoint.calibration.touch_guide import Guide, Purpose, Stop
     from truejoint.recordings import Recorder
+    from truejoint.tip import BlockPose, Touches
+    from truejoint.tip.touch_guide import Guide, Purpose, Stop
 
     Seat = Callable[[Stop], float]
 
@@ -63,8 +63,8 @@ class Aim:
         self, arm: str, model: Path | None
     ) -> tuple[truejoint.robots.Robot, BlockPose, Purpose]:
         """Robot, where its block stands, and what for; refuse what does not go together."""
-        from truejoint.calibration.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
-        from truejoint.calibration.touch_guide import (  # noqa: PLC0415
+        from truejoint.tip.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
+        from truejoint.tip.touch_guide import (  # noqa: PLC0415
             FindingBlock,
             Learning,
             Rezeroing,
@@ -176,7 +176,7 @@ def _guide(
     purpose: Purpose, robot: truejoint.robots.Robot, pose: BlockPose, count: int, seed: int
 ) -> Guide:
     """Plan so many touches; refuses fewer than the purpose takes."""
-    from truejoint.calibration.touch_guide import Guide  # noqa: PLC0415  # NumPy
+    from truejoint.tip.touch_guide import Guide  # noqa: PLC0415  # NumPy
 
     if count < purpose.fewest:
         raise CommandRefused(f"--touches {count}: it takes {purpose.fewest} at least; give so many")

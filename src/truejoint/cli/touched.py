@@ -18,7 +18,7 @@ from truejoint.errors import CalibrationError
 from truejoint.units import with_unit
 
 if TYPE_CHECKING:
-    from truejoint.calibration import TouchReport
+    from truejoint.tip import TouchReport
 
 
 def _option(help: str, **more: Any) -> Any:  # noqa: A002  # as typer calls it
@@ -130,24 +130,22 @@ def _fitting(
     seen: Seen, known: Sequence[truejoint.Calibration]
 ) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, TouchReport]]:
     """Read what was touched or shot; gives what fits a recording to it."""
-    from truejoint.calibration.plate import TOUCH_SD  # noqa: PLC0415  # NumPy
-    from truejoint.calibration.sighted import SHOT_SD  # noqa: PLC0415
+    from truejoint.tip.plate import TOUCH_SD  # noqa: PLC0415  # NumPy
+    from truejoint.tip.sighted import SHOT_SD  # noqa: PLC0415
 
-    calibration = truejoint.calibration
+    tip = truejoint.tip
     sd = None if seen.touch_sd_mm is None else seen.touch_sd_mm / 1e3
     if seen.touches is not None and seen.plate is not None:
-        made, block = calibration.read_touches(seen.touches), calibration.read_plate(seen.plate)
-        return lambda whole: calibration.calibrate_by_touch(
+        made, block = tip.read_touches(seen.touches), tip.read_plate(seen.plate)
+        return lambda whole: tip.calibrate_by_touch(
             whole, made, block, touch_sd=sd or TOUCH_SD, known=known
         )
-    shots = calibration.read_shots(seen.points or Path())
+    shots = tip.read_shots(seen.points or Path())
 
     def fit(whole: truejoint.Recording) -> tuple[truejoint.Calibration, TouchReport]:
         stands = None
         if seen.registration is not None:
-            stands = calibration.read_registration(seen.registration, whole.robot)
-        return calibration.calibrate_by_points(
-            whole, shots, stands, shot_sd=sd or SHOT_SD, known=known
-        )
+            stands = tip.read_registration(seen.registration, whole.robot)
+        return tip.calibrate_by_points(whole, shots, stands, shot_sd=sd or SHOT_SD, known=known)
 
     return fit

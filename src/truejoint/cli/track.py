@@ -71,13 +71,13 @@ def with_tracked_truth(
     registration: Path | None,
     clocks: Clocks,
     joints: Sequence[str] = (),
-) -> tuple[truejoint.Recording, truejoint.calibration.Registered]:
+) -> tuple[truejoint.Recording, truejoint.tip.Registered]:
     """Give a recording the truth that a tracker saw, and say what was left out of its readings."""
     known = None
     if registration is not None:
-        known = truejoint.calibration.read_registration(registration, recording.robot)
+        known = truejoint.tip.read_registration(registration, recording.robot)
     with progress("Finding where the tracker stands, and what it says of the joints"):
-        found, registered = truejoint.calibration.tracked_truth(
+        found, registered = truejoint.tip.tracked_truth(
             recording, seen, known, joints, offset=clocks.offset_s, near=clocks.near_s
         )
     for stretch in registered.stretches:
@@ -91,7 +91,7 @@ def with_tracked_truth(
     return found, registered
 
 
-def show(registered: truejoint.calibration.Registered) -> None:
+def show(registered: truejoint.tip.Registered) -> None:
     """Print where the tracker stands, and how sure that is."""
     for label, text in registered.summary().items():
         out.print(f"{label:12} {text}")

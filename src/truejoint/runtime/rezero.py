@@ -11,11 +11,11 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array, floats
 from truejoint.calibration.effort_baseline import AT, IN_MOTION, N_MOTION, go_on_in_motion
 from truejoint.calibration.encoding import CalibrationData, as_calibration
-from truejoint.calibration.plate import TOUCH_SD, BlockPose
 from truejoint.calibration.zero import CORRELATION_MARGIN, believed_zero
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
+from truejoint.tip.plate import TOUCH_SD, BlockPose
 
 DRIFT: Final = 2.0
 """How far an offset wanders within an hour, in standard deviations of the calibration's errors."""

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.calibration.test_touch_calibration import session
+from tests.tip.test_touch_calibration import session
 
-from truejoint.calibration import calibrate_by_touch
 from truejoint.errors import RecordingError
 from truejoint.evaluation.report.touches import write_touch_report
+from truejoint.tip import calibrate_by_touch
 
 
 def test_the_page_says_what_touches_are_worth(tmp_path):

@@ -11,12 +11,13 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration import Calibration, TouchReport
+from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.page import render_figures, write_page
 from truejoint.evaluation.report.plot import Figure, Panel
 from truejoint.evaluation.view import Row
+from truejoint.tip import TouchReport
 from truejoint.units import with_unit
 
 _ARROW: Final = 0.15  # of the block's width, of the largest error

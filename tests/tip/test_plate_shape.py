@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import design_plate, plate_stl, plate_svg
-from truejoint.calibration.plate_shape import BASE, CONE, PITCH
 from truejoint.errors import CalibrationError
 from truejoint.motion.touching import joints_at
 from truejoint.robots import get_robot
+from truejoint.tip import design_plate, plate_stl, plate_svg
+from truejoint.tip.plate_shape import BASE, CONE, PITCH
 
 ROBOT = get_robot("raven2", "left")
 

@@ -12,8 +12,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.registration import Registration
-from truejoint.calibration.tip_rows import (
+from truejoint.errors import CalibrationError
+from truejoint.recordings.tracker import Track
+from truejoint.robots import Robot
+from truejoint.tip.registration import Registration
+from truejoint.tip.tip_rows import (
     GATE,
     HUBER,
     TipPrior,
@@ -21,10 +24,7 @@ from truejoint.calibration.tip_rows import (
     TipState,
     align,
 )
-from truejoint.calibration.tracked_motion import PLAYS, TrackedMotion, at_stamps, polynomial
-from truejoint.errors import CalibrationError
-from truejoint.recordings.tracker import Track
-from truejoint.robots import Robot
+from truejoint.tip.tracked_motion import PLAYS, TrackedMotion, at_stamps, polynomial
 
 _FEWEST: Final = 50  # readings of the recording's time
 _MOST_READINGS: Final = 4000  # that the fit takes, spread over the motion

@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.calibration.test_touch_calibration import session, without_truth
-from tests.calibration.touched_arm import ROBOT, fitted
+from tests.tip.test_touch_calibration import session, without_truth
+from tests.tip.touched_arm import ROBOT, fitted
 
 from truejoint import Calibration
-from truejoint.calibration import calibrate_by_touch
-from truejoint.calibration.touch_terms import (
+from truejoint.errors import CalibrationError
+from truejoint.tip import calibrate_by_touch
+from truejoint.tip.touch_terms import (
     AGAIN,
     ALIKE,
     WIDE,
@@ -20,7 +21,6 @@ from truejoint.calibration.touch_terms import (
     learned_priors,
     wide_priors,
 )
-from truejoint.errors import CalibrationError
 
 TERMS = Terms.of(ROBOT)
 

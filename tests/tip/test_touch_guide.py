@@ -7,11 +7,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from tests.calibration.touched_arm import ROBOT, Touched, fitted, touched
+from tests.tip.touched_arm import ROBOT, Touched, fitted, touched
 
 from truejoint import Calibration
-from truejoint.calibration import Plate, design_plate
-from truejoint.calibration.touch_guide import (
+from truejoint.errors import CalibrationError
+from truejoint.tip import Plate, design_plate
+from truejoint.tip.touch_guide import (
     FindingBlock,
     Guide,
     Learning,
@@ -21,7 +22,6 @@ from truejoint.calibration.touch_guide import (
     design_pose,
     reachable,
 )
-from truejoint.errors import CalibrationError
 
 
 @pytest.fixture(scope="module")

@@ -13,11 +13,11 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.calibration.tip_rows import align, cross_matrix
 from truejoint.errors import CalibrationError, unknown
 from truejoint.recordings.joining import ClockOffset
 from truejoint.robots import Robot
 from truejoint.summary import Summarised
+from truejoint.tip.tip_rows import align, cross_matrix
 from truejoint.toml_file import read_toml
 from truejoint.units import display_unit
 
@@ -109,7 +109,7 @@ class Stretch:
 
     Examples
     --------
-    >>> from truejoint.calibration.registration import Stretch
+    >>> from truejoint.tip.registration import Stretch
     >>> print(Stretch(12.0, 31.5, 585, 0.0301, alike=True))
     12.0 to 31.5 s: 585 readings 30.1 mm off, all alike: another marker
     """

@@ -10,14 +10,14 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, floats
-from truejoint.calibration.plate import Plate
-from truejoint.calibration.registration import Registration
-from truejoint.calibration.tip_rows import TipPrior, TipRows, TipState, align
-from truejoint.calibration.touches import Touches, known_kinematics, read_rows
-from truejoint.calibration.tracking import carrier
 from truejoint.errors import CalibrationError
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.robot import Robot
+from truejoint.tip.plate import Plate
+from truejoint.tip.registration import Registration
+from truejoint.tip.tip_rows import TipPrior, TipRows, TipState, align
+from truejoint.tip.touches import Touches, known_kinematics, read_rows
+from truejoint.tip.tracking import carrier
 
 SHOT_SD: Final = 2.5e-4
 """How far off a tracker sees a marker at rest, per axis [m]."""

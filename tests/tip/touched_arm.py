@@ -8,9 +8,9 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint import Calibration, calibrate
-from truejoint.calibration import Plate, Touches
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
+from truejoint.tip import Plate, Touches
 
 ROBOT = get_robot("raven2", "left")
 ROTATION = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()

@@ -9,13 +9,17 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.plate import TOUCH_SD, BlockPose, Plate
-from truejoint.calibration.sighted import touched
-from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, fit_tip
-from truejoint.calibration.touch_calibration import features_of, fewest_touches, fit_terms
-from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
-from truejoint.calibration.touch_terms import LEFT, WIDTHS, Terms, check_known, wide_priors
-from truejoint.calibration.touches import (
+from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
+from truejoint.robots.reach import reach
+from truejoint.robots.robot import Robot
+from truejoint.tip.plate import TOUCH_SD, BlockPose, Plate
+from truejoint.tip.sighted import touched
+from truejoint.tip.tip_rows import TipFit, TipPrior, TipRows, fit_tip
+from truejoint.tip.touch_calibration import features_of, fewest_touches, fit_terms
+from truejoint.tip.touch_plan import approach_sides, choose_touches, shortest_order
+from truejoint.tip.touch_terms import LEFT, WIDTHS, Terms, check_known, wide_priors
+from truejoint.tip.touches import (
     FEWEST,
     FEWEST_OF_BLOCK,
     Touches,
@@ -26,10 +30,6 @@ from truejoint.calibration.touches import (
     tip_rows,
     zero_prior,
 )
-from truejoint.errors import CalibrationError
-from truejoint.robots import get_robot
-from truejoint.robots.reach import reach
-from truejoint.robots.robot import Robot
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration

@@ -9,9 +9,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from truejoint.calibration.tip_rows import TipPrior, TipRows, TipState, align, fit_tip
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
+from truejoint.tip.tip_rows import TipPrior, TipRows, TipState, align, fit_tip
 
 ROBOT = get_robot("raven2", "left")
 COLUMNS = (0, 1, 2)

@@ -9,12 +9,12 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.tip_rows import TipRows
 from truejoint.errors import CalibrationError
 from truejoint.features.feature_set import Feature, FeatureSet
 from truejoint.recordings.recording import Recording
 from truejoint.recordings.signals import GAP_STEPS
 from truejoint.robots.parts import Kinematics
+from truejoint.tip.tip_rows import TipRows
 
 # What cables may do, as standard deviations: a zero, then shares of half a joint's way that a
 # slope and a square of any joint's position may be worth at its end, then a play's height.

@@ -12,12 +12,17 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.fitting import calibrate
-from truejoint.calibration.plate import TOUCH_SD, Plate
-from truejoint.calibration.registration import Registration
 from truejoint.calibration.sessions import check_columns
-from truejoint.calibration.sighted import SHOT_SD, Shots, Sighted, shot, touched
-from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, align, fit_tip
-from truejoint.calibration.touch_terms import (
+from truejoint.errors import CalibrationError
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.polynomial.learn import PolynomialRegressor
+from truejoint.features.feature_set import default_gap_limit
+from truejoint.recordings import Recording
+from truejoint.tip.plate import TOUCH_SD, Plate
+from truejoint.tip.registration import Registration
+from truejoint.tip.sighted import SHOT_SD, Shots, Sighted, shot, touched
+from truejoint.tip.tip_rows import TipFit, TipPrior, TipRows, align, fit_tip
+from truejoint.tip.touch_terms import (
     LEFT,
     SPREAD,
     WIDTHS,
@@ -26,18 +31,13 @@ from truejoint.calibration.touch_terms import (
     learned_priors,
     wide_priors,
 )
-from truejoint.calibration.touches import (
+from truejoint.tip.touches import (
     Touches,
     check_count,
     likelihood,
     resting,
     with_estimated_errors,
 )
-from truejoint.errors import CalibrationError
-from truejoint.estimators.family import EstimatorData
-from truejoint.estimators.polynomial.learn import PolynomialRegressor
-from truejoint.features.feature_set import default_gap_limit
-from truejoint.recordings import Recording
 from truejoint.units import with_unit
 
 _CALIBRATING: Final = 12  # touches of an arm of which nothing is known; half as many with a prior

@@ -6,11 +6,11 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 import pytest
-from tests.calibration.test_tip_rows import prior, rows_of
+from tests.tip.test_tip_rows import prior, rows_of
 
-from truejoint.calibration.tip_rows import fit_tip
-from truejoint.calibration.touch_plan import approach_sides, choose_touches, shortest_order
 from truejoint.errors import CalibrationError
+from truejoint.tip.tip_rows import fit_tip
+from truejoint.tip.touch_plan import approach_sides, choose_touches, shortest_order
 
 
 def determinant(rows, known, chosen) -> float:

@@ -5,18 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
-from tests.calibration.test_touch_calibration import session, without_truth
-from tests.calibration.touched_arm import ROBOT, ROTATION
+from tests.tip.test_touch_calibration import session, without_truth
+from tests.tip.touched_arm import ROBOT, ROTATION
 
-from truejoint.calibration import (
-    Registration,
-    Shots,
-    calibrate_by_points,
-    calibrate_by_touch,
-    read_shots,
-)
-from truejoint.calibration.sighted import shot
 from truejoint.errors import CalibrationError
+from truejoint.tip import Registration, Shots, calibrate_by_points, calibrate_by_touch, read_shots
+from truejoint.tip.sighted import shot
 
 BASE = np.eye(4)  # of the robot, in the tracker
 BASE[:3, :3] = Rotation.from_rotvec([0.4, 1.0, -0.3]).as_matrix()

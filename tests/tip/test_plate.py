@@ -8,15 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truejoint.calibration import (
-    BlockPose,
-    Plate,
-    read_plate,
-    read_pose,
-    write_plate,
-    write_pose,
-)
 from truejoint.errors import CalibrationError
+from truejoint.tip import BlockPose, Plate, read_plate, read_pose, write_plate, write_pose
 
 POINTS = {"1": np.array([0.0, 0.01, 0.02]), "12": np.array([0.04, -0.03, 0.0])}
 PLATE = Plate("stairs", "raven2", POINTS, 0.08, 0.0803)

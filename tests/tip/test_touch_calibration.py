@@ -6,15 +6,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.calibration.touched_arm import RATE, ROBOT, ROTATION, error_of, fitted, recorded
+from tests.tip.touched_arm import RATE, ROBOT, ROTATION, error_of, fitted, recorded
 
 import truejoint
-from truejoint.calibration import Plate, Touches, calibrate_by_touch
-from truejoint.calibration.plate import TOUCH_SD
-from truejoint.calibration.touch_terms import Terms
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
+from truejoint.tip import Plate, Touches, calibrate_by_touch
+from truejoint.tip.plate import TOUCH_SD
+from truejoint.tip.touch_terms import Terms
 
 TRUE_ZERO = np.array([0.01, 0.02, 1e-3])
 

@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array, floats
-from truejoint.calibration.plate import TOUCH_SD, BlockPose, Plate
 from truejoint.calibration.sessions import check_columns, source_of
-from truejoint.calibration.tip_rows import TipFit, TipPrior, TipRows, TipState, align, fit_tip
 from truejoint.calibration.zero import moved
 from truejoint.errors import CalibrationError, other_kind
 from truejoint.files import read_small
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.robot import Robot
+from truejoint.tip.plate import TOUCH_SD, BlockPose, Plate
+from truejoint.tip.tip_rows import TipFit, TipPrior, TipRows, TipState, align, fit_tip
 from truejoint.units import shown
 
 if TYPE_CHECKING:

@@ -6,21 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.calibration.test_tip_rows import prior, rows_of
-from tests.calibration.touched_arm import ROTATION, Touched, fitted, touched, wandering
-from tests.calibration.touched_arm import recorded as record
+from tests.tip.test_tip_rows import prior, rows_of
+from tests.tip.touched_arm import ROTATION, Touched, fitted, touched, wandering
+from tests.tip.touched_arm import recorded as record
 
 from truejoint import Calibration
-from truejoint.calibration import (
-    BlockPose,
-    Plate,
-    Touches,
-    find_block,
-    read_touches,
-    rezeroed_by_touch,
-)
-from truejoint.calibration.touches import touched_zero, with_estimated_errors
 from truejoint.errors import CalibrationError
+from truejoint.tip import BlockPose, Plate, Touches, find_block, read_touches, rezeroed_by_touch
+from truejoint.tip.touches import touched_zero, with_estimated_errors
 
 HOMING = (0.002, 0.006, -3e-4)
 

@@ -16,17 +16,6 @@ import numpy as np
 from scipy.signal import medfilt
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.registration import Registered, Registration, Stretch
-from truejoint.calibration.tip_rows import GATE, MARKER, POSE, TipRows, TipState
-from truejoint.calibration.tracked_motion import TrackedMotion
-from truejoint.calibration.tracker_fit import (
-    NORM_MEDIAN,
-    Known,
-    TrackFit,
-    brought,
-    equations,
-    fit_track,
-)
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.recordings.joining import (
     ClockOffset,
@@ -40,6 +29,17 @@ from truejoint.recordings.tracker import Track
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
+from truejoint.tip.registration import Registered, Registration, Stretch
+from truejoint.tip.tip_rows import GATE, MARKER, POSE, TipRows, TipState
+from truejoint.tip.tracked_motion import TrackedMotion
+from truejoint.tip.tracker_fit import (
+    NORM_MEDIAN,
+    Known,
+    TrackFit,
+    brought,
+    equations,
+    fit_track,
+)
 
 _UNSEEN: Final = 0.3  # share of what a zero may be that is left open: the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point

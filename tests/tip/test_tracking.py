@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from truejoint.calibration import Registered, Registration, read_registration, tracked_truth
 from truejoint.errors import CalibrationError, RecordingError, RobotError
 from truejoint.recordings import Provenance, Recording, Track
 from truejoint.robots import get_robot
 from truejoint.simulation.tracker import SimulatedTracker
+from truejoint.tip import Registered, Registration, read_registration, tracked_truth
 
 ROBOT = get_robot("raven2", "left")
 JOINTS = ROBOT.positioning

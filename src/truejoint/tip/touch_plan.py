@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.tip_rows import TipPrior, TipRows
 from truejoint.errors import CalibrationError
+from truejoint.tip.tip_rows import TipPrior, TipRows
 
 _IMPROVEMENTS: Final = 20  # passes of shortening the way
 

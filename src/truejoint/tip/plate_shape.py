@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.plate import Plate
 from truejoint.errors import CalibrationError
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot, as_robot
+from truejoint.tip.plate import Plate
 
 PITCH: Final = 10e-3  # between dimples [m]
 MOST: Final = 9  # dimples along a side
