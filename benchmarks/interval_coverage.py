@@ -71,7 +71,7 @@ MOTION = 60.0  # [s] after each homing
 ESTIMATORS = (
     "linear", "poly2", "dnn", "pose_network", "linear_trees", "network_forest", "rich_play",
     "rich_trees", "coupled_play", "run_out", "gp", "gp_lowpass", "gru", "lstm", "tcn",
-    "ukf_elastic", "ukf_two_mass", "hybrid", AUTO,
+    "ukf_elastic", "hybrid", AUTO,
 )  # fmt: skip
 RATE = 100.0  # [Hz] that these are thinned to
 TRAINING_SEED, OTHER_SEED, SESSION_SEED = 0, 1, 100

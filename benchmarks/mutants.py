@@ -51,7 +51,6 @@ MIRRORS = {
     "models/polynomial": ("tests/estimators/test_regressors.py",),
     "models/offset": ("tests/estimators/test_regressors.py",),
     "models/scikit_learn": ("tests/estimators/test_wrapped.py",),
-    "models/friction_smoother": ("tests/estimators/test_friction_filter.py",),
     "runtime/compensated": ("tests/runtime/test_compensator.py",),
     "runtime/compensation": ("tests/runtime/test_compensator.py",),
     "runtime/loop_gain": ("tests/runtime/test_compensator.py",),

@@ -18,7 +18,6 @@ from tests.estimators.test_elastic_joint import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
-from truejoint.calibration.candidates import _knowing
 from truejoint.calibration.choice import Group, Rows, apart, share_of, stacking_weights
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
@@ -428,17 +427,6 @@ def test_what_takes_columns_that_recordings_lack_is_passed_by():
     }  # fmt: skip
     with pytest.raises(CalibrationError, match="none of ukf_elastic can be tried"):
         choose(0.2, [jaws])
-
-
-def test_what_takes_the_efforts_of_a_robot_is_tried_on_it():
-    efforts = {"effort/shoulder": np.sin(np.arange(400) / 9.0)}
-    recordings = [
-        replace(one, table=one.table.assign(**efforts), units=one.units | {"effort/shoulder": "Nm"})
-        for one in map(two_joints, range(2))
-    ]
-    told = _knowing(get_estimator("ukf_two_mass"), recordings)
-    assert told.joints == ("shoulder", "elbow")
-    assert _knowing(told, [two_joints(0)]) is None
 
 
 def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):

@@ -8,7 +8,7 @@ from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, step
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import FrictionFilter, FrictionSmoother
+from truejoint.estimators import FrictionFilter
 from truejoint.estimators.jaw_load import learn as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, SHOWN
 from truejoint.runtime import Corrector, Status
@@ -76,13 +76,6 @@ def test_smoothing_agrees_at_the_end_and_is_surer_before(pair, model):
     assert smoothed.load[-1] == pytest.approx(filtered.load[-1], abs=1e-9)
     assert smoothed.load_deviation.mean() < filtered.load_deviation.mean()
     assert smoothed.stretch.std() < filtered.stretch.std()
-
-
-def test_smoothed_estimator_is_not_for_a_loop(pair):
-    model = fitted(pair, FrictionSmoother())
-    assert model.family.row is None
-    with pytest.raises(CalibrationError, match="uses later rows"):
-        model.start()
 
 
 def test_garbage_leaves_it_finite(pair, model):

@@ -13,7 +13,6 @@ import truejoint
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     CableLeastSquares,
-    FrictionSmoother,
     JawFilter,
     LinearRegressor,
     Play,
@@ -67,7 +66,6 @@ def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
         (Play(("reset",), degree=2), "play_reset"),
         (Play(("drive", "motor")), "play"),
         (CableLeastSquares(intercept=True, compensated=True), "cable_least_squares"),
-        (FrictionSmoother(), "ukf_friction_smoothed"),
     ],
     ids=str,
 )

@@ -16,7 +16,6 @@ from truejoint.errors import ModelFileError
 from truejoint.estimators import RichPlay, registry
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
-from truejoint.estimators.motor_side import two_mass
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
@@ -100,7 +99,6 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
         patch.dict(registry._ESTIMATORS["dnn"].params, network),
         patch.object(cable_filter, "_ROUNDS", 2),
         patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
-        patch.object(two_mass, "_ROWS", 900),
     ):
         if inputs(name):
             return calibrate(recordings, name, **how)

@@ -18,7 +18,7 @@ from truejoint.calibration import write_calibration
 from truejoint.calibration.encoding import decode, encode
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import to_bytes
-from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.family import find_family
 from truejoint.estimators.jaw.run import COMPENSATIONS, jaw_filter, rest_spread
@@ -231,19 +231,6 @@ def test_it_loads_without_the_training_stack(tmp_path):
     assert heavy == "[]"
     assert np.isfinite(expected).all()
     assert [float(one) for one in corrections] == expected
-
-
-def test_a_smoother_is_refused_in_one_line(tmp_path):
-    calibration = model("ukf_friction_smoothed")
-    with pytest.raises(CalibrationError, match="uses later rows and cannot run in a loop"):
-        Corrector(calibration)
-    with pytest.raises(CalibrationError, match="cannot run in a loop"):
-        calibration.start()
-    path = tmp_path / "model.safetensors"
-    write_calibration(calibration, path)
-    with pytest.raises(ModelFileError, match=r"model\.safetensors: .*later rows") as caught:
-        Corrector(path)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("name", [n for n in CAUSAL if FAMILIES[n].counts_samples])

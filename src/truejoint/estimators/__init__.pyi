@@ -5,14 +5,12 @@ from .gp.learn import GaussianProcess as GaussianProcess
 from .jaw.learn import CableLeastSquares as CableLeastSquares
 from .jaw.learn import JawFilter as JawFilter
 from .jaw_load.learn import FrictionFilter as FrictionFilter
-from .jaw_load.learn import FrictionSmoother as FrictionSmoother
 from .jaw_load.learn import Stiffness as Stiffness
 from .jaw_load.stiffness import EncoderZero as EncoderZero
 from .jaw_load.stiffness import find_encoder_zero as find_encoder_zero
 from .jaw_load.stiffness import identify_stiffness as identify_stiffness
 from .motor_side.hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
-from .motor_side.two_mass import TwoMassFilter as TwoMassFilter
 from .network.learn import NeuralNetwork as NeuralNetwork
 from .network.pose_network import PoseNetwork as PoseNetwork
 from .network.sequence import RecurrentNetwork as RecurrentNetwork

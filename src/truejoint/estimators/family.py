@@ -236,7 +236,6 @@ _FAMILIES: Final = {
     "elastic_hybrid": "motor_side.hybrid_rows",
     "elastic_joint": "motor_side.run",
     "friction_filter": "jaw_load.run",
-    "friction_smoother": "jaw_load.smoother",
     "gated_play": "plays.gated_rows",
     "gaussian_process": "gp.run",
     "interactions": "polynomial.interactions",
@@ -251,7 +250,6 @@ _FAMILIES: Final = {
     "temporal_convolution": "network.temporal_convolution",
     "tool_network": "network.tool_network",
     "trees": "trees.run",
-    "two_mass": "motor_side.two_mass_rows",
 }
 """Module of each family by its name."""
 

@@ -37,7 +37,7 @@ def _methods(*default: str) -> Option:
 
 _UNLOADED: Final = _methods(
     "rigid", "lsm", "lsm_intercept", "lsm_compensated", "poly2", "ukf", "ukf_compensated",
-    "play_reset", "play_both", "play_gated", "ukf_friction", "ukf_friction_smoothed",
+    "play_reset", "play_both", "play_gated", "ukf_friction",
 )  # fmt: skip
 _CHOICES: Final = _methods(
     "rigid", "poly2_motor", "play_motor", "poly2_drive", "play_drive",
@@ -166,10 +166,10 @@ _RAVEN: Final = (
             Option(
                 "models",
                 (
-                    "dnn", "linear", "poly2", "ukf_two_mass", "gru", "lstm", "tcn", "gpr", "forest",
+                    "dnn", "linear", "poly2", "gru", "lstm", "tcn", "gpr", "forest",
                     "network_forest", "rich_play", "rich_trees",
                 ),
-                "rows of the tables", small=("dnn", "linear", "ukf_two_mass", "gpr", "rich_play"),
+                "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
             ),
             _LONGEST, replace(_HOURS, small=2), _SESSIONS,
         ),
@@ -237,7 +237,7 @@ _REAL: Final = (
                 (
                     "linear", "poly2", "dnn", "poly2_ridge", "linear_trees", "network_forest",
                     "rich_play", "rich_trees", "coupled_play", "gp", "gru", "lstm", "tcn",
-                    "ukf_elastic", "ukf_two_mass", "hybrid",
+                    "ukf_elastic", "hybrid",
                 ),
                 "columns of the table, any of -e", small=("linear", "poly2", "dnn", "rich_play"),
             ),

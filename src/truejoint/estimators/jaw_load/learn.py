@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Final, Self
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
@@ -19,7 +18,6 @@ from truejoint.estimators.family import Family
 from truejoint.estimators.filtered import run_histories
 from truejoint.estimators.jaw.base import JawEstimator, median_dt
 from truejoint.estimators.jaw_load import run as friction_filter
-from truejoint.estimators.jaw_load import smoother as friction_smoother
 from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
 from truejoint.estimators.plays.jaw_bank import bank_columns
 from truejoint.estimators.plays.jaw_plays import ridge
@@ -201,21 +199,3 @@ class FrictionFilter(JawEstimator):
         columns, widths = np.empty((len(X), DEGREE + len(self.widths))), np.array(self.widths)
         bank_columns(dt, np.ascontiguousarray(X[:, 1]), scale, widths, columns)
         return columns
-
-
-class FrictionSmoother(FrictionFilter):
-    """`FrictionFilter` with a Rauch-Tung-Striebel smoother: each row from all rows of the record.
-
-    Not causal. Parameters as `FrictionFilter`.
-
-    Examples
-    --------
-    >>> FrictionSmoother().name
-    'ukf_friction_smoothed'
-    """
-
-    family: ClassVar[Family] = friction_smoother.FAMILY
-
-    def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
-        """Jaw angle (n, 1) [rad] for rows `X` (n, 2), each from all of them."""
-        return self.states(X, self.time_steps(dt, len(X)), smoothed=True).angle[:, None]

@@ -64,7 +64,6 @@ METHODS: Final[Mapping[str, Method]] = {
     "play_cables": Method("plays on x1, x2", (DRIVE, RESET)),
     "play_gated": Method("gated plays (our default)", (MOTOR, RESET), "tab:green"),
     "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
-    "ukf_friction_smoothed": Method("the same, smoothed (not causal)", (MOTOR, RESET)),
 }
 """By the key that stands in options and numbers, in the order of the tables."""
 

@@ -57,7 +57,6 @@ RIVALS: Final[Mapping[str, Rival]] = {
     "lstm": Rival("long short-term memory, as Hwang 2020"),
     "tcn": Rival("temporal convolutions, as Park 2024"),
     "pose_network": Rival("network on the tool's position, as Peng 2020"),
-    "ukf_two_mass": Rival("filter of motor, cable and link, as Haghighipanah 2015"),
     "gpr": Rival("Gaussian process, as Mahler's kind", 1.0),
     "forest": Rival("random forest"),
     "network_forest": Rival("network and a random forest on what it leaves, as Seita 2018"),
