@@ -196,7 +196,7 @@ def recording() -> Recording:
 @pytest.fixture
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pictures of few dots, not laid out, which takes long; a test of `figures` sees one whole."""
-    monkeypatch.setattr("truejoint.studies.figures._DPI", 20)
+    monkeypatch.setattr("truejoint.drawing._DPI", 20)
     engine = "matplotlib.layout_engine.ConstrainedLayoutEngine"
     monkeypatch.setattr(f"{engine}.execute", lambda *_: None)
 

@@ -18,8 +18,8 @@ import numpy as np
 
 from truejoint.errors import TruejointError
 from truejoint.studies import Claim, Part, PartResult, Summary
-from truejoint.studies.figures import Curve, Figure, Panel
-from truejoint.studies.table import Table
+from truejoint.drawing import Curve, Figure, Panel
+from truejoint.tables import Table
 
 
 def parts(settings):

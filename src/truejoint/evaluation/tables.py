@@ -12,7 +12,6 @@ from typing import Any, Final
 import pandas as pd
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.digits import decimals_for
 from truejoint.evaluation.results import (
     CartesianScore,
     Evaluation,
@@ -21,6 +20,7 @@ from truejoint.evaluation.results import (
     estimator_title,
 )
 from truejoint.files import check_target, write_atomically
+from truejoint.tables import decimals_for
 from truejoint.units import DisplayUnit, display_unit
 
 _OF_JOINTS: Final = {

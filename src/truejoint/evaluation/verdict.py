@@ -13,7 +13,6 @@ from truejoint.array_types import Array
 from truejoint.calibration.sessions import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.comparison import Outcome
-from truejoint.evaluation.digits import share_text, shown
 from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,
@@ -27,6 +26,7 @@ from truejoint.evaluation.results import (
 )
 from truejoint.recordings.data_check import DataCheck
 from truejoint.recordings.recording import Recording
+from truejoint.tables import share_text, shown
 from truejoint.units import display_unit
 
 _FEW: Final = 0.02  # share of the rows that the loop refuses which is worth a word

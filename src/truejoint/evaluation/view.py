@@ -14,14 +14,6 @@ from rich.table import Table
 from rich.text import Text
 
 from truejoint.array_types import Mask
-from truejoint.evaluation.digits import (
-    decimals_for,
-    fixed,
-    percent_text,
-    share_text,
-    shown,
-    spread_text,
-)
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -33,6 +25,14 @@ from truejoint.evaluation.results import (
 )
 from truejoint.evaluation.verdict import flags_text, limit_phrase
 from truejoint.recordings import JointCoverage
+from truejoint.tables import (
+    decimals_for,
+    fixed,
+    percent_text,
+    share_text,
+    shown,
+    spread_text,
+)
 from truejoint.units import DisplayUnit, display_unit
 
 Grid = list[list[str]]  # header and rows

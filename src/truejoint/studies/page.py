@@ -9,10 +9,10 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Final
 
+from truejoint.drawing import png
 from truejoint.errors import StudyError, other_kind
 from truejoint.evaluation.report.page import render_page, versions
 from truejoint.recordings import write_parquet
-from truejoint.studies.figures import png
 from truejoint.studies.runner import StudyResult, write_bytes
 from truejoint.studies.study import Settings, Study
 

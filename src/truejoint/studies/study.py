@@ -16,9 +16,9 @@ from truejoint.errors import StudyError, unknown
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from truejoint.drawing import Figure
     from truejoint.recordings import Recording
-    from truejoint.studies.figures import Figure
-    from truejoint.studies.table import Table
+    from truejoint.tables import Table
 
 Scalar = int | float | str
 Value = Scalar | tuple[Scalar, ...]

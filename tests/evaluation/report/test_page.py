@@ -15,10 +15,10 @@ import pytest
 from truejoint.calibration import calibrate
 from truejoint.errors import RecordingError
 from truejoint.evaluation import Evaluation, evaluate, score_tables
-from truejoint.evaluation.digits import decimals_for, fixed
 from truejoint.evaluation.report import render_report, write_report
 from truejoint.evaluation.report.page import script_json
 from truejoint.recordings import Recording, check_data
+from truejoint.tables import decimals_for, fixed
 from truejoint.units import display_unit
 
 ROBOTS = ["raven2", "davinci_grasper", "bros", "dvrk_psm", "kuka_kr300"]

@@ -5,11 +5,11 @@ import pytest
 
 from truejoint import calibrate, evaluate
 from truejoint.errors import RecordingError, StudyError
-from truejoint.evaluation.digits import fixed
 from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings.datasets import DATASETS, locate
 from truejoint.studies import run_study, write_study
 from truejoint.studies.real.accuracy import HWANG, judge
+from truejoint.tables import fixed
 
 KUKA = "kuka_kr300_dual_encoder"
 DVRK = "dvrk_psm_berkeley"

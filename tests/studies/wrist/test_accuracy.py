@@ -7,12 +7,12 @@ from unittest.mock import patch
 import numpy as np
 import pytest
 
+from truejoint.drawing import png
 from truejoint.errors import StudyError, TruejointError
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.recordings.wrist import record_wrist
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
-from truejoint.studies.figures import png
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import judge, summarise
 

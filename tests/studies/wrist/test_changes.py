@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from tests.runtime.registered import FEW_PLAYS
 
+from truejoint.drawing import png
 from truejoint.errors import StudyError
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
-from truejoint.studies.figures import png
 from truejoint.studies.wrist import changes
 
 FEW = {"free_s": "50", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from tests.runtime.registered import FEW_PLAYS
 
+from truejoint.drawing import png
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.studies import get_study
-from truejoint.studies.figures import png
 from truejoint.studies.wrist import closed_loop
 from truejoint.studies.wrist.closed_loop import (
     CASES,

@@ -7,10 +7,10 @@ from dataclasses import replace
 from functools import partial
 from itertools import combinations, cycle
 from pathlib import Path
-from typing import Final
 
 import numpy as np
 
+from truejoint import drawing
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.comparison import compare
 from truejoint.evaluation.report import plot
@@ -19,8 +19,6 @@ from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.report.residuals import error_panels
 from truejoint.evaluation.results import Evaluation
 from truejoint.evaluation.view import Row
-
-_COLOURS: Final = (plot.BLUE, plot.ORANGE, plot.GREEN, plot.PURPLE, plot.SKY, plot.GREY)
 
 
 def write_comparison(
@@ -124,7 +122,7 @@ def _distributions(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]
     share = np.linspace(0.0, 1.0, 201)
     for column, joint, unit in evaluation.shown_joints():
         curves = []
-        for name, colour in zip(names, cycle(_COLOURS), strict=False):
+        for name, colour in zip(names, cycle(drawing.PALETTE), strict=False):
             size = np.abs(unit.scale * evaluation.error(name, column))
             curves.append(plot.curve(np.quantile(size, share), 100 * share, name, colour))
         x = {"title": f"|error| [{unit.name}]", "rangemode": "tozero"}

@@ -14,7 +14,6 @@ import numpy as np
 
 from truejoint.array_types import Mask
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation.digits import fixed, shown
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
 from truejoint.evaluation.results import (
@@ -28,6 +27,7 @@ from truejoint.evaluation.results import (
 from truejoint.extras import require
 from truejoint.files import write_atomically
 from truejoint.recordings.signals import gaps
+from truejoint.tables import fixed, shown
 from truejoint.units import DisplayUnit, display_unit
 
 MENU: Final = 36  # curves over time that the page offers, of all joints; at most 12 recordings

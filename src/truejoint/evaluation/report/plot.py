@@ -13,23 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
+from truejoint.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
 from truejoint.recordings.signals import gaps
 
 Spec = dict[str, Any]
 Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves
 
-# Okabe and Ito's palette, which stays distinct under every common colour blindness; the orange
-# is darkened so that a thin line holds on white paper.
-INK: Final = "#1f2328"
-BLUE: Final = "#0072b2"
-ORANGE: Final = "#d55e00"
-GREEN: Final = "#009e73"
-PURPLE: Final = "#aa4499"
-SKY: Final = "#56b4e9"
-GREY: Final = "#9aa0a6"
 GRID: Final = "#e6e8eb"
-
 PAPER: Final = "#ffffff"
 WALL: Final = "#fafbfc"  # behind curves in space
 WALL_GRID: Final = "#d5d8dc"

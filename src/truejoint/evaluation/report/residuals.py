@@ -10,16 +10,18 @@ from typing import Final
 
 import numpy as np
 
+from truejoint import drawing
 from truejoint.array_types import Array
+from truejoint.drawing import BLUE, ORANGE
 from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import BLUE, ORANGE, Figure, Spec
+from truejoint.evaluation.report.plot import Figure, Spec
 from truejoint.evaluation.results import Evaluation, estimator_phrase, known_loads
 from truejoint.units import DisplayUnit, display_unit
 
 _POINTS: Final = 3600  # of each direction in a panel of every joint together, at most 1200 of one
 _BINS: Final = 24
 _FEW: Final = 8  # rows below which a bin has no median
-_COLOURS: Final = (BLUE, ORANGE, plot.GREEN, plot.PURPLE, plot.SKY, plot.GREY)  # of joints
+
 _WAYS: Final = (("moving up", BLUE, 1), ("moving down", ORANGE, -1))
 _HEIGHT: Final = 320  # of the figures of the interval
 _EQUAL: Final = {"width": 1.0, "dash": "dash", "hoverinfo": "skip"}
@@ -187,7 +189,7 @@ def _calibration(evaluation: Evaluation, stated: list[float], *, several: bool) 
     low, high = 100 * stated[0], 100 * stated[-1]
     margin = 0.15 * (high - low)
     ends = 100 * np.array([max(stated[0] - 0.2, 0.0), 1.0])
-    data = [plot.curve(ends, ends, "equal", plot.INK, **_EQUAL)]
+    data = [plot.curve(ends, ends, "equal", drawing.INK, **_EQUAL)]
     for joint, colour, beside in _joints(evaluation):
         rows = [score for score in evaluation.intervals if score.joint == joint]
         level = 100 * np.array([row.level for row in rows]) + 0.06 * margin * beside
@@ -217,7 +219,7 @@ def _by_trajectory(evaluation: Evaluation) -> Figure:
     number = np.arange(1.0, len(names) + 1.0)
     ends = np.array([0.5, len(names) + 0.5])
     stated = np.full(2, 100 * level), f"stated {100 * level:g} %"
-    data = [plot.curve(ends, *stated, plot.INK, **_EQUAL)]
+    data = [plot.curve(ends, *stated, drawing.INK, **_EQUAL)]
     lowest = 1.0
     text = {"text": [plot.plain(n) for n in names], "hovertemplate": "%{text}: %{y:.1f} %"}
     for joint, colour, beside in _joints(evaluation):
@@ -245,4 +247,4 @@ def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
     """Joints, the colour of each, and its place beside the others: -2 to 2, 0 for a single one."""
     count = len(evaluation.joints)
     places = np.linspace(-2.0, 2.0, count) if count > 1 else np.zeros(1)
-    return list(zip(evaluation.joints, cycle(_COLOURS), places.tolist(), strict=False))
+    return list(zip(evaluation.joints, cycle(drawing.PALETTE), places.tolist(), strict=False))

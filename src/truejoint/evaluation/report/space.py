@@ -9,8 +9,9 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.drawing import BLUE, GREY, INK, ORANGE
 from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import BLUE, GREY, INK, ORANGE, Figure, Spec
+from truejoint.evaluation.report.plot import Figure, Spec
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
 from truejoint.recordings.recording import Recording
 from truejoint.recordings.signals import velocity

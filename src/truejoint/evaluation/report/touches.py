@@ -10,6 +10,7 @@ from typing import Final
 
 import numpy as np
 
+from truejoint import drawing
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError
@@ -140,9 +141,9 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     dots = plot.coloured(xy, size[good], "error [mm]", float(size[good].max()), size=9)
     dots["showlegend"] = False
     style = {"width": 1.5, "hoverinfo": "skip"}
-    drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", plot.GREY, **style), dots]
+    drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", drawing.GREY, **style), dots]
     if left_out.any():
-        cross = {"marker": {"symbol": "x", "size": 9, "color": plot.ORANGE}}
+        cross = {"marker": {"symbol": "x", "size": 9, "color": drawing.ORANGE}}
         drawn.append(
             plot.scatter("markers", place[left_out, 0], place[left_out, 1], "rejected", **cross)
         )

@@ -13,6 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -24,11 +25,11 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
 from truejoint.simulation.twin import Twin, glide, hold
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, title_of
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import degrees_text
+from truejoint.tables import Table
 
 OPEN: Final = "open"
 """Stands for no method: the motor is sent where the jaw should be."""

@@ -11,20 +11,19 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.jaw.learn import JawFilter
 from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.estimators.jaw_load.stiffness import identify_stiffness
-from truejoint.evaluation.digits import fixed
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table
+from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
 
 CALIBRATION_WEIGHTS: Final = (0.1, 0.2, 0.25)

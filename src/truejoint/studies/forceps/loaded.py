@@ -8,13 +8,14 @@ from typing import Any, Final, cast
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text, reported, reported_text
+from truejoint.studies.table import degrees_text, reported, reported_text
+from truejoint.tables import Table
 
 Case = Mapping[str, Any]
 

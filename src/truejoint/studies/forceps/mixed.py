@@ -10,6 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
@@ -17,12 +18,12 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import reference_error
 from truejoint.simulation.forceps.specimens import population
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record
 from truejoint.studies.forceps.population import against_paper, quantile_texts
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import degrees_text
+from truejoint.tables import Table
 
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""

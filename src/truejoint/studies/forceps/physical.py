@@ -18,17 +18,17 @@ from scipy.optimize import least_squares
 
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.filtered import run_histories
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.recordings import Recording
 from truejoint.robots.forceps_mechanism import ForcepsMechanism
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.load import signals
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, median_text
+from truejoint.tables import Table, median_text
 
 OURS: Final = "ukf_friction"
 PHYSICAL: Final = "physical"

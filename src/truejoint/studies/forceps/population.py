@@ -8,13 +8,14 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import population
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import degrees_text
+from truejoint.tables import Table
 
 ORDERINGS: Final = (
     m.PAPERS,

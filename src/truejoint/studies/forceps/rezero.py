@@ -7,17 +7,17 @@ from typing import Any, Final
 
 import numpy as np
 
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.stiffness import find_encoder_zero
-from truejoint.evaluation.digits import fixed
 from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.load import signals, unloaded_filter
 from truejoint.studies.forceps.motions import Plain, built, changed, drawn_specimens, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import degrees_text
+from truejoint.tables import Table, fixed
 
 Case = Mapping[str, Any]
 

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from truejoint.studies.figures import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.studies.forceps import loaded, unloaded
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import title_of
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text
+from truejoint.studies.table import degrees_text
+from truejoint.tables import Table
 
 
 def parts(settings: Settings) -> Sequence[Part]:

@@ -11,6 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
@@ -22,11 +23,11 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift, quantised
 from truejoint.simulation.forceps.specimens import population
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, changed, record
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text, median_text
+from truejoint.studies.table import degrees_text
+from truejoint.tables import Table, median_text
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
     "motor": (MOTOR,),

@@ -8,11 +8,12 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.studies.figures import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, degrees_text, reported, reported_text
+from truejoint.studies.table import degrees_text, reported, reported_text
+from truejoint.tables import Table
 
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
 _OURS: Final = (m.PAPERS_BEST, "ukf_friction", m.BEST)

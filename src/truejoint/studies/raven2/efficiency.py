@@ -9,14 +9,13 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import ENOUGH, expected_gain
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
-from truejoint.evaluation.digits import fixed
 from truejoint.motion import PROFILES, designed_motion, random_motion
 from truejoint.recordings import Recording
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary, check_counts
-from truejoint.studies.table import Table
+from truejoint.tables import Table, fixed
 
 _FINE: Final = (4, 5, 6)  # divisions of the zig-zags that are compared with, as in peng2024
 _OFFSET: Final = 900_000  # of the arms' seeds, so that no other study has the same

@@ -9,9 +9,9 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.recordings import Recording
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import (
@@ -23,8 +23,8 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table
 from truejoint.studies.verdicts import RULE
+from truejoint.tables import Table
 
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does; the last with a mass on its tool."""

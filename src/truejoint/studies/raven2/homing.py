@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts

@@ -15,14 +15,14 @@ from sklearn.preprocessing import StandardScaler
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
-from truejoint.evaluation.digits import fixed
 from truejoint.evaluation.metrics import rmse, tool_error
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts, check_names
-from truejoint.studies.table import Table, reported, reported_text
+from truejoint.studies.table import reported, reported_text
 from truejoint.studies.verdicts import RULE
+from truejoint.tables import Table, fixed
 
 RAW: Final = "raw"
 WHEN: Final = ("first", "last")

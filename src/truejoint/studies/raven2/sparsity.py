@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.studies.figures import Box, Figure, Panel
+from truejoint.drawing import Box, Figure, Panel
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, PartResult, Settings, Statement, Summary, check_counts

@@ -8,11 +8,11 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.evaluation.digits import fixed
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.evaluation.metrics import percent_of
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, TITLES, Errors, shown
-from truejoint.studies.table import Table, reported
+from truejoint.studies.table import reported
+from truejoint.tables import Table, fixed
 
 Found = Mapping[str, Sequence[Errors]]
 """Errors of each session by condition."""

@@ -10,7 +10,6 @@ import numpy as np
 
 from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
-from truejoint.evaluation.digits import fixed
 from truejoint.runtime import Corrector
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.rivals import RIVALS
@@ -23,7 +22,8 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table, reported
+from truejoint.studies.table import reported
+from truejoint.tables import Table, fixed
 
 SERVO: Final = 1e-3
 """Period of RAVEN-II's servo loop [s]."""

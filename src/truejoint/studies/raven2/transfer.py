@@ -10,11 +10,10 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, adapted
 from truejoint.crtk import Arm
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
-from truejoint.evaluation.digits import fixed
 from truejoint.motion import designed_motion
 from truejoint.recordings import Recording
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.efficiency import features, relative, until
 from truejoint.studies.study import (
@@ -26,7 +25,7 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table
+from truejoint.tables import Table, fixed
 
 _OFFSET: Final = 1_000_000  # of the arms' seeds, so that no other study has the same
 _MOTION_SEED: Final = 3_000_000  # between the seed of an arm and that of its motion

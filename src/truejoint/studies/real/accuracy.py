@@ -14,15 +14,14 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.calibration import Calibration, calibrate
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
 from truejoint.evaluation import part_by_time
-from truejoint.evaluation.digits import decimals_for, fixed
 from truejoint.evaluation.metrics import rmse
 from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.study import (
     Claim,
     Part,
@@ -32,7 +31,8 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table, reported
+from truejoint.studies.table import reported
+from truejoint.tables import Table, decimals_for, fixed
 from truejoint.units import display_unit
 
 Groups = dict[tuple[str, str], dict[str, Any]]

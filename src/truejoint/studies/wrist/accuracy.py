@@ -13,6 +13,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.cables.hybrid import WRIST_PLAYS
@@ -26,7 +27,6 @@ from truejoint.simulation.wrist.constants import plant_constants
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.study import (
     Part,
     PartResult,
@@ -35,9 +35,9 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table, median_text
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.physical import LOADS, honesty
+from truejoint.tables import Table, median_text
 
 _RAW: Final = "coupling"
 SETTLED: Final = 2.0

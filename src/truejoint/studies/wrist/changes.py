@@ -10,6 +10,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.cables.learn import CableStates
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
@@ -18,9 +19,7 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import Table, median_text
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import (
     METHODS,
@@ -30,6 +29,7 @@ from truejoint.studies.wrist.accuracy import (
     specimens,
 )
 from truejoint.studies.wrist.physical import LOADS
+from truejoint.tables import Table, median_text
 
 NOTHING: Final = "nothing"
 GAIN: Final = "effort gain + 10 %"

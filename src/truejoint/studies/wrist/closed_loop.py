@@ -14,6 +14,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -30,7 +31,6 @@ from truejoint.runtime.loop_gain import check_rate
 from truejoint.simulation.twin import Twin, hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.figures import Curve, Figure, Panel
 from truejoint.studies.study import (
     Part,
     PartResult,
@@ -39,9 +39,9 @@ from truejoint.studies.study import (
     check_counts,
     check_names,
 )
-from truejoint.studies.table import Table, median_text
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, Families, by_family, rms, specimens
+from truejoint.tables import Table, median_text
 
 OPEN: Final = "open"
 _HYBRID: Final = "hybrid"

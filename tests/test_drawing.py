@@ -3,10 +3,22 @@ from __future__ import annotations
 import io
 
 import numpy as np
+import pandas as pd
 from matplotlib import figure as mpl_figure
 from matplotlib.image import imread
 
-from truejoint.studies.figures import Box, Curve, Figure, Panel, _draw, png
+from truejoint.drawing import (
+    Box,
+    Curve,
+    Figure,
+    Panel,
+    _draw,
+    box_plot,
+    by_condition,
+    ecdf,
+    over_time,
+    png,
+)
 
 
 def test_a_picture_has_its_size_and_shows_its_curves():
@@ -58,3 +70,44 @@ def test_an_axis_over_many_decades_has_room_for_its_numbers():
     low, high = short.get_xlim()
     shown = [value for value in short.get_xticks() if low <= value <= high]
     np.testing.assert_allclose(shown, [0.2, 0.5, 1.0])
+
+
+FRAME = pd.DataFrame(
+    {
+        "model": ["a", "a", "b", "b", "a", "a", "b", "b"],
+        "load": [1, 2, 1, 2, 1, 2, 1, 2],
+        "specimen": [1, 1, 1, 1, 2, 2, 2, 2],
+        "rms": [1.0, 2.0, 3.0, 4.0, 3.0, 4.0, 5.0, 8.0],
+    }
+)
+
+
+def test_a_cumulative_plot_gives_the_share_of_rows_below_an_absolute_value():
+    frame = FRAME.assign(rms=FRAME.rms * np.array([1, -1] * 4))
+    first, second = ecdf(frame, "rms", "model", scale=2.0).curves
+    np.testing.assert_allclose(first.x, [2.0, 4.0, 6.0, 8.0])
+    np.testing.assert_allclose(second.y, [0.0, 100 / 3, 200 / 3, 100.0])
+
+
+def test_a_plot_by_condition_draws_medians_and_each_specimen():
+    panel = by_condition(FRAME, "load", "rms", "model", each="specimen", colours={"a": "red"})
+    a, *thin = panel.curves[:3]
+    np.testing.assert_allclose([a.x, a.y], [[1, 2], [2.0, 3.0]])
+    assert [(curve.label, curve.colour, list(curve.y)) for curve in thin] == [
+        ("", "red", [1.0, 2.0]),
+        ("", "red", [3.0, 4.0]),
+    ]
+
+
+def test_a_plot_over_time_has_a_curve_for_each_group():
+    panel = over_time(FRAME.assign(t=np.arange(8.0)), "rms", "specimen", y="RMS [deg]")
+    assert [list(curve.x) for curve in panel.curves] == [[0, 1, 2, 3], [4, 5, 6, 7]]
+    assert (panel.x, panel.y) == ("time [s]", "RMS [deg]")
+
+
+def test_boxes_stand_side_by_side_at_their_condition():
+    panel = box_plot(FRAME, "load", "rms", "model", scale=0.5)
+    assert [round(box.x, 3) for box in panel.boxes] == [-0.2, 0.2, 0.8, 1.2]
+    assert [box.label for box in panel.boxes] == ["a", "b", "", ""]
+    np.testing.assert_allclose(panel.boxes[3].values, [2.0, 4.0])
+    assert panel.columns == ("1", "2")
