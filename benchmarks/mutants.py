@@ -36,7 +36,7 @@ TESTS = {
     "filters": ("tests/filters",),  # its modules are one filter
     "models": ("tests/models", "tests/estimators/test_regressors.py"),
     "runtime": ("tests/runtime/test_status.py", "tests/runtime/test_corrector.py"),
-    "calibration": ("tests/calibration/test_calibration.py", "tests/calibration/test_fitting.py"),
+    "calibration": ("tests/calibration/test_calibration.py", "tests/calibration/test_fit.py"),
     "recordings/bags": ("tests/recordings/bags",),
 }
 """What runs on a mutant of a module that has no tests of its own."""
@@ -59,11 +59,11 @@ MIRRORS = {
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/status": ("tests/runtime/test_status.py",),
     "calibration/calibration": ("tests/calibration/test_conformal.py",),
-    "calibration/effort_fitting": ("tests/calibration/test_effort_baseline.py",),
+    "calibration/effort_fitting": ("tests/calibration/test_efforts.py",),
     "calibration/encoding": ("tests/calibration/test_model_file.py",),
     "calibration/interval": ("tests/calibration/test_conformal.py",),
-    "calibration/parity": ("tests/runtime/test_parity.py",),
-    "calibration/sessions": ("tests/calibration/test_zero.py",),
+    "calibration/redundancy": ("tests/runtime/test_parity.py",),
+    "calibration/compatibility": ("tests/calibration/test_zero.py",),
     "calibration/signal_shift": ("tests/calibration/test_zero.py",),
 }
 """Tests of a module beside those of its own name."""

@@ -21,6 +21,7 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
+from truejoint.calibration.compatibility import trained_on
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
@@ -32,7 +33,6 @@ from truejoint.calibration.interval import (
     range_excesses,
 )
 from truejoint.calibration.model_file import encode_arrays
-from truejoint.calibration.sessions import trained_on
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.recordings import Recording
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
-from tests.calibration.test_choice import bent
+from tests.calibration.test_choose import bent
 from tests.calibration.test_folds import crossed, jaw
 from tests.synthetic import build_recording
 

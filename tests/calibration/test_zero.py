@@ -19,8 +19,8 @@ from truejoint.calibration import (
     write_calibration,
 )
 from truejoint.calibration.conformal import knowing_errors
-from truejoint.calibration.effort_baseline import BEGINNINGS, time_in_motion
 from truejoint.calibration.effort_fitting import _root_mean_square, residual_statistics
+from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
 from truejoint.calibration.signal_shift import shift_signals, signal_moves
 from truejoint.calibration.zero import CORRELATION_MARGIN, beginnings, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError

@@ -101,7 +101,7 @@ def test_what_zeros_are_judged_by_knows_nothing_of_the_part_left_out(monkeypatch
         found.append(fit([0, 1, 2]))
         return False, {"kept": False}
 
-    monkeypatch.setattr("truejoint.calibration.fitting.judge_zeros", first_pair)
+    monkeypatch.setattr("truejoint.calibration.fit.judge_zeros", first_pair)
     recordings = several(0.0, 4)
     off = recordings[3].column("truth/jaw") + 0.02 * np.sin(0.4 * recordings[3].t)
     wandering = recordings[3].table.assign(**{"truth/jaw": off})
@@ -125,7 +125,7 @@ def test_a_recording_that_is_nearly_all_the_time_is_not_left_out_to_judge_zeros(
 
 def test_recordings_that_are_thinned_unlike_each_other_are_judged_all_the_same(monkeypatch):
     """Rows of the long one are further apart than gaps of the others."""
-    monkeypatch.setattr("truejoint.calibration.fitting.MOST_ROWS", 2400)
+    monkeypatch.setattr("truejoint.calibration.fit.MOST_ROWS", 2400)
     one = loaded(7, 0.3)
     parts = [one.table.assign(t=one.t + k * 20.0) for k in range(20)]
     long = replace(one, table=pd.concat(parts, ignore_index=True))

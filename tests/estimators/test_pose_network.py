@@ -10,7 +10,7 @@ from tests.estimators.test_network import SIZES, assert_slopes, forward, problem
 from tests.runtime.streams import JOINTS, MINUTE, SIGNALS, recording
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.fitting import reseeded
+from truejoint.calibration.fit import reseeded
 from truejoint.errors import CalibrationError
 from truejoint.estimators import Combination, NeuralNetwork, PoseNetwork
 from truejoint.estimators.network import learn as network

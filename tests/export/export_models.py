@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from truejoint.calibration import Calibration
+from truejoint.calibration.domain import fit_training_domain
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.training_domain import fit_training_domain
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.family import EstimatorData
 from truejoint.features.feature_set import FeatureSet

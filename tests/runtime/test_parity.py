@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.parity import fit_parity_equations, redundant_columns
+from truejoint.calibration.redundancy import fit_parity_equations, redundant_columns
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Monitor, Status

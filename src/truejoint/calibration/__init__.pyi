@@ -1,9 +1,9 @@
-from .adapting import adapted as adapted
+from .adapt import adapted as adapted
 from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
 from .calibration import read_calibration as read_calibration
 from .calibration import write_calibration as write_calibration
-from .choice import Automatic as Automatic
+from .choose import Automatic as Automatic
 from .conformal import Agreement as Agreement
 from .conformal import Coverage as Coverage
 from .conformal import compare_calibrations as compare_calibrations
@@ -12,8 +12,8 @@ from .conformal import with_interval as with_interval
 from .cross_conformal import cross_interval as cross_interval
 from .enough import ENOUGH as ENOUGH
 from .enough import expected_gain as expected_gain
-from .fitting import calibrate as calibrate
-from .fitting import reseeded as reseeded
+from .fit import calibrate as calibrate
+from .fit import reseeded as reseeded
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
 from .jaw_session import encoder_rezeroed as encoder_rezeroed

@@ -15,10 +15,10 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
+from truejoint.calibration.compatibility import check_arm, check_columns, check_robot, check_unit
 from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
 from truejoint.calibration.interval import LEVEL, inverse_span, range_excesses
 from truejoint.calibration.model_file import read_model_file, write_model_file
-from truejoint.calibration.sessions import check_arm, check_columns, check_robot, check_unit
 from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.base import JointRegressor, RowState

@@ -10,8 +10,10 @@ from typing import Final
 from sklearn.base import clone
 
 from truejoint.array_types import Mask
-from truejoint.calibration.choice import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
+from truejoint.calibration.choose import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
+from truejoint.calibration.compatibility import distinct
 from truejoint.calibration.folds import FEW, folds
+from truejoint.calibration.rows import RowRules, outlying_values, stride_of
 from truejoint.calibration.selection import (
     chosen_features,
     chosen_joints,
@@ -19,8 +21,6 @@ from truejoint.calibration.selection import (
     common_units,
     in_all,
 )
-from truejoint.calibration.sessions import distinct
-from truejoint.calibration.training_rows import RowRules, outlying_values, stride_of
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.family import TARGETS, Target

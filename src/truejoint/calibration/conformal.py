@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
+from truejoint.calibration.compatibility import distinct, session_of, source_of, trained_on
 from truejoint.calibration.effort_fitting import residual_statistics
 from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
-from truejoint.calibration.sessions import distinct, session_of, source_of, trained_on
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.names import OFFSET

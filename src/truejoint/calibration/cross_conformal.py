@@ -10,7 +10,8 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.choice import Automatic
+from truejoint.calibration.choose import Automatic
+from truejoint.calibration.compatibility import distinct
 from truejoint.calibration.conformal import (
     check_interval,
     exchangeable_units,
@@ -20,7 +21,7 @@ from truejoint.calibration.conformal import (
     state_interval,
     trajectory_scores,
 )
-from truejoint.calibration.fitting import calibrate, within
+from truejoint.calibration.fit import calibrate, within
 from truejoint.calibration.folds import (
     FOLDS,
     Fold,
@@ -35,7 +36,6 @@ from truejoint.calibration.folds import (
 )
 from truejoint.calibration.interval import GROWTH, LEVELS
 from truejoint.calibration.selection import common_robot
-from truejoint.calibration.sessions import distinct
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.effort_baseline import (
+from truejoint.calibration.efforts import (
     BEGINNINGS,
     FRICTION_MARGIN,
     MAX_JOINTS,

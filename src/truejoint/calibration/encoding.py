@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Final, Generic, Self, TypeVar, get_args
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.effort_baseline import EffortBaseline, decode_effort_baseline
+from truejoint.calibration.domain import TrainingDomain, decode_training_domain
+from truejoint.calibration.efforts import EffortBaseline, decode_effort_baseline
 from truejoint.calibration.interval import Interval, decode_interval
 from truejoint.calibration.model_file import encode_arrays
-from truejoint.calibration.parity import ParityEquations, decode_parity_equations
-from truejoint.calibration.training_domain import TrainingDomain, decode_training_domain
+from truejoint.calibration.redundancy import ParityEquations, decode_parity_equations
 from truejoint.errors import (
     CalibrationError,
     ModelFileError,

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.fitting import calibrate
+from truejoint.calibration.fit import calibrate
 from truejoint.calibration.folds import FOLDS, blocks, dealt, without
 from truejoint.estimators.wrapped import Regressor
 from truejoint.recordings import Recording

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.encoding import as_calibration
-from truejoint.calibration.sessions import source_of
 from truejoint.calibration.signal_shift import shift_signals
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.signals import RESET

@@ -9,9 +9,9 @@ from typing import Final, Literal, get_args
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.sessions import source_of
+from truejoint.calibration.compatibility import source_of
+from truejoint.calibration.rows import TrainingRows, fitted_rows
 from truejoint.calibration.signal_shift import shift_signals
-from truejoint.calibration.training_rows import TrainingRows, fitted_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import constant_columns
 from truejoint.estimators.wrapped import get_estimator

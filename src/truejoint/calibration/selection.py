@@ -7,14 +7,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
-from truejoint.calibration.parity import redundant_columns
-from truejoint.calibration.sessions import (
+from truejoint.calibration.compatibility import (
     check_arm,
     check_columns,
     check_unit,
     listed,
     source_of,
 )
+from truejoint.calibration.redundancy import redundant_columns
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor
 from truejoint.features.feature_set import FeatureSet, default_features

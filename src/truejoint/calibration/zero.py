@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.effort_baseline import BEGINNINGS, time_in_motion
+from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
 from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.errors import CalibrationError
 from truejoint.features.feature_set import time_steps

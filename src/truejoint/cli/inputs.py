@@ -81,7 +81,7 @@ class Files(Origin):
             return self._split_side(only_dataset(names), split, held_out)
 
         def read() -> list[truejoint.Recording]:
-            from truejoint.calibration.sessions import check_columns  # noqa: PLC0415  # imports much
+            from truejoint.calibration.compatibility import check_columns  # noqa: PLC0415  # imports much
 
             recordings: list[truejoint.Recording] = []
             what = names[0] if len(names) == 1 else f"{len(names)} recordings"

@@ -255,7 +255,7 @@ def _print_plan(guide: Guide) -> None:
 @contextmanager
 def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm of a twin, homed, and a hand that steers it to a block at `pose`."""
-    from truejoint.calibration.sessions import check_robot  # noqa: PLC0415  # NumPy
+    from truejoint.calibration.compatibility import check_robot  # noqa: PLC0415  # NumPy
     from truejoint.motion.touching import SimulatedHand  # noqa: PLC0415
 
     with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:

@@ -11,8 +11,8 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.compatibility import trained_on
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.sessions import trained_on
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread

@@ -10,7 +10,7 @@ from pathlib import PurePath
 from typing import Any, Final
 
 from truejoint.array_types import Array
-from truejoint.calibration.sessions import trained_on
+from truejoint.calibration.compatibility import trained_on
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.comparison import Outcome
 from truejoint.evaluation.results import (

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.sessions import check_robot
+from truejoint.calibration.compatibility import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.calibration.encoding import CalibrationData
-from truejoint.calibration.training_domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.estimators.products import padded

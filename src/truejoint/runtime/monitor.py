@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.effort_baseline import (
+from truejoint.calibration.efforts import (
     ANCHOR,
     MOVED,
     N_TRAVEL,

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
-from truejoint.calibration.effort_baseline import AT, IN_MOTION, N_MOTION, go_on_in_motion
+from truejoint.calibration.efforts import AT, IN_MOTION, N_MOTION, go_on_in_motion
 from truejoint.calibration.encoding import CalibrationData, as_calibration
 from truejoint.calibration.zero import CORRELATION_MARGIN, believed_zero
 from truejoint.compiled import compiled

@@ -11,8 +11,8 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.fitting import calibrate
-from truejoint.calibration.sessions import check_columns
+from truejoint.calibration.compatibility import check_columns
+from truejoint.calibration.fit import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.learn import PolynomialRegressor

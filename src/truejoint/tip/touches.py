@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array, floats
-from truejoint.calibration.sessions import check_columns, source_of
+from truejoint.calibration.compatibility import check_columns, source_of
 from truejoint.calibration.zero import moved
 from truejoint.errors import CalibrationError, other_kind
 from truejoint.files import read_small

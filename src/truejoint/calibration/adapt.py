@@ -12,16 +12,16 @@ from scipy.spatial import KDTree
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.compatibility import session_of, trained_on
 from truejoint.calibration.encoding import as_calibration
-from truejoint.calibration.fitting import origin
-from truejoint.calibration.selection import common_robot
-from truejoint.calibration.sessions import session_of, trained_on
-from truejoint.calibration.training_rows import (
+from truejoint.calibration.fit import origin
+from truejoint.calibration.rows import (
     RowRules,
     TrainingRows,
     outlying_values,
     stride_of,
 )
+from truejoint.calibration.selection import common_robot
 from truejoint.errors import CalibrationError
 from truejoint.estimators.adapting import check_rows
 from truejoint.features.feature_set import sample_dt

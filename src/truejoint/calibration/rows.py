@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.sessions import source_of
+from truejoint.calibration.compatibility import source_of
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Target
 from truejoint.features.feature_set import FeatureSet, time_steps

@@ -14,7 +14,7 @@ from scipy.optimize import nnls
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
-from truejoint.calibration.training_rows import TrainingRows
+from truejoint.calibration.rows import TrainingRows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold
 from truejoint.estimators.family import Target
@@ -404,7 +404,7 @@ def share_of(sizes: Sequence[int], most: int) -> int:
 
     Examples
     --------
-    >>> from truejoint.calibration.choice import share_of
+    >>> from truejoint.calibration.choose import share_of
     >>> share_of([10, 500, 900], most=410)
     200
     """

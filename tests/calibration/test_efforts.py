@@ -10,14 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import calibrate, effort_fitting, read_calibration, write_calibration
-from truejoint.calibration.effort_baseline import (
+from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
+from truejoint.calibration.efforts import (
     MAX_JOINTS,
     count_effort_terms,
     decode_effort_baseline,
     effort_steps,
     effort_terms,
 )
-from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
 from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording

@@ -18,7 +18,7 @@ from tests.estimators.test_elastic_joint import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
-from truejoint.calibration.choice import Group, Rows, apart, share_of, stacking_weights
+from truejoint.calibration.choose import Group, Rows, apart, share_of, stacking_weights
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     Combination,
@@ -430,7 +430,7 @@ def test_what_takes_columns_that_recordings_lack_is_passed_by():
 
 
 def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):
-    monkeypatch.setattr("truejoint.calibration.choice.GAIN", -20.0)  # nothing is so good
+    monkeypatch.setattr("truejoint.calibration.choose.GAIN", -20.0)  # nothing is so good
     monkeypatch.setitem(registry._ESTIMATORS["ukf_elastic"].params, "elements", 1)
     recordings = [grasper(seed) for seed in range(3)]
     model = calibrate(recordings, Automatic([get_estimator("ukf_elastic")]), fit_rate=20.0)

@@ -17,22 +17,14 @@ from sklearn.base import clone
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.candidates import choice_of, unfitted
-from truejoint.calibration.choice import FITTED_ROWS, MOST_ROWS, Automatic, Choice, share_of
+from truejoint.calibration.choose import FITTED_ROWS, MOST_ROWS, Automatic, Choice, share_of
+from truejoint.calibration.compatibility import check_unit, distinct, session_of
+from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.effort_fitting import fit_effort_baseline
 from truejoint.calibration.folds import FEW, folds, wholes
 from truejoint.calibration.own_zeros import ZeroOf, at_one_zero, zero_groups
-from truejoint.calibration.parity import ParityEquations, fit_parity_equations
-from truejoint.calibration.selection import (
-    chosen_features,
-    chosen_joints,
-    chosen_redundant,
-    common_robot,
-    common_units,
-)
-from truejoint.calibration.sessions import check_unit, distinct, session_of
-from truejoint.calibration.signal_shift import signal_moves
-from truejoint.calibration.training_domain import fit_training_domain, resting_features
-from truejoint.calibration.training_rows import (
+from truejoint.calibration.redundancy import ParityEquations, fit_parity_equations
+from truejoint.calibration.rows import (
     RowRules,
     TrainingRows,
     fitted_rows,
@@ -40,6 +32,14 @@ from truejoint.calibration.training_rows import (
     partly_known,
     stride_of,
 )
+from truejoint.calibration.selection import (
+    chosen_features,
+    chosen_joints,
+    chosen_redundant,
+    common_robot,
+    common_units,
+)
+from truejoint.calibration.signal_shift import signal_moves
 from truejoint.calibration.zero_choice import judge_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, constant_columns, untold
@@ -94,8 +94,8 @@ def calibrate(
         default the first that the estimator's family can be fitted to.
     redundant : sequence of str, optional
         Columns by which a control loop checks the measured positions, such as ``"motor/elbow"``;
-        all that every recording has by default, see `truejoint.calibration.parity`. A `Corrector`
-        needs those that tell something; correcting a recording needs none.
+        all that every recording has by default, see `truejoint.calibration.redundancy`. A
+        `Corrector` needs those that tell something; correcting a recording needs none.
     fit_rate : float, optional
         Fit to rows at most at this rate [Hz], where more of them would only take longer; features
         with a history still see every row.

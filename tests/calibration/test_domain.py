@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
-from truejoint.calibration.encoding import decode, encode
-from truejoint.calibration.model_file import encode_arrays
-from truejoint.calibration.training_domain import (
+from truejoint.calibration.domain import (
     SMALLEST_VARIANCE,
     decode_training_domain,
     fit_training_domain,
     partners,
     resting_features,
 )
+from truejoint.calibration.encoding import decode, encode
+from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import ModelFileError
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
