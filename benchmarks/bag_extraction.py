@@ -22,7 +22,7 @@ import numpy as np
 from rosbags.rosbag1 import Writer
 
 from truejoint.crtk.messages import DEFINITIONS, RAVEN_STATE
-from truejoint.recordings.bags.fields import full_name, typesys
+from truejoint.recordings.read.bags.fields import full_name, typesys
 
 OURS = """
 import resource, sys, time

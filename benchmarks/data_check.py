@@ -26,9 +26,9 @@ from truejoint.array_types import Array
 from truejoint.crtk import simulated_arm
 from truejoint.motion import random_motion, zigzag
 from truejoint.recordings import DataCheck, Recording, check_data
-from truejoint.recordings.checks.explained import SLOW, explain, robust_spread
-from truejoint.recordings.checks.zeros import left_out_zeros
 from truejoint.recordings.datasets import read_dataset
+from truejoint.recordings.join.explained import SLOW, explain, robust_spread
+from truejoint.recordings.judge.zeros import left_out_zeros
 from truejoint.studies.raven2.sessions import record
 
 PUBLIC = {

@@ -42,8 +42,8 @@ from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording, Track
-from truejoint.recordings.array_files import read_npy
 from truejoint.recordings.datasets import locate, read_dataset
+from truejoint.recordings.read.array_files import read_npy
 from truejoint.robots import Robot
 from truejoint.simulation import TwinOutput, make_twin
 from truejoint.simulation.tracker import TRACKERS

@@ -21,8 +21,8 @@ from truejoint.array_types import Array
 from truejoint.estimators import get_estimator
 from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings import Recording
-from truejoint.recordings.checks.explained import explain
 from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut
+from truejoint.recordings.join.explained import explain
 
 
 def spoiled(recordings: Sequence[Recording], seed: int) -> list[Recording]:

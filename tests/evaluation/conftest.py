@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.table.recording import Recording
 
 
 @dataclass(frozen=True)

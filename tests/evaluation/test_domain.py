@@ -8,7 +8,7 @@ import pytest
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.evaluation import evaluate
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.table.recording import Recording
 from truejoint.runtime import Corrector, Status
 
 

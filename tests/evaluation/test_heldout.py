@@ -6,7 +6,7 @@ import pytest
 from truejoint.evaluation.splits import split_by_time
 from truejoint.evaluation.verdict import doubts_about, objections_to
 from truejoint.recordings import DataCheck
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.table.recording import Recording
 
 NOTHING = DataCheck((), ())
 

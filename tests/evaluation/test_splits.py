@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
 from truejoint.evaluation.splits import part_by_time, split_by_file, split_by_time
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.table.recording import Provenance, Recording
 
 
 def _ramp(n: int = 200, source: str = "a.csv", sha256: str = "") -> Recording:

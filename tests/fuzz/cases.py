@@ -27,7 +27,7 @@ from truejoint.cli.commands import built
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
 from truejoint.recordings import write_bag
-from truejoint.recordings.stream_file import StreamWriter
+from truejoint.recordings.table.stream_file import StreamWriter
 
 NUMBERS = (
     "0", "-1", "1", "2", "0.5", "1e-308", "1e308", "1e999", "-1e999", "nan", "inf", "-inf",

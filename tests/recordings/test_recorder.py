@@ -18,7 +18,7 @@ from truejoint.motion import follow
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recorder, read_parquet, read_recorded_topics, read_recording
 from truejoint.recordings.recorder import PAST_END, Decimator, _Rows
-from truejoint.recordings.synchronise import AFTER, BACK, Stream
+from truejoint.recordings.table.stream import AFTER, BACK, Stream
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from truejoint.recordings.readers import davinci_grasper
+from truejoint.recordings.read import davinci_grasper
 from truejoint.robots import get_robot
 
 

@@ -26,7 +26,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.adapting import check_rows
 from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import as_recordings
+from truejoint.recordings.table.recording import as_recordings
 from truejoint.robots import Robot
 
 _OF_THE_PRIOR: Final = ("held_out", "rezeroed", "accepted", "command", "fit_seconds", "choice")

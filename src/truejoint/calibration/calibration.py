@@ -26,7 +26,7 @@ from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.estimators.wrapped import class_of
 from truejoint.features.feature_set import FeatureState, check_history, check_sample_dt, time_steps
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import as_recording
+from truejoint.recordings.table.recording import as_recording
 from truejoint.robots import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit

@@ -18,7 +18,7 @@ from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_traj
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.names import OFFSET
-from truejoint.recordings.recording import as_recordings
+from truejoint.recordings.table.recording import as_recordings
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration

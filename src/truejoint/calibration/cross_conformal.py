@@ -41,7 +41,7 @@ from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
 from truejoint.estimators.wrapped import Regressor
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import as_recordings
+from truejoint.recordings.table.recording import as_recordings
 
 WHOLE_FROM: Final = 10  # recordings, from which on they are left out whole
 PARTS: Final = 15  # that fewer recordings are cut into, at least

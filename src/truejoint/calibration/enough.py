@@ -12,7 +12,7 @@ from truejoint.calibration.fit import calibrate
 from truejoint.calibration.folds import FOLDS, blocks, dealt, without
 from truejoint.estimators.wrapped import Regressor
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import as_recordings
+from truejoint.recordings.table.recording import as_recordings
 
 ENOUGH: Final = 0.05
 """Share of its error below which a calibration is hardly bettered."""

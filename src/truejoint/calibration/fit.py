@@ -48,7 +48,7 @@ from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
 from truejoint.estimators.wrapped import Regressor, get_estimator
 from truejoint.features.feature_set import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import as_recordings
+from truejoint.recordings.table.recording import as_recordings
 from truejoint.robots import Robot
 
 _CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,

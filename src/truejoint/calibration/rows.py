@@ -16,7 +16,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Target
 from truejoint.features.feature_set import FeatureSet, time_steps
 from truejoint.recordings import Recording
-from truejoint.recordings.checks.outliers import gross_outliers
+from truejoint.recordings.judge.outliers import gross_outliers
 
 LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond which it is refused
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from truejoint.motion.follow import Steering
     from truejoint.recordings.recorder import TruthSource
     from truejoint.recordings.serial_sensors import JointEncoders
-    from truejoint.recordings.stream_file import StreamSize
+    from truejoint.recordings.table.stream_file import StreamSize
 
 _REZERO: Final = 10.0  # of random motion [s]
 _LEG: Final = 30.0  # [s], after which it is asked whether that is enough

@@ -102,7 +102,7 @@ def correct_rows(
     import numpy as np  # noqa: PLC0415  # not for help
     import pandas as pd  # noqa: PLC0415
 
-    from truejoint.recordings.recording import EPOCH  # noqa: PLC0415
+    from truejoint.recordings.table.recording import EPOCH  # noqa: PLC0415
     from truejoint.runtime.corrector import corrector_for  # noqa: PLC0415
 
     start = recording.provenance.start

@@ -85,7 +85,7 @@ def _listen(
 ) -> truejoint.recordings.Diagnosis:
     """Judge what is said on an arm's topics for some seconds, or until Ctrl-C."""
     from truejoint.cli.node import as_node  # noqa: PLC0415  # not for a recording
-    from truejoint.recordings.live import LiveLink  # noqa: PLC0415
+    from truejoint.recordings.judge.live import LiveLink  # noqa: PLC0415
 
     with as_node("truejoint_doctor", ros) as transport:
         link = LiveLink(transport, robot, arm, **wiring)

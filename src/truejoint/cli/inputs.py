@@ -142,7 +142,7 @@ class Files(Origin):
 
     def _without_strangers(self, name: str, paths: Sequence[Path]) -> list[Path]:
         """Those of the paths that nobody named one by one which are recordings; tell the others."""
-        from truejoint.recordings import reading  # noqa: PLC0415  # needs NumPy
+        from truejoint.recordings.read import reading  # noqa: PLC0415  # needs NumPy
 
         kept = []
         for path in paths:
@@ -177,7 +177,7 @@ class Files(Origin):
         return found
 
     def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
-        from truejoint.recordings.reading import state  # noqa: PLC0415  # needs NumPy
+        from truejoint.recordings.read.reading import state  # noqa: PLC0415  # needs NumPy
 
         return state(recordings, self.stated())
 

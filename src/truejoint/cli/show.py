@@ -66,7 +66,7 @@ def is_model(path: Path) -> bool:
 def _is_corrected(path: Path) -> bool:
     if path.suffix != ".parquet" or not path.is_file():
         return False
-    from truejoint.recordings.parquet import is_corrected  # noqa: PLC0415  # not for help
+    from truejoint.recordings.table.parquet import is_corrected  # noqa: PLC0415  # not for help
 
     return is_corrected(path)
 
@@ -85,7 +85,7 @@ def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell what a model is, and the signals of a sample in order with their trained ranges."""
-    from truejoint.recordings.files import sha256_of  # noqa: PLC0415  # not for help
+    from truejoint.recordings.bounded_file import sha256_of  # noqa: PLC0415  # not for help
 
     model = truejoint.read_calibration(path)
     ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)

@@ -10,7 +10,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.results import OFFSET, Domain, Trace
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.table.recording import Recording
 from truejoint.runtime import Status
 from truejoint.runtime.corrector import corrector_for
 from truejoint.runtime.limits import believable_corrections

@@ -13,8 +13,8 @@ from truejoint.errors import CalibrationError, other_kind
 from truejoint.evaluation.results import Evaluation
 from truejoint.evaluation.tested import JointCalibration
 from truejoint.evaluation.trial import Trial, estimator_of
-from truejoint.recordings.data_check import DataCheck
-from truejoint.recordings.recording import Recording, as_recordings
+from truejoint.recordings.judge.data_check import DataCheck
+from truejoint.recordings.table.recording import Recording, as_recordings
 
 Model = Calibration | str | os.PathLike[str]
 

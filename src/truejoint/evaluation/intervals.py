@@ -16,7 +16,7 @@ from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
 from truejoint.evaluation.scoring import spread
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.table.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
 _NAMED: Final = 4  # recordings that a sentence names

@@ -14,7 +14,7 @@ import numpy as np
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.datasets import Dataset, HeldOut, read_dataset
-from truejoint.recordings.recording import Recording, as_recording, as_recordings
+from truejoint.recordings.table.recording import Recording, as_recording, as_recordings
 
 
 def split_by_time(

@@ -16,8 +16,8 @@ from truejoint.evaluation.domain import believable, loop_status
 from truejoint.evaluation.metrics import tool_positions
 from truejoint.evaluation.results import OFFSET, RAW, Trace
 from truejoint.evaluation.scoring import JudgedRecording
-from truejoint.recordings.recording import Recording
-from truejoint.recordings.signals import direction, velocity
+from truejoint.recordings.table.recording import Recording
+from truejoint.recordings.table.signals import direction, velocity
 from truejoint.robots import Robot
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool

@@ -37,8 +37,8 @@ from truejoint.evaluation.tested import (
     why_no_cartesian,
 )
 from truejoint.evaluation.verdict import doubts_about, judge, objections_to, rezero_remark
-from truejoint.recordings.data_check import DataCheck, check_data
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.judge.data_check import DataCheck, check_data
+from truejoint.recordings.table.recording import Recording
 from truejoint.robots import Robot
 from truejoint.summary import json_values
 

@@ -24,8 +24,8 @@ from truejoint.evaluation.results import (
     Verdict,
     estimator_phrase,
 )
-from truejoint.recordings.data_check import DataCheck
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.judge.data_check import DataCheck
+from truejoint.recordings.table.recording import Recording
 from truejoint.tables import share_text, shown
 from truejoint.units import display_unit
 

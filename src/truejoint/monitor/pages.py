@@ -22,7 +22,7 @@ from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
 from truejoint.monitor.process import PLOT_EVERY, PageProcess
 from truejoint.monitor.samples import MOST_ROWS, LiveSamples, Samples
 from truejoint.monitor.view import Condition
-from truejoint.recordings.recording import Recording, as_recording
+from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
 _MOST_POINTS: Final = 600  # of a curve

@@ -17,7 +17,7 @@ from truejoint.runtime.status import Status
 
 if TYPE_CHECKING:  # the process that draws needs neither them nor the corrector
     from truejoint.calibration import Calibration
-    from truejoint.recordings.recording import Recording
+    from truejoint.recordings.table.recording import Recording
 
 MOST_ROWS: Final = 5000
 """State messages that are corrected for one picture; of more, as an arm faster than real time
@@ -148,7 +148,7 @@ class LiveSamples:
     """
 
     def __init__(self, robot: Robot, calibration: Calibration | None = None) -> None:
-        from truejoint.recordings.recording import default_unit  # noqa: PLC0415
+        from truejoint.recordings.table.recording import default_unit  # noqa: PLC0415
         from truejoint.runtime.corrector import Corrector  # noqa: PLC0415
 
         if calibration is not None:

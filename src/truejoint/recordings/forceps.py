@@ -6,7 +6,7 @@ import math
 
 from numpy.typing import ArrayLike
 
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift

@@ -20,9 +20,10 @@ from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
-from truejoint.recordings.parquet import write_parquet
-from truejoint.recordings.recording import Provenance, Recording
-from truejoint.recordings.stream_file import (
+from truejoint.recordings.table.parquet import write_parquet
+from truejoint.recordings.table.recording import Provenance, Recording
+from truejoint.recordings.table.stream import Stream
+from truejoint.recordings.table.stream_file import (
     STATE,
     SUFFIX,
     TOPICS_SUFFIX,
@@ -31,7 +32,6 @@ from truejoint.recordings.stream_file import (
     StreamWriter,
     assembled,
 )
-from truejoint.recordings.synchronise import Stream
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 PAST_END: Final = "state: past the longest duration"
@@ -212,7 +212,7 @@ class Recorder:
 
         It has `QUANTITIES` of every channel, whatever else the arm reads with its state
         (`StateBlock.extra`), and the joint encoders where it has them, interpolated to the state's
-        stamps (`truejoint.recordings.synchronise`). `source` is for the provenance; by default
+        stamps (`synchronise`). `source` is for the provenance; by default
         ``"recorded from <robot>"``. Raises RecordingError if there are fewer than 2 rows.
         """
         return assembled(

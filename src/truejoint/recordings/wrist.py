@@ -5,7 +5,7 @@ from __future__ import annotations
 from numpy.typing import ArrayLike
 
 from truejoint.errors import TruejointError
-from truejoint.recordings.recording import Provenance, Recording
+from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.wrist.twin import WristTwin
 

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
-from truejoint.recordings.joining import ClockOffset
+from truejoint.recordings.join.joining import ClockOffset
 from truejoint.robots import Robot
 from truejoint.summary import Summarised
 from truejoint.tip.tip_rows import align, cross_matrix

@@ -11,8 +11,8 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.features.feature_set import Feature, FeatureSet
-from truejoint.recordings.recording import Recording
-from truejoint.recordings.signals import GAP_STEPS
+from truejoint.recordings.table.recording import Recording
+from truejoint.recordings.table.signals import GAP_STEPS
 from truejoint.robots.parts import Kinematics
 from truejoint.tip.tip_rows import TipRows
 

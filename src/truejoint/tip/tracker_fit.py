@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
-from truejoint.recordings.tracker import Track
+from truejoint.recordings.read.track import Track
 from truejoint.robots import Robot
 from truejoint.tip.registration import Registration
 from truejoint.tip.tip_rows import (

@@ -17,15 +17,15 @@ from scipy.signal import medfilt
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError, RecordingError, other_kind
-from truejoint.recordings.joining import (
+from truejoint.recordings.join.joining import (
     ClockOffset,
     cover_same_time,
     find_path_offset,
     join_truth,
 )
-from truejoint.recordings.recording import EPOCH, Recording, as_recording, runs
-from truejoint.recordings.synchronise import Stream
-from truejoint.recordings.tracker import Track
+from truejoint.recordings.read.track import Track
+from truejoint.recordings.table.recording import EPOCH, Recording, as_recording, runs
+from truejoint.recordings.table.stream import Stream
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics

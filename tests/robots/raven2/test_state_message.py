@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.recordings.readers import raven_csv
+from truejoint.recordings.read import raven_csv
 from truejoint.robots import get_robot
 from truejoint.robots.raven2 import ENCODER_COUNTS_PER_REV, drives
 from truejoint.robots.raven2.state_message import state_message

@@ -26,7 +26,7 @@ from truejoint.evaluation.results import (
 )
 from truejoint.extras import require
 from truejoint.files import write_atomically
-from truejoint.recordings.signals import gaps
+from truejoint.recordings.table.signals import gaps
 from truejoint.tables import fixed, shown
 from truejoint.units import DisplayUnit, display_unit
 

@@ -26,8 +26,8 @@ from truejoint.evaluation.results import (
 )
 from truejoint.evaluation.tables import score_tables
 from truejoint.files import check_target, write_atomically
-from truejoint.recordings.data_check import DataCheck
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.judge.data_check import DataCheck
+from truejoint.recordings.table.recording import Recording
 
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 

@@ -13,8 +13,8 @@ from truejoint.drawing import BLUE, GREY, INK, ORANGE
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import Figure, Spec
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
-from truejoint.recordings.recording import Recording
-from truejoint.recordings.signals import velocity
+from truejoint.recordings.table.recording import Recording
+from truejoint.recordings.table.signals import velocity
 
 # Curves (n, k) with title and colour.
 _Groups = Sequence[tuple[str, str, Sequence[Array]]]

@@ -14,15 +14,15 @@ import pooch
 import requests
 
 from truejoint.errors import RecordingError
+from truejoint.recordings.bounded_file import sha256_of
 from truejoint.recordings.datasets.catalogue import (
     Dataset,
     DatasetFile,
     DatasetRecording,
     get_dataset,
 )
-from truejoint.recordings.files import sha256_of
-from truejoint.recordings.reading import read_recording
-from truejoint.recordings.recording import Recording
+from truejoint.recordings.read.reading import read_recording
+from truejoint.recordings.table.recording import Recording
 
 DATA_VARIABLE: Final = "TRUEJOINT_DATA"
 """Environment variable: a folder with one folder per data set, files as upstream or in gzip."""

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import Provenance
+from truejoint.recordings.table.recording import Provenance
 from truejoint.studies.forceps.loaded import load_test
 from truejoint.studies.forceps.motions import Plain, built, plain_specimen, record, title_of
 from truejoint.studies.study import Part, PartResult, Settings, Summary

@@ -8,7 +8,7 @@ from typing import Final
 
 from truejoint.estimators.network.learn import WideNetwork
 from truejoint.recordings import Recording
-from truejoint.recordings.recording import default_unit
+from truejoint.recordings.table.recording import default_unit
 from truejoint.robots.raven2.state_message import state_message
 from truejoint.simulation.raven2 import Raven2Twin
 from truejoint.studies.raven2 import claims, tables

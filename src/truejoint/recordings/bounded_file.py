@@ -1,0 +1,122 @@
+"""Files from others, read within bounds."""
+
+from __future__ import annotations
+
+import gzip
+import hashlib
+import io
+import zlib
+from pathlib import Path
+from typing import Any, Final
+
+from truejoint.errors import RecordingError
+from truejoint.files import require_ordinary
+
+# Most bytes of a text file once unpacked: 6 h of the 252-column layout is 4.5 GB.
+MAX_UNPACKED_BYTES: Final = 8 * 2**30
+MAX_BINARY_BYTES: Final = 2**30  # of a file that is read in one go (.npy, .mat)
+MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
+MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes 6.3 kB a line
+HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
+# What a packed file may unpack to, however small it is, and as a multiple of its size. Recordings
+# pack to a quarter or a twentieth; what packs to less than a hundredth is no measurement.
+_SMALL_BYTES: Final = 1 << 26
+_MOST_PACKED: Final = 100
+
+
+class BoundedFile(io.RawIOBase):
+    """A file that hashes what is read from it and refuses to go on past `limit` bytes.
+
+    A gzip file is unpacked as it is read, so a small file that unpacks to an endless one costs
+    no memory. With `lines` it refuses a line longer than `MAX_LINE_BYTES` too.
+    """
+
+    def __init__(self, path: Path, limit: int = MAX_UNPACKED_BYTES, *, lines: bool = False) -> None:
+        super().__init__()
+        self._path, self._limit, self._lines = path, limit, lines
+        self._taken = self._line = 0
+        self._hash = hashlib.sha256()
+        with path.open("rb") as start:
+            self._packed = start.read(2) == b"\x1f\x8b"  # whatever the file is called
+        if self._packed:
+            self._limit = min(limit, most_unpacked(path.stat().st_size))
+        self._file: Any = gzip.GzipFile(path) if self._packed else io.FileIO(path)
+
+    def readable(self) -> bool:
+        """Say that it is made for reading."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Read into `buffer`; raises RecordingError past the limit or when gzip is damaged."""
+        try:
+            data: bytes = self._file.read(len(buffer)) or b""
+        except (EOFError, zlib.error, gzip.BadGzipFile) as error:
+            raise RecordingError(
+                f"{self._path}: the gzip file is cut short or damaged ({error}); fetch it again"
+            ) from None
+        self._taken += len(data)
+        if self._taken > self._limit:
+            what = "unpacks to" if self._packed else "holds"
+            raise RecordingError(
+                f"{self._path}: {what} more than {self._limit} bytes, the most that is read; "
+                "cut the recording into parts"
+            )
+        if self._lines:
+            end = data.rfind(b"\n")
+            self._line = len(data) - end - 1 if end >= 0 else self._line + len(data)
+            if self._line > MAX_LINE_BYTES:
+                raise RecordingError(
+                    f"{self._path}: has a line longer than {MAX_LINE_BYTES} bytes; is it text?"
+                )
+        self._hash.update(data)
+        buffer[: len(data)] = data
+        return len(data)
+
+    def sha256(self) -> str:
+        """SHA-256 of the whole unpacked file, hexadecimal; reads what is left of it."""
+        buffer = bytearray(1 << 20)
+        while self.readinto(buffer):
+            pass
+        return self._hash.hexdigest()
+
+    def close(self) -> None:
+        """Close the file."""
+        self._file.close()
+        super().close()
+
+
+def most_unpacked(size: int) -> int:
+    """Most bytes that a packed file of `size` bytes may unpack to."""
+    return max(_SMALL_BYTES, _MOST_PACKED * size)
+
+
+def require_file(path: Path) -> Path:
+    """`path` if it is a file with something in it; raises RecordingError if not."""
+    require_ordinary(path, RecordingError)
+    if not path.exists():
+        raise RecordingError(f"{path}: there is no such file; check the path")
+    if path.stat().st_size == 0:
+        raise RecordingError(f"{path}: the file is empty; was the recording ever started?")
+    return path
+
+
+def read_bounded(path: Path, limit: int = MAX_BINARY_BYTES) -> tuple[bytes, str]:
+    """Whole content of a file, unpacked, of at most `limit` bytes, and its SHA-256."""
+    with BoundedFile(require_file(path), limit) as file:
+        data = file.readall()
+        return data, file.sha256()
+
+
+def read_head(path: Path, size: int = HEAD_BYTES) -> bytes:
+    """First `size` bytes of a file, unpacked."""
+    with (
+        BoundedFile(require_file(path), limit=size + io.DEFAULT_BUFFER_SIZE) as file,
+        io.BufferedReader(file) as buffered,
+    ):
+        return buffered.read(size)
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, unpacked if it is a gzip file, hexadecimal."""
+    with BoundedFile(require_file(path)) as file:
+        return file.sha256()

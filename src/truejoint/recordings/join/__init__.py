@@ -1,0 +1,1 @@
+"""Time shifts between signals, and truth from another file joined to a recording."""

@@ -1,0 +1,172 @@
+"""What a robot's signals explain of truth minus measured, or of a redundant sensor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.features.feature_set import FeatureSet
+from truejoint.recordings.table.recording import Recording
+
+SLOW: Final = 0.1
+"""Time step [s] above which rows are steps of a motion rather than a curve."""
+
+_MOST_ROWS: Final = 8_000  # fitted to, of all recordings of a joint
+PLAYS: Final = (0.01, 0.03, 0.1)
+"""Half-widths of plays as shares of the joint's range."""
+OTHER_PLAYS: Final = (0.017, 0.055)
+"""Those between: what depends on which of the two are taken is not known."""
+_LOWPASS: Final = (0.05, 0.5)  # s
+_RIDGE: Final = 1e-4  # of the rows, for standardised columns
+_ROUNDS: Final = 8
+_BISQUARE: Final = 4.685  # spreads; 95 % efficient for normal noise (Beaton and Tukey, 1974)
+# No spread counts as less, as a share of the joint's range: rounding is no finding.
+_FINEST: Final = 1e-4
+_FINEST_OF_OTHERS: Final = 1e-3
+# Nor as a share of what is explained: a step that the regression follows late is no outlier.
+_FINEST_LEFT: Final = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Sample:
+    """Rows of one recording that are fitted to."""
+
+    rows: Integers  # (m,)
+    inputs: Array  # (m, k), of `Explained.features`, then own position squared and cubed
+    error: Array  # (m,), what is explained
+    weights: Array  # (m,), 0 where a row does not fit in
+
+
+@dataclass(frozen=True, eq=False)
+class Explained:
+    """Robust linear model of one joint; a zero of its own for each recording.
+
+    What is explained is truth minus measured, or another `quantity` of that joint, less the ratio
+    of the two times measured.
+    Bisquare ridge regression on positions (the own one to its cube), plays of the own one,
+    low-passed efforts, and where rows are far apart the positions before.
+    """
+
+    joint: str
+    quantity: str
+    ratio: float
+    features: FeatureSet
+    centre: Array  # (k,)
+    scale: Array  # (k,), 1 where an input does not change
+    coefficients: Array  # (k,), of scaled inputs
+    spread: float  # of the residual, robust [rad or m]
+    samples: tuple[Sample, ...]
+
+    def scaled(self, inputs: Array) -> Array:
+        """Take the centre from inputs (m, k) and divide by their standard deviations."""
+        return np.asarray((inputs - self.centre) / self.scale)
+
+    def residual(self, recording: Recording) -> Array:
+        """Residual (n,) of every row about its median; NaN where there is no truth."""
+        values = self.features.compute(recording)
+        own, slopes = _own(values), self.coefficients / self.scale
+        explained = values @ slopes[:-2] + own**2 * (slopes[-2] + own * slopes[-1])
+        target = _target(recording, self.joint, self.quantity, self.ratio)
+        residual = target - explained
+        return np.asarray(residual - np.nanmedian(residual))
+
+
+def explain(
+    recordings: Sequence[Recording],
+    joint: str,
+    quantity: str = "truth",
+    plays: Sequence[float] = PLAYS,
+) -> Explained:
+    """Fit truth minus measured of `joint`, or another `quantity` that each recording has."""
+    features = _features(recordings, joint, quantity, plays)
+    ratio = 1.0 if quantity == "truth" else _ratio(recordings, joint, quantity)
+    most = max(200, _MOST_ROWS // len(recordings))
+    parts: list[tuple[Integers, Array, Array]] = []
+    for recording in recordings:
+        error = _target(recording, joint, quantity, ratio)
+        known = np.flatnonzero(np.isfinite(error))
+        rows = known[:: max(1, -(-len(known) // most))]
+        values = features.compute(recording)
+        own = _own(values)[rows, None]
+        parts.append((rows, np.hstack([values[rows], own**2, own**3]), error[rows]))
+    inputs, error = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
+    groups = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
+    centre, scale = inputs.mean(axis=0), inputs.std(axis=0)
+    scale[scale == 0.0] = 1.0
+    finest = _FINEST if quantity == "truth" else _FINEST_OF_OTHERS
+    spans = [np.ptp(np.quantile(error[groups == k], [0.02, 0.98])) for k in range(len(parts))]
+    least = finest * abs(ratio) * float(np.ptp(inputs[:, 0]))
+    least = max(least, _FINEST_LEFT * float(np.median(spans)), 1e-12)
+    coefficients, weights, spread = _bisquare((inputs - centre) / scale, error, groups, least)
+    samples = tuple(Sample(*part, weights[groups == k]) for k, part in enumerate(parts))
+    return Explained(joint, quantity, ratio, features, centre, scale, coefficients, spread, samples)
+
+
+def robust_spread(values: Array) -> float:
+    """Give the standard deviation of normal values with the median deviation of these (n,)."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
+
+
+def _target(recording: Recording, joint: str, quantity: str, ratio: float) -> Array:
+    measured = recording.column(f"measured/{joint}")
+    return recording.column(f"{quantity}/{joint}") - ratio * measured
+
+
+def _ratio(recordings: Sequence[Recording], joint: str, quantity: str) -> float:
+    """Median over recordings of how much a quantity changes for each unit of the measured one."""
+    pairs = ((r.column(f"{quantity}/{joint}"), r.column(f"measured/{joint}")) for r in recordings)
+    ratios = [
+        np.dot(x - x.mean(), y - y.mean()) / max(np.var(y) * len(y), 1e-300) for x, y in pairs
+    ]
+    return float(np.median(ratios))
+
+
+def _features(
+    recordings: Sequence[Recording], joint: str, explained: str, plays: Sequence[float]
+) -> FeatureSet:
+    """Features of columns that change in every recording, but what is `explained`."""
+    own = f"measured/{joint}"
+    common = [
+        name
+        for name in recordings[0].units
+        if name.partition("/")[0] in ("measured", "motor", "effort", "current")
+        and all(name in r.table.columns and np.ptp(r.column(name)) > 0.0 for r in recordings)
+    ]
+    span = max(float(np.ptp(np.quantile(r.column(own), [0.02, 0.98]))) for r in recordings)
+    texts = [own, *(f"play({own}, {share * span:.4g})" for share in plays if span > 0.0)]
+    for name in common:
+        quantity, _, channel = name.partition("/")
+        if quantity in ("effort", "current"):
+            texts += [f"lowpass({name}, {constant})" for constant in _LOWPASS]
+        elif quantity == "measured" or (channel == joint and quantity != explained):
+            texts.append(name)
+    if np.median(np.diff(recordings[0].t)) > SLOW:
+        texts += [f"lag({own}, 1)", f"lag({own}, 2)"]
+    return FeatureSet.parse(dict.fromkeys(texts))
+
+
+def _own(values: Array) -> Array:
+    """Position of the joint itself (n,), the first feature, about its median."""
+    return np.asarray(values[:, 0] - np.median(values[:, 0]))
+
+
+def _bisquare(
+    scaled: Array, error: Array, groups: Integers, least: float
+) -> tuple[Array, Array, float]:
+    """Coefficients (k,), weights (n,) and spread of the regression; an intercept for each group."""
+    n, k = scaled.shape
+    member = groups[:, None] == np.arange(groups.max() + 1)
+    design = np.hstack([scaled, member])
+    penalty = np.diag(np.r_[np.full(k, _RIDGE * n), np.full(member.shape[1], 1e-9 * n)])
+    residual = error - np.array([np.median(error[own]) for own in member.T])[groups]
+    for _ in range(_ROUNDS):
+        spread = max(robust_spread(residual), least)
+        weights = np.clip(1.0 - (residual / (_BISQUARE * spread)) ** 2, 0.0, None) ** 2
+        weighted = design * weights[:, None]
+        solution = np.linalg.solve(design.T @ weighted + penalty, weighted.T @ error)
+        residual = error - design @ solution
+    return solution[:k], weights, max(robust_spread(residual), least)

@@ -1,0 +1,1 @@
+"""The judge of recordings and links; `truejoint.recordings.check_data` runs its parts."""

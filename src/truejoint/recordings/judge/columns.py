@@ -1,0 +1,205 @@
+"""Defects of single columns: clock, lost rows, missing truth, wraps, sensors that stand still."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers, Mask
+from truejoint.recordings.judge.finding import Defect, Level, Rows, count
+from truejoint.recordings.table.recording import Recording, runs
+from truejoint.recordings.table.signals import GAP_STEPS, gaps
+
+_SATURATED: Final = 0.05  # of the range, that the joint moves on while its sensor does not
+_OFTEN: Final = 3  # times that it does so by half of that, which tell as much
+_FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
+_LEAP: Final = 5.0  # usual steps, with which a sensor that stood while its joint moved goes on
+_ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
+
+
+def judge_columns(
+    recording: Recording, joints: Sequence[str], signals: Sequence[str], *, needs_truth: bool
+) -> Iterable[Defect]:
+    """Examine measured and true positions of `joints`, and whether `signals`, columns, vary."""
+    yield from _clock(recording.t)
+    yield from _dropped(recording)
+    for name in signals:
+        values = recording.column(name)
+        used = name.partition("/")[2] not in recording.robot.unused_channels
+        if used and values.min() == values.max():
+            what = f"the signal is {values[0]:.4g} in every row"
+            advice = "a model learns nothing from it; is the sensor connected?"
+            yield Defect("warn", "constant", what, name, advice, size=1.0)
+    every = np.arange(len(recording))
+    for joint in joints:
+        measured = recording.column(f"measured/{joint}")
+        yield from _jumps(recording, f"measured/{joint}", every)
+        if f"truth/{joint}" in recording.units:
+            truth = recording.column(f"truth/{joint}")
+            known = np.isfinite(truth)
+            if needs_truth:
+                yield from _missing_truth(recording.t, joint, known)
+            rows = np.flatnonzero(known)
+            if len(rows) >= 2:
+                yield from _jumps(recording, f"truth/{joint}", rows)
+            if len(rows) >= _FEWEST:
+                told = _told(recording, joint)[rows]
+                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows], told)
+
+
+def _clock(t: Array) -> Iterable[Defect]:
+    step = np.diff(t)
+    usual = float(np.median(step))
+    if not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
+        what = f"a row every {usual:.3g} s"
+        advice = "are the stamps in seconds? state their unit"
+        yield Defect("warn", "rate", what, "time stamps", advice, size=usual)
+    after = gaps(t)
+    if len(after):
+        longest = float(step.max())
+        lost = float(step[after].sum() / (t[-1] - t[0]))
+        what = (
+            f"{count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
+            f"s, {100 * lost:.2g} % of the time"
+        )
+        advice = (
+            "a model with history starts anew after each; look for lost messages or a clock jump"
+        )
+        rows = tuple((int(row), int(row) + 2) for row in after)
+        yield Defect("warn", "gap", what, "time stamps", advice, rows, longest)
+    irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
+    if irregular > 0.05:
+        what = (
+            f"{100 * irregular:.0f} % of the steps are more than half off the median of "
+            f"{1e3 * usual:.4g} ms"
+        )
+        advice = "record stamps of the sensor rather than of arrival"
+        level: Level = "info" if irregular < 0.2 else "warn"
+        yield Defect(level, "clock", what, "time stamps", advice, size=irregular)
+
+
+def _dropped(recording: Recording) -> Iterable[Defect]:
+    dropped = {reason: n for reason, n in recording.provenance.dropped.items() if n}
+    total = sum(dropped.values())
+    share = total / (total + len(recording))
+    if total:
+        reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
+        what = (
+            f"{count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: {reasons}"
+        )
+        advice = "look at the streams if the share is not what you expect"
+        level: Level = "warn" if share > 0.05 else "info"
+        yield Defect(level, "dropped", what, "rows", advice, size=share)
+
+
+def _missing_truth(t: Array, joint: str, known: Mask) -> Iterable[Defect]:
+    share = 1.0 - float(known.mean())
+    if share > 0.05:
+        what = f"{100 * share:.0f} % of the rows have no true position"
+        advice = "only rows with truth are used; check the joint sensor and its clock"
+        level: Level = "fail" if share > 0.5 else "warn"
+        yield Defect(level, "missing", what, f"truth/{joint}", advice, size=share)
+    silent = float(t[-1] - t[known][-1]) if known.any() else 0.0
+    if silent > 0.1 * (t[-1] - t[0]):
+        what = f"the truth stops {silent:.1f} s before the end"
+        advice = "the joint sensor stopped; what follows is not used"
+        yield Defect("warn", "missing", what, f"truth/{joint}", advice, size=silent)
+
+
+def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
+    """Find steps far beyond what the joint does otherwise; whole turns are encoder wraps.
+
+    Other steps of the truth are judged beside what the robot's signals explain (`outliers`).
+    """
+    t, values = recording.t[rows], recording.column(name)[rows]
+    size = np.abs(np.diff(values))
+    size[gaps(t)] = 0.0
+    far = (size > 6.0 * np.quantile(size, 0.99)) & (size > 0.1 * np.ptp(values))
+    if not far.any():
+        return
+    unit, largest = recording.units[name], float(size.max())
+    turns = size[far] / (2.0 * math.pi)
+    whole = np.round(turns)
+    wrapped = unit == "rad" and bool(np.all((np.abs(turns - whole) < 0.02) & (whole >= 1)))
+    if not wrapped and name.startswith("truth/"):
+        return
+    places = np.flatnonzero(far)
+    what = (
+        f"{count(len(places), 'whole turn' if wrapped else 'sudden jump')}, the first at "
+        f"{t[places[0] + 1]:.3f} s, the largest {largest:.3g} {unit}"
+    )
+    advice = "unwrap the encoder before use" if wrapped else "cut the rows out or record again"
+    where = tuple((int(rows[k]), int(rows[k + 1]) + 1) for k in places)
+    kind = "wrap" if wrapped else "jump"
+    yield Defect("fail" if wrapped else "warn", kind, what, name, advice, where, largest)
+
+
+def _told(recording: Recording, joint: str) -> Array:
+    """Where the motor was sent (n,); NaN where nothing says so, and it may have moved.
+
+    Under a stated load without a set-point the motor counts as sent nowhere while it stands.
+    """
+    if f"setpoint/{joint}" in recording.units:
+        return recording.column(f"setpoint/{joint}")
+    return np.full(len(recording), 0.0 if recording.provenance.load > 0.0 else math.nan)
+
+
+def _stands(
+    joint: str, t: Array, rows: Integers, truth: Array, measured: Array, told: Array
+) -> Iterable[Defect]:
+    """Find a sensor that repeats one value while the other end of the cable moves far.
+
+    At an end of its own range it is saturated, and the other end needs to move only outwards and
+    only a little: at a turning point with slack it moves back. A motor that stands where it was
+    `told` to is none, though a load turns its joint; but from where it stands it goes on without
+    a leap.
+    """
+    for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
+        span = float(np.ptp(other))
+        repeats = runs(np.diff(still) == 0.0)
+        if name == "measured":
+            steps = np.append(np.abs(np.diff(still)), 0.0)
+            leap = _LEAP * np.median(steps[steps > 0.0]) if steps.any() else 0.0
+            repeats = [
+                (a, b)
+                for a, b in repeats
+                if steps[b] > leap or not np.ptp(told[a : b + 1]) < 0.5 * np.ptp(other[a : b + 1])
+            ]
+        if not repeats or span == 0.0:
+            continue
+        way = float(np.sign(np.corrcoef(truth, measured)[0, 1])) if np.ptp(still) > 0.0 else 0.0
+        clipped = []
+        for end, outwards in ((still.max(), way), (still.min(), -way)):
+            at_end = [run for run in repeats if still[run[0]] == end]
+            ways = [_moves_on(outwards * other, *run) / span for run in at_end]
+            often = sum(share > 0.5 * _SATURATED for share in ways) >= _OFTEN
+            least = 0.5 * _SATURATED if often else _SATURATED
+            clipped += [run for run, share in zip(at_end, ways, strict=True) if share > least]
+        first, last = max(repeats, key=lambda run: run[1] - run[0])
+        if clipped:
+            held = sum(b + 1 - a for a, b in clipped)
+            what = f"{count(held, 'row')} stand at an end of its range, while the joint moves on"
+            advice = "the sensor is saturated; keep inside its range or cut the rows out"
+            where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
+            share = held / len(still)
+            yield Defect("fail", "saturated", what, f"{name}/{joint}", advice, where, share)
+        # Less may be honest slack; single rows may be outliers.
+        elif np.ptp(np.quantile(other[first : last + 1], [0.1, 0.9])) > 0.2 * span:
+            seconds = float(t[last] - t[first])
+            what = (
+                f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
+                "the joint moves"
+            )
+            advice = "check the sensor; cut the stretch out before fitting or judging"
+            stretch: Rows = ((int(rows[first]), int(rows[last]) + 1),)
+            yield Defect("fail", "frozen", what, f"{name}/{joint}", advice, stretch, seconds)
+
+
+def _moves_on(outwards: Array, first: int, last: int) -> float:
+    """How far outwards from both ends of a stretch, its first if all ends there, a quarter is."""
+    within = outwards[first : last + 1]
+    ends = within[:1] if last == len(outwards) - 1 else within[[0, -1]]
+    return float(np.quantile(within, 0.75) - ends.max())

@@ -1,0 +1,219 @@
+"""Data checks: what a recording covers, and what about it would mislead a calibration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import RecordingError
+from truejoint.recordings.judge.columns import judge_columns
+from truejoint.recordings.judge.coverage import JointCoverage, joint_coverage, judge_coverage
+from truejoint.recordings.judge.finding import ORDER, Defect, Finding, Level, one_line_each
+from truejoint.recordings.judge.positions import judge_positions
+from truejoint.recordings.table.recording import Recording, as_recordings
+from truejoint.summary import Summarised, json_values
+from truejoint.threads import one_thread
+
+if TYPE_CHECKING:  # what it is called on says the rest
+    from truejoint.calibration import Calibration
+
+_EVERYWHERE: Final = "all recordings"
+_STRANGE: Final = 10.0  # times as far from the middle as training rows: other motions reach 2 to 27
+_ANOTHER: Final = 100.0  # no other motion does
+
+
+@dataclass(frozen=True, repr=False)
+class DataCheck(Summarised):
+    """Findings, worst first, and what each joint covers.
+
+    Examples
+    --------
+    >>> check = check_data(test, joints=["jaw"])
+    >>> check.failed, len(check.findings)
+    (False, 1)
+    """
+
+    findings: tuple[Finding, ...]
+    coverage: tuple[JointCoverage, ...]
+    accepted: tuple[str, ...] = ()  # names of failures that the user goes on with
+
+    @property
+    def failed(self) -> bool:
+        """Whether a finding is of level ``"fail"`` and not accepted."""
+        return bool(self.failures)
+
+    @property
+    def failures(self) -> tuple[str, ...]:
+        """Names of the findings of level ``"fail"`` that are not accepted, each once."""
+        failed = dict.fromkeys(f.name for f in self.findings if f.level == "fail")
+        return tuple(name for name in failed if name not in self.accepted)
+
+    def accept(self, names: Iterable[str]) -> DataCheck:
+        """Go on though there are failures of these `names`; a verdict keeps its reservation."""
+        return replace(self, accepted=tuple(names))
+
+    def summary(self) -> dict[str, str]:
+        """Joints, and the findings' names by level."""
+        levels = {
+            level: ", ".join(dict.fromkeys(f.name for f in self.findings if f.level == level))
+            for level in ORDER
+        }
+        return {"joints": ", ".join(row.joint for row in self.coverage)} | {
+            level: names or "-" for level, names in levels.items()
+        }
+
+    def to_dict(self) -> dict[str, Any]:
+        """Values for JSON; SI units."""
+        values: dict[str, Any] = json_values(self)
+        return values
+
+
+def check_data(
+    recordings: Recording | Sequence[Recording],
+    *,
+    joints: Sequence[str] | None = None,
+    model: Calibration | None = None,
+    needs_truth: bool = True,
+) -> DataCheck:
+    """Check recordings before they are used to fit or to judge a calibration.
+
+    Besides each column by itself, it looks at truth minus measured, less what the robot's other
+    signals explain of it: sign, unit, gross outliers, a delay, zeros that moved; and at redundant
+    sensors of one joint.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+        Of one arm.
+    joints : sequence of str, optional
+        Joints of interest; by default those of `model`, or all that have a measured and a true
+        position.
+    model : Calibration, optional
+        Signals and ranges of its features; rows outside the ranges seen in training are counted
+        as extrapolation. Without one, all measured and effort columns are examined.
+    needs_truth : bool
+        Whether truth that is missing is a finding; correcting a recording needs none.
+
+    Raises
+    ------
+    RecordingError
+        If there is no recording, or one lacks a joint or signal asked for.
+
+    Examples
+    --------
+    >>> check_data(training).failed
+    False
+    """
+    recordings = as_recordings(recordings)
+    if not recordings:
+        raise RecordingError("there is no recording to check; give at least one")
+    first = recordings[0]
+    measured, with_truth = first.joints_of("measured"), first.joints_of("truth")
+    if joints is None:
+        joints = model.joints if model else [j for j in measured if j in with_truth]
+    # What a calibration reads unless told otherwise.
+    read = [f"{what}/{j}" for what in ("measured", "effort") for j in first.joints_of(what)]
+    signals = model.feature_set.signals if model else read
+    coverage = tuple(joint_coverage(recordings, joint) for joint in joints)
+    columns = [
+        (defect, recording)
+        for recording in recordings
+        for defect in judge_columns(recording, joints, signals, needs_truth=needs_truth)
+    ]
+    with one_thread():  # many small regressions, which two threads make slower
+        positions = list(judge_positions(recordings, joints, _broken(columns)))
+    findings = [
+        *one_line_each(columns, recordings),
+        *positions,
+        *(finding for row in coverage for finding in judge_coverage(row)),
+        *_judge_sessions(recordings),
+        *(_judge_extrapolation(recordings, model) if model else ()),
+    ]
+    return DataCheck(tuple(sorted(findings, key=lambda found: ORDER[found.level])), coverage)
+
+
+def _broken(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:
+    """Find recordings, by identity, and joints whose sensors are not to be judged further."""
+    return {
+        (id(recording), defect.where.partition("/")[2])
+        for defect, recording in columns
+        if defect.name in ("wrap", "frozen", "saturated")
+    }
+
+
+def outside_share(values: Array, low: float, high: float, margin: float = 0.01) -> float:
+    """Share of `values` (n,) outside ``[low, high]`` by more than `margin` of its width."""
+    slack = margin * (high - low)
+    return float(np.mean((values < low - slack) | (values > high + slack)))
+
+
+def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
+    homings = sorted({r.provenance.homing_id for r in recordings} - {""})
+    if len(homings) > 1:
+        what = f"{len(homings)} homings ({', '.join(homings[:4])})"
+        advice = (
+            "positions of two homings differ by an offset; re-zero or calibrate each on its own"
+        )
+        yield Finding("warn", "homing", what, _EVERYWHERE, advice)
+    loads = [r.provenance.load for r in recordings if np.isfinite(r.provenance.load)]
+    unknown = len(recordings) - len(loads)
+    known = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
+    if unknown:
+        what = (
+            f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
+            + (f"; elsewhere {known}" if known else "")
+        )
+        advice = "state it when recording: cables stretch with load"
+        yield Finding("info", "load", what, _EVERYWHERE, advice)
+    elif len(set(loads)) == 1:
+        what = f"one load only: {known}"
+        advice = "accuracy under another load is not shown by these data"
+        yield Finding("info", "load", what, _EVERYWHERE, advice)
+
+
+def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) -> Iterable[Finding]:
+    features = model.feature_set
+    by_recording = [features.compute(r, model.gap_limit) for r in recordings]
+    yield from one_line_each(_strange(recordings, by_recording, model), recordings)
+    rows = np.concatenate(by_recording)
+    worst: dict[str, tuple[float, str]] = {}
+    ranges = zip(features.features, features.names, model.lower, model.upper, strict=True)
+    for column, (feature, name, low, high) in enumerate(ranges):
+        share = outside_share(rows[:, column], float(low), float(high))
+        # Features of one signal leave their ranges together; the worst speaks for all.
+        worst[feature.signal] = max(worst.get(feature.signal, (0.0, "")), (share, name))
+    for share, name in worst.values():
+        if share > 0.02:
+            what = f"{100 * share:.0f} % of the rows lie outside the range seen in training"
+            advice = "the model extrapolates there; train on a wider range or expect less"
+            yield Finding("fail" if share > 0.5 else "warn", "range", what, name, advice)
+
+
+def _strange(
+    recordings: Sequence[Recording], rows: Sequence[Array], model: Calibration
+) -> Iterable[tuple[Defect, Recording]]:
+    """Find recordings whose signals are far from the training's, as another instrument's are.
+
+    The Mahalanobis distance of half of a recording's `rows` (n, k), in that of a training row.
+    """
+    seen = model.training_domain
+    if seen is None:
+        return
+    usual = np.sqrt(np.count_nonzero(np.abs(seen.whitening).sum(axis=0)))
+    for recording, own in zip(recordings, rows, strict=True):
+        away = np.linalg.norm((own - seen.feature_mean) @ seen.whitening.T, axis=1)
+        times = float(np.median(away) / max(usual, 1.0))
+        if times > _STRANGE:
+            another = times > _ANOTHER
+            what = f"they lie {times:.0f} times as far from the training's middle as those in it"
+            advice = (
+                "it is of another instrument, mounting or unit: calibrate that one"
+                if another
+                else "is it of another instrument, mounting, unit or motion than the training?"
+            )
+            level: Level = "fail" if another else "warn"
+            yield Defect(level, "instrument", what, "signals", advice, size=times), recording

@@ -1,0 +1,101 @@
+"""What a data check finds: one line each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import PurePath
+from typing import Final, Literal
+
+import numpy as np
+
+from truejoint.array_types import Integers
+from truejoint.recordings.table.recording import Recording
+
+Level = Literal["fail", "warn", "info"]
+Rows = tuple[tuple[int, int], ...]
+
+ORDER: Final[dict[Level, int]] = {"fail": 0, "warn": 1, "info": 2}
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that a data check found.
+
+    Attributes
+    ----------
+    level : {"fail", "warn", "info"}
+        ``"fail"``: results on these data would mislead; ``"warn"``: look before you trust them.
+    name : str
+        What kind of thing it is, in a word of `FINDINGS`, such as ``"outliers"``, ``"sign"``,
+        ``"unit"``, ``"delay"``, ``"zero"``; what ``--accept`` takes.
+    what : str
+        What was seen, with its number.
+    where : str
+        Which joint, signal and recordings.
+    advice : str
+        What to do about it.
+    rows : tuple of pairs of int
+        Rows concerned of the recording that `where` names, each pair the first and the one behind
+        the last; empty when it is about the whole.
+
+    Examples
+    --------
+    >>> Finding("warn", "missing", "1 % of the truth is missing", "jaw", "look at the sensor").level
+    'warn'
+    """
+
+    level: Level
+    name: str
+    what: str
+    where: str
+    advice: str
+    rows: Rows = ()
+
+
+@dataclass(frozen=True)
+class Defect(Finding):
+    """A defect of one recording; `size` orders those with the same `name` and `where`."""
+
+    size: float = 0.0
+
+
+def one_line_each(
+    defects: Iterable[tuple[Defect, Recording]], recordings: Sequence[Recording]
+) -> Iterable[Finding]:
+    """One finding for each kind of defect and signal; the worst recording speaks for all."""
+    groups: dict[tuple[str, str, str], list[tuple[Defect, Recording]]] = {}
+    for defect, recording in defects:
+        key = (defect.name, defect.advice, defect.where)
+        groups.setdefault(key, []).append((defect, recording))
+    for group in groups.values():
+        worst, recording = max(group, key=lambda pair: (-ORDER[pair[0].level], pair[0].size))
+        others = len({id(item) for _, item in group}) - 1
+        more = f" and {others} more of {len(recordings)} recordings" if others else ""
+        where = f"{worst.where} in {file_name(recording)}{more}"
+        yield Finding(worst.level, worst.name, worst.what, where, worst.advice, worst.rows)
+
+
+def file_name(recording: Recording) -> str:
+    """Name of the file that a recording comes from."""
+    return PurePath(recording.provenance.source).name or "recording"
+
+
+def row_ranges(rows: Integers) -> Rows:
+    """Ranges, first and one behind the last, of rising row numbers (n,)."""
+    counted = groupby(enumerate(np.asarray(rows).tolist()), key=lambda pair: pair[1] - pair[0])
+    whole = [[row for _, row in group] for _, group in counted]
+    return tuple((group[0], group[-1] + 1) for group in whole)
+
+
+def row_text(ranges: Rows, most: int = 3) -> str:
+    """Row numbers for a person: ``"rows 3, 17-20, ..."``."""
+    texts = [f"{a}" if b == a + 1 else f"{a}-{b - 1}" for a, b in ranges[:most]]
+    few = len(ranges) == 1 and ranges[0][1] == ranges[0][0] + 1
+    return ("row " if few else "rows ") + ", ".join(texts) + (", ..." if len(ranges) > most else "")
+
+
+def count(number: int, thing: str) -> str:
+    """Count things: ``"1 row"``, ``"2 rows"``."""
+    return f"{number} {thing}" + ("" if number == 1 else "s")

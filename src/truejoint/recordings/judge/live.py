@@ -1,0 +1,244 @@
+"""What an arm says on a running ROS, kept for some seconds and judged as a recording of it is."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
+from typing import Any, Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk.messages import ARMS, JOINT_STATE, RAVEN_FIELDS, USUAL_QUANTITIES
+from truejoint.crtk.protocol import SILENCE
+from truejoint.crtk.ros import Transport
+from truejoint.errors import RecordingError
+from truejoint.recordings.judge.doctor import NO_STAMP, Diagnosis, Verdict, diagnose
+from truejoint.recordings.read.bags.assembling import assemble
+from truejoint.recordings.read.bags.series import Lot
+from truejoint.recordings.read.bags.wiring import (
+    HOMED,
+    JOINT_FIELDS,
+    OPERATING_STATES,
+    RAVEN_TYPE,
+    Topics,
+    Wiring,
+    find_wiring,
+    robot_of,
+)
+from truejoint.recordings.table.recording import Provenance, Recording
+from truejoint.robots import Robot, get_robot
+
+_PLACE: Final = "live"
+_STEPS: Final = 10.0  # usual steps for which a slow topic may say nothing
+_CLOCK: Final = 0.1  # [s] by which stamps may differ from this computer's clock
+_RAVEN_FIELDS: Final = (*(RAVEN_FIELDS[quantity][0] for quantity in USUAL_QUANTITIES), "runlevel")
+_SECOND: Final = 1e9  # ns
+KEPT: Final = 100_000
+"""Latest messages of a topic that are kept: 100 s at 1 kHz, some 100 MB of RAVEN-II's states."""
+
+_Layout = tuple[tuple[str, ...], tuple[int, ...]]  # names in a message, and lengths of its lists
+
+
+def _is_heard(kind: str) -> bool:
+    return kind == JOINT_STATE or kind in OPERATING_STATES or kind.endswith(RAVEN_TYPE)
+
+
+class LiveLink:
+    """Keeps what is said on an arm's topics from entering to leaving, and judges it.
+
+    Every joint state and every state of a RAVEN-II that somebody publishes is kept, as rosbag
+    would, the latest `KEPT` of each topic; which of them are the arm's is told afterwards, as it is
+    of a bag.
+
+    Parameters
+    ----------
+    transport : Transport
+        From `truejoint.crtk.open_transport`.
+    robot, arm, profile, state, truth : str
+        As `truejoint.recordings.read_bag` takes them.
+
+    Raises
+    ------
+    RecordingError
+        On entering, if no topic is the arm's; the message lists those that there are. When it is
+        judged, if nothing came of one that is needed.
+    RobotError
+        If there is no such robot or profile.
+    RosError
+        If no master answers.
+
+    Examples
+    --------
+    >>> link = LiveLink(truejoint.crtk.open_transport(1), "raven2")  # doctest: +SKIP
+    >>> with link:  # doctest: +SKIP
+    ...     time.sleep(10.0)
+    >>> link.diagnose().failed  # doctest: +SKIP
+    False
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        robot: str = "",
+        arm: str = "",
+        *,
+        profile: str = "",
+        state: str = "",
+        truth: str = "",
+    ) -> None:
+        self._transport = transport
+        self._robot, self._arm = robot, arm
+        self._how = {"profile": profile, "state": state, "truth": truth}
+        self._heard: dict[str, Heard] = {}
+        self._endings: list[Callable[[], None]] = []
+
+    def __enter__(self) -> Self:
+        kinds = {n: kind for n, kind in self._transport.topics().items() if _is_heard(kind)}
+        if not kinds:
+            raise RecordingError(
+                f"{_PLACE}: nobody says anything of joints; start the robot's node"
+            )
+        _, self._expected = self._wire({name: (kind, 1) for name, kind in kinds.items()})
+        for name, kind in kinds.items():
+            self._heard[name] = Heard(name, kind)
+            receive = partial(self._receive, self._heard[name])
+            self._endings.append(self._transport.subscribe(name, kind, receive))
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._ended = self._transport.now()
+        while self._endings:
+            self._endings.pop()()
+
+    def _receive(self, heard: Heard, message: Any) -> None:
+        heard.take(self._transport.now(), self._transport.seconds(message), message)
+
+    def _wire(self, topics: Topics) -> tuple[Robot, Wiring]:
+        robot = robot_of(_PLACE, topics, self._robot, self._arm)
+        return robot, find_wiring(_PLACE, topics, robot, **self._how)
+
+    def recordings(self) -> tuple[Recording, Recording | None]:
+        """Make the recording of the arm, and of RAVEN-II that of the other arm meanwhile."""
+        robot, wiring = self._wiring()
+        found = self._recording(robot, wiring)
+        if not self._heard[wiring.state].is_raven or robot.arm not in ARMS:
+            return found, None
+        other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
+        return found, self._recording(other, Wiring(wiring.state, profile=wiring.profile))
+
+    def diagnose(self) -> Diagnosis:
+        """Verdict on the link, and those on what came over it (`truejoint.recordings.diagnose`)."""
+        link = judge_link(self._of(self._wiring()[1]), self._ended)
+        return Diagnosis((link, *diagnose(*self.recordings()).verdicts))
+
+    def _wiring(self) -> tuple[Robot, Wiring]:
+        self._heard[self._expected.state].check()
+        return self._wire({n: (one.kind, len(one.times)) for n, one in self._heard.items()})
+
+    def _of(self, wiring: Wiring) -> list[Heard]:
+        return [self._heard[name] for name in wiring.joints]
+
+    def _recording(self, robot: Robot, wiring: Wiring) -> Recording:
+        heard = self._of(wiring)
+        lost = {f"{one.name}: {NO_STAMP}": one.invalid for one in heard}
+        origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
+        homed = [self._heard[wiring.homed]] if wiring.homed else []
+        lots = (lot for one in (*heard, *homed) for lot in one.lots())
+        return assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
+
+
+class Heard:
+    """Messages of one topic as they come in, in a thread of ROS.
+
+    Attributes
+    ----------
+    name, kind : str
+        Of the topic, and of its messages.
+    invalid : int
+        Messages with a stamp of 0: CRTK's way to say that their values mean nothing.
+    """
+
+    def __init__(self, name: str, kind: str) -> None:
+        self.name, self.kind = name, kind
+        self.is_raven = kind.endswith(RAVEN_TYPE)
+        self.invalid = 0
+        others = (HOMED,) if kind in OPERATING_STATES else JOINT_FIELDS
+        self._fields = _RAVEN_FIELDS if self.is_raven else others
+        self._lacking = ""
+        self._rows: deque[tuple[float, float, _Layout, Array]] = deque(maxlen=KEPT)
+
+    def take(self, arrival: float, stamp: float, message: Any) -> None:
+        """Keep a message that came at `arrival` and says that it is of `stamp` [s]."""
+        if not stamp > 0.0:
+            self.invalid += 1
+            return
+        self._lacking = next((name for name in self._fields if not hasattr(message, name)), "")
+        if self._lacking:
+            return
+        values = [np.atleast_1d(np.asarray(getattr(message, f), float)) for f in self._fields]
+        layout = tuple(getattr(message, "name", ())), tuple(map(len, values))
+        self._rows.append((arrival, stamp, layout, np.concatenate(values)))
+
+    @property
+    def times(self) -> Array:
+        """When each message came, and of when it says that it is (n, 2) [s]."""
+        return np.array([row[:2] for row in tuple(self._rows)]).reshape(-1, 2)
+
+    def check(self) -> None:
+        """Raise RecordingError where there is no message to be read."""
+        if self._lacking:
+            why = f"this version of {self.kind} has no field {self._lacking!r}"
+        elif self.invalid:
+            why = "its stamps are 0, which says that they mean nothing: is the robot homed?"
+        else:
+            why = "nothing came on it: is the robot homed, does its node run, and the network?"
+        if not self._rows:
+            raise RecordingError(f"{self.name}: {why}")
+
+    def lots(self) -> Iterator[Lot]:
+        """Messages, those with the same names and lengths together."""
+        rows = tuple(self._rows)
+        places: dict[_Layout, list[int]] = {}
+        for place, (_, _, layout, _) in enumerate(rows):
+            places.setdefault(layout, []).append(place)
+        for (names, lengths), own in places.items():
+            stamps = np.array([round(rows[place][1] * _SECOND) for place in own])
+            table = np.stack([rows[place][3] for place in own])
+            parts = np.split(table, np.cumsum(lengths)[:-1], axis=1)
+            fields = dict(zip(self._fields, parts, strict=True))
+            yield self.name, np.array(own), stamps, fields, {"name": names}
+
+
+def judge_link(heard: Sequence[Heard], ended: float) -> Verdict:
+    """Judge how the messages of an arm's topics came in, until `ended` [s].
+
+    It fails where one stopped, and warns where the first one's stamps are of another clock.
+    """
+    told, stopped, late = [], [], 0.0
+    for one in heard:
+        arrival, stamp = one.times.T
+        if len(arrival) < 2:
+            stopped.append(f"{one.name} said {'nothing' if not len(arrival) else 'one thing'}")
+            continue
+        step = np.diff(arrival)
+        text = f"{one.name} {1.0 / max(step.mean(), 1e-9):.4g} Hz"
+        if one is heard[0]:
+            late, most = np.quantile(arrival - stamp, [0.5, 0.99])
+            text += f", here {1e3 * late:.3g} ms after its stamp, 99 % within {1e3 * most:.3g} ms"
+        told.append(text)
+        silent = ended - arrival[-1]
+        if silent > max(SILENCE, _STEPS * float(np.median(step))):
+            stopped.append(f"{one.name} stopped {silent:.1f} s before the end")
+    if stopped:
+        advice = "does its node still run, and the network?"
+        return Verdict("fail", "link", "; ".join([*stopped, *told]), advice)
+    evidence = "; ".join(told)
+    if abs(late) > _CLOCK:
+        advice = (
+            "stamps and this computer's clock differ: keep the clocks of all computers together "
+            "(chrony), or truth and state will not fit"
+        )
+        return Verdict("warn", "link", evidence, advice)
+    return Verdict("good", "link", evidence)

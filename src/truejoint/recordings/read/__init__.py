@@ -1,0 +1,1 @@
+"""Readers of recordings: text, arrays, ROS bags, public data sets."""

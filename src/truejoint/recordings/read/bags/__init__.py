@@ -1,0 +1,1 @@
+"""ROS bags: list, read and write them."""

@@ -1,0 +1,521 @@
+"""Messages out of bag files: ROS 1, MCAP and SQLite, whole or cut short, in the file's order.
+
+Every file is read once from its beginning, chunk by chunk, whether it has an index or not: so one
+that was never closed (``.bag.active``) or cut short gives what is in it, and a long one takes no
+more memory than a chunk. One that was packed as a whole is first unpacked into a temporary file.
+Layouts: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, and the tables of
+ros2/rosbag2:rosbag2_storage_sqlite3.
+"""
+
+from __future__ import annotations
+
+import bz2
+import sqlite3
+import struct
+import sys
+import tempfile
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Final, Literal
+
+from truejoint.errors import RecordingError
+from truejoint.extras import require
+from truejoint.files import reason
+from truejoint.recordings.bounded_file import most_unpacked, require_file
+
+ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
+MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
+SQLITE_MAGIC: Final = b"SQLite format 3\x00"
+ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
+
+CUT_SHORT: Final = "bytes behind the last whole record of a file that was cut short"
+UNPACKED_IN_PART: Final = "file packed as a whole that was cut short"
+DAMAGED: Final = "chunks that do not unpack, or records of a wrong length"
+
+_MOST_CHUNK: Final = 1 << 28  # bytes of a chunk once unpacked; recorders write about 1 MB
+_MOST_HEADER: Final = 1 << 20  # bytes of a record's header
+_PIECE: Final = 1 << 20  # bytes of a packed file that are unpacked at a time
+_ROWS: Final = 4096  # of a table that are fetched at a time
+
+_U32: Final = struct.Struct("<I")
+_U64: Final = struct.Struct("<Q")
+_ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
+_MCAP_MESSAGE: Final = struct.Struct("<HIQ")  # channel, sequence, log time
+_LATEST: Final = (1 << 63) - 1  # [ns] that a stamp may be
+_MCAP_CHUNK: Final = struct.Struct("<QQQI")  # first and last time, size unpacked, checksum
+
+
+@dataclass(frozen=True)
+class Topic:
+    """What a bag says of one topic.
+
+    Attributes
+    ----------
+    name, type : str
+        The type as the bag names it, ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``.
+    definition : str
+        Text of the message's definition; empty in old bags of ROS 2.
+    encoding : {"ros1", "cdr"}
+    language : {"msg", "idl"}
+        Of the definition.
+
+    Examples
+    --------
+    >>> from truejoint.recordings.read.bags.container import Topic
+    >>> Topic("/ext_jpos", "sensor_msgs/JointState", "", "ros1").language
+    'msg'
+    """
+
+    name: str
+    type: str
+    definition: str
+    encoding: Literal["ros1", "cdr"]
+    language: Literal["msg", "idl"] = "msg"
+
+
+Batch = tuple[Topic, list[int], list[bytes]]
+"""Messages of one topic that lie together: when each was received [ns], and its bytes."""
+
+Wanted = Callable[[Topic], bool]
+
+
+def is_bag(path: Path, head: bytes) -> bool:
+    """Whether a file that begins with `head`, or a folder, is a bag."""
+    if path.is_dir():  # not any folder in which bags lie
+        named = [part.name.startswith(f"{path.name}_") for part in _parts(path)]
+        return bool(named) and (all(named) or (path / "metadata.yaml").exists())
+    magics = (ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC)
+    return head.startswith(magics) or (head.startswith(ZSTD_MAGIC) and bool(_inner_suffix(path)))
+
+
+def list_topics(path: Path) -> dict[Topic, int]:
+    """Topics of a bag and how many messages each has; an index tells, where there is one."""
+    if not path.is_dir():
+        with require_file(path).open("rb") as file, suppress(_NoIndexError, struct.error, KeyError):
+            return _ros1_index(file)
+    count: Counter[Topic] = Counter()
+    for topic, times, _ in read_batches(path, lambda _: True, Counter()):
+        count[topic] += len(times)
+    return dict(count)
+
+
+def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
+    """Messages of the topics that are `wanted`; what cannot be read is counted in `lost`.
+
+    Raises RecordingError if a file is no bag or a folder holds none.
+    """
+    if path.is_dir():
+        parts = _parts(path)
+        if not parts:
+            raise RecordingError(f"{path}: no .mcap or .db3 file in that folder; is it a bag?")
+        for part in parts:
+            yield from read_batches(part, wanted, lost)
+        return
+    with require_file(path).open("rb") as file:
+        head = file.read(len(SQLITE_MAGIC))
+        file.seek(0)
+        if head.startswith(ROS1_MAGIC):
+            yield from _ros1(file, wanted, lost)
+        elif head.startswith(MCAP_MAGIC):
+            yield from _mcap(file, wanted, lost)
+        elif head.startswith(SQLITE_MAGIC):
+            yield from _sqlite(path, wanted, lost)
+        elif head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
+            with _unpacked_file(path, lost) as plain:
+                yield from read_batches(plain, wanted, lost)
+        elif head.startswith(b"#ROSBAG"):
+            version = head.split(b"\n")[0].decode(errors="replace")
+            raise RecordingError(f"{path}: is {version[1:]}; rosbag migrates it: rosbag fix")
+        else:
+            raise RecordingError(f"{path}: is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)")
+
+
+def _inner_suffix(path: Path) -> str:
+    """Suffix of what is packed in a whole file."""
+    inner = Path(path.stem).suffix
+    return inner if path.suffix == ".zstd" and inner in (".mcap", ".db3") else ""
+
+
+@contextmanager
+def _unpacked_file(path: Path, lost: Counter[str]) -> Iterator[Path]:
+    """Unpack a file that was packed as a whole, as far as it can be, while the block lasts."""
+    most, size = most_unpacked(path.stat().st_size), 0
+    with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
+        plain = Path(folder) / path.stem
+        try:
+            with path.open("rb") as packed, plain.open("wb") as file:
+                for piece in _unpacked_pieces(packed, lost):
+                    size += file.write(piece)
+                    if size > most:
+                        raise RecordingError(f"{path}: unpacks to more than {most} bytes")
+        except OSError as error:
+            raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
+        try:
+            yield plain
+        except RecordingError as error:
+            raise RecordingError(str(error).replace(str(plain), str(path))) from None
+
+
+def _unpacked_pieces(packed: BinaryIO, lost: Counter[str]) -> Iterator[bytes]:
+    """Unpack a file packed with Zstandard, one frame after the other."""
+    unpacker, begun = _unpacker("zstd"), False
+    while data := packed.read(_PIECE):
+        begun = True
+        while data or not (unpacker.needs_input or unpacker.eof):
+            try:
+                yield unpacker.decompress(data, _MOST_CHUNK)
+            except _zstd().ZstdError:
+                lost[DAMAGED] += 1
+                return
+            data = b""
+            if unpacker.eof:
+                data, unpacker = unpacker.unused_data, _unpacker("zstd")
+                begun = bool(data)
+    if begun:
+        lost[UNPACKED_IN_PART] += 1
+
+
+def _parts(folder: Path) -> list[Path]:
+    """Files of a bag of ROS 2 in the order in which they were recorded: name_0, name_1, ..."""
+    found = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3") or _inner_suffix(p)]
+
+    def number(path: Path) -> tuple[int, str]:
+        digits = path.name.partition(".")[0].rpartition("_")[2]
+        return int(digits) if digits.isdecimal() else 0, path.name
+
+    return sorted(found, key=number)
+
+
+class _NoIndexError(Exception):
+    """The bag has no index that can be read."""
+
+
+class _ChunkError(Exception):
+    """A chunk does not unpack."""
+
+
+# ---------------------------------------------------------------------------------------- ROS 1
+
+
+def _ros1_fields(header: bytes | memoryview) -> dict[bytes, bytes]:
+    """Fields of a record's header; raises struct.error where it is damaged."""
+    fields, at, header = {}, 0, bytes(header)
+    while at < len(header):
+        (size,) = _U32.unpack_from(header, at)
+        name, separator, value = header[at + 4 : at + 4 + size].partition(b"=")
+        if not separator:
+            raise struct.error("no name")
+        fields[name] = value
+        at += 4 + size
+    return fields
+
+
+def _ros1_topic(fields: dict[bytes, bytes], data: bytes) -> Topic:
+    said = _ros1_fields(data)
+    name, kind, text = (
+        value.decode(errors="replace")
+        for value in (fields[b"topic"], said[b"type"], said[b"message_definition"])
+    )
+    return Topic(name, kind, text, "ros1")
+
+
+def _ros1_records(file: BinaryIO) -> Iterator[tuple[int, dict[bytes, bytes], int, int]]:
+    """Position, header, and where the data begin and how long they are, of each record of a file.
+
+    Ends at the end, or raises struct.error where a record is not whole.
+    """
+    at = file.tell()
+    while start := file.read(4):
+        (size,) = _U32.unpack(start)
+        if size > _MOST_HEADER:
+            raise struct.error("no header")
+        header = file.read(size + 4)
+        fields = _ros1_fields(header[:size])
+        (length,) = _U32.unpack_from(header, size)
+        data = at + 4 + size + 4
+        file.seek(data)
+        yield at, fields, data, length
+        at = data + length
+        file.seek(at)
+
+
+def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
+    """Topics and counts by a bag's index; raises _NoIndexError or struct.error without one.
+
+    Nor is an index one that counts more messages than a file so long has places for.
+    """
+    if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
+        raise _NoIndexError
+    end = file.seek(0, 2)
+    file.seek(len(ROS1_MAGIC))
+    first: dict[bytes, bytes] = next((fields for _, fields, _, _ in _ros1_records(file)), {})
+    (begin,) = _U64.unpack(first.get(b"index_pos", b""))
+    if not 0 < begin < end:
+        raise _NoIndexError
+    file.seek(begin)
+    topics: dict[bytes, Topic] = {}
+    counts: Counter[bytes] = Counter()
+    for _, fields, at, length in _ros1_records(file):
+        if at + length > end:
+            raise _NoIndexError
+        data = file.read(length)
+        if fields.get(b"op") == b"\x07":
+            topics[fields[b"conn"]] = _ros1_topic(fields, data)
+        elif fields.get(b"op") == b"\x06":
+            for place in range(0, length, 8):
+                counts[data[place : place + 4]] += _U32.unpack_from(data, place + 4)[0]
+    if counts.total() * _ROS1_ENTRY > end:
+        raise _NoIndexError
+    found: Counter[Topic] = Counter()
+    for key, topic in topics.items():
+        found[topic] += counts[key]
+    return dict(found)
+
+
+def _ros1(file: BinaryIO, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
+    end = file.seek(0, 2)
+    file.seek(len(ROS1_MAGIC))
+    topics: dict[bytes, Topic | None] = {}
+    place = file.tell()
+    try:
+        for place, fields, at, length in _ros1_records(file):
+            op = fields.get(b"op")
+            if op == b"\x05":
+                packing = fields.get(b"compression", b"").decode(errors="replace")
+                if at + length > end:
+                    lost[CUT_SHORT] += end - at
+                try:
+                    chunk = _unpacked(file.read(min(length, _MOST_CHUNK)), packing)
+                except _ChunkError:
+                    lost[DAMAGED] += 1
+                    continue
+                yield from _ros1_messages(chunk, topics, wanted, lost)
+            elif op == b"\x02":
+                # The last chunk of a bag that was never closed states no length: what should be in
+                # it lies behind.
+                file.seek(place)
+                rest = file.read(_MOST_CHUNK)
+                yield from _ros1_messages(rest, topics, wanted, lost)
+                return
+            elif op == b"\x07" and fields[b"conn"] not in topics:
+                topic = _ros1_topic(fields, file.read(length))
+                topics[fields[b"conn"]] = topic if wanted(topic) else None
+    except (struct.error, KeyError):
+        lost[CUT_SHORT] += end - place
+
+
+def _ros1_messages(
+    chunk: bytes, topics: dict[bytes, Topic | None], wanted: Wanted, lost: Counter[str]
+) -> Iterator[Batch]:
+    """Messages in an unpacked chunk."""
+    found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
+    at, end, whole = 0, len(chunk), 0
+    try:
+        while at < end:
+            (size,) = _U32.unpack_from(chunk, at)
+            fields = _ros1_fields(chunk[at + 4 : at + 4 + size])
+            (length,) = _U32.unpack_from(chunk, at + 4 + size)
+            begin = at + 8 + size
+            at = begin + length
+            if at > end:
+                break
+            whole = at
+            key = fields[b"conn"]
+            if fields[b"op"] == b"\x02":
+                topic = topics[key]
+                if topic is not None:
+                    times, messages = found[topic]
+                    seconds, rest = struct.unpack("<II", fields[b"time"])
+                    times.append(seconds * 1_000_000_000 + rest)
+                    messages.append(chunk[begin:at])
+            elif fields[b"op"] == b"\x07" and key not in topics:
+                told = _ros1_topic(fields, chunk[begin:at])
+                topics[key] = told if wanted(told) else None
+    except (struct.error, KeyError):
+        pass
+    if whole < end:
+        lost[CUT_SHORT] += end - whole
+    for topic, (times, messages) in found.items():
+        yield topic, times, messages
+
+
+def _unpacked(data: bytes, packing: str) -> bytes:
+    """Unpack a chunk, or as much as there is of it; raises _ChunkError if nothing comes out."""
+    if packing in ("none", ""):
+        return data
+    unpacker = _unpacker(packing)
+    try:
+        found: bytes = unpacker.decompress(data, _MOST_CHUNK)
+    except Exception as error:  # each packing has errors of its own
+        raise _ChunkError from error
+    if not found:
+        raise _ChunkError
+    return found
+
+
+def _unpacker(packing: str) -> Any:
+    if packing == "bz2":
+        return bz2.BZ2Decompressor()
+    if packing == "lz4":
+        return require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor()
+    if packing == "zstd":
+        return _zstd().ZstdDecompressor()
+    raise _ChunkError(packing)
+
+
+def _zstd() -> Any:
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return require(module, "ros", "a bag packed with Zstandard")
+
+
+# ----------------------------------------------------------------------------------------- MCAP
+
+
+def _text(data: bytes, at: int) -> tuple[str, int]:
+    (size,) = _U32.unpack_from(data, at)
+    return data[at + 4 : at + 4 + size].decode(errors="replace"), at + 4 + size
+
+
+def _mcap(file: BinaryIO, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
+    end = file.seek(0, 2)
+    at = place = file.seek(len(MCAP_MAGIC))
+    state = _McapState(wanted)
+    while at < end:
+        head = file.read(9)
+        if len(head) < 9:
+            break
+        op, (length,) = head[0], _U64.unpack_from(head, 1)
+        if op in (0x0F, 0x02):  # end of the data
+            return
+        if op in (0x03, 0x04, 0x05, 0x06):
+            data = file.read(min(length, _MOST_CHUNK, end - at))
+            try:
+                if op == 0x06:
+                    yield from state.chunk(data, lost)
+                elif len(data) == length:
+                    yield from state.records([(op, data)])
+            except (struct.error, _ChunkError):
+                lost[DAMAGED] += 1
+        place, at = at, at + 9 + length
+        file.seek(min(at, end))
+    if at != end:  # the last record is not whole
+        lost[CUT_SHORT] += end - (at if at < end else place)
+
+
+class _McapState:
+    """Schemas and channels of a file as far as it was read."""
+
+    def __init__(self, wanted: Wanted) -> None:
+        self._wanted = wanted
+        self._schemas: dict[int, tuple[str, str, str]] = {0: ("", "", "")}
+        self._topics: dict[int, Topic | None] = {}
+
+    def chunk(self, data: bytes, lost: Counter[str]) -> Iterator[Batch]:
+        """Messages of a chunk; raises struct.error or _ChunkError if it is damaged."""
+        packing, at = _text(data, _MCAP_CHUNK.size)
+        (size,) = _U64.unpack_from(data, at)
+        records = _unpacked(data[at + 8 : at + 8 + size], packing)
+        yield from self.records(_mcap_records(records, lost))
+
+    def records(self, records: Any) -> Iterator[Batch]:
+        """Messages among records, each an opcode and its bytes."""
+        found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
+        for op, data in records:
+            if op == 0x05:
+                channel, _, time = _MCAP_MESSAGE.unpack_from(data)
+                time = min(time, _LATEST)
+                topic = self._topics.get(channel)
+                if topic is not None:
+                    found[topic][0].append(time)
+                    found[topic][1].append(data[22:])
+            elif op == 0x03:
+                name, at = _text(data, 2)
+                encoding, at = _text(data, at)
+                self._schemas[int.from_bytes(data[:2], "little")] = (
+                    name,
+                    encoding,
+                    _text(data, at)[0],
+                )
+            elif op == 0x04:
+                self._add_channel(data)
+        for topic, (times, messages) in found.items():
+            yield topic, times, messages
+
+    def _add_channel(self, data: bytes) -> None:
+        key, schema = struct.unpack_from("<HH", data)
+        name, at = _text(data, 4)
+        encoding, _ = _text(data, at)
+        kind, language, definition = self._schemas.get(schema, ("", "", ""))
+        topic = Topic(
+            name,
+            kind,
+            definition,
+            "ros1" if encoding == "ros1" else "cdr",
+            "idl" if "idl" in language else "msg",
+        )
+        known = encoding in ("ros1", "cdr")
+        self._topics[key] = topic if known and self._wanted(topic) else None
+
+
+def _mcap_records(data: bytes, lost: Counter[str]) -> Iterator[tuple[int, bytes]]:
+    at = 0
+    while at < len(data):
+        if at + 9 > len(data):
+            break
+        (length,) = _U64.unpack_from(data, at + 1)
+        if at + 9 + length > len(data):
+            break
+        yield data[at], data[at + 9 : at + 9 + length]
+        at += 9 + length
+    if at < len(data):
+        lost[CUT_SHORT] += len(data) - at
+
+
+# --------------------------------------------------------------------------------------- SQLite
+
+
+def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
+    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+        try:
+            texts = {}
+            with suppress(sqlite3.OperationalError):  # bags from before 2023 have no such table
+                texts = {
+                    kind: (encoding, text)
+                    for kind, encoding, text in base.execute(
+                        "SELECT topic_type, encoding, encoded_message_definition "
+                        "FROM message_definitions"
+                    )
+                }
+            topics = {}
+            for key, name, kind, form in base.execute(
+                "SELECT id, name, type, serialization_format FROM topics"
+            ):
+                if not (isinstance(name, str) and isinstance(kind, str)):
+                    continue  # a table of SQLite may hold anything anywhere
+                encoding, text = map(str, texts.get(kind, ("", "")))
+                topic = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
+                topics[key] = topic if form == "cdr" and wanted(topic) else None
+            rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid")
+            while batch := rows.fetchmany(_ROWS):
+                found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
+                for key, time, data in batch:
+                    topic_or_none = topics.get(key)
+                    if not (isinstance(time, int) and isinstance(data, bytes)):
+                        lost[DAMAGED] += topic_or_none is not None
+                    elif topic_or_none is not None:
+                        found[topic_or_none][0].append(time)
+                        found[topic_or_none][1].append(_plain(data))
+                for topic, (times, messages) in found.items():
+                    yield topic, times, messages
+        except (sqlite3.DatabaseError, TypeError, _ChunkError) as error:
+            if isinstance(error, sqlite3.OperationalError) and "no such table" in str(error):
+                raise RecordingError(f"{path}: is an SQLite file, but no bag of ROS 2") from None
+            lost["tables that cannot be read further: the file is damaged"] += 1
+
+
+def _plain(data: bytes) -> bytes:
+    """Unpack a message, if each was packed by itself."""
+    return _unpacked(data, "zstd") if data[:4] == ZSTD_MAGIC else data

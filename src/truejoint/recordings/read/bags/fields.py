@@ -1,0 +1,278 @@
+"""Fields of many messages at once, by the definition that their bag brings.
+
+Messages of one topic mostly have their fields in the same places: the first tells where, by a walk
+through its definition, and whatever has the same lengths of texts and lists is read with it as one
+array. So any variant of a message is read, and a million of them in a second.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import islice
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.crtk.messages import DEFINITIONS, message_type, ros2_definition
+from truejoint.errors import RecordingError, words
+from truejoint.extras import require
+from truejoint.recordings.read.bags.container import Topic
+
+STAMP: Final = "stamp"
+"""Field that every message has here: its header's time stamp (n,) [ns], 0 without one."""
+
+_SIZES: Final = {
+    "bool": "u1", "byte": "u1", "char": "u1", "int8": "i1", "uint8": "u1", "int16": "i2",
+    "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
+    "float32": "f4", "float64": "f8",
+}  # fmt: skip
+_MOST_LAYOUTS: Final = 1000  # of messages of one topic: joints do not come and go that often
+_ONE_INTEGER: Final = tuple((order + kind, 1) for order in "<>" for kind in ("i4", "u4"))
+_DEEPEST: Final = 20  # messages within messages
+_MOST_VALUES: Final = 1 << 20  # in one list of a message
+_MOST_FIELDS: Final = 1 << 16  # of a message, with those of messages within it
+PURPOSE: Final = "reading and writing bags"
+
+Fields = Mapping[str, NDArray[Any]]
+Types = Mapping[str, Any]
+
+
+class _DamagedError(Exception):
+    """A message is shorter than its definition says, or another one."""
+
+
+def typesys() -> Any:
+    """Package of rosbags that knows message definitions; raises TruejointError without it."""
+    return require("rosbags.typesys", "ros", PURPOSE)
+
+
+def field_types(topic: Topic) -> Types:
+    """Fields of a topic's message and of those in it, by type, as rosbags has them.
+
+    A bag that brings no definition is read by those of ROS 2 and of `DEFINITIONS`. Raises
+    RecordingError if neither knows the type, or the definition is none.
+    """
+    system = typesys()
+    # ROS 1 brings its own header, which has a number that ROS 2 left out.
+    known = dict(system.get_typestore(system.Stores.EMPTY).fielddefs)
+    name = full_name(topic.type)
+    if not topic.definition:
+        known |= system.get_typestore(system.Stores.LATEST).fielddefs
+        for kind in DEFINITIONS:
+            known |= system.get_types_from_msg(ros2_definition(kind), full_name(kind))
+    else:
+        parse = system.get_types_from_idl if topic.language == "idl" else system.get_types_from_msg
+        try:
+            if topic.language == "idl":
+                for text in topic.definition.split("=" * 80 + "\n"):
+                    known |= parse(text.partition("\n")[2] if text.startswith("IDL: ") else text)
+            else:
+                known |= parse(topic.definition, name)
+        except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
+            raise RecordingError(
+                f"{topic.name}: the definition of {topic.type} in the bag is damaged "
+                f"({words(error, 60)})"
+            ) from None
+    if name not in known:
+        raise RecordingError(
+            f"{topic.name}: the bag has no definition of {topic.type}, nor has truejoint; record "
+            "with MCAP, which brings it"
+        )
+    return known
+
+
+def full_name(kind: str) -> str:
+    """Name of a type as ROS 2 and rosbags write it."""
+    package, _, name = message_type(kind).rpartition("/")
+    return f"{package}/msg/{name}"
+
+
+@dataclass
+class Decoder:
+    """Reads the wanted fields of one topic's messages.
+
+    Attributes
+    ----------
+    topic : Topic
+    wanted : collection of str
+        Fields to be read, ``pose.position.x`` for one within another.
+    damaged : int
+        Messages that were left out because they are not as their definition says.
+    """
+
+    topic: Topic
+    wanted: Collection[str]
+    damaged: int = 0
+    _layouts: int = field(default=0, init=False)
+
+    def __post_init__(self) -> None:
+        self._types = field_types(self.topic)
+        fields = list(islice(self._leaves(full_name(self.topic.type), ""), _MOST_FIELDS + 1))
+        if len(fields) > _MOST_FIELDS:
+            raise RecordingError(
+                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
+                f"(more than {_MOST_FIELDS} fields)"
+            )
+        missing = sorted(set(self.wanted) - set(fields))
+        if missing:
+            has = ", ".join(name for name, _ in self._types[full_name(self.topic.type)][1])
+            raise RecordingError(
+                f"{self.topic.name}: this version of {self.topic.type} has no field "
+                f"{missing[0]!r}; it has {has:.300}"
+            )
+
+    def _leaves(self, kind: str, prefix: str, depth: int = 0) -> Iterator[str]:
+        if depth > _DEEPEST:
+            raise RecordingError(
+                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
+                f"(messages within messages, {_DEEPEST} deep)"
+            )
+        for name, (shape, inner) in self._types[kind][1]:
+            yield prefix + name
+            if int(shape) == 2 and inner in self._types:
+                yield from self._leaves(inner, f"{prefix}{name}.", depth + 1)
+
+    def decode(
+        self, messages: Sequence[bytes]
+    ) -> Iterator[tuple[NDArray[np.int64], Fields, dict[str, tuple[str, ...]]]]:
+        """Fields of messages, those of the same layout together.
+
+        Gives for each lot which of the messages it is of (m,), fields (m, length) by name, the
+        stamps among them, and lists of text, which all messages of the lot have the same.
+        Raises RecordingError if the layout changes all the time.
+        """
+        sizes = np.array([len(message) for message in messages])
+        order = np.arange(len(messages))
+        for size in np.unique(sizes):
+            rows = order[sizes == size]
+            raw = np.frombuffer(b"".join([messages[row] for row in rows]), dtype=np.uint8)
+            raw = raw.reshape(len(rows), size)
+            while len(rows):
+                try:
+                    layout = _Walk(self._types, self.topic.encoding, raw[0].tobytes())
+                    layout.walk(full_name(self.topic.type), "")
+                except (_DamagedError, KeyError, UnicodeDecodeError):
+                    self.damaged += 1
+                    rows, raw = rows[1:], raw[1:]
+                    continue
+                alike = np.ones(len(rows), dtype=np.bool_)
+                for begin, end in layout.fixed:
+                    alike &= (raw[:, begin:end] == raw[0, begin:end]).all(axis=1)
+                if not alike.all():
+                    self._layouts += 1
+                    if self._layouts > _MOST_LAYOUTS:
+                        raise RecordingError(
+                            f"{self.topic.name}: its messages change their lengths all the time; "
+                            "is it a joint state?"
+                        )
+                lot = raw if alike.all() else raw[alike]
+                yield rows[alike], layout.read(lot, self.wanted), layout.texts
+                rows, raw = rows[~alike], raw[~alike]
+
+
+class _Walk:
+    """Where the fields of one message stand in its bytes."""
+
+    def __init__(self, types: Types, encoding: str, data: bytes) -> None:
+        self._types, self._data = types, data
+        self._aligned = encoding == "cdr"
+        self._at = self._origin = 4 if self._aligned else 0
+        # The first bytes of CDR tell the order of bytes.
+        self.fixed: list[tuple[int, int]] = [(0, 4)] if self._aligned else []
+        if self._aligned and (len(data) < 4 or data[0] or data[1] > 1):
+            raise _DamagedError
+        self._order = ">" if self._aligned and data[1] == 0 else "<"
+        self._left = _MOST_VALUES  # fields to walk through: those of an empty type take no bytes
+        self.places: dict[str, tuple[int, str, int]] = {}
+        self.texts: dict[str, tuple[str, ...]] = {}
+
+    def walk(self, kind: str, prefix: str, depth: int = 0) -> None:
+        """Go through the fields of a type."""
+        if depth > _DEEPEST:
+            raise _DamagedError
+        for name, (shape, inner) in self._types[kind][1]:
+            path = prefix + name
+            if int(shape) <= 2:
+                self._value(path, (shape, inner), depth)
+                continue
+            element, count = inner
+            if int(shape) == 4:
+                count = self._length()
+            if count > _MOST_VALUES:
+                raise _DamagedError
+            self._values(path, element, count, depth)
+
+    def _value(self, path: str, what: tuple[Any, Any], depth: int) -> None:
+        shape, inner = what
+        self._left -= 1
+        if self._left < 0:
+            raise _DamagedError
+        if int(shape) == 2:
+            self.walk(inner, f"{path}.", depth + 1)
+        elif inner[0] in ("string", "wstring"):
+            self._text()
+        else:
+            self._numbers(path, inner[0], 1)
+
+    def _values(self, path: str, element: tuple[Any, Any], count: int, depth: int) -> None:
+        shape, inner = element
+        if int(shape) == 1 and inner[0] in ("string", "wstring"):
+            begin = self._at
+            self.texts[path] = tuple(self._text() for _ in range(count))
+            self.fixed.append((begin, self._at))
+        elif int(shape) == 1:
+            self._numbers(path, inner[0], count)
+        else:
+            for k in range(count):
+                self._value(f"{path}[{k}]", element, depth)
+
+    def _numbers(self, path: str, kind: str, count: int) -> None:
+        if kind not in _SIZES:
+            raise _DamagedError
+        size = int(_SIZES[kind][1])
+        if count:
+            self._align(size)
+        self.places[path] = self._at, self._order + _SIZES[kind], count
+        self._skip(size * count)
+
+    def _length(self) -> int:
+        self._align(4)
+        begin = self._at
+        self._skip(4)
+        self.fixed.append((begin, self._at))
+        return int.from_bytes(
+            self._data[begin : self._at], "big" if self._order == ">" else "little"
+        )
+
+    def _text(self) -> str:
+        length = self._length()
+        begin = self._at
+        self._skip(length)
+        return self._data[begin : self._at].rstrip(b"\0").decode()
+
+    def _align(self, size: int) -> None:
+        if self._aligned:
+            self._at += -(self._at - self._origin) % size
+
+    def _skip(self, size: int) -> None:
+        self._at += size
+        if self._at > len(self._data):
+            raise _DamagedError
+
+    def read(self, raw: NDArray[np.uint8], wanted: Collection[str]) -> dict[str, NDArray[Any]]:
+        """Fields of messages (m, size) that have the same layout."""
+        found = {name: self._field(raw, name) for name in wanted if name in self.places}
+        for header in ("header", "hdr"):
+            parts = [f"{header}.stamp.{seconds}" for seconds in ("sec", "nanosec")]
+            if all(self.places.get(part, (0, "", 0))[1:] in _ONE_INTEGER for part in parts):
+                seconds, rest = (self._field(raw, p)[:, 0].astype(np.int64) for p in parts)
+                found[STAMP] = seconds * 1_000_000_000 + rest
+        found.setdefault(STAMP, np.zeros(len(raw), dtype=np.int64))
+        return found
+
+    def _field(self, raw: NDArray[np.uint8], name: str) -> NDArray[Any]:
+        begin, kind, count = self.places[name]
+        end = begin + int(kind[2]) * count
+        return np.ascontiguousarray(raw[:, begin:end]).view(kind).reshape(len(raw), count)

@@ -1,0 +1,177 @@
+"""A recording as a bag of CRTK's topics, for others' tools."""
+
+from __future__ import annotations
+
+import math
+import os
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from truejoint.array_types import Mask
+from truejoint.crtk.messages import (
+    DEFINITIONS,
+    JOINT_STATE,
+    RAVEN_STATE,
+    RAVEN_TOPIC,
+    RUN_LEVELS,
+    TRUTH_TOPIC,
+    Profile,
+    joint_state_fields,
+    profile_of,
+    raven_state_fields,
+    ros2_definition,
+)
+from truejoint.errors import RecordingError
+from truejoint.extras import require
+from truejoint.files import write_atomically
+from truejoint.recordings.read.bags.fields import PURPOSE, full_name, typesys
+from truejoint.recordings.table.recording import Recording, as_recording
+
+# Stamp of `t = 0` where the recording knows none [ns]: 0 would mean that there is no stamp.
+_BEGIN: Final = 1_000_000_000
+
+_Messages = tuple[str, str, NDArray[np.int64], dict[str, Any]]
+"""Topic, type, stamps (n,) [ns], and fields, each a value for all messages or (n, ...)."""
+
+
+def write_bag(
+    recording: Recording,
+    path: str | os.PathLike[str],
+    *,
+    profile: str = "",
+    overwrite: bool = False,
+) -> None:
+    """Write a recording as a bag: ROS 1 to ``.bag``, ROS 2 to ``.mcap``.
+
+    RAVEN-II has its ``ravenstate`` beside CRTK's joint state; joint sensors are on ``ext_jpos``,
+    where they are known. Stamps are the recording's, to the nanosecond, from 1 s on where it does
+    not know when it began.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path-like
+    profile : str
+        One of `truejoint.crtk.messages.PROFILES`; by default the robot's, quirks included.
+    overwrite : bool
+        Replace a file that is there; refused by default.
+
+    Raises
+    ------
+    RecordingError
+        If `path` is called neither, exists and may not be replaced, its folder does not exist, or
+        no position of a joint is recorded.
+
+    Examples
+    --------
+    >>> truejoint.recordings.write_bag(test, "session.bag")
+    >>> truejoint.recordings.bag_topics("session.bag")["/measured_js"]
+    ('sensor_msgs/JointState', 400)
+    """
+    target, recording = Path(path), as_recording(recording)
+    chosen = profile_of(recording.robot, profile)
+    writers = {".bag": _write_ros1, ".mcap": _write_mcap}
+    if target.suffix not in writers:
+        raise RecordingError(f"{target}: call it .bag for ROS 1 or .mcap for ROS 2")
+    topics = list(_topics(recording, chosen))
+    if not topics:
+        raise RecordingError(f"{target}: the recording has no position of a joint to write")
+    write = writers[target.suffix]
+    write_atomically(
+        target, lambda part: write(part, topics), overwrite=overwrite, error=RecordingError
+    )
+
+
+def _topics(recording: Recording, profile: Profile) -> Iterator[_Messages]:
+    start = recording.provenance.start
+    begin = _BEGIN if math.isnan(start) else round(start * 1e9)
+    stamps = begin + np.round(recording.t * 1e9).astype(np.int64)
+    columns = {name: recording.column(name) for name in recording.units}
+    robot = recording.robot
+    if robot.name == "raven2":
+        level = columns.get("state/run_level", np.full(len(stamps), RUN_LEVELS["pedal down"]))
+        yield RAVEN_TOPIC, RAVEN_STATE, stamps, {
+            "runlevel": level.astype(np.int32),
+            **raven_state_fields(robot, columns),
+        }  # fmt: skip
+    for quantity in ("measured", "setpoint", "truth"):
+        if not recording.joints_of(quantity):
+            continue
+        name = TRUTH_TOPIC
+        rows: Mask = np.ones(len(stamps), dtype=np.bool_)
+        if quantity == "truth":
+            truth = recording.columns("truth", recording.joints_of("truth"))
+            rows = np.asarray(~np.isnan(truth).any(axis=1))
+        else:
+            name = profile.topic(robot.arm, f"{quantity}_js")
+        kept = {column: values[rows] for column, values in columns.items()}
+        names, fields = joint_state_fields(robot, quantity, name, kept, profile)
+        if names and not (quantity == "setpoint" and profile.no_setpoint):
+            yield name, JOINT_STATE, stamps[rows], {"name": list(names), **fields}
+
+
+def _write_ros1(path: Path, topics: list[_Messages]) -> None:
+    writer_type = require("rosbags.rosbag1", "ros", PURPOSE).Writer
+    system = typesys()
+    store = system.get_typestore(system.Stores.ROS1_NOETIC)
+    for kind, text in DEFINITIONS.items():
+        store.register(system.get_types_from_msg(text, full_name(kind)))
+    path.unlink()  # rosbags makes its own
+    with writer_type(path) as writer:
+        _write(writer, store, topics, store.serialize_ros1)
+
+
+def _write_mcap(path: Path, topics: list[_Messages]) -> None:
+    module = require("rosbags.rosbag2", "ros", PURPOSE)
+    system = typesys()
+    store = system.get_typestore(system.Stores.ROS2_HUMBLE)
+    for kind in DEFINITIONS:
+        store.register(system.get_types_from_msg(ros2_definition(kind), full_name(kind)))
+    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".truejoint-") as folder:
+        bag = Path(folder) / "bag"
+        with module.Writer(bag, version=9, storage_plugin=module.StoragePlugin.MCAP) as writer:
+            _write(writer, store, topics, store.serialize_cdr)
+        (bag / "bag.mcap").replace(path)
+
+
+def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> None:
+    """Write all messages in the order of their stamps."""
+    connections = []
+    for name, kind, _, _ in topics:
+        connections.append(writer.add_connection(name, full_name(kind), typestore=store))
+    stamps = np.concatenate([stamps for _, _, stamps, _ in topics])
+    owner = np.concatenate([np.full(len(stamps), k) for k, (_, _, stamps, _) in enumerate(topics)])
+    row = np.concatenate([np.arange(len(stamps)) for _, _, stamps, _ in topics])
+    blanks = [_blank(store, full_name(kind)) for _, kind, _, _ in topics]
+    for place in np.argsort(stamps, kind="stable").tolist():
+        topic, number, stamp = int(owner[place]), int(row[place]), int(stamps[place])
+        _, kind, _, fields = topics[topic]
+        message = blanks[topic]
+        for name, values in fields.items():
+            one = values if isinstance(values, list) else values[number]
+            setattr(message, name, one if isinstance(one, list | np.ndarray) else one.item())
+        header = message.hdr if kind == RAVEN_STATE else message.header
+        header.stamp.sec, header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        if hasattr(header, "seq"):
+            header.seq = number
+        writer.write(connections[topic], stamp, serialize(message, full_name(kind)))
+
+
+def _blank(store: Any, kind: str) -> Any:
+    """Message of a type whose numbers are 0 and whose texts and lists are empty."""
+    values: dict[str, Any] = {}
+    for name, (shape, inner) in store.fielddefs[kind][1]:
+        if int(shape) == 1:
+            values[name] = "" if inner[0] == "string" else 0
+        elif int(shape) == 2:
+            values[name] = _blank(store, inner)
+        else:
+            (_, (base, _)), count = inner
+            text = base == "string"
+            values[name] = [] if text else np.zeros(count if int(shape) == 3 else 0, dtype=base)
+    return store.types[kind](**values)

@@ -1,0 +1,169 @@
+"""A column map to start from: what a file has, and what its names suggest that it is."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Final
+
+from truejoint.errors import RecordingError
+from truejoint.recordings.bounded_file import read_bounded, read_head, require_file
+from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
+from truejoint.recordings.read.mapped import arrays_of
+from truejoint.recordings.read.numeric_text import first_line, is_number, split_fields
+from truejoint.recordings.table.parquet import PARQUET_MAGIC
+from truejoint.recordings.table.recording import default_unit
+from truejoint.robots import Robot, get_robot
+from truejoint.units import SI_UNITS
+
+# A column's name is cut into words of one kind of letter; the first quantity that has one of them.
+_WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
+_QUANTITIES: Final[Mapping[str, frozenset[str]]] = {
+    "motor_velocity": frozenset({"mvel"}),
+    "truth": frozenset({"truth", "true", "ext", "external", "encoder", "enc", "tracker", "camera"}),
+    "setpoint": frozenset(
+        {"setpoint", "desired", "des", "cmd", "command", "target", "ref", "goal"}
+    ),
+    "motor": frozenset({"motor", "mot", "mpos"}),
+    "velocity": frozenset({"velocity", "vel", "speed", "jvel", "qd"}),
+    "current": frozenset({"current", "amp", "amps"}),
+    "effort": frozenset({"effort", "torque", "tau", "force", "load"}),
+    "measured": frozenset({"measured", "meas", "position", "pos", "jpos", "angle", "q", "joint"}),
+}
+_TIMES: Final = frozenset({"t", "time", "stamp", "timestamp", "sec", "secs", "seconds"})
+_UNITS: Final = {unit.lower(): unit for unit in SI_UNITS if unit != "1"} | {
+    "degree": "deg", "degrees": "deg", "radians": "rad", "nsec": "ns", "nsecs": "ns",
+}  # fmt: skip
+_ARRAY_COLUMNS: Final = 64  # of one variable that are listed
+
+
+def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = "") -> str:
+    r"""Write a column map for a file, with guesses for `read_column_map` to read and you to mend.
+
+    Parameters
+    ----------
+    path : path-like
+        Text with or without a header, .npy or .mat file.
+    robot, arm : str
+        As in `truejoint.robots.get_robot`, for the names of joints.
+
+    Raises
+    ------
+    RecordingError
+        If the file cannot be read, or needs no map.
+
+    Examples
+    --------
+    >>> _ = open("run.csv", "w").write("stamp_ms,jaw_pos_deg,jaw_torque\n0,5,0.1\n1,6,0.1\n")
+    >>> print(sketch_column_map("run.csv", "davinci_grasper"))
+    # Columns of run.csv as their names suggest; mend what is wrong, delete what is not needed.
+    robot = "davinci_grasper"
+    <BLANKLINE>
+    [columns]
+    "t" = { column = "stamp_ms", unit = "ms" }  # 0
+    "measured/jaw" = { column = "jaw_pos_deg", unit = "deg" }  # 5
+    "effort/jaw" = { column = "jaw_torque" }  # 0.1
+    """
+    path = Path(path)
+    machine = get_robot(robot, arm) if robot else None
+    given = {"robot": machine.name, "arm": machine.arm} if machine else {}
+    columns = list(_columns(path))
+    numbers = [_number(name) for name, _ in columns]
+    from_zero = 0 in numbers
+    sketched: dict[str, str] = {}
+    others = []
+    for (name, example), number in zip(columns, numbers, strict=True):
+        ours = _guess(name, machine, None if number is None else number + from_zero)
+        entry = f"{{ column = {_quoted(name)}{_unit(ours, name, machine)} }}  # {example}"
+        if ours and ours not in sketched:
+            sketched[ours] = entry
+        else:
+            others.append(f'# "<quantity>/<joint>" = {entry}')
+    lines = [
+        f"# Columns of {_quoted(path.name)[1:-1]} as their names suggest; mend what is wrong, "
+        "delete what is not needed."
+    ]
+    lines += [f"{key} = {_quoted(text)}" for key, text in given.items() if text]
+    if not machine:
+        lines.append('# robot = "<name, or a robot file beside this one>"')
+    if "t" not in sketched:
+        lines.append("# rate_hz = <rate of the rows, unless one of the columns is t>")
+    lines += ["", "[columns]", *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()), *others]
+    return "\n".join(lines)
+
+
+def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
+    """Name or position of each column of a file, and what stands in its first row."""
+    head = read_head(require_file(path))
+    if head.startswith(PARQUET_MAGIC):
+        raise RecordingError(f"{path}: is a Parquet file, which needs no column map")
+    if head.startswith(NPY_MAGIC):
+        array, _ = read_npy(path)
+        row = array.reshape(len(array) if array.ndim else 1, -1)[0]
+        yield from ((k, f"{value:g}") for k, value in enumerate(row.tolist()))
+    elif b"\0" in head:
+        data, _ = read_bounded(path)
+        for name, value in arrays_of(read_mat(data, str(path))).items():
+            signals = value if value.shape[1] > value.shape[0] else value.T
+            for k, signal in enumerate(signals[:_ARRAY_COLUMNS]):
+                first = f"{signal[0]:g}, {signal.size} values" if signal.size else "empty"
+                yield name if len(signals) == 1 else f"{name}[{k}]", first
+    else:
+        number, line = first_line(path, "#")
+        delimiter = next((d for d in ",;\t" if d in line), " ")
+        fields = split_fields(line, delimiter)
+        if all(map(is_number, fields)):
+            yield from ((k, field) for k, field in enumerate(fields))
+            return
+        lines = head.decode("utf-8-sig", errors="replace").splitlines()[number : number + 1]
+        values = dict(enumerate(split_fields(lines[0], delimiter) if lines else []))
+        for k, field in enumerate(fields):
+            unique, example = field and fields.count(field) == 1, values.get(k, "")
+            yield field if unique else k, example if is_number(example) else ""
+
+
+def _words(name: str | int) -> list[str]:
+    return [word.lower() for word in _WORD.findall(name)] if isinstance(name, str) else []
+
+
+def _number(name: str | int) -> int | None:
+    """Last number in a name, if it could count joints."""
+    numbers = [int(word) for word in _words(name) if word.isdigit() and len(word) < 3]
+    return numbers[-1] if numbers else None
+
+
+def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
+    """Guess what a column is in a recording; empty if its name does not say."""
+    words = set(_words(name))
+    if name == "t" or (words & _TIMES and not words - _TIMES - set(_UNITS) - {"ros", "header"}):
+        return "t"
+    if isinstance(name, str) and re.fullmatch(r"[A-Za-z]\w*/\w+", name, re.ASCII):
+        return name
+    quantity = next((q for q, known in _QUANTITIES.items() if words & known), "")
+    channels: Sequence[str] = robot.channels if robot else ()
+    named = [channel for channel in channels if channel in str(name).lower()]
+    if named and not words - set(_UNITS) - set(named):
+        quantity = "measured"  # nothing but the joint, and perhaps a unit
+    if not named and number is not None:
+        joints = robot.joint_names if robot else [f"joint{k}" for k in range(1, 100)]
+        named = [joints[number - 1]] if 1 <= number <= len(joints) else []
+    if not named and len(channels) == 1:
+        named = list(channels)
+    return f"{quantity}/{max(named, key=len)}" if quantity and named else ""
+
+
+def _unit(ours: str, name: str | int, robot: Robot | None) -> str:
+    """Give the unit as a part of an entry, where the name says one that the column may have."""
+    found = next((_UNITS[word] for word in reversed(_words(name)) if word in _UNITS), "")
+    si = SI_UNITS[found][0] if found else ""
+    expected = "s" if ours == "t" else default_unit(ours, robot) if ours and robot else si
+    return f', unit = "{found}"' if found and expected in {si, "1"} and found != si else ""
+
+
+def _quoted(name: str | int) -> str:
+    """Give a name as TOML has it, whatever it holds."""
+    text = json.dumps(name, ensure_ascii=False) if isinstance(name, str) else str(name)
+    return text.replace("\x7f", "\\u007F")

@@ -1,0 +1,199 @@
+"""Tables of numbers in text files, read in pieces and within bounds."""
+
+from __future__ import annotations
+
+import io
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv
+
+from truejoint.array_types import Array
+from truejoint.errors import RecordingError
+from truejoint.recordings.bounded_file import (
+    MAX_LINE_BYTES,
+    MAX_VALUES,
+    BoundedFile,
+    read_head,
+    require_file,
+)
+
+_PIECE_BYTES: Final = 1 << 22
+_MISSING: Final = frozenset(csv.ConvertOptions().null_values)
+
+
+@dataclass(frozen=True)
+class TextLayout:
+    """How the numbers stand in a text file."""
+
+    columns: int  # numbers that a line must have
+    delimiter: str = ","  # comma, semicolon or tab; a blank means any white space
+    comment: str = ""  # one character; what follows it in a line is passed over
+    skip: int = 0  # lines to pass over at the start, the header among them
+
+
+@dataclass(frozen=True)
+class NumericTable:
+    """Some columns of a text file."""
+
+    values: Array  # (n, k); NaN where a field is empty or ``nan``
+    sha256: str  # of the whole (unpacked) file
+    incomplete: int  # lines at the end that were cut short and left out: 0 or 1
+
+
+def read_numbers(
+    path: Path, layout: TextLayout, use: Sequence[int], may_miss: Sequence[int] = ()
+) -> NumericTable:
+    """Columns `use` of a text file of numbers, or of one in gzip; `may_miss` of them may be empty.
+
+    A last line with too few numbers is what an interrupted recorder leaves behind: it is left out
+    and counted. A RecordingError names line, column and text of any other field that is missing or
+    not a number, a line with too many or too few fields, or says that the file holds too much.
+    """
+    # The last column tells a short line from a whole one.
+    wanted = {column: column in may_miss for column in sorted({*use, layout.columns - 1})}
+    pieces: list[Array] = []
+    left = most = MAX_VALUES // len(wanted)
+    incomplete = 0
+    raw = BoundedFile(require_file(path), lines=True)
+    with raw, io.BufferedReader(raw, _PIECE_BYTES) as file:
+        for piece in _pieces(file, layout):
+            try:
+                values = _parse(piece, layout, wanted)
+            except pa.ArrowInvalid:
+                values, incomplete = _parse_by_line(path, piece, layout, wanted, left < most)
+            left -= len(values)
+            if left < 0:
+                raise RecordingError(
+                    f"{path}: more than {most} rows of {len(wanted)} columns, the most that is "
+                    "read; cut the recording into parts"
+                )
+            pieces.append(values)
+        digest = raw.sha256()
+    if left == most:
+        raise RecordingError(f"{path}: holds no rows of numbers")
+    values = np.concatenate(pieces)
+    return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)
+
+
+def first_line(path: Path, comment: str = "") -> tuple[int, str]:
+    """Find the first line that is neither blank nor a comment: its number, from 1, and its text."""
+    head = read_head(path)
+    if b"\0" in head:
+        raise RecordingError(f"{path}: is not a text file; name its format")
+    for number, line in enumerate(_lines(head), start=1):
+        text = line.strip()
+        if text and not (comment and text.startswith(comment)):
+            return number, text
+    raise RecordingError(f"{path}: holds no rows")
+
+
+def count_fields(path: Path) -> int:
+    """How many numbers, between commas, stand in the first line of a file without a header."""
+    return len(split_fields(first_line(path)[1], ","))
+
+
+def split_fields(line: str, delimiter: str) -> list[str]:
+    """Fields of a line, stripped and without quotes; the delimiter blank is any white space."""
+    fields = line.split(None if delimiter == " " else delimiter)
+    return [field.strip().strip('"') for field in fields]
+
+
+def is_number(text: str) -> bool:
+    """Whether a field reads as a number."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return "_" not in text  # which Python, not a measurement, puts into numbers
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """Whole lines of a file: the first is line `number`, `skip` of them are no rows."""
+
+    text: bytes
+    number: int
+    skip: int
+    last: bool
+
+
+def _pieces(file: io.BufferedReader[BoundedFile], layout: TextLayout) -> Iterator[_Piece]:
+    comment = layout.comment.encode()
+    note = re.compile(re.escape(comment) + rb"[^\r\n]*")
+    number, skip = 1, layout.skip
+    while text := file.read(_PIECE_BYTES) + file.readline():
+        lines = text.count(b"\n")
+        if comment and comment in text:
+            text = note.sub(b"", text)
+        if layout.delimiter == " ":
+            parts = re.split(rb"\r\n|\r|\n", text)
+            text = b"\n".join(b" ".join(line.split()) for line in parts)
+        yield _Piece(text, number, skip, not file.peek(1))
+        number, skip = number + lines, max(0, skip - lines)
+
+
+def _lines(text: bytes) -> io.TextIOWrapper:
+    return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8-sig", errors="replace")
+
+
+def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
+    """Columns `wanted`, which say if they may miss, of a piece; ArrowInvalid if it does not fit."""
+    names = [str(column) for column in range(layout.columns)]
+    use = [names[column] for column in wanted]
+    table = csv.read_csv(
+        pa.BufferReader(piece.text),
+        csv.ReadOptions(
+            column_names=names,
+            use_threads=False,
+            skip_rows=piece.skip,
+            block_size=2 * MAX_LINE_BYTES,
+        ),
+        csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
+        csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
+    )
+    values = np.column_stack([table[name].to_numpy() for name in use])
+    if np.isnan(values[:, ~np.array([*wanted.values()])]).any():
+        raise pa.ArrowInvalid("a field is missing")
+    return values
+
+
+def _parse_by_line(
+    path: Path, piece: _Piece, layout: TextLayout, wanted: dict[int, bool], after_rows: bool
+) -> tuple[Array, int]:
+    """As `_parse`, and whether its last line was cut short; slow, names faults, takes quotes."""
+    rows: list[list[float]] = []
+    fault = None
+    for number, line in enumerate(_lines(piece.text), start=piece.number):
+        if number < piece.number + piece.skip or not line.strip():
+            continue
+        if fault is not None:
+            raise fault
+        fields = split_fields(line.strip("\r\n "), layout.delimiter)
+        try:
+            rows.append(_numbers(fields, layout, wanted))
+        except RecordingError as error:
+            fault = RecordingError(f"{path}: line {number}{error}; repair or remove the line")
+            short = (len(fields), all(map(is_number, fields))) < (layout.columns, True)
+            cut_short = piece.last and short and not line.endswith("\n")
+    if fault is not None and not (cut_short and (rows or after_rows)):
+        raise fault
+    return np.array(rows, dtype=np.float64).reshape(-1, len(wanted)), int(fault is not None)
+
+
+def _numbers(fields: list[str], layout: TextLayout, wanted: dict[int, bool]) -> list[float]:
+    if len(fields) != layout.columns:
+        raise RecordingError(f" has {len(fields)} columns, expected {layout.columns}")
+    numbers = []
+    for column, may_miss in wanted.items():
+        field = fields[column]
+        value = float(field) if is_number(field) else np.nan
+        if np.isnan(value) and not (may_miss and field in _MISSING):
+            raise RecordingError(f", column {column} is {field[:40]!r}, not a number")
+        numbers.append(value)
+    return numbers

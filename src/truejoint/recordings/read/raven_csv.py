@@ -1,0 +1,236 @@
+"""The RAVEN-II laboratory's CSV layouts, of 240 and 252 columns.
+
+The first is the robot's state; in the second the external joint encoders and CRTK's joint state
+stand before it.
+
+Column ranges: uw-biorobotics/raven2_CRTK_Python_controller:bag_reader/func_raven_bag_reader.py
+and HaonanPeng/RAVEN-2-Feature-Ablation:README.md. The state message multiplies every position by
+180/pi, the insertion in metres included (uw-biorobotics/raven2:src/raven/local_io.cpp), so one
+factor brings all of them to rad and m.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array, Mask
+from truejoint.crtk.messages import RAVEN_FIELDS, RUN_LEVELS
+from truejoint.errors import RecordingError
+from truejoint.recordings.read.numeric_text import (
+    NumericTable,
+    TextLayout,
+    count_fields,
+    read_numbers,
+)
+from truejoint.recordings.table.recording import (
+    Recording,
+    recordings_of_file,
+    runs,
+)
+from truejoint.robots import Robot, get_robot
+
+# In the 252-column layout the external encoders of shoulder, elbow and insertion stand in columns 1
+# to 3, and the robot's state from column 12 on.
+STATE_COLUMNS: Final = 240
+TRAINING_COLUMNS: Final = 252
+STATE_START: Final = 12
+EXTERNAL: Final = (1, 2, 3)
+
+CHANNELS: Final = 8  # of one arm in every block of 16: gold (left), then green (right)
+RUN_LEVEL: Final = 17
+AMID: Final = "homing, after rows that are kept"
+
+_DEG: Final = math.pi / 180.0
+# First column of each block of 16 in the 240-column layout, by the message's field.
+_FIRST: Final = {
+    "jpos": 1, "encVals": 70, "dac_val": 86, "tau": 102, "mpos": 118, "mvel": 134, "jvel": 150,
+    "mpos_d": 166, "jpos_d": 182, "encoffsets": 200,
+}  # fmt: skip
+_AXES: Final = ("x", "y", "z")
+_ENTRIES: Final = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
+# Quantity: first column, what each arm has of it (first the gold one), factor to SI.
+_OF_ARM: Final[Mapping[str, tuple[int, tuple[str, ...], float]]] = {
+    "tool": (22, _AXES, 1e-6),
+    "tool_setpoint": (64, _AXES, 1e-6),
+    "rotation": (28, _ENTRIES, 1.0),
+    "rotation_setpoint": (46, _ENTRIES, 1.0),
+    "grasp_setpoint": (198, ("jaw",), 1.0),
+    "jacobian_velocity": (216, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
+    "jacobian_force": (228, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
+    "arm": (20, ("type",), 1.0),
+}
+_OF_STATE: Final = {"state/run_level": RUN_LEVEL, "state/sub_level": 18, "state/last_seq": 19}
+CRTK: Final = 5  # first of the seven joints of CRTK's measured_js in the 252-column layout
+
+# Units that the external encoders may be written in: shoulder, elbow, insertion. Their driver
+# counts in 2 pi/80000 rad and 5 um (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
+# func_raven_joint_encodersIII.py), so rad and m is what it publishes; files that were worked on
+# since may differ.
+TRUTH_UNITS: Final[Mapping[str, tuple[float, float, float]]] = {
+    "rad_m": (1.0, 1.0, 1.0),
+    "deg_m": (_DEG, _DEG, 1.0),
+    "deg_mm": (_DEG, _DEG, 1e-3),
+    "ravenstate": (_DEG, _DEG, _DEG),
+}
+# Truth further from measured than this is in another unit: the raw error of the arm is about
+# 8 deg and 12 mm (peng2024, Table I), a home-made zero a little more.
+_PLAUSIBLE: Final = (math.radians(25.0), math.radians(25.0), 0.06)
+
+# The truth stands still for this long while a motor goes this far: the sensor has stopped.
+_FROZEN_TIME: Final = 1.0
+_FROZEN_TRAVEL: Final = (math.radians(5.0), math.radians(5.0), 0.005)
+
+
+def read_240(path: Path, arm: str = "left") -> list[Recording]:
+    """Read the robot's state, 240 columns, no header, no truth; text or gzip.
+
+    Every field of the state, for the `arm`: of its 8 channels ``measured``, ``velocity``,
+    ``effort`` [Nm at the motor's capstan], ``setpoint``, ``motor``, ``motor_velocity``,
+    ``motor_setpoint``, ``encoder`` and ``encoder_offset`` [counts], ``dac``; ``tool`` [m] and
+    ``rotation`` with their setpoints, ``jacobian_velocity``, ``jacobian_force`` (which repeats the
+    velocity), ``state``.
+    Rows recorded while homing are left out and counted.
+    """
+    robot = get_robot("raven2", arm)
+    return _recording(path, robot, _read(path, robot, STATE_COLUMNS), {}, {})
+
+
+def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> list[Recording]:
+    """Read a training file of the arm that carries external encoders, 252 columns.
+
+    As `read_240`, ``crtk``, the joint state that CRTK publishes [rad, m], and ``truth`` of
+    shoulder, elbow and insertion [rad, rad, m], which the file has in one of `TRUTH_UNITS`; one
+    that cannot be right, by the measured positions, is refused. The
+    file repeats the nearest reading for every row, so a sensor that stopped shows as a truth that
+    stands still while the motors turn: such stretches become NaN and are counted.
+    """
+    if truth_unit not in TRUTH_UNITS:
+        raise RecordingError(
+            f"truth unit {truth_unit!r} is not known; choose from {', '.join(TRUTH_UNITS)}"
+        )
+    robot = get_robot("raven2", arm)
+    crtk = {f"crtk/{joint}": CRTK + k for k, joint in enumerate(robot.joint_names)}
+    table = _read(path, robot, TRAINING_COLUMNS, STATE_START, (*crtk.values(), *EXTERNAL))
+    raw = table.values[:, -len(EXTERNAL) :]
+    # The positioning joints are the first channels, right behind the time.
+    measured = table.values[:, 1 : 1 + len(EXTERNAL)] * _DEG
+    _check_truth_unit(path, robot, raw, measured, truth_unit)
+    truth = raw * TRUTH_UNITS[truth_unit]
+    missing = np.isnan(truth).any(axis=1)
+    frozen = frozen_rows(table.values[:, 0], truth, measured)
+    truth[frozen] = np.nan
+    dropped = {
+        "truth: value missing": int(missing.sum()),
+        "no truth: its sensor stands still": int(frozen.sum()),
+    }
+    columns = dict(zip(crtk, table.values[:, -len(crtk) - len(EXTERNAL) :].T, strict=False))
+    columns |= {f"truth/{joint}": truth[:, i] for i, joint in enumerate(robot.positioning)}
+    return _recording(path, robot, table, columns, dropped)
+
+
+def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
+    """Rows (n,) in which no truth changes while a motor-side position travels.
+
+    Stretches of more than 1 s of `t` (n,) [s] and 5 deg (5 mm) of `measured`, whose first row is
+    still a reading; `truth` and `measured` (n, 3) are shoulder, elbow, insertion [rad, rad, m].
+    """
+    frozen = np.zeros(t.size, dtype=np.bool_)
+    still = (np.diff(truth, axis=0) == 0).all(axis=1)
+    for first, last in runs(still):
+        span = np.ptp(measured[first : last + 1], axis=0)
+        if t[last] - t[first] > _FROZEN_TIME and (span > _FROZEN_TRAVEL).any():
+            frozen[first + 1 : last + 1] = True
+    return frozen
+
+
+def without_homing(levels: Array) -> tuple[Mask, dict[str, int]]:
+    """Rows (n,) in which the arm does not explore its hard stops, and how many it does, if any.
+
+    `levels` (n,) are the state's run levels. Positions after a homing amid them have another zero.
+    """
+    keep = np.asarray(levels != RUN_LEVELS["homing"])
+    amid = ~keep & np.logical_or.accumulate(keep)
+    counts = {"homing": int((~keep & ~amid).sum()), AMID: int(amid.sum())}
+    return keep, {reason: count for reason, count in counts.items() if count}
+
+
+def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
+    """Column in the 240-column layout and factor to SI, by name; the time stands first."""
+    second = robot.arm == "right"
+    found = {"t": (0, 1.0)}
+    for quantity, (name, factor) in RAVEN_FIELDS.items():
+        first = _FIRST[name]
+        for i, channel in enumerate(robot.channels):
+            found[f"{quantity}/{channel}"] = (first + i + (CHANNELS if second else 0), factor)
+    for quantity, (first, names, factor) in _OF_ARM.items():
+        for i, name in enumerate(names):
+            found[f"{quantity}/{name}"] = (first + i + (len(names) if second else 0), factor)
+    return found | {name: (column, 1.0) for name, column in _OF_STATE.items()}
+
+
+def _read(
+    path: Path, robot: Robot, columns: int, start: int = 0, others: tuple[int, ...] = ()
+) -> NumericTable:
+    """Columns of `_state_columns`, which begin at `start`, then the `others`; any may be empty."""
+    found = count_fields(path)
+    if found != columns:
+        raise RecordingError(
+            f"{path}: {found} columns, expected {columns}; the RAVEN layouts have "
+            f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
+        )
+    use = [*(start + column for column, _ in _state_columns(robot).values()), *others]
+    return read_numbers(path, TextLayout(columns), use, use)
+
+
+def _recording(
+    path: Path,
+    robot: Robot,
+    table: NumericTable,
+    others: Mapping[str, Array],
+    dropped: Mapping[str, int],
+) -> list[Recording]:
+    known = _state_columns(robot)
+    state = zip(known.items(), table.values.T, strict=False)
+    columns = {name: values * factor for (name, (_, factor)), values in state} | dict(others)
+    keep, homing = without_homing(columns["state/run_level"])
+    return recordings_of_file(
+        path,
+        robot,
+        {name: rows[keep] for name, rows in columns.items()},
+        {name: robot.joint(name[5:]).unit for name in others if name.startswith("crtk/")},
+        sha256=table.sha256,
+        dropped={
+            **dropped,
+            **homing,
+            "last line cut short": table.incomplete,
+        },
+    )
+
+
+def _check_truth_unit(
+    path: Path, robot: Robot, raw: Array, measured: Array, truth_unit: str
+) -> None:
+    known = np.isfinite(raw).all(axis=1)
+    if not known.any():
+        raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
+
+    def fits(unit: str) -> Mask:
+        distance = np.median(np.abs(raw[known] * TRUTH_UNITS[unit] - measured[known]), axis=0)
+        return np.asarray(distance < _PLAUSIBLE)
+
+    if fits(truth_unit).all():
+        return
+    joint = robot.positioning[int(np.argmin(fits(truth_unit)))]
+    others = [unit for unit in TRUTH_UNITS if fits(unit).all()]
+    advice = (
+        f"it would fit truth_unit={others[0]!r} (--truth-unit)" if others else "check units and arm"
+    )
+    raise RecordingError(
+        f"{path}: truth of {joint} is far from its measured position when read as "
+        f"{truth_unit!r}; {advice}"
+    )

@@ -1,0 +1,288 @@
+"""What a tracker or a camera saw of a marker on the tool: a file of points or poses, or a topic."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from truejoint.array_types import Array, Integers, Mask, floats
+from truejoint.crtk.messages import crtk_name
+from truejoint.errors import RecordingError, unknown
+from truejoint.recordings.bounded_file import read_head, require_file
+from truejoint.recordings.read.bags.container import is_bag
+from truejoint.recordings.read.bags.reading import bag_topics, read_topic
+from truejoint.recordings.read.numeric_text import (
+    TextLayout,
+    first_line,
+    is_number,
+    read_numbers,
+    split_fields,
+)
+from truejoint.recordings.table.parquet import PARQUET_MAGIC, check_size
+from truejoint.recordings.table.stream import forward_rows
+from truejoint.units import FACTORS
+
+POINT: Final = ("x", "y", "z")
+QUATERNION: Final = ("qx", "qy", "qz", "qw")
+UNITS: Final = FACTORS["m"]
+"""Units that the points of a file may be in, and how many m each is."""
+
+LOST: Final = "tracker: marker lost"
+FROZEN: Final = "tracker: repeats its last reading"
+BACK: Final = "tracker: time stamp not after the one before"
+
+_FEWEST: Final = 50  # readings that can tell a tracker's place
+_MOST_LOST: Final = 0.9  # share of the readings
+# Where the point and the orientation stand in a message (ROS, geometry_msgs).
+_FIELDS: Final[Mapping[str, tuple[str, str]]] = {
+    "geometry_msgs/PointStamped": ("point", ""),
+    "geometry_msgs/PoseStamped": ("pose.position", "pose.orientation"),
+    "geometry_msgs/PoseWithCovarianceStamped": ("pose.pose.position", "pose.pose.orientation"),
+    "geometry_msgs/TransformStamped": ("transform.translation", "transform.rotation"),
+}
+# What an arm says of itself is no tracker's.
+_OWN: Final = ("measured_cp", "setpoint_cp", "goal_cp", "servo_cp", "move_cp", "interpolate_cp")
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """Points or poses of a marker on the tool, in the tracker's own frame and on its own clock.
+
+    Attributes
+    ----------
+    t : ndarray, shape (n,)
+        Time stamps [s], strictly increasing.
+    position : ndarray, shape (n, 3)
+        [m].
+    orientation : ndarray, shape (n, 4), optional
+        Unit quaternions x, y, z, w that turn the marker's frame into the tracker's; None of a
+        tracker that sees points.
+    source : str
+    dropped : mapping
+        How many readings were left out, by reason.
+
+    Raises
+    ------
+    RecordingError
+        If the shapes do not fit, or fewer than 50 readings are left.
+
+    Examples
+    --------
+    >>> t = np.arange(100.0)
+    >>> Track(t, np.column_stack([t, t, t])).position.shape
+    (100, 3)
+    """
+
+    t: Array
+    position: Array
+    orientation: Array | None = None
+    source: str = "tracker"
+    dropped: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for name in ("t", "position", "orientation"):
+            if (values := getattr(self, name)) is not None:
+                object.__setattr__(
+                    self, name, floats(values, f"{self.source}: {name}", RecordingError)
+                )
+        n = self.t.size
+        turns = (n, 4) if self.orientation is None else self.orientation.shape
+        if self.t.shape != (n,) or self.position.shape != (n, 3) or turns != (n, 4):
+            raise RecordingError(
+                f"{self.source}: stamps {self.t.shape}, points {self.position.shape} and "
+                f"orientations {turns} must be (n,), (n, 3) and (n, 4)"
+            )
+        if n < _FEWEST:
+            raise RecordingError(
+                f"{self.source}: {n} readings in which the marker is seen; at least {_FEWEST} are "
+                "needed: track for longer, with the marker in sight"
+            )
+
+    def __len__(self) -> int:
+        return self.t.size
+
+    def rows(self, selection: Mask | Integers | slice) -> Track:
+        """Keep the selected readings only."""
+        turns = None if self.orientation is None else self.orientation[selection]
+        return Track(self.t[selection], self.position[selection], turns, self.source, self.dropped)
+
+    @classmethod
+    def of_readings(
+        cls, t: Array, position: Array, orientation: Array | None = None, source: str = "tracker"
+    ) -> Track:
+        """Track of all that a tracker reports, in which the marker may be lost at times.
+
+        A marker is lost where a value is NaN, the quaternion is zero or the point is the origin; a
+        reading that repeats the one before to the last bit is none, as every reading has noise.
+        Raises RecordingError as the class does, and if nine of ten readings are lost.
+
+        Examples
+        --------
+        >>> t = np.arange(100.0)
+        >>> seen = np.where(t < 60, t, np.nan)
+        >>> len(Track.of_readings(t, np.column_stack([seen, seen + 1, seen])))
+        60
+        """
+        given = cls(t, position, orientation, source)
+        t, position, orientation = given.t, given.position, given.orientation
+        values = position if orientation is None else np.hstack([position, orientation])
+        with np.errstate(invalid="ignore"):
+            seen = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)
+            if orientation is not None:
+                length = np.linalg.norm(orientation, axis=1)
+                seen &= np.abs(length - 1.0) < 0.1  # rounded to a few digits, or no quaternion
+        before = np.flatnonzero(seen)
+        fresh = np.append([True], (np.diff(values[before], axis=0) != 0.0).any(axis=1))
+        kept = before[fresh[: len(before)]]
+        forward = forward_rows(t[kept])
+        dropped = {
+            LOST: int((~seen).sum()),
+            FROZEN: len(before) - len(kept),
+            BACK: int((~forward).sum()),
+        }
+        kept = kept[forward]
+        if len(kept) < (1.0 - _MOST_LOST) * len(t):
+            worst = max(dropped, key=lambda reason: dropped[reason]).removeprefix("tracker: ")
+            raise RecordingError(
+                f"{source}: only {len(kept)} of {len(t)} readings can be used ({worst}: "
+                f"{max(dropped.values())}); bring the marker into sight and record again"
+            )
+        turns = None
+        if orientation is not None:
+            turns = orientation[kept] / np.linalg.norm(orientation[kept], axis=1, keepdims=True)
+        found = {reason: count for reason, count in dropped.items() if count}
+        return cls(t[kept], position[kept], turns, source, found)
+
+
+def read_track(
+    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    topic: str = "",
+    unit: str = "m",
+) -> Track:
+    """Read the points or poses of a marker on the tool from a file, or the bags of a session.
+
+    Parameters
+    ----------
+    path : path-like or sequence of path-like
+        Text or Parquet with columns ``t`` [s], ``x``, ``y``, ``z`` and, of poses, ``qx``, ``qy``,
+        ``qz``, ``qw``; others are passed over. Or bags with a topic of ``geometry_msgs``:
+        ``PointStamped``, ``PoseStamped``, ``PoseWithCovarianceStamped``, ``TransformStamped``.
+    topic : str
+        Of a bag; by default the only one of these types that is not the arm's own.
+    unit : {"m", "mm"}
+        Of the points in a file; a bag's are in m.
+
+    Raises
+    ------
+    RecordingError
+        If it is no such file, or the marker is hardly ever seen.
+
+    Examples
+    --------
+    >>> t = np.arange(100) / 30
+    >>> points = {"t": t, "x": np.sin(t), "y": np.cos(t), "z": t}
+    >>> pd.DataFrame(points).to_csv("points.csv", index=False)
+    >>> len(read_track("points.csv"))
+    100
+    """
+    sources = [Path(path)] if isinstance(path, str | os.PathLike) else [Path(one) for one in path]
+    if not sources:
+        raise RecordingError("there is no file of points to read; give at least one")
+    source = sources[0]
+    if unit not in UNITS:
+        raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
+    head = b"" if source.is_dir() else read_head(require_file(source))
+    if len(sources) > 1 or is_bag(source, head):
+        if unit != "m":
+            raise RecordingError(f"{source}: a bag's points are in m; leave the unit out")
+        return _read_bags(sources, topic)
+    if topic:
+        raise RecordingError(f"{source}: is no bag, so it has no topic; leave {topic!r} out")
+    names, columns = (_parquet if head.startswith(PARQUET_MAGIC) else _text)(source)
+    return Track.of_readings(
+        columns[0],
+        np.column_stack(columns[1:4]) * UNITS[unit],
+        np.column_stack(columns[4:]) if len(names) > 4 else None,
+        source.name,
+    )
+
+
+def _wanted(source: Path, header: Sequence[str]) -> list[str]:
+    """Columns to read, of those that a file has."""
+    needed = ["t", *POINT]
+    missing = [name for name in needed if name not in header]
+    turns = [name for name in QUATERNION if name in header]
+    if missing or len(turns) not in (0, len(QUATERNION)):
+        raise RecordingError(
+            f"{source}: is no file of points: it has columns {', '.join(header)[:200]}, and needs "
+            f"{', '.join(needed)} [s, m], of poses also {', '.join(QUATERNION)}"
+        )
+    return needed + turns
+
+
+def _text(source: Path) -> tuple[list[str], list[Array]]:
+    number, line = first_line(source, "#")
+    delimiter = next((d for d in ",;\t" if d in line), " ")
+    header = split_fields(line, delimiter)
+    if all(map(is_number, header)):
+        header = [f"column {k + 1} without a name" for k in range(len(header))]
+    names = _wanted(source, header)
+    use = [header.index(name) for name in names]
+    table = read_numbers(source, TextLayout(len(header), delimiter, "#", number), use, use)
+    return names, [*table.values.T]
+
+
+def _parquet(source: Path) -> tuple[list[str], list[Array]]:
+    try:
+        with pq.ParquetFile(source) as file:
+            names = _wanted(source, file.schema_arrow.names)
+            check_size(source, file)
+            table = file.read(columns=names, use_threads=False)
+            return names, [table[name].to_numpy().astype(np.float64) for name in names]
+    except (pa.ArrowException, OSError, TypeError, ValueError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(
+            f"{source}: is not a whole Parquet file of numbers ({str(error)[:100]}); write it again"
+        ) from None
+
+
+def _read_bags(sources: Sequence[Path], topic: str) -> Track:
+    source = ", ".join(path.name for path in sources)
+    topics = bag_topics(sources)
+    kinds = {name: kind for name, (kind, count) in topics.items() if kind in _FIELDS and count}
+    if not kinds:
+        raise RecordingError(
+            f"{source}: no topic has points or poses; give the bag that has the tracker's too"
+        )
+    found = [topic] if topic else [name for name in kinds if crtk_name(name) not in _OWN]
+    if len(found) != 1 or found[0] not in kinds:
+        listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))
+        what = f"no points or poses on {topic!r}." if topic else "which topic is the tracker's?"
+        raise RecordingError(
+            f"{source}: {what} Name it (--tracker, of track --topic); of points or poses there are "
+            f"{listed}"
+        )
+    point, turn = _FIELDS[kinds[found[0]]]
+    fields = [f"{point}.{axis}" for axis in "xyz"]
+    fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
+    stamps, values = read_topic(sources, found[0], fields)
+    columns = [_number(values, name) for name in fields]
+    return Track.of_readings(
+        stamps / 1e9,
+        np.column_stack(columns[:3]),
+        np.column_stack(columns[3:]) if turn else None,
+        f"{source}: {found[0]}",
+    )
+
+
+def _number(values: Mapping[str, NDArray[Any]], name: str) -> Array:
+    return np.asarray(values[name][:, 0], dtype=np.float64)

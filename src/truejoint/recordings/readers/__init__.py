@@ -1,1 +1,0 @@
-"""One module per file layout; `truejoint.recordings.formats` finds them by name."""

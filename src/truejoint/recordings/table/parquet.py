@@ -1,0 +1,299 @@
+"""Recordings on disk: one Parquet file with units, provenance and a hash in its schema."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Collection, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from truejoint.array_types import Array
+from truejoint.errors import RecordingError, RobotError, words
+from truejoint.files import (
+    UNHASHED,
+    check_ending,
+    content_hash,
+    is_as_written,
+    write_atomically,
+)
+from truejoint.recordings.bounded_file import MAX_VALUES, most_unpacked, require_file
+from truejoint.recordings.table.recording import Provenance, Recording, as_recording
+from truejoint.robots import adopt_robot
+
+METADATA_KEY: Final = b"truejoint"
+# Of the JSON under `METADATA_KEY`: a newer one is refused; that of version 1 has no hash.
+VERSION: Final = 2
+PARQUET_MAGIC: Final = b"PAR1"
+
+_DAMAGED: Final = "its metadata is damaged; copy or record it again"
+_CORRECTED: Final = "corrected"
+_TEXTS: Final = ("recording", "status")  # columns of text, of a corrected table alone
+_MAX_COLUMNS: Final = 4096
+_MAX_METADATA_BYTES: Final = 1 << 22
+
+
+def write_parquet(
+    recording: Recording, path: str | os.PathLike[str], *, overwrite: bool = False
+) -> None:
+    """Write a recording to a Parquet file, whole or not at all.
+
+    Parameters
+    ----------
+    recording : Recording
+    path : path-like
+    overwrite : bool
+        Replace a file that is there; refused by default.
+
+    Raises
+    ------
+    RecordingError
+        If `path` exists and may not be replaced, its folder does not exist, or its ending says
+        that it is another file.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> len(truejoint.read_recording("test.parquet"))
+    400
+    """
+    target, recording = Path(path), as_recording(recording)
+    check_ending(target, ".parquet", "a recording", RecordingError)
+    columns = {str(name): column.to_numpy() for name, column in recording.table.items()}
+    header = {
+        "version": VERSION,
+        "units": {name: unit for name, unit in recording.units.items() if name in columns},
+        "provenance": recording.provenance.to_dict(),
+        "robot": recording.robot.to_dict(),
+    }
+    _write(target, header, columns, overwrite=overwrite)
+
+
+def read_parquet(path: str | os.PathLike[str]) -> Recording:
+    """Read a recording that `write_parquet` wrote, with its units and provenance.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not there, cut short, damaged, edited (its content differs from its hash),
+        larger than is read, from a newer version, or was not written by truejoint. One from before
+        there were hashes is read, and its notes say so.
+
+    Examples
+    --------
+    >>> write_parquet(test, "test.parquet")
+    >>> read_parquet("test.parquet").provenance.source
+    'motion_9.csv'
+    """
+    source = require_file(Path(path))
+    header, columns, unhashed = _read(source)
+    _check_described(source, header, columns)
+    try:
+        provenance = Provenance.from_dict(header["provenance"])
+        if unhashed and UNHASHED not in provenance.notes:
+            notes = "; ".join(filter(None, (provenance.notes, UNHASHED)))
+            provenance = replace(provenance, notes=notes)
+        if "robot" in header:
+            adopt_robot(header["robot"], source.name)
+        return Recording.from_columns(columns, provenance, header.get("units"))
+    except (RecordingError, RobotError) as error:
+        raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
+
+
+def write_corrected(
+    table: pd.DataFrame, path: str | os.PathLike[str], *, overwrite: bool = False
+) -> None:
+    """Write a table of corrected positions, as ``truejoint correct`` makes it, with its hash.
+
+    Parameters
+    ----------
+    table : DataFrame
+        ``recording`` and ``status``, if it has them, are text; the other columns numbers [SI].
+    path : path-like
+        Any program that reads Parquet reads it.
+    overwrite : bool
+        Replace a file that is there; refused by default.
+
+    Raises
+    ------
+    RecordingError
+        If `path` exists and may not be replaced, its folder does not exist, or the table holds
+        something else.
+
+    Examples
+    --------
+    >>> write_corrected(model.correct_table(test).assign(status="OK"), "corrected.parquet")
+    """
+    try:
+        columns = {
+            str(name): column.tolist() if name in _TEXTS else column.to_numpy(np.float64)
+            for name, column in table.items()
+        }
+    except (AttributeError, OverflowError, TypeError, ValueError) as error:
+        raise RecordingError(
+            f"{path}: {error}; give a table of numbers, as `Calibration.correct_table` makes it"
+        ) from None
+    header = {"version": VERSION, "kind": _CORRECTED}
+    _write(Path(path), header, columns, _TEXTS, overwrite=overwrite)
+
+
+def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
+    """Read what `write_corrected` wrote, if it still is what was written.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not there, damaged, edited, larger than is read, or something else.
+
+    Examples
+    --------
+    >>> write_corrected(model.correct_table(test).assign(status="OK"), "corrected.parquet")
+    >>> read_corrected("corrected.parquet")["status"].iloc[0]
+    'OK'
+    """
+    source = require_file(Path(path))
+    header, columns, unhashed = _read(source, _TEXTS)
+    if unhashed or header.get("kind") != _CORRECTED:
+        raise RecordingError(f"{source}: is no table of corrected positions that states its hash")
+    return pd.DataFrame(columns)
+
+
+def is_corrected(path: Path) -> bool:
+    """Whether a file says that it is a table of corrected positions."""
+    with suppress(pa.ArrowException, OSError, ValueError):
+        text = (pq.read_schema(path).metadata or {}).get(METADATA_KEY, b"")
+        return f'"kind": "{_CORRECTED}"'.encode() in text
+    return False
+
+
+def _write(
+    path: Path,
+    header: Mapping[str, Any],
+    columns: Mapping[str, Any],
+    texts: Collection[str] = (),
+    *,
+    overwrite: bool,
+) -> None:
+    """Write columns of numbers, those named in `texts` of text, with a hash of all that is said."""
+    signed = {**header, "sha256": content_hash(*_content(header, columns, texts))}
+    metadata = {METADATA_KEY: json.dumps(signed, allow_nan=False).encode()}
+    # Numbers that change a little from row to row pack best with their bytes split apart.
+    packing = {
+        "compression": "zstd",
+        "use_dictionary": [name for name in columns if name in texts],
+        "use_byte_stream_split": [name for name in columns if name not in texts],
+    }
+    write = partial(pq.write_table, pa.table(columns, metadata=metadata), **packing)
+    write_atomically(path, write, overwrite=overwrite, error=RecordingError)
+
+
+def _content(
+    header: Mapping[str, Any], columns: Mapping[str, Any], texts: Collection[str]
+) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Give what the hash is taken of: the header with the columns of text, and the numbers."""
+    said = {name: column for name, column in columns.items() if name in texts}
+    return {**header, **said}, {n: column for n, column in columns.items() if n not in said}
+
+
+def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], dict[str, Any], bool]:
+    """Header and columns of a file, those in `texts` lists of text, and whether it has no hash."""
+    try:
+        with pq.ParquetFile(
+            source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
+        ) as file:
+            check_size(source, file)
+            _check_columns(source, file.schema_arrow, texts)
+            header = _header(source, file.schema_arrow)
+            table = file.read(use_threads=False)
+        columns = {
+            name: table[name].to_pylist() if name in texts else table[name].to_numpy()
+            for name in table.column_names
+        }
+    except MemoryError:
+        raise RecordingError(
+            f"{source}: takes more memory than there is; close other programs, or read it where "
+            "there is more"
+        ) from None
+    except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+        raise RecordingError(
+            f"{source}: is not a whole Parquet file ({words(error)}); "
+            "it was cut short or damaged: copy or record it again"
+        ) from None
+    digest = header.pop("sha256", None)
+    unhashed = digest is None and header["version"] == 1
+    if not unhashed and not is_as_written(digest, *_content(header, columns, texts)):
+        raise RecordingError(
+            f"{source}: its content does not match its hash; it was damaged or edited: copy or "
+            "record it again"
+        )
+    return header, columns, unhashed
+
+
+def check_size(source: Path, file: Any) -> None:
+    """Refuse, with RecordingError, a Parquet file of more than is read."""
+    metadata = file.metadata
+    values = metadata.num_rows * metadata.num_columns
+    if metadata.num_columns > _MAX_COLUMNS or values > MAX_VALUES:
+        raise RecordingError(
+            f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
+            f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
+        )
+    size = source.stat().st_size
+    if 8 * values > most_unpacked(size):
+        raise RecordingError(
+            f"{source}: its {size} bytes unpack to {8 * values}, which no measurement does; "
+            "is it one?"
+        )
+
+
+def _check_columns(source: Path, schema: Any, texts: Collection[str]) -> None:
+    kinds = {name: pa.string() for name in texts}
+    other = [f.name for f in schema if f.type != kinds.get(f.name, pa.float64())]
+    if other:
+        raise RecordingError(
+            f"{source}: columns {other[:5]} are not float64; is it a recording of truejoint's?"
+        )
+    if len(set(schema.names)) != len(schema.names):
+        raise RecordingError(f"{source}: two columns have the same name; was the file edited?")
+
+
+def _header(source: Path, schema: Any) -> dict[str, Any]:
+    text = (schema.metadata or {}).get(METADATA_KEY)
+    if text is None:
+        raise RecordingError(
+            f"{source}: was not written by truejoint: it states neither robot nor units; "
+            "save it as CSV and read that with a column map"
+        )
+    header = None
+    with suppress(ValueError, RecursionError):
+        header = json.loads(text)
+    version = header.get("version") if isinstance(header, dict) else None
+    if not (isinstance(header, dict) and isinstance(version, int) and version >= 1):
+        raise RecordingError(f"{source}: {_DAMAGED}")
+    if version > VERSION:
+        raise RecordingError(
+            f"{source}: is of version {version!s:.20}, this truejoint reads up to {VERSION}; "
+            "update truejoint"
+        )
+    return header
+
+
+def _check_described(source: Path, header: Mapping[str, Any], columns: Collection[str]) -> None:
+    """Refuse a recording whose header does not describe its columns."""
+    units = header.get("units", {})
+    others = header.get("robot", {}), header.get("provenance")
+    whole = all(isinstance(part, dict) for part in (units, *others))
+    if not (
+        whole
+        and all(isinstance(unit, str) for unit in units.values())
+        and set(units) == set(columns) - {"t"}
+    ):
+        raise RecordingError(f"{source}: {_DAMAGED}")

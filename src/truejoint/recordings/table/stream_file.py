@@ -1,0 +1,346 @@
+"""What a recorder has got so far, on disk while it records: an Arrow stream of blocks."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+
+from truejoint.array_types import Array
+from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
+from truejoint.errors import RecordingError, RobotError, words
+from truejoint.files import content_hash, is_as_written, reason
+from truejoint.recordings.bounded_file import MAX_VALUES, require_file
+from truejoint.recordings.table.recording import Provenance, Recording, nominal_rates
+from truejoint.recordings.table.stream import BACK, Stream, forward_rows, synchronise
+from truejoint.robots import adopt_robot
+
+SUFFIX: Final = ".arrows"  # Arrow's own for streams
+TOPICS_SUFFIX: Final = f".topics{SUFFIX}"  # of what stands beside a recording
+STATE: Final = "state"
+TRUTH: Final = "truth"
+_END: Final = "end"  # whose one block stands last in a file that was closed
+_KEY: Final = b"truejoint"
+_VERSION: Final = 1
+_DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  # says Arrow
+# A block is one row of bytes, float64 little-endian: arrays that Arrow itself would unpack could,
+# damaged, end the process.
+_SCHEMA: Final = pa.schema([("t", pa.binary()), ("values", pa.binary())])
+
+
+@dataclass
+class StreamSize:
+    """How much of one stream is in a file.
+
+    Attributes
+    ----------
+    rows, size : int
+        Rows, and the bytes that they take.
+    first, last : float
+        Stamps of the first and the last row [s].
+
+    Examples
+    --------
+    >>> from truejoint.recordings.table.stream_file import StreamSize
+    >>> StreamSize(rows=101, size=4096, first=0.0, last=1.0).rate
+    100.0
+    """
+
+    rows: int = 0
+    size: int = 0
+    first: float = math.nan
+    last: float = math.nan
+
+    @property
+    def rate(self) -> float:
+        """Mean rate [Hz]; NaN of fewer than 2 rows."""
+        span = self.last - self.first
+        return (self.rows - 1) / span if self.rows > 1 and span > 0.0 else math.nan
+
+    def __str__(self) -> str:
+        rate = "" if math.isnan(self.rate) else f" at {self.rate:.4g} Hz"
+        return f"{self.rows} rows{rate}, {self.size / 1e6:.2f} MB"
+
+
+class StreamWriter:
+    """Writes blocks of several streams to one file as they come, each whole or not at all.
+
+    What `write` has returned from survives the end of the process, however that comes. Each block
+    has a hash.
+
+    Parameters
+    ----------
+    path : path-like
+        Must not exist.
+    header : mapping
+        JSON values that tell how a recording is made of it.
+
+    Attributes
+    ----------
+    size : int
+        Bytes written so far.
+    streams : dict of str to StreamSize
+        What was written, by stream.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists or cannot be written.
+
+    Examples
+    --------
+    >>> writer = StreamWriter("run.arrows", {})
+    >>> writer.write("state", np.arange(2.0), {"measured/jaw": np.zeros(2)})
+    >>> writer.close()
+    >>> read_streams("run.arrows")[1]["state"].t
+    array([0., 1.])
+    """
+
+    def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
+        self.path: Final = Path(path)
+        self.streams: Final[dict[str, StreamSize]] = {}
+        try:
+            self._file: BinaryIO = self.path.open("xb")
+        except OSError as error:
+            raise RecordingError(f"{path}: {reason(error)}; choose another name") from None
+        header = {"version": _VERSION, **header}
+        signed = {**header, "sha256": content_hash(header, {})}
+        described = json.dumps(signed, allow_nan=False).encode()
+        self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata({_KEY: described}))
+        self.size = self._file.tell()
+
+    def write(self, stream: str, t: Array, columns: Mapping[str, Array]) -> None:
+        """Append rows of one stream: stamps (n,) [s] and columns (n,) by name [SI].
+
+        Raises RecordingError if the disk is full or gone; what was written before stays.
+        """
+        values = np.column_stack([*columns.values()]) if columns else np.empty((len(t), 0))
+        described = {"stream": stream, "columns": list(columns)}
+        signed = {**described, "sha256": content_hash(described, {"t": t, "values": values})}
+        row = [pa.array([np.asarray(a, "<f8").tobytes()], pa.binary()) for a in (t, values)]
+        batch = pa.record_batch(row, schema=_SCHEMA)
+        if self._file.closed:
+            raise RecordingError(f"{self.path}: is closed; open another")
+        try:
+            self._stream.write_batch(batch, custom_metadata={_KEY: json.dumps(signed).encode()})
+            self._file.flush()
+        except (OSError, pa.ArrowException) as error:
+            why = reason(error) if isinstance(error, OSError) else words(error)
+            raise RecordingError(f"{self.path}: {why}; what was written before is kept") from None
+        if len(t):
+            known = self.streams.setdefault(stream, StreamSize(first=float(t[0])))
+            known.rows, known.last = known.rows + len(t), float(t[-1])
+            known.size += self._file.tell() - self.size
+        self.size = self._file.tell()
+
+    def close(self) -> None:
+        """End the stream; once more does nothing."""
+        if not self._file.closed:
+            with suppress(RecordingError):
+                self.write(_END, np.empty(0), {})
+            with suppress(OSError, pa.ArrowException):
+                self._stream.close()
+            self._file.close()
+
+
+def read_streams(
+    path: str | os.PathLike[str], wanted: Callable[[str], bool] = lambda _: True
+) -> tuple[dict[str, Any], dict[str, Stream], str]:
+    """Header, streams by name, and how the file ends: empty, or in words that it was cut short.
+
+    Streams whose name is not `wanted` are left out.
+
+    Raises
+    ------
+    RecordingError
+        If the file is not there, is none of these, or holds a block that is not as it was written.
+    """
+    source = require_file(Path(path))
+    blocks: dict[str, list[tuple[list[str], Array, Array]]] = {}
+    whole, total = False, 0
+    try:
+        with source.open("rb") as file, pa.ipc.open_stream(file) as reader:
+            header = _header(source, reader.schema)
+            while True:
+                try:
+                    batch, described = reader.read_next_batch_with_custom_metadata()
+                except StopIteration:
+                    break
+                except _DAMAGE:
+                    break  # a length that is none takes more memory than there is
+                name, block = _block(source, batch, described)
+                whole = name == _END
+                if not whole and wanted(name):
+                    total += block[2].size
+                    if total > MAX_VALUES:
+                        raise RecordingError(
+                            f"{source}: more than {MAX_VALUES} values; record less"
+                        )
+                    blocks.setdefault(name, []).append(block)
+    except _DAMAGE as error:
+        raise RecordingError(f"{source}: is no stream of a recorder ({words(error)})") from None
+    end = "" if whole else "cut short while it was recorded"
+    return header, {name: _joined(source, name, parts) for name, parts in blocks.items()}, end
+
+
+def read_stream_file(path: str | os.PathLike[str]) -> Recording:
+    """Read what a recorder had written before it ended, however it ended.
+
+    Raises
+    ------
+    RecordingError
+        As `read_streams`, or if there are fewer than 2 rows of the state.
+    """
+    source = Path(path)
+    header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))
+    try:
+        if "robot" in header:
+            adopt_robot(header["robot"], source.name)
+        provenance = Provenance.from_dict(header["provenance"])
+        gap_limit, rate = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
+        notes = "; ".join(filter(None, (provenance.notes, end)))
+        return assembled(
+            streams.get(STATE), streams.get(TRUTH), provenance, gap_limit, rate, notes, str(source)
+        )
+    except (KeyError, TypeError, ValueError, RobotError) as error:
+        if isinstance(error, RecordingError):
+            raise
+        raise RecordingError(f"{source}: its header is damaged ({error!s:.80})") from None
+
+
+def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
+    """CRTK topics that a recorder kept, a table each: stamps ``t`` [s] and fields, at its own rate.
+
+    Fields are those of `truejoint.crtk.topics.topic_columns`; ``operating_state`` has the state's
+    name, and whether the arm was homed and busy. Stamps are on the arm's clock, those of the
+    recording beside it count from its ``provenance.start``.
+
+    Raises
+    ------
+    RecordingError
+        As `read_streams`, or if no topic is in the file.
+
+    Examples
+    --------
+    >>> with truejoint.recordings.Recorder(arm, path="a.parquet", topics={"measured_cp": 50.0}):
+    ...     arm.wait(1.0)
+    >>> topics = truejoint.recordings.read_recorded_topics("a.topics.arrows")
+    >>> len(topics["measured_cp"])
+    50
+    """
+    _, streams, _ = read_streams(path, lambda name: name in TOPICS)
+    if not streams:
+        raise RecordingError(f"{path}: holds no topic; record some, with `collect --topic`")
+    tables = {
+        name: pd.DataFrame({"t": stream.t, **stream.columns}) for name, stream in streams.items()
+    }
+    if OPERATING_STATE in tables:
+        # Told by several threads, one of which may have come late.
+        states = tables[OPERATING_STATE].sort_values("t", kind="stable", ignore_index=True)
+        tables[OPERATING_STATE] = states
+        numbers = states["state"].to_numpy()
+        if not np.isin(numbers, range(len(STATES))).all():
+            raise RecordingError(f"{path}: names operating states that this truejoint lacks")
+        states["state"] = [STATES[int(number)] for number in numbers]
+        for name in ("is_homed", "is_busy"):
+            states[name] = states[name] > 0.0
+    return tables
+
+
+def assembled(
+    state: Stream | None,
+    truth: Stream | None,
+    provenance: Provenance,
+    gap_limit: float,
+    state_rate: float,
+    notes: str,
+    source: str,
+    dropped: Mapping[str, int] | None = None,
+) -> Recording:
+    """Make a recording of its streams, the truth at the stamps of the state.
+
+    `state_rate` [Hz] is that of the recorder, infinite where it kept all rows; `dropped` counts
+    rows that it left out. Raises RecordingError if there are fewer than 2 rows of the state.
+    """
+    if state is None or len(state.t) < 2:
+        raise RecordingError(
+            f"{source}: {0 if state is None else len(state.t)} rows; an arm reports only while "
+            "homed and moving or holding"
+        )
+    state, back = _forward(state)
+    lost = {**(dropped or {}), f"state: {BACK}": back}
+    columns = {"t": state.t, **state.columns}
+    rates = nominal_rates(state=state.t)
+    if not math.isinf(state_rate):
+        rates |= {"state": state_rate}
+    if truth is not None and len(truth.t) >= 2:
+        truth, back = _forward(truth)
+        columns, unmatched = synchronise(state, truth, gap_limit)
+        lost |= {f"truth: {BACK}": back} | unmatched
+        rates |= nominal_rates(truth=truth.t)
+    start = float(columns["t"][0])
+    columns["t"] = columns["t"] - start
+    known = vars(provenance) | {
+        "source": source, "rates": rates, "dropped": lost, "start": start, "notes": notes
+    }  # fmt: skip
+    return Recording.from_columns(columns, Provenance(**known))
+
+
+def _forward(stream: Stream) -> tuple[Stream, int]:
+    """All rows but those of a clock that was set back, and how many those are."""
+    forward = forward_rows(stream.t)
+    return stream.rows(forward), int((~forward).sum())
+
+
+def _header(source: Path, schema: Any) -> dict[str, Any]:
+    header = None
+    with suppress(ValueError, RecursionError):
+        header = json.loads((schema.metadata or {}).get(_KEY, b""))
+    if not isinstance(header, dict) or not schema.equals(_SCHEMA):
+        raise RecordingError(f"{source}: was not written by truejoint's recorder")
+    if header.get("version") != _VERSION:
+        raise RecordingError(
+            f"{source}: is of version {header.get('version')!s:.20}, this truejoint reads "
+            f"{_VERSION}; update truejoint"
+        )
+    if not is_as_written(header.pop("sha256", None), header, {}):
+        raise RecordingError(f"{source}: its header is not as it was written; the file was damaged")
+    return header
+
+
+def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str], Array, Array]]:
+    """Stream that a block belongs to, its columns, stamps (n,) and values (n, n_columns)."""
+    batch.validate(full=True)
+    described: Any = None
+    with suppress(ValueError, RecursionError):
+        described = json.loads((metadata or {}).get(_KEY, b""))
+    named = isinstance(described, dict) and isinstance(described.get("columns"), list)
+    if named and batch.num_rows == 1:
+        digest = described.pop("sha256", None)
+        names, pair = described["columns"], [column[0].as_py() for column in batch.columns]
+        whole = all(isinstance(a, bytes) and len(a) % 8 == 0 for a in pair)
+        t, values = (np.frombuffer(a, "<f8") if whole else np.empty(1) for a in pair)
+        if whole and values.size == len(t) * len(names):
+            values = values.reshape(len(t), len(names))
+            if is_as_written(digest, described, {"t": t, "values": values}):
+                return str(described["stream"]), (names, t, values)
+    raise RecordingError(
+        f"{source}: a block is not as it was written; the file was damaged or edited"
+    )
+
+
+def _joined(source: Path, name: str, parts: list[tuple[list[str], Array, Array]]) -> Stream:
+    names = parts[0][0]
+    if any(columns != names for columns, _, _ in parts):
+        raise RecordingError(f"{source}: the columns of {name} change on the way")
+    t, values = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+    return Stream(t, dict(zip(names, values.T, strict=True)))

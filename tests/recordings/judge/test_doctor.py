@@ -1,0 +1,252 @@
+"""The doctor tells each illness by its name, from a recording made ill in exactly that way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.crtk import simulated_arm
+from truejoint.errors import RecordingError
+from truejoint.motion import follow, random_motion
+from truejoint.recordings import Recorder, Recording, check_data, diagnose
+from truejoint.recordings.judge.doctor import CHECKS
+from truejoint.recordings.judge.names import FINDINGS
+from truejoint.recordings.read.raven_csv import AMID
+
+
+def record(arm_name: str, seed: int) -> Recording:
+    arm = simulated_arm("raven2", arm_name, seed=seed)
+    arm.enable()
+    arm.home()
+    with Recorder(arm, state_rate=50.0) as recorder:
+        follow(arm, random_motion(arm.robot, duration=40.0, seed=seed))
+    recording = recorder.recording()
+    return recording.with_truth(recording.joints_of("truth"))
+
+
+@pytest.fixture(scope="module")
+def healthy() -> Recording:
+    return record("left", 1)
+
+
+@pytest.fixture(scope="module")
+def other() -> Recording:
+    return record("right", 2)
+
+
+def changed(recording: Recording, **columns: np.ndarray) -> Recording:
+    named = {name.replace("__", "/"): values for name, values in columns.items()}
+    return replace(recording, table=recording.table.assign(**named))
+
+
+def scaled(recording: Recording, quantity: str, factor: float) -> Recording:
+    names = [f"{quantity}/{joint}" for joint in recording.joints_of(quantity)]
+    return replace(
+        recording, table=recording.table.assign(**{n: factor * recording.table[n] for n in names})
+    )
+
+
+def dropped(recording: Recording, **counts: int) -> Recording:
+    named = {reason.replace("_", " "): count for reason, count in counts.items()}
+    return replace(recording, provenance=replace(recording.provenance, dropped=named))
+
+
+def late(recording: Recording, seconds: float) -> Recording:
+    shifted = {
+        f"truth/{j}": np.interp(recording.t - seconds, recording.t, recording.column(f"truth/{j}"))
+        for j in recording.joints_of("truth")
+    }
+    return replace(recording, table=recording.table.assign(**shifted))
+
+
+def gone(recording: Recording, first: int, last: int) -> Recording:
+    rows = np.arange(len(recording))
+    return recording.rows(rows[(rows < first) | (rows >= last)])
+
+
+def wrapped(recording: Recording) -> Recording:
+    elbow = recording.column("measured/elbow")
+    return changed(
+        recording, measured__elbow=np.where(elbow > np.median(elbow), elbow - 2 * np.pi, elbow)
+    )
+
+
+def stuck(recording: Recording) -> Recording:
+    truth = recording.column("truth/elbow").copy()
+    truth[300:900] = truth[300]
+    return changed(recording, truth__elbow=truth)
+
+
+def silent(recording: Recording) -> Recording:
+    names = {f"effort/{j}": np.zeros(len(recording)) for j in recording.joints_of("effort")}
+    return replace(recording, table=recording.table.assign(**names))
+
+
+def without_truth(recording: Recording, share: float) -> Recording:
+    rows = np.arange(len(recording)) < share * len(recording)
+    names = {
+        f"truth/{j}": np.where(rows, np.nan, recording.column(f"truth/{j}"))
+        for j in recording.joints_of("truth")
+    }
+    return replace(recording, table=recording.table.assign(**names))
+
+
+def hollow(recording: Recording) -> Recording:
+    elbow = recording.column("measured/elbow")
+    low, high = np.min(elbow) + np.array([0.3, 0.7]) * np.ptp(elbow)
+    return recording.rows((elbow < low) | (elbow > high))
+
+
+def jittered(recording: Recording) -> Recording:
+    noise = np.random.default_rng(0).uniform(0.0, 0.019, len(recording))
+    return changed(recording, t=recording.t + noise)
+
+
+ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
+    "stamps in milliseconds of milliseconds": (lambda r: changed(r, t=r.t * 1e4), "rate", "warn"),
+    "jitter": (jittered, "rate", "warn"),
+    "stamps that repeat": (
+        lambda r: dropped(r, **{"state:_repeated_time_stamp": 100}),
+        "stamps",
+        "fail",
+    ),
+    "stamps that go back": (
+        lambda r: dropped(r, **{"state:_time_stamp_not_after_the_one_before": 3}),
+        "stamps",
+        "warn",
+    ),
+    "messages lost": (lambda r: gone(r, 600, 700), "lost messages", "warn"),
+    "degrees": (lambda r: scaled(r, "measured", 180 / np.pi), "unit", "fail"),
+    "effort turned round": (lambda r: scaled(r, "effort", -1.0), "effort sign", "fail"),
+    "effort never set": (silent, "effort", "fail"),
+    "wrap": (wrapped, "encoder wrap", "fail"),
+    "frozen": (stuck, "frozen signal", "fail"),
+    "no overlap": (lambda r: without_truth(r, 0.7), "truth", "fail"),
+    "late by half a second": (lambda r: late(r, 0.5), "delay", "fail"),
+    "homing inside": (lambda r: dropped(gone(r, 600, 700), **{AMID: 100}), "homing", "fail"),
+    "standing still": (
+        lambda r: changed(r, measured__elbow=np.full(len(r), 1.5) + 1e-6 * np.sin(r.t)),
+        "excitation",
+        "warn",
+    ),
+    "a hole in the range": (hollow, "coverage", "warn"),
+}
+
+
+def test_every_finding_of_the_data_check_speaks_once():
+    names = [name for names in CHECKS.values() for name in names]
+    assert sorted(names) == sorted(FINDINGS)
+
+
+def test_a_healthy_recording_has_no_illness(healthy, other):
+    diagnosis = diagnose(healthy, other)
+    assert [v.name for v in diagnosis.verdicts] == list(CHECKS)
+    assert [v for v in diagnosis.verdicts if v.level == "fail"] == []
+    for v in diagnosis.verdicts:
+        assert v.evidence
+        assert v.advice or v.level in ("good", "info")
+
+
+@pytest.mark.parametrize("illness", ILLNESSES)
+def test_an_illness_is_told_by_its_name(healthy, illness):
+    make, name, level = ILLNESSES[illness]
+    told = {v.name: v for v in diagnose(make(healthy)).verdicts}
+    order = ("good", "info", "warn", "fail")
+    assert order.index(told[name].level) >= order.index(level), told[name]
+    assert told[name].advice
+
+
+def standing(recording: Recording, joints: tuple[str, ...]) -> Recording:
+    """Joints that creep and tremble where they stand."""
+    n, random = len(recording), np.random.default_rng(0)
+    drift = 1e-4 * np.linspace(0.0, 1.0, n)
+    columns = {}
+    for joint in joints:
+        at = recording.column(f"measured/{joint}")[0]
+        columns[f"measured__{joint}"] = at + drift + 1e-6 * random.normal(size=n)
+        truth = np.round((at - drift) / 1e-4) * 1e-4  # which an encoder's counts hide
+        columns[f"truth__{joint}"] = truth
+    return changed(recording, **columns)
+
+
+def test_of_an_arm_that_stands_nothing_is_judged_by_its_noise(healthy):
+    told = {v.name: v for v in diagnose(standing(healthy, healthy.robot.positioning)).verdicts}
+    for name in ("arm", "effort sign", "frozen signal", "delay"):
+        assert told[name].level == "info", told[name]
+        assert "no joint moves" in told[name].evidence
+    assert not [v for v in told.values() if v.level == "fail"]
+    assert told["excitation"].evidence.startswith("shoulder, elbow, insertion stand")
+
+
+def test_an_effort_is_not_judged_by_a_joint_that_goes_one_way(healthy):
+    n = len(healthy)
+    one_way = changed(
+        healthy, measured__shoulder=np.linspace(0.5, 1.0, n), effort__shoulder=np.full(n, -0.2)
+    )
+    told = {v.name: v for v in diagnose(one_way).verdicts}["effort sign"]
+    assert told.level == "good"
+    assert "shoulder" not in told.evidence
+    back = np.concatenate([np.linspace(0.5, 1.0, n // 2), np.linspace(1.0, 0.5, n - n // 2)])
+    turned = changed(
+        healthy, measured__shoulder=back, effort__shoulder=-0.2 * np.sign(np.gradient(back))
+    )
+    told = {v.name: v for v in diagnose(turned).verdicts}["effort sign"]
+    assert told.level == "fail"
+    assert told.evidence.endswith("-100 % in shoulder")
+
+
+def test_an_effort_that_is_not_there_is_not_called_good(healthy):
+    names = [c for c in healthy.table if str(c) != "effort/elbow"]
+    bare = Recording.from_columns(healthy.table[names], healthy.provenance)
+    told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
+    assert (told.level, told.evidence) == ("info", "some of the coupled efforts are missing")
+    none = [name for name in names if not str(name).startswith("effort/")]
+    bare = Recording.from_columns(healthy.table[none], healthy.provenance)
+    told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
+    assert (told.level, told.evidence) == ("info", "nothing to judge it by")
+
+
+def test_a_joint_that_stands_spoils_no_verdict_of_those_that_move(healthy):
+    told = {v.name: v.level for v in diagnose(standing(healthy, ("elbow",))).verdicts}
+    assert told["frozen signal"] == told["arm"] == told["effort sign"] == "good"
+    ill = {v.name: v for v in diagnose(standing(stuck(healthy), ("shoulder",))).verdicts}
+    assert "truth/elbow" in ill["frozen signal"].evidence
+
+
+def test_the_other_arms_truth_is_told(healthy, other):
+    rows = min(len(healthy), len(other))
+    foreign = {f"truth/{j}": other.column(f"truth/{j}")[:rows] for j in other.joints_of("truth")}
+    mine = healthy.rows(slice(0, rows))
+    mixed = replace(mine, table=mine.table.assign(**foreign))
+    meanwhile = replace(other.rows(slice(0, rows)), provenance=mine.provenance)
+    meanwhile = replace(meanwhile, table=meanwhile.table.assign(t=mine.t))
+    told = {v.name: v for v in diagnose(mixed, meanwhile).verdicts}["arm"]
+    assert told.level == "fail"
+    assert "swapped" in told.advice
+
+
+def test_a_shift_is_estimated(healthy):
+    told = {v.name: v for v in diagnose(late(healthy, 0.5)).verdicts}["delay"]
+    assert float(told.advice.rpartition(" ")[2]) == pytest.approx(-0.5, abs=0.03)
+
+
+def test_it_says_what_the_data_check_says(healthy):
+    ill = stuck(healthy)
+    check = check_data(ill)
+    told = {v.name: v for v in diagnose(ill).verdicts}["frozen signal"]
+    assert any(
+        told.evidence == f"{f.where}: {f.what}" for f in check.findings if f.name == "frozen"
+    )
+
+
+def test_without_truth_and_effort_it_still_judges(healthy):
+    names = [c for c in healthy.table if not str(c).startswith(("truth", "effort"))]
+    bare = Recording.from_columns(healthy.table[names], healthy.provenance)
+    told = {v.name: v.level for v in diagnose(bare).verdicts}
+    assert told["truth"] == "info"
+    assert told["effort"] == "warn"
+    with pytest.raises(RecordingError, match="no measured position"):
+        diagnose(Recording.from_columns({"t": [0, 1], "effort/elbow": [0, 1]}, "raven2"))

@@ -1,0 +1,216 @@
+"""The doctor of a live link says what it says of a bag of the same messages, and of the link."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from tests.local_ros import LocalRos
+from tests.recordings.said import PROFILE, START, STATE, SaidRos, told_session
+
+from truejoint.crtk.messages import (
+    JOINT_STATE,
+    OPERATING_STATE,
+    RAVEN_STATE,
+    RAVEN_TOPIC,
+    TRUTH_TOPIC,
+    raven_state_fields,
+)
+from truejoint.errors import RecordingError
+from truejoint.recordings import Diagnosis, Recording, Verdict, diagnose, read_bag, write_bag
+from truejoint.recordings.judge import live
+from truejoint.recordings.judge.live import LiveLink
+
+pytest.importorskip("rosbags", reason="rosbags is not installed (truejoint[ros])")
+
+
+@pytest.fixture(scope="module")
+def session() -> Recording:
+    return told_session()
+
+
+def judged(ros: SaidRos, recording: Recording, **how: Any) -> Diagnosis:
+    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+    with link:
+        ros.say_all(recording, **how)
+    return link.diagnose()
+
+
+def told(diagnosis: Diagnosis) -> dict[str, Verdict]:
+    return {verdict.name: verdict for verdict in diagnosis.verdicts}
+
+
+def changed(recording: Recording, **columns: np.ndarray) -> Recording:
+    named = {name.replace("__", "/"): values for name, values in columns.items()}
+    return replace(recording, table=recording.table.assign(**named))
+
+
+def unset(recording: Recording) -> Recording:
+    zeros = np.zeros(len(recording))
+    return changed(recording, **{f"effort__{j}": zeros for j in recording.joints_of("effort")})
+
+
+def stuck(recording: Recording) -> Recording:
+    truth = recording.column("truth/elbow").copy()
+    truth[300:700] = truth[300]
+    return changed(recording, truth__elbow=truth)
+
+
+def lossy(recording: Recording) -> Recording:
+    return recording.rows(np.r_[:400, 440:900])
+
+
+@pytest.mark.parametrize(
+    ("fault", "name", "level"),
+    [
+        (lambda r: r, "effort", "good"),
+        (unset, "effort", "fail"),
+        (stuck, "frozen signal", "fail"),
+        (lossy, "lost messages", "warn"),
+    ],
+)
+def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, fault, name, level):
+    recording = fault(session)
+    live = judged(SaidRos(), recording)
+    write_bag(recording, tmp_path / "a.bag", profile=PROFILE.name)
+    bag = read_bag(tmp_path / "a.bag", "raven2", profile=PROFILE.name, state=STATE)
+    assert live.verdicts[0] == Verdict("good", "link", live.verdicts[0].evidence)
+    assert [(v.level, v.name) for v in live.verdicts[1:]] == [
+        (v.level, v.name) for v in diagnose(bag).verdicts
+    ]
+    heard, read = told(live)[name], told(diagnose(bag))[name]
+    assert heard.level == level
+    assert heard.evidence.replace("in live", "in a.bag") == read.evidence
+    assert re.search(STATE + r" 2\d\.\d* Hz, here 0 ms after its stamp", live.verdicts[0].evidence)
+
+
+def test_stamps_that_repeat_or_are_none_are_counted(session):
+    ros = SaidRos()
+    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+    with link:
+        ros.say_all(session)
+        message = ros.last[STATE]
+        for _ in range(20):
+            ros.send(STATE, message)
+        message.header.stamp = 0.0
+        ros.send(STATE, message)
+    verdict = told(link.diagnose())["stamps"]
+    assert verdict.level == "fail"
+    assert "20 times state: repeated time stamp" in verdict.evidence
+    assert f"1 times {STATE}: stamp of 0" in verdict.evidence
+
+
+def test_a_homing_amid_the_rows_is_left_out_and_told(session):
+    ros = SaidRos()
+    ros.publisher("/arm1/operating_state", OPERATING_STATE)
+    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+    with link:
+        for after, is_homed in ((-1.0, True), (10.0, False), (12.0, True)):
+            message = ros.stamped(OPERATING_STATE, START + after)
+            message.is_homed = is_homed
+            ros.send("/arm1/operating_state", message)
+        ros.say_all(session)
+    amid = int(((session.t >= 10.0) & (session.t < 12.0)).sum())
+    assert len(link.recordings()[0]) == len(session) - amid
+    verdict = told(link.diagnose())["homing"]
+    assert verdict.level == "fail"
+    assert verdict.evidence.startswith(f"{amid} rows of homing, after 10.0 s")
+
+
+def test_an_arm_that_never_says_that_it_is_homed_is_taken_as_it_is(session):
+    ros = SaidRos()
+    ros.publisher("/arm1/operating_state", OPERATING_STATE)
+    link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
+    with link:
+        ros.send("/arm1/operating_state", ros.stamped(OPERATING_STATE, START))
+        ros.say_all(session)
+    assert len(link.recordings()[0]) == len(session)
+
+
+def test_a_topic_that_stops_is_named(session):
+    verdict = judged(SaidRos(), session, until={TRUTH_TOPIC: 20.0}).verdicts[0]
+    assert verdict.level == "fail"
+    silent = session.t[-1] - session.t[session.t <= 20.0][-1]
+    assert f"{TRUTH_TOPIC} stopped {silent:.1f} s before the end" in verdict.evidence
+    assert "network" in verdict.advice
+
+
+def test_stamps_of_another_clock_are_told(session):
+    ros = SaidRos()
+    ros.late = 2.5
+    verdict = judged(ros, session).verdicts[0]
+    assert verdict.level == "warn"
+    assert "here 2.5e+03 ms after its stamp" in verdict.evidence
+    assert "clocks" in verdict.advice
+
+
+def test_ravens_own_state_is_judged_with_both_arms(session):
+    ros = SaidRos()
+    ros.publisher(RAVEN_TOPIC, RAVEN_STATE)
+    columns = {str(name): c.to_numpy() for name, c in session.table.items() if name != "t"}
+    fields = raven_state_fields(session.robot, columns)
+    link = LiveLink(ros)  # the robot is told by its state
+    with link:
+        for row, t in enumerate(session.t.tolist()):
+            message = ros.stamped(RAVEN_STATE, START + t)
+            message.runlevel = 3
+            for name, values in fields.items():
+                setattr(message, name, values[row])
+            ros.send(RAVEN_TOPIC, message)
+        ros.say_all(session)
+    found, other = link.recordings()
+    assert found.robot.arm == "left"
+    assert other is not None
+    assert other.robot.arm == "right"
+    assert not other.column("measured/elbow").any()
+    np.testing.assert_allclose(
+        found.column("measured/elbow"), session.column("measured/elbow"), rtol=1e-6
+    )
+    assert told(link.diagnose())["arm"].level == "good"
+
+
+def test_what_cannot_be_judged_is_one_line(session):
+    with pytest.raises(RecordingError, match="nobody says anything of joints; start the robot"):
+        LiveLink(LocalRos()).__enter__()
+    ros = SaidRos()
+    with pytest.raises(
+        RecordingError, match=r"live: which robot is it .* there are /arm1/measured"
+    ):
+        LiveLink(ros).__enter__()
+    link = LiveLink(ros, "raven2", profile=PROFILE.name)
+    with link:
+        pass
+    with pytest.raises(RecordingError, match=f"{STATE}: nothing came on it: is the robot homed"):
+        link.diagnose()
+    with link:
+        ros.send(STATE, ros.stamped(JOINT_STATE, 0.0))
+    with pytest.raises(RecordingError, match="mean nothing: is the robot homed"):
+        link.diagnose()
+    ros.publisher(RAVEN_TOPIC, RAVEN_STATE)
+    with link:
+        ros.say_all(session)
+        message = ros.stamped(RAVEN_STATE, START + 100.0)
+        del message.tau
+        ros.send(RAVEN_TOPIC, message)
+    link = LiveLink(ros, "raven2", state=RAVEN_TOPIC)
+    with link:
+        ros.send(RAVEN_TOPIC, message)
+    with pytest.raises(RecordingError, match="version of raven_2/raven_state has no field 'tau'"):
+        link.diagnose()
+    with pytest.raises(RecordingError, match="no topic '/x'; there are"):
+        LiveLink(ros, "raven2", truth="/x").__enter__()
+
+
+def test_of_a_long_listening_the_latest_messages_count(monkeypatch):
+    monkeypatch.setattr(live, "KEPT", 300)
+    heard = live.Heard("/joint_states", JOINT_STATE)
+    message = SimpleNamespace(name=["jaw"], position=[0.1], velocity=[], effort=[])
+    for t in range(1, 1001):
+        heard.take(float(t), float(t), message)
+    assert heard.times[[0, -1], 0].tolist() == [701.0, 1000.0]
+    ((_, _, stamps, fields, _),) = heard.lots()
+    assert len(stamps) == len(fields["position"]) == 300

@@ -1,0 +1,188 @@
+"""Fields of many messages at once are those that rosbags reads one by one, whatever their sizes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError, TruejointError
+from truejoint.recordings.read.bags.container import Topic
+from truejoint.recordings.read.bags.fields import STAMP, Decoder, full_name, typesys
+
+SYSTEM = typesys()
+KINDS = {
+    "own/nested": "uint8 flag\nstring note\nown/part[2] parts\nfloat64[] values\nint16 last\n",
+    "own/part": "int8 a\nfloat64 b\nstring[] words\n",
+}
+JOINTS = st.lists(
+    st.tuples(st.text("ab_/é", max_size=5), st.floats(-9, 9), st.floats(-9, 9, width=32)),
+    max_size=3,
+)
+MESSAGES = st.lists(
+    st.tuples(st.text("xyz", max_size=6), st.integers(0, 2**31 - 1), JOINTS, st.booleans()),
+    min_size=1,
+    max_size=8,
+)
+
+
+def store_of(encoding: str):
+    store = SYSTEM.get_typestore(
+        SYSTEM.Stores.ROS1_NOETIC if encoding == "ros1" else SYSTEM.Stores.ROS2_HUMBLE
+    )
+    found = {}
+    for kind, text in KINDS.items():
+        found |= SYSTEM.get_types_from_msg(text, full_name(kind))
+    store.register(found)
+    return store
+
+
+STORES = {encoding: store_of(encoding) for encoding in ("ros1", "cdr")}
+
+
+def serialise(encoding: str, message: object, kind: str, little: bool = True) -> bytes:
+    store = STORES[encoding]
+    if encoding == "ros1":
+        return bytes(store.serialize_ros1(message, kind))
+    return bytes(store.serialize_cdr(message, kind, little_endian=little))
+
+
+def topic_of(encoding: str, kind: str) -> Topic:
+    text, _ = STORES[encoding].generate_msgdef(kind, ros_version=1 if encoding == "ros1" else 2)
+    return Topic("/t", kind, text, encoding)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@given(messages=MESSAGES)
+def test_joint_states_of_any_length(encoding, messages):
+    kind, store = "sensor_msgs/msg/JointState", STORES[encoding]
+    types = store.types
+    raw, want = [], []
+    for number, (frame, seconds, joints, velocities) in enumerate(messages):
+        names, position, effort = (
+            list(v) for v in (zip(*joints, strict=True) if joints else ([],) * 3)
+        )
+        stamp = types["builtin_interfaces/msg/Time"](seconds, number)
+        more = {"seq": number} if encoding == "ros1" else {}
+        header = types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **more)
+        message = types[kind](
+            header=header,
+            name=names,
+            position=np.array(position),
+            velocity=np.array(effort if velocities else []),
+            effort=np.array(effort),
+        )
+        raw.append(serialise(encoding, message, kind, little=bool(number % 3)))
+        want.append(message)
+    decoder = Decoder(topic_of(encoding, kind), ("position", "velocity", "effort"))
+    seen = []
+    for rows, fields, texts in decoder.decode(raw):
+        for k, row in enumerate(rows):
+            seen.append(row)
+            message = want[row]
+            assert list(texts["name"]) == message.name
+            assert fields[STAMP][k] == message.header.stamp.sec * 10**9 + row
+            for name in ("position", "velocity", "effort"):
+                np.testing.assert_array_equal(fields[name][k], getattr(message, name))
+    assert sorted(seen) == list(range(len(messages)))
+    assert not decoder.damaged
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@given(
+    words=st.lists(st.text("abc", max_size=4), max_size=3),
+    values=st.lists(st.floats(-1, 1), max_size=4),
+)
+def test_messages_within_messages(encoding, words, values):
+    store, kind = STORES[encoding], "own/msg/nested"
+    part = store.types["own/msg/part"]
+    message = store.types[kind](
+        flag=3,
+        note="n" * len(words),
+        parts=[part(a=-1, b=0.5, words=words), part(a=2, b=1.5, words=words[:1])],
+        values=np.array(values),
+        last=-7,
+    )
+    decoder = Decoder(topic_of(encoding, kind), ("flag", "values", "last"))
+    ((rows, fields, texts),) = decoder.decode([serialise(encoding, message, kind)] * 3)
+    assert len(rows) == 3
+    assert (fields["last"] == -7).all()
+    assert (fields["flag"] == 3).all()
+    np.testing.assert_array_equal(fields["values"][2], values)
+    assert texts["parts[0].words"] == tuple(words)
+
+
+@pytest.mark.parametrize("encoding", ["ros1", "cdr"])
+@given(data=st.binary(max_size=120), cut=st.integers(0, 90))
+def test_garbage_is_counted_or_read_but_never_breaks(encoding, data, cut):
+    kind, types = "sensor_msgs/msg/JointState", STORES[encoding].types
+    more = {"seq": 0} if encoding == "ros1" else {}
+    header = types["std_msgs/msg/Header"](
+        stamp=types["builtin_interfaces/msg/Time"](1, 2), frame_id="f", **more
+    )
+    ones = np.ones(2)
+    good = serialise(
+        encoding,
+        types[kind](header=header, name=["a", "b"], position=ones, velocity=ones, effort=ones),
+        kind,
+    )
+    decoder = Decoder(topic_of(encoding, kind), ("position",))
+    raw = [data, good[:cut], good]
+    rows = [row for lot, _, _ in decoder.decode(raw) for row in lot]
+    assert 2 in rows
+    assert len(rows) + decoder.damaged == len(raw)
+
+
+def test_layouts_that_never_repeat_are_refused():
+    raw = []
+    for number in range(1200):  # one size, and two texts that share it in ever other ways
+        words = ["a" * (number % 40), "b" * (number // 40), "c" * (70 - number % 40 - number // 40)]
+        raw.append(b"".join(len(w).to_bytes(4, "little") + w.encode() for w in words))
+    topic = Topic("/t", "own/words", "string a\nstring b\nstring c\n", "ros1")
+    with pytest.raises(RecordingError, match="change their lengths all the time"):
+        list(Decoder(topic, ()).decode(raw))
+
+
+@pytest.mark.parametrize(
+    ("topic", "said"),
+    [
+        (Topic("/t", "own/unheard", "", "cdr"), "has no definition of own/unheard"),
+        (
+            Topic("/t", "own/broken", "float64[ x\n??", "ros1"),
+            "definition of own/broken in the bag is damaged",
+        ),
+        (
+            Topic("/t", "own/loop", "float64 position\nown/loop again\n", "ros1"),
+            "definition of own/loop in the bag is damaged (messages within messages, 20 deep)",
+        ),
+        (Topic("/t", "own/other", "float64 y\n", "ros1"), "has no field 'position'; it has y"),
+    ],
+)
+def test_what_cannot_be_read_is_said(topic, said):
+    with pytest.raises(TruejointError) as caught:
+        Decoder(topic, ("position",))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_lists_of_a_type_that_holds_itself_are_counted_as_damage():
+    topic = Topic("/t", "own/loop", "own/loop[1] again\n", "ros1")  # takes up no byte
+    decoder = Decoder(topic, ())
+    assert not list(decoder.decode([b""]))
+    assert decoder.damaged == 1
+
+
+def test_a_stamp_without_nanoseconds_is_none():
+    text = "own/head header\n" + "=" * 80 + "\nMSG: own/head\nown/when stamp\n" + "=" * 80
+    text += "\nMSG: own/when\nuint32 sec\n"
+    ((_, fields, _),) = Decoder(Topic("/t", "own/told", text, "ros1"), ()).decode([bytes([7] * 4)])
+    assert fields[STAMP].tolist() == [0]
+
+
+def test_types_without_a_definition_are_those_of_ros_2():
+    assert Decoder(Topic("/t", "sensor_msgs/msg/JointState", "", "cdr"), ("position",)).damaged == 0
+    assert (
+        Decoder(Topic("/t", "raven_2/msg/raven_state", "", "cdr"), ("jpos", "hdr.stamp")).damaged
+        == 0
+    )

@@ -1,0 +1,592 @@
+"""Recordings out of bags of every kind: the same numbers, or one line that says what is wrong."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags import highlevel, rosbag1, rosbag2
+from tests.recordings.marker_bag import bag_writer, header_at
+from tests.recordings.read.bags.conftest import make_session
+
+from truejoint import read_recording
+from truejoint.crtk.messages import (
+    DEFINITIONS,
+    JOINT_STATE,
+    OPERATING_STATE,
+    RAVEN_FIELDS,
+    ros2_definition,
+)
+from truejoint.errors import RecordingError, TruejointError
+from truejoint.recordings import (
+    Recording,
+    bag_topics,
+    read_bag,
+    read_other_arm,
+    read_topic,
+    write_bag,
+)
+from truejoint.recordings.datasets.store import data_folders
+from truejoint.recordings.read.bags import assembling, container, wiring
+from truejoint.recordings.read.bags.container import (
+    CUT_SHORT,
+    DAMAGED,
+    MCAP_MAGIC,
+    UNPACKED_IN_PART,
+    ZSTD_MAGIC,
+    read_batches,
+)
+from truejoint.recordings.read.bags.fields import full_name, typesys
+from truejoint.recordings.read.bags.wiring import find_wiring
+from truejoint.recordings.read.raven_csv import AMID
+from truejoint.robots import get_robot
+
+zstd = pytest.importorskip("backports.zstd" if sys.version_info < (3, 14) else "compression.zstd")
+REAL = "pitch_exp_traj_01_test_cropped.bag"
+
+
+def same(
+    found: Recording, session: Recording, *, quantities: tuple[str, ...] = ("measured", "effort")
+) -> None:
+    """Assert that two recordings are equal to the last bit of a float32, stamps to the ns."""
+    np.testing.assert_allclose(found.t, session.t, rtol=0, atol=1e-9)
+    for quantity in quantities:
+        _, factor = RAVEN_FIELDS[quantity]
+        for joint in session.joints_of(quantity):
+            ours, theirs = (r.column(f"{quantity}/{joint}") / factor for r in (found, session))
+            np.testing.assert_array_equal(ours.astype(np.float32), theirs.astype(np.float32))
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+@pytest.mark.parametrize("profile", ["raven2", "raven2_mended"])
+def test_a_session_comes_back_to_the_last_bit(session, tmp_path, suffix, profile):
+    path = tmp_path / f"run{suffix}"
+    write_bag(session, path, profile=profile)
+    found = read_bag(path, profile=profile)
+    same(found, session, quantities=("measured", "velocity", "effort", "setpoint"))
+    assert found.provenance.start == pytest.approx(session.provenance.start, abs=1e-6)
+    for joint in session.joints_of("truth"):
+        np.testing.assert_allclose(
+            found.column(f"truth/{joint}"), session.column(f"truth/{joint}"), rtol=0, atol=1e-15
+        )
+
+
+def test_crtk_alone_has_all_bits(session, tmp_path):
+    write_bag(session, tmp_path / "a.bag", profile="raven2_mended")
+    found = read_bag(
+        tmp_path / "a.bag", "raven2", profile="raven2_mended", state="/arm1/measured_js"
+    )
+    for joint in session.robot.joint_names:
+        np.testing.assert_array_equal(
+            found.column(f"measured/{joint}"), session.column(f"measured/{joint}")
+        )
+        np.testing.assert_array_equal(
+            found.column(f"setpoint/{joint}"), session.column(f"setpoint/{joint}")
+        )
+        np.testing.assert_allclose(
+            found.column(f"effort/{joint}"), session.column(f"effort/{joint}"), atol=1e-12
+        )
+
+
+def test_the_left_arm_is_where_the_profile_says(bag):
+    assert "/arm2/measured_js" in bag_topics(bag)
+    found = read_bag(bag, "raven2", "left", state="/arm2/measured_js")
+    assert not found.joints_of("effort")
+    assert not found.joints_of("setpoint")
+    assert "raven2" in found.provenance.notes
+    assert "+0.1309 to elbow" in found.provenance.notes
+
+
+def test_the_notes_say_what_was_read(bag):
+    said = read_bag(bag, state="/arm2/measured_js").provenance.notes
+    assert said.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
+    assert "; added to the truth [rad or m]: " in said
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+def test_topics_are_counted_by_the_index_or_by_reading(session, tmp_path, monkeypatch, suffix):
+    path = tmp_path / f"run{suffix}"
+    write_bag(session, path)
+    if suffix == ".bag":  # which has an index: nothing of it is read through
+        monkeypatch.setattr(container, "read_batches", None)
+    topics = bag_topics(path)
+    assert topics["/ravenstate"][1] == topics["/arm2/measured_js"][1] == len(session)
+    assert topics["/ext_jpos"][1] == len(session)
+
+
+def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
+    columns = {"t": np.arange(4.0), "measured/jaw": np.array([0.0, np.nan, 2.0, 3.0])}
+    assert list(assembling._keep_known(columns).values()) == [1]
+    np.testing.assert_array_equal(columns["t"], [0.0, 2.0, 3.0])
+    assert assembling._keep_known(columns) == {}
+    np.testing.assert_array_equal(columns["measured/jaw"], [0.0, 2.0, 3.0])
+
+
+def test_of_many_topics_a_message_lists_thirty():
+    assert wiring.listed({}) == "there are none"
+    topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(31)}
+    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
+    topics.pop("/30")
+    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29)")
+
+
+def test_any_command_reads_a_bag(bag, session):
+    same(read_recording(bag), session)
+
+
+def _messages(path: Path) -> list[tuple[Any, int, bytes]]:
+    with rosbag1.Reader(path) as reader:
+        return list(reader.messages())
+
+
+def _rewritten(
+    bag: Path,
+    path: Path,
+    keep=lambda topic, k: True,
+    pack=None,
+    change=None,
+    rename=lambda topic: topic,
+) -> Path:
+    """The messages of a bag in another."""
+    writer = rosbag1.Writer(path)
+    if pack:
+        writer.set_compression(getattr(rosbag1.Writer.CompressionFormat, pack))
+    writer.chunk_threshold = 1 << 16
+    with writer:
+        own = {}
+        for k, (connection, time, data) in enumerate(_messages(bag)):
+            if not keep(connection.topic, k):
+                continue
+            if connection.topic not in own:
+                own[connection.topic] = writer.add_connection(
+                    rename(connection.topic),
+                    connection.msgtype,
+                    msgdef=connection.msgdef.data,
+                    md5sum=connection.digest,
+                )
+            writer.write(own[connection.topic], time, change(data) if change else data)
+    return path
+
+
+@pytest.mark.parametrize("pack", ["BZ2", "LZ4"])
+def test_packed_bags(bag, session, tmp_path, pack):
+    same(read_bag(_rewritten(bag, tmp_path / "p.bag", pack=pack)), session)
+
+
+@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
+def test_a_file_packed_as_a_whole_is_unpacked(session, tmp_path, suffix):
+    plain = _in_tables(session, tmp_path / "run")
+    if suffix == ".mcap":
+        plain = tmp_path / "run.mcap"
+    path = tmp_path / f"packed{suffix}.zstd"
+    packed = zstd.compress(plain.read_bytes())
+    path.write_bytes(packed)
+    assert bag_topics(path)["/ext_jpos"][0] == "sensor_msgs/JointState"
+    found = read_bag(path)
+    same(found, session)
+    assert found.provenance.source == path.name
+    path.write_bytes(packed[: len(packed) - 10])
+    lost: Counter[str] = Counter()
+    list(read_batches(path, lambda _: True, lost))
+    assert lost[UNPACKED_IN_PART] == 1
+
+
+def test_what_is_packed_and_damaged_is_counted(session, tmp_path):
+    write_bag(session, tmp_path / "a.mcap")
+    packed = bytearray(zstd.compress((tmp_path / "a.mcap").read_bytes()))
+    frame = len(ZSTD_MAGIC)
+    packed[frame : frame + 8] = b"\xff" * 8
+    (tmp_path / "a.mcap.zstd").write_bytes(packed)
+    lost: Counter[str] = Counter()
+    with suppress(RecordingError):  # nothing is left of it
+        list(read_batches(tmp_path / "a.mcap.zstd", lambda _: True, lost))
+    assert lost[DAMAGED] == 1
+    with pytest.raises(container._ChunkError):  # of a chunk, which is counted so too
+        container._unpacked(bytes(packed), "zstd")
+
+
+def test_an_endless_file_packed_as_a_whole_is_refused(tmp_path):
+    bomb = tmp_path / "run.mcap.zstd"
+    bomb.write_bytes(zstd.compress(MCAP_MAGIC + bytes(1 << 27)))
+    with pytest.raises(RecordingError, match=r"run\.mcap\.zstd: unpacks to more than"):
+        bag_topics(bomb)
+
+
+def test_what_a_correcting_node_says_is_neither_state_nor_truth(bag, session, tmp_path):
+    # Its topics look like a jaw's joints, and like joint sensors.
+    def renamed(topic: str) -> str:
+        names = {"/ext_jpos": "/arm2/corrected/half_width"}
+        return names.get(topic, topic)
+
+    path = _rewritten(bag, tmp_path / "c.bag", rename=renamed)
+    found = read_bag(path)
+    same(found, session)
+    assert not found.joints_of("truth")
+    assert read_bag(bag, truth=None).joints_of("truth") == ()
+    named = read_bag(path, truth="/arm2/corrected/half_width")
+    assert named.joints_of("truth")
+
+
+def test_split_bags_and_truth_apart_are_joined(bag, session, tmp_path):
+    parts = [
+        _rewritten(bag, tmp_path / "a.bag", lambda topic, k: topic == "/ravenstate" and k < 450),
+        _rewritten(bag, tmp_path / "b.bag", lambda topic, k: topic == "/ravenstate" and k >= 450),
+        _rewritten(bag, tmp_path / "c.bag", lambda topic, k: topic == "/ext_jpos"),
+    ]
+    found = read_bag(parts)
+    same(found, session)
+    assert np.isfinite(found.column("truth/elbow")).all()
+    assert found.provenance.source == "a.bag, b.bag, c.bag"
+
+
+def test_a_truth_on_another_clock_is_brought_back_by_the_motion(bag, tmp_path):
+    path = np.cumsum(np.random.default_rng(0).normal(size=61)).repeat(50)[:3000]
+    path = np.convolve(path, np.ones(100) / 100, "same")
+    robot = make_session(3000)
+    joints = ("shoulder", "elbow", "insertion")
+    moved = {f"{q}/{j}": 0.05 * path for q in ("measured", "truth") for j in joints}
+    robot = replace(robot, table=robot.table.assign(**moved))
+    apart = replace(robot, provenance=replace(robot.provenance, start=1.7e9 + 1000.0))
+    parts = []
+    for name, recording, topic in (("a", robot, "/ravenstate"), ("b", apart, "/ext_jpos")):
+        write_bag(recording, tmp_path / f"{name}.bag")
+        parts.append(
+            _rewritten(
+                tmp_path / f"{name}.bag",
+                tmp_path / f"{name}2.bag",
+                lambda t, k, own=topic: t == own,
+            )
+        )
+    found = read_bag(parts)
+    offset = float(found.provenance.notes.rpartition("; ")[2].partition(" s")[0])
+    assert offset == pytest.approx(-1000.0, abs=0.02)
+    assert np.isfinite(found.column("truth/elbow")).mean() > 0.95
+    assert read_bag(parts, near=-1000.0).provenance.notes == found.provenance.notes
+    stated = read_bag(parts, offset=-1000.0)
+    np.testing.assert_allclose(
+        stated.column("truth/elbow")[5:-5], robot.column("truth/elbow")[5:-5], atol=1e-6
+    )
+
+
+def _index_position(data: bytes) -> int:
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    return int.from_bytes(data[at : at + 8], "little")
+
+
+def test_a_bag_that_was_never_closed(bag, session, tmp_path):
+    """As rosbag leaves it: no index, and a last chunk whose sizes are still 0."""
+    small = _rewritten(bag, tmp_path / "small.bag")
+    data = bytearray(small.read_bytes())
+    end = _index_position(data)
+    at = data.index(b"index_pos=") + len(b"index_pos=")
+    data[at : at + 8] = bytes(8)
+    last = data.rindex(b"compression=none", 0, end)
+    sizes = data.index(b"size=", last) + len(b"size=")
+    chunk = int.from_bytes(data[sizes : sizes + 4], "little")
+    data[sizes : sizes + 8] = bytes(8)  # of the chunk unpacked, and as it lies there
+    path = tmp_path / "run.bag.active"
+    path.write_bytes(data[: sizes + 8 + chunk])
+    found = read_bag(path)
+    same(found, session)
+    assert not any("cut short" in reason for reason in found.provenance.dropped)
+
+
+def test_an_index_that_counts_more_than_a_file_so_long_can_hold_is_none(bag, tmp_path):
+    """Room is made for what an index counts, so that a lie of it would take all memory."""
+    data = bytearray(bag.read_bytes())
+    with bag.open("rb") as file:
+        file.seek(_index_position(data))
+        records = [(fields[b"op"], at) for _, fields, at, _ in container._ros1_records(file)]
+    last = max(at for op, at in records if op == b"\x06")
+    data[last + 4 : last + 8] = b"\xff\xff\xff\xff"  # messages of a topic in that chunk
+    path = tmp_path / "boast.bag"
+    path.write_bytes(data)
+    assert bag_topics(path) == bag_topics(bag)
+
+
+@pytest.mark.parametrize("suffix", [".bag", ".mcap"])
+@pytest.mark.parametrize("share", [0.2, 0.6, 0.95])
+def test_what_is_left_of_a_bag_cut_short_is_read(session, tmp_path, suffix, share):
+    path = tmp_path / f"run{suffix}"
+    write_bag(session, path)
+    if suffix == ".bag":
+        path = _rewritten(path, tmp_path / "small.bag")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: int(share * len(whole))])
+    if suffix == ".mcap":  # one packed chunk: nothing of it unpacks, or some does
+        try:
+            found = read_bag(path)
+        except RecordingError as error:
+            said = str(error)
+        else:
+            said = ""
+        if said:
+            assert "no message" in said or "which robot" in said
+            return
+    else:
+        found = read_bag(path)
+    assert 0.5 * share * len(session) < len(found) < len(session)
+    np.testing.assert_allclose(found.t, session.t[: len(found)], rtol=0, atol=1e-9)
+    assert any("cut short" in reason for reason in found.provenance.dropped)
+
+
+def test_a_damaged_length_in_an_mcap_is_counted_by_what_the_file_has(tmp_path):
+    record = b"\x05" + (3).to_bytes(8, "little") + b"abc"  # a message too short to be one
+    endless = b"\x04" + (1 << 60).to_bytes(8, "little") + b"rest"
+    path, lost = tmp_path / "run.mcap", Counter()
+    path.write_bytes(MCAP_MAGIC + record)
+    assert not list(read_batches(path, lambda _: True, lost))
+    assert lost == {DAMAGED: 1}
+    path.write_bytes(MCAP_MAGIC + endless)
+    assert not list(read_batches(path, lambda _: True, lost))
+    assert lost == {DAMAGED: 1, CUT_SHORT: len(endless)}
+
+
+def test_what_a_chunk_of_an_mcap_lacks_is_counted(tmp_path):
+    lost: Counter[str] = Counter()
+    for left in (b"\x05\x01\x02", b"\x05" + (8).to_bytes(8, "little") + b"short"):
+        chunk = bytes(28) + bytes(4) + len(left).to_bytes(8, "little") + left + b"more"
+        record = b"\x06" + len(chunk).to_bytes(8, "little") + chunk
+        path = tmp_path / "run.mcap"
+        path.write_bytes(MCAP_MAGIC + record)
+        assert not list(read_batches(path, lambda _: True, lost))
+    assert lost == {CUT_SHORT: 3 + 14}
+
+
+@pytest.mark.parametrize(("arm", "space"), [("left", "arm1"), ("right", "arm2")])
+def test_an_arm_is_homed_as_it_says_itself(arm, space):
+    topics = {
+        f"/{one}/{name}": (kind, 5)
+        for one in ("arm1", "arm2")
+        for name, kind in (("measured_js", JOINT_STATE), ("operating_state", OPERATING_STATE))
+    }
+    found = find_wiring("a bag", topics, get_robot("raven2", arm), "raven2_mended")
+    assert (found.state, found.homed) == (f"/{space}/measured_js", f"/{space}/operating_state")
+    others = {name.replace("arm", "robot"): told for name, told in topics.items()}
+    for one in ("robot1", "robot2"):  # of which the names say no arm
+        state = f"/{one}/measured_js"
+        found = find_wiring("a bag", others, get_robot("raven2", arm), "crtk", state)
+        assert found.homed == f"/{one}/operating_state"
+
+
+def test_the_only_joint_state_that_is_nothing_of_crtks_is_the_truth():
+    topics = dict.fromkeys(("/a/measured_js", "/a/servo_jp", "/lab/sensors"), (JOINT_STATE, 5))
+    assert find_wiring("a bag", topics, get_robot("davinci_grasper")).truth == "/lab/sensors"
+    topics["/lab/others"] = (JOINT_STATE, 5)
+    assert not find_wiring("a bag", topics, get_robot("davinci_grasper")).truth
+
+
+def test_a_field_that_is_no_number_is_refused(bag):
+    with pytest.raises(RecordingError, match="name is no number"):
+        read_topic(bag, "/ext_jpos", ["name"])
+
+
+def test_the_state_is_no_truth_of_itself(bag):
+    with pytest.raises(RecordingError, match="is the state"):
+        read_bag(bag, truth="/ravenstate")
+
+
+def test_the_other_arm_is_read_without_a_truth_that_is_not_its_own(bag, session):
+    found = read_other_arm(bag, session)
+    assert found.robot.arm == "right"
+    assert not found.joints_of("truth")
+
+
+def test_a_damaged_chunk_costs_no_other(bag, session, tmp_path):
+    path = _rewritten(bag, tmp_path / "p.bag", pack="BZ2")
+    data = bytearray(path.read_bytes())
+    at = data.index(b"BZh", data.index(b"BZh") + 3)
+    data[at : at + 3] = b"xyz"
+    path.write_bytes(data)
+    found = read_bag(path)
+    assert 0 < len(found) < len(session)
+    assert found.provenance.dropped[DAMAGED] == 1
+
+
+def test_an_incompatible_variant_is_read_by_its_own_definition(session, tmp_path):
+    """As in UVA-DSA/raven2_sim: a field in between, others gone, others behind."""
+    text = (
+        "Header hdr\nint32 runlevel\nfloat32[16] tau\nfloat32[16] mvel\nfloat32[16] mvel_d\n"
+        "float32[16] jpos\nfloat32[16] jvel\nfloat32[16] jpos_d\nchar[8] err_msg\nstring note\n"
+    )
+    system = typesys()
+    store = system.get_typestore(system.Stores.ROS1_NOETIC)
+    kind = full_name("raven_2/raven_state")
+    store.register(system.get_types_from_msg(text, kind))
+    path = tmp_path / "uva.bag"
+    with rosbag1.Writer(path) as writer:
+        connection = writer.add_connection("/ravenstate", kind, typestore=store)
+        own, header, time = (
+            store.types[n] for n in (kind, "std_msgs/msg/Header", "builtin_interfaces/msg/Time")
+        )
+        zeros = np.zeros(16, np.float32)
+        for k in range(20):
+            message = own(
+                hdr=header(k, time(100 + k, 0), "x" * (k % 3)), runlevel=3, tau=zeros + k,
+                mvel=zeros, mvel_d=zeros, jpos=zeros + np.float32(k), jvel=zeros, jpos_d=zeros,
+                err_msg=np.zeros(8, np.uint8), note="n" * (k % 2),
+            )  # fmt: skip
+            writer.write(connection, (100 + k) * 10**9, store.serialize_ros1(message, kind))
+    found = read_bag(path, arm="right")
+    np.testing.assert_allclose(np.rad2deg(found.column("measured/elbow")), np.arange(20))
+    np.testing.assert_array_equal(found.t, np.arange(20))
+    with pytest.raises(
+        RecordingError, match="this version of raven_2/raven_state has no field 'mpos'"
+    ):
+        read_bag(path, quantities=["motor"])
+
+
+def test_rows_of_homing_are_left_out(session, tmp_path):
+    level = np.where(np.arange(len(session)) < 50, 1.0, 3.0)
+    homing = Recording.from_columns({**session.table, "state/run_level": level}, session.provenance)
+    write_bag(homing, tmp_path / "h.bag")
+    found = read_bag(tmp_path / "h.bag")
+    assert len(found) == len(session) - 50
+    assert found.provenance.dropped["homing"] == 50
+    assert AMID not in found.provenance.dropped
+
+
+@pytest.mark.parametrize("kind", ["operating_state", "OperatingState"])  # as RAVEN-II, as CRTK
+@pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
+def test_rows_while_the_arm_says_that_it_is_not_homed_are_left_out(session, tmp_path, kind, suffix):
+    start, kind = session.provenance.start, f"crtk_msgs/msg/{kind}"
+    text = DEFINITIONS["crtk_msgs/operating_state"]
+    if suffix != ".bag":
+        text = ros2_definition("crtk_msgs/operating_state")
+    said = tmp_path / f"said{suffix}"
+    with bag_writer(said) as (writer, store, serialize):
+        store.register(typesys().get_types_from_msg(text, kind))
+        topic = writer.add_connection("/arm1/operating_state", kind, typestore=store)
+        for after, is_homed in ((0.0, True), (1.0, False), (2.0, True)):
+            stamp = round((start + after) * 1e9)
+            header = header_at(store.types, stamp)
+            message = store.types[kind](header, "ENABLED", is_homed, not is_homed)
+            writer.write(topic, stamp, serialize(message, kind))
+    whole = tmp_path / ("a.bag" if suffix == ".bag" else "a.mcap")
+    write_bag(session, whole, profile="raven2_mended")
+    found = read_bag([whole, said], "raven2", profile="raven2_mended", state="/arm1/measured_js")
+    amid = (session.t >= 1.0 - 1e-9) & (session.t < 2.0 - 1e-9)
+    assert found.provenance.dropped[AMID] == amid.sum() > 10
+    np.testing.assert_allclose(found.t, session.t[~amid], atol=1e-6)
+
+
+def test_a_real_bag_of_a_dvrk():
+    path = _real()
+    found = read_bag(path, "dvrk_psm")
+    assert len(found) > 3400
+    assert found.provenance.rates["state"] == pytest.approx(99.3, abs=0.5)
+    assert found.joints_of("measured") == found.joints_of("setpoint") == found.joints_of("effort")
+    with highlevel.AnyReader([path]) as reader:
+        connections = [c for c in reader.connections if c.topic == "/PSM2/measured_js"]
+        message = [reader.deserialize(d, c.msgtype) for c, _, d in reader.messages(connections)][1]
+    np.testing.assert_array_equal(
+        found.columns("measured", found.joints_of("measured"))[0], message.position
+    )
+    stamps, fields = read_topic(path, "/PSM2/measured_cp", ["pose.position.x"])
+    assert fields["pose.position.x"].shape == (3420, 1)
+    assert (np.diff(stamps) > 0).all()
+
+
+def _real() -> Path:
+    for folder in data_folders():
+        path = folder / "dvrk_psm_jhu_bag" / REAL
+        if path.exists():
+            return path
+    pytest.skip(f"no {REAL} on this machine (TRUEJOINT_DATA)")
+
+
+@pytest.mark.parametrize(
+    ("how", "said"),
+    [
+        ({"robot": "dvrk_psm"}, "no joint called 'green_shoulder'"),
+        ({"state": "/nothing"}, "no topic '/nothing'; there are /arm2/measured_js"),
+        ({"profile": "raven3"}, "no profile called 'raven3'; did you mean 'raven2'"),
+        ({"quantities": ["torque"]}, "no quantity called 'torque'"),
+        ({"truth": "/nowhere"}, "no topic '/nowhere'"),
+    ],
+)  # fmt: skip
+def test_what_is_not_there_is_said_in_one_line(bag, how, said):
+    with pytest.raises(TruejointError) as caught:
+        read_bag(bag, **how)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"t,measured/jaw\n1,2\n", "is no bag"),
+        (b"#ROSBAG V1.2\n" + bytes(40), "is ROSBAG V1.2"),
+        (b"#ROSBAG V2.0\n", "which robot is it"),
+        (b"SQLite format 3\x00" + bytes(100), "which robot is it"),
+        (b"\x89MCAP0\r\n" + b"\xff" * 40, "which robot is it"),
+    ],
+)
+def test_no_bag_is_said_in_one_line(tmp_path, content, said):
+    path = tmp_path / "x.bag"
+    path.write_bytes(content)
+    with pytest.raises(RecordingError, match=said):
+        read_bag(path)
+
+
+def test_a_named_state_is_not_taken_for_the_truth(bag, tmp_path):
+    only = _rewritten(bag, tmp_path / "a.bag", lambda topic, k: topic == "/ext_jpos")
+    with pytest.raises(RecordingError, match="no state of the arm"):
+        read_bag(only, "raven2")
+    found = read_bag(only, "raven2", state="/ext_jpos")
+    assert found.joints_of("measured") == ("shoulder", "elbow", "insertion")
+    assert not found.joints_of("truth")
+
+
+def test_two_arms_of_a_dvrk_need_a_word(tmp_path):
+    joints = {"measured/outer_yaw": np.arange(3.0), "measured/outer_pitch": np.arange(3.0)}
+    one = Recording.from_columns({"t": np.arange(3.0), **joints}, "dvrk_psm")
+    for arm in ("psm1", "psm2"):
+        write_bag(
+            replace(one, provenance=replace(one.provenance, arm=arm)), tmp_path / f"{arm}.bag"
+        )
+    bags = [tmp_path / "psm1.bag", tmp_path / "psm2.bag"]
+    assert set(bag_topics(bags)) == {"/psm1/measured_js", "/psm2/measured_js"}
+    with pytest.raises(RecordingError, match="several arms"):
+        read_bag(bags, "dvrk_psm")
+    assert read_bag(bags, "dvrk_psm", "psm2").provenance.arm == "psm2"
+
+
+def _in_tables(session: Recording, folder: Path) -> Path:
+    """A session as SQLite, as ROS 2 did it first."""
+    write_bag(session, folder.with_suffix(".mcap"))
+    system = typesys()
+    with (
+        rosbag2.Reader(folder.with_suffix(".mcap")) as reader,
+        rosbag2.Writer(folder, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer,
+    ):
+        own = {}
+        for connection, time, data in reader.messages(reader.connections):
+            if connection.id not in own:
+                store = system.get_typestore(system.Stores.EMPTY)
+                store.register(
+                    system.get_types_from_msg(connection.msgdef.data, connection.msgtype)
+                )
+                own[connection.id] = writer.add_connection(
+                    connection.topic, connection.msgtype, typestore=store
+                )
+            writer.write(own[connection.id], time, data)
+    return folder / f"{folder.name}.db3"
+
+
+def test_a_folder_of_ros_2_with_tables_is_read(session, tmp_path):
+    folder = _in_tables(session, tmp_path / "run").parent
+    same(read_bag(folder), session)
+    same(read_recording(folder), session)
+
+
+def test_without_rosbags_it_says_how_to_install_it(bag, monkeypatch):
+    monkeypatch.setitem(sys.modules, "rosbags.typesys", None)
+    with pytest.raises(TruejointError, match=r'pip install "truejoint\[ros\]"'):
+        read_bag(bag)

@@ -1,0 +1,141 @@
+from __future__ import annotations
+
+import io
+import struct
+import zlib
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+import scipy.io
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from truejoint.errors import RecordingError
+from truejoint.recordings.read.array_files import read_mat
+
+Refusal = Callable[[Callable[[], object]], str]
+
+matrices = st.tuples(st.integers(0, 5), st.integers(0, 5)).flatmap(
+    lambda shape: arrays(
+        st.sampled_from([np.float64, np.float32, np.int16, np.uint8, np.int32]).map(np.dtype), shape
+    )
+)
+
+
+def save(variables: dict[str, object], **options: object) -> bytes:
+    file = io.BytesIO()
+    scipy.io.savemat(file, variables, **options)
+    return file.getvalue()
+
+
+@given(first=matrices, second=matrices, packed=st.booleans())
+def test_version_5_reads_as_scipy_wrote_it(
+    first: np.ndarray, second: np.ndarray, packed: bool
+) -> None:
+    data = save(
+        {"a": first, "rec": {"x": second, "note": "text"}, "cell": [[1], "b"]},
+        do_compression=packed,
+    )
+    read = read_mat(data, "f.mat")
+    assert np.array_equal(read["a"], first.astype(float), equal_nan=True)
+    assert np.array_equal(read["rec"]["x"], second.astype(float), equal_nan=True)
+    assert "note" not in read["rec"]
+
+
+@given(first=matrices)
+def test_version_4_reads_as_scipy_wrote_it(first: np.ndarray) -> None:
+    read = read_mat(save({"a": first, "data_1": first.T}, format="4"), "f.mat")
+    assert np.array_equal(read["a"], first.astype(float), equal_nan=True)
+    assert list(read) == ["a", "data_1"]
+
+
+def test_what_is_not_numbers_is_stepped_over() -> None:
+    data = save(
+        {"z": np.array([1 + 2j]), "s": "text", "n": np.arange(3.0), "l": np.ones((2, 2, 2))}
+    )
+    assert list(read_mat(data, "f.mat")) == ["n"]
+
+
+@given(data=st.data(), version=st.sampled_from(["4", "5"]), packed=st.booleans())
+def test_damage_is_refused_in_one_line_or_harmless(
+    refusal: Refusal, data: st.DataObject, version: str, packed: bool
+) -> None:
+    whole = save(
+        {"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))},
+        format=version,
+        do_compression=packed,
+    )
+    broken = bytearray(whole[: data.draw(st.integers(0, len(whole)))])
+    for _ in range(data.draw(st.integers(0, 4))):
+        if broken:
+            broken[data.draw(st.integers(0, len(broken) - 1))] = data.draw(st.integers(0, 255))
+    message = refusal(lambda: read_mat(bytes(broken), "f.mat"))
+    assert "\n" not in message
+    assert message.startswith("f.mat: ") or not message
+
+
+def test_a_bomb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("truejoint.recordings.read.array_files.MAX_MAT_BYTES", 10**6)
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    body = zlib.compress(b"\0" * (10**6 + 8))
+    data = header + struct.pack("<2I", 15, len(body)) + body
+    with pytest.raises(RecordingError, match="unpacks to more than"):
+        read_mat(data, "f.mat")
+
+
+def test_dimensions_that_the_data_do_not_fill_take_no_memory() -> None:
+    whole = save({"abc": np.arange(12.0).reshape(3, 4)}, do_compression=False)
+    at = whole.index(struct.pack("<2i", 3, 4))
+    data = whole[:at] + struct.pack("<2i", 2**31 - 1, 2**31 - 1) + whole[at + 8 :]
+    with pytest.raises(RecordingError, match="144 bytes cannot hold an array of shape"):
+        read_mat(data, "f.mat")
+
+
+def nested(depth: int, body: bytes = b"") -> bytes:
+    """A struct of one field that holds a struct of one field, and so on; `body` is in the last."""
+    for _ in range(depth):
+        flags = struct.pack("<4I", 6, 8, 2, 0)
+        shape = struct.pack("<2I2i", 5, 8, 1, 1)
+        name = struct.pack("<2H4s", 1, 1, b"a")
+        fields = struct.pack("<2Hi", 5, 4, 8) + struct.pack("<2I8s", 1, 8, b"x")
+        inner = struct.pack("<2I", 14, len(body)) + body
+        body = flags + shape + name + fields + inner
+    header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    return header + struct.pack("<2I", 14, len(body)) + body
+
+
+def test_structs_in_structs_come_to_an_end() -> None:
+    assert read_mat(nested(900), "f.mat") == {"a": {}}
+    with pytest.raises(RecordingError, match="holds more than 1000 others"):
+        read_mat(nested(1200), "f.mat")
+
+
+def test_many_empty_arrays_take_no_memory() -> None:
+    many = 5000
+    cell = struct.pack("<4I", 6, 8, 1, 0) + struct.pack("<2I2i", 5, 8, 1, many)
+    cell += struct.pack("<2H4s", 1, 1, b"c") + struct.pack("<2I", 14, 0) * many
+    with pytest.raises(RecordingError, match="holds more than 1000 others"):
+        read_mat(nested(1, cell), "f.mat")
+
+
+def test_version_7_3_is_named() -> None:
+    with pytest.raises(RecordingError, match="save it with -v7"):
+        read_mat(b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
+
+
+@pytest.mark.parametrize(("at", "value"), [(0xB1, 1), (0x91, 8)], ids=["type", "complex"])
+def test_what_scipy_would_crash_on_is_refused(refusal: Refusal, at: int, value: int) -> None:
+    broken = bytearray(save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))}))
+    broken[at] = value
+    message = refusal(lambda: read_mat(bytes(broken), "f.mat"))
+    assert message.startswith("f.mat: cannot be read as a MAT file")
+
+
+def test_a_small_file_does_not_unpack_to_a_large_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("truejoint.recordings.bounded_file._SMALL_BYTES", 1000)
+    file = io.BytesIO()
+    scipy.io.savemat(file, {"a": np.zeros((100_000, 1))}, do_compression=True)
+    with pytest.raises(RecordingError, match="unpacks to more than"):
+        read_mat(file.getvalue(), "f.mat")

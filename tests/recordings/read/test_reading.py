@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+import scipy.io
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import (
+    FORMATS,
+    Recording,
+    detect_format,
+    read_recording,
+    read_recordings,
+    write_parquet,
+)
+from truejoint.recordings.read.reading import why_no_recording
+
+
+def write(path: Path, content: str | bytes) -> Path:
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+@pytest.mark.parametrize(
+    ("content", "name"),
+    [
+        ("t,measured/jaw\n0,1\n", "csv"),
+        ("# note\nmeasured/jaw t\n0 1\n", "csv"),
+        ('"t";"measured/jaw"\n0;1\n', "csv"),
+        ("% x\n% a, Front-end Maxon Encoder [counts]\n1,2\n", "davinci_grasper_umn"),
+        (",".join(["1"] * 8) + "\n", "kflex_tendon_sheath"),
+        (",".join(["1e3"] * 10) + "\n", "kflex_tendon_sheath"),
+        (",".join(["-1.5e-3"] * 240) + "\n", "raven_csv_240"),
+        (",".join(["0"] * 252) + "\n", "raven_csv_252"),
+        (b"PAR1whatever", "parquet"),
+    ],
+)
+def test_the_content_tells_the_format(tmp_path: Path, content: str | bytes, name: str) -> None:
+    assert detect_format(write(tmp_path / "some.file", content)) == name
+
+
+def test_matlab_files_tell_their_format(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    scipy.io.savemat(path, {"data_1": [[1.0]]}, format="4")
+    assert detect_format(path) == "bros_dual_encoder"
+    scipy.io.savemat(path, {"rec": {"a": 1.0}})
+    assert detect_format(path) == "kuka_kr300_dual_encoder"
+
+
+@pytest.mark.parametrize(
+    ("content", "found"),
+    [
+        ("a,b\n1,2\n", "a header without 't'"),
+        ("1,2,3\n", "3 columns without a header, expected 240, 252, 8, 10; give a column map"),
+        (b"\x00\x01\x02\x03", "not text and of no known binary layout"),
+    ],
+)
+def test_an_unknown_file_gets_the_list_of_formats(
+    tmp_path: Path, content: str | bytes, found: str
+) -> None:
+    path = write(tmp_path / "some.file", content)
+    with pytest.raises(RecordingError, match=f"format not recognised.*{found}") as caught:
+        read_recording(path)
+    assert all(name in str(caught.value) for name in FORMATS)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_column_map_makes_any_text_csv(tmp_path: Path) -> None:
+    path = write(tmp_path / "a.txt", "0,1,2,3,4,5,6,7\n1,1,2,3,4,5,6,8\n")
+    recording = read_recording(
+        path, robot="bros", column_map={"columns": {"t": 0, "measured/joint1": 7}}
+    )
+    assert recording.column("measured/joint1").tolist() == [7.0, 8.0]
+
+
+def test_what_the_caller_knows_goes_into_the_provenance(
+    recording: Recording, tmp_path: Path
+) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    read = read_recording(path, load=0.5, homing_id="third", session="s")
+    assert read.provenance.load == 0.5
+    assert (read.provenance.homing_id, read.provenance.session) == ("third", "s")
+    assert read.table.equals(recording.table)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"format": "pickle"}, "no format called 'pickle'; known: parquet, csv"),
+        ({"robot": "raven2"}, "format 'parquet' takes no 'robot'; it takes load, homing_id"),
+        ({"truth_unit": "deg_m"}, "takes no 'truth_unit'"),
+    ],
+)
+def test_an_option_that_would_be_ignored_is_refused(
+    recording: Recording, tmp_path: Path, options: dict[str, str], message: str
+) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    with pytest.raises(RecordingError, match=message):
+        read_recording(path, **options)
+
+
+def test_a_path_that_is_not_there(tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"nowhere.csv: there is no such file or folder"):
+        read_recording(tmp_path / "nowhere.csv")
+    with pytest.raises(RecordingError, match="is not a file"):
+        read_recording(tmp_path, "csv")
+    with pytest.raises(RecordingError, match="is empty"):
+        read_recording(write(tmp_path / "empty.csv", ""))
+
+
+def test_an_error_names_the_path_that_was_given(
+    write_raven: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def step_back(table: object) -> None:
+        table[5, 0] = table[3, 0]  # type: ignore[index]
+
+    path = write_raven(240, change=step_back)
+    with pytest.raises(RecordingError) as caught:
+        read_recording(path)
+    assert str(caught.value).startswith(f"{path}: time stamp of row 5")
+    monkeypatch.chdir(path.parent)
+    with pytest.raises(RecordingError) as caught:
+        read_recording(path.name)
+    assert str(caught.value).startswith(f"{path.name}: time stamp of row 5")
+
+
+@settings(max_examples=60)
+@given(
+    content=st.binary(max_size=200) | st.text('t,measured/joint1 \n"#;0123.', max_size=80),
+    mapped=st.booleans(),
+)
+def test_any_file_in_a_folder_is_a_recording_or_says_why_not(
+    tmp_path_factory: pytest.TempPathFactory, content: str | bytes, mapped: bool
+) -> None:
+    path = write(tmp_path_factory.getbasetemp() / "any.file", content)
+    mapping = {"columns": {"t": 0, "measured/joint1": 1}} if mapped else None
+    reason = why_no_recording(path, column_map=mapping)
+    assert "\n" not in reason
+    if not reason:
+        options = {"column_map": mapping} if mapped else {}
+        with suppress(RecordingError):
+            assert read_recordings(path, robot="bros", **options)

@@ -1,0 +1,277 @@
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from truejoint.errors import RecordingError, RobotError
+from truejoint.recordings import (
+    Provenance,
+    Recording,
+    read_parquet,
+    read_recording,
+    write_corrected,
+    write_parquet,
+)
+from truejoint.recordings.table.parquet import METADATA_KEY, _write
+from truejoint.robots import catalogue, get_robot
+
+Refusal = Callable[[Callable[[], object]], str]
+
+values = st.floats(allow_nan=False, allow_infinity=False)
+
+
+@settings(max_examples=30)
+@given(
+    data=st.data(),
+    rows=st.integers(2, 30),
+    notes=st.text(max_size=30),
+    load=st.floats(0, 10) | st.just(float("nan")),
+    dropped=st.dictionaries(st.text(max_size=10), st.integers(0, 10**9), max_size=3),
+)
+def test_round_trip_is_exact(
+    tmp_path_factory: pytest.TempPathFactory,
+    data: st.DataObject,
+    rows: int,
+    notes: str,
+    load: float,
+    dropped: dict[str, int],
+) -> None:
+    columns = {
+        "t": np.sort(data.draw(arrays(float, rows, elements=values, unique=True))),
+        "measured/joint1": data.draw(arrays(float, rows, elements=values)),
+        "truth/joint1": data.draw(arrays(float, rows, elements=values | st.just(np.nan))),
+        "odd name, with 'quotes'/é": data.draw(arrays(float, rows, elements=values)),
+    }
+    provenance = Provenance("bros", source="x", notes=notes, load=load, dropped=dropped)
+    before = Recording.from_columns(columns, provenance, {"odd name, with 'quotes'/é": "Nm"})
+    path = tmp_path_factory.mktemp("parquet") / "a.parquet"
+    write_parquet(before, path)
+    after = read_parquet(path)
+    for name in before.table.columns:
+        assert np.array_equal(before.column(name), after.column(name), equal_nan=True)
+    assert list(after.table.columns) == list(before.table.columns)
+    assert after.units == before.units
+    assert after.provenance.to_dict() == before.provenance.to_dict()
+
+
+def test_units_of_columns_that_are_not_there_are_not_written(tmp_path: Path) -> None:
+    t = np.arange(3.0)
+    units = {"measured/joint1": "rad", "truth/joint1": "rad"}
+    recording = Recording.from_columns({"t": t, "measured/joint1": t}, Provenance("bros"), units)
+    write_parquet(recording, tmp_path / "a.parquet")
+    assert read_parquet(tmp_path / "a.parquet").units == {"measured/joint1": "rad"}
+
+
+def test_a_file_that_is_there_is_not_replaced(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    shorter = recording.rows(slice(10))
+    with pytest.raises(RecordingError, match=r"a.parquet: exists already"):
+        write_parquet(shorter, path)
+    assert len(read_parquet(path)) == len(recording)
+    write_parquet(shorter, path, overwrite=True)
+    assert len(read_parquet(path)) == 10
+
+
+def test_every_truncation_is_refused_in_one_line(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    whole = path.read_bytes()
+    for size in [*range(1, 200, 13), len(whole) // 2, len(whole) - 1]:
+        path.write_bytes(whole[:size])
+        with pytest.raises(RecordingError, match=r"a.parquet: ") as caught:
+            read_parquet(path)
+        assert "\n" not in str(caught.value)
+
+
+@given(position=st.floats(0, 1, exclude_max=True), byte=st.integers(1, 255))
+def test_a_changed_byte_changes_no_value(
+    tmp_path_factory: pytest.TempPathFactory, refusal: Refusal, position: float, byte: int
+) -> None:
+    t = np.arange(20.0)
+    recording = Recording.from_columns({"t": t, "measured/joint1": t}, Provenance("bros"))
+    path = tmp_path_factory.mktemp("parquet") / "a.parquet"
+    write_parquet(recording, path)
+    data = bytearray(path.read_bytes())
+    data[int(position * len(data))] ^= byte
+    path.write_bytes(data)
+    read = []
+    assert "\n" not in refusal(lambda: read.append(read_parquet(path)))
+    for one in read:
+        assert one.table.equals(recording.table)
+        assert one.provenance.to_dict() == recording.provenance.to_dict()
+
+
+def test_a_value_edited_by_another_program_is_refused(recording: Recording, tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    table = pq.read_table(path)
+    pq.write_table(table, path, compression="gzip")  # the same, packed in another way
+    assert len(read_parquet(path)) == len(recording)
+    column = table.column("motor/joint1").to_numpy().copy()
+    column[7] += 1e-12
+    place = table.column_names.index("motor/joint1")
+    pq.write_table(table.set_column(place, "motor/joint1", pa.array(column)), path)
+    with pytest.raises(RecordingError, match="does not match its hash"):
+        read_parquet(path)
+
+
+def test_one_from_before_there_were_hashes_is_read_and_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, GOOD, **{"t": T, "measured/joint1": T})
+    read = read_parquet(path)
+    assert "without a content hash" in read.provenance.notes
+    write_parquet(read, path, overwrite=True)
+    assert read_parquet(path).provenance.notes == read.provenance.notes
+    rewrite(path, GOOD | {"version": 2}, **{"t": T, "measured/joint1": T})
+    with pytest.raises(RecordingError, match="does not match its hash"):
+        read_parquet(path)
+
+
+def test_what_unpacks_to_more_than_a_measurement_does_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    zeros = pa.array(np.zeros(9_000_000))
+    rewrite(path, GOOD, **{"t": zeros, "measured/joint1": zeros})
+    with pytest.raises(RecordingError, match="unpack to 144000000, which no measurement does"):
+        read_parquet(path)
+
+
+def test_short_memory_is_called_that(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object, **__: object) -> None:
+        raise pa.ArrowMemoryError("malloc of size 1 failed")
+
+    write_parquet(recording, tmp_path / "a.parquet")
+    monkeypatch.setattr(pq.ParquetFile, "read", refuse)
+    with pytest.raises(RecordingError, match="takes more memory than there is"):
+        read_parquet(tmp_path / "a.parquet")
+
+
+def rewrite(path: Path, header: object = None, **columns: pa.Array) -> None:
+    table = pa.table(columns)
+    if header is not None:
+        text = header if isinstance(header, str) else json.dumps(header)
+        table = table.replace_schema_metadata({"truejoint": text})
+    pq.write_table(table, path)
+
+
+GOOD = {"version": 1, "units": {"measured/joint1": "rad"}, "provenance": {"robot": "bros"}}
+T = pa.array([0.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        (None, "was not written by truejoint"),
+        ("{", "metadata is damaged"),
+        ([1], "metadata is damaged"),
+        (GOOD | {"version": "1"}, "metadata is damaged"),
+        (GOOD | {"version": 0}, "metadata is damaged"),
+        (GOOD | {"version": 99}, "is of version 99"),
+        (GOOD | {"units": {}}, "metadata is damaged"),
+        (GOOD | {"units": {"measured/joint1": 3}}, "metadata is damaged"),
+        (GOOD | {"provenance": {"robot": "bros", "new": 1}}, "unknown keys"),
+    ],
+)
+def test_metadata_that_is_not_ours_is_refused(tmp_path: Path, header: object, message: str) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, header, **{"t": T, "measured/joint1": T})
+    with pytest.raises(RecordingError, match=message) as caught:
+        read_parquet(path)
+    assert str(caught.value).startswith(str(path))
+
+
+def test_columns_of_another_kind_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, GOOD, **{"t": T, "measured/joint1": pa.array(["a", "b"])})
+    with pytest.raises(RecordingError, match="not float64"):
+        read_parquet(path)
+
+
+def test_stored_rows_obey_the_rules_of_a_recording(tmp_path: Path) -> None:
+    path = tmp_path / "a.parquet"
+    rewrite(path, GOOD, **{"t": pa.array([1.0, 0.0]), "measured/joint1": T})
+    with pytest.raises(RecordingError, match="row 1 goes back"):
+        read_parquet(path)
+
+
+def test_more_values_than_are_read_are_refused(
+    recording: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    monkeypatch.setattr("truejoint.recordings.table.parquet.MAX_VALUES", 100)
+    with pytest.raises(RecordingError, match="50 rows of 5 columns"):
+        read_parquet(path)
+
+
+TOOL = """
+name = "parquet_tool"
+joints = [{ name = "jaw", upper = 1.0 }]
+"""
+
+
+def test_a_robot_of_a_file_comes_with_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(catalogue, "_described", {})
+    (tmp_path / "tool.toml").write_text(TOOL)
+    (tmp_path / "run.csv").write_text("t,measured/jaw\n0,0.1\n1,0.2\n")
+    (tmp_path / "map.toml").write_text(
+        'robot = "tool.toml"\ncolumns = { t = "t", "measured/jaw" = "measured/jaw" }\n'
+    )
+    recording = read_recording(tmp_path / "run.csv", column_map=tmp_path / "map.toml")
+    write_parquet(recording, tmp_path / "run.parquet")
+    catalogue._described.clear()
+    again = read_parquet(tmp_path / "run.parquet")
+    assert again.robot.joint("jaw").upper == 1.0
+    (tmp_path / "tool.toml").write_text(TOOL.replace("1.0", "2.0"))
+    assert get_robot(tmp_path / "tool.toml").joint("jaw").upper == 2.0
+    assert read_parquet(tmp_path / "run.parquet").robot.joint("jaw").upper == 2.0
+    (tmp_path / "other.toml").write_text(TOOL.replace("jaw", "hook"))
+    with pytest.raises(RobotError, match=r"another robot called 'parquet_tool' than .*tool\.toml"):
+        get_robot(tmp_path / "other.toml")
+
+
+@pytest.mark.parametrize("robot", [{"name": "parquet_tool"}, 3, []])
+def test_a_damaged_robot_is_refused_in_one_line(
+    tmp_path: Path, recording: Recording, refusal: Refusal, robot: object
+) -> None:
+    path = tmp_path / "a.parquet"
+    write_parquet(recording, path)
+    table = pq.read_table(path)
+    header = json.loads(table.schema.metadata[b"truejoint"]) | {"robot": robot, "version": 1}
+    del header["sha256"]
+    pq.write_table(table.replace_schema_metadata({b"truejoint": json.dumps(header).encode()}), path)
+    message = refusal(lambda: read_parquet(path))
+    assert message.startswith(f"{path}: ")
+    assert "\n" not in message
+    assert message.count(path.name) == 1
+
+
+def test_a_header_without_units_describes_stamps_alone(tmp_path: Path) -> None:
+    path = tmp_path / "stamps.parquet"
+    write_parquet(Recording.from_columns({"t": [0.0, 1.0]}, "bros"), path)
+    header = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
+    del header["units"], header["sha256"]
+    bare = tmp_path / "bare.parquet"
+    _write(bare, header, {"t": np.array([0.0, 1.0])}, overwrite=False)
+    assert not read_parquet(bare).units
+
+
+@pytest.mark.parametrize("table", [np.zeros(3), pd.DataFrame({"t": [0.0], "note": ["a"]})])
+def test_only_a_table_of_numbers_is_one_of_corrected_positions(tmp_path: Path, table: Any) -> None:
+    with pytest.raises(RecordingError, match="give a table of numbers"):
+        write_corrected(table, tmp_path / "corrected.parquet")

@@ -1,0 +1,203 @@
+from __future__ import annotations
+
+import json
+import math
+from fractions import Fraction
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import Provenance, Recording, Stream
+from truejoint.recordings.table.recording import default_unit, runs, since_first
+from truejoint.robots import get_robot
+
+BROS = Provenance(robot="bros", source="bench.csv")
+
+
+def columns(**changed: object) -> dict[str, object]:
+    base: dict[str, object] = {
+        "t": [0.0, 0.1, 0.2],
+        "measured/joint1": [1.0, 2.0, 3.0],
+        "truth/joint1": [1.5, np.nan, 3.5],
+    }
+    base |= {name.replace("__", "/"): value for name, value in changed.items()}
+    return base
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"t": [0.0, 0.1, 0.1]}, "time stamp of row 2 goes back or repeats"),
+        ({"t": [0.0, 0.2, 0.1]}, r"row 2 goes back or repeats \(0.100000 s after 0.200000 s\)"),
+        ({"t": [0.0, np.nan, 0.1]}, "column 't' row 1 is nan"),
+        ({"measured__joint1": [1.0, np.nan, 2.0]}, "'measured/joint1' row 1 is nan; only truth"),
+        ({"measured__joint1": [1.0, np.inf, 2.0]}, "'measured/joint1' row 1 is inf"),
+        ({"truth__joint1": [1.0, np.inf, 2.0]}, "'truth/joint1' row 1 is inf"),
+    ],
+)
+def test_a_rule_that_is_broken_is_named(changed: dict[str, object], message: str) -> None:
+    with pytest.raises(RecordingError, match=message) as caught:
+        Recording.from_columns(columns(**changed), BROS)
+    assert str(caught.value).startswith("bench.csv: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_recording_needs_time_and_rows() -> None:
+    with pytest.raises(RecordingError, match="no column 't'"):
+        Recording.from_columns({"measured/joint1": [1.0, 2.0]}, BROS)
+    with pytest.raises(RecordingError, match="1 rows; a recording needs at least 2"):
+        Recording.from_columns({"t": [0.0], "measured/joint1": [1.0]}, BROS)
+
+
+def test_a_recording_is_of_something() -> None:
+    with pytest.raises(RecordingError, match="None is no provenance; give the robot's name"):
+        Recording.from_columns(columns(), None)  # type: ignore[arg-type]
+
+
+def test_columns_of_different_length_are_refused() -> None:
+    with pytest.raises(RecordingError, match=r"'measured/joint1' has shape \(2,\), 't' has \(3,\)"):
+        Recording.from_columns(columns(measured__joint1=[1.0, 2.0]), BROS)
+
+
+def test_error_is_what_is_to_be_added(recording: Recording) -> None:
+    error = recording.error(["joint1"])
+    corrected = recording.columns("measured", ["joint1"]) + error
+    assert np.allclose(corrected, recording.columns("truth", ["joint1"]), equal_nan=True)
+    assert np.isnan(error[20:30]).all()
+
+
+def test_rows_with_truth(recording: Recording) -> None:
+    known = recording.with_truth(["joint1"])
+    assert len(known) == 40
+    assert np.array_equal(known.t, np.delete(recording.t, np.arange(20, 30)))
+
+
+def test_an_unknown_column_is_refused_by_the_names_there_are(recording: Recording) -> None:
+    with pytest.raises(
+        RecordingError, match=r"no column 'truth/joint2'; it has t, measured/joint1"
+    ):
+        recording.column("truth/joint2")
+
+
+@pytest.mark.parametrize(
+    ("column", "unit"),
+    [
+        ("measured/insertion", "m"),
+        ("velocity/insertion", "m/s"),
+        ("effort/insertion", "Nm"),
+        ("truth_effort/insertion", "N"),
+        ("measured/unused", "rad"),
+        ("truth/elbow", "rad"),
+        ("motor/insertion", "rad"),
+        ("current/elbow", "A"),
+        ("vision/elbow", "1"),
+    ],
+)
+def test_units_of_raven_columns(column: str, unit: str) -> None:
+    assert default_unit(column, get_robot("raven2")) == unit
+
+
+def test_effort_of_a_prismatic_joint_that_measures_it_is_a_force() -> None:
+    assert default_unit("effort/outer_insertion", get_robot("dvrk_psm")) == "N"
+
+
+def test_provenance_survives_json() -> None:
+    provenance = Provenance("raven2", "left", load=math.nan, rates={"a": 1.0}, dropped={"b": 2})
+    again = Provenance.from_dict(provenance.to_dict())
+    assert again.to_dict() == provenance.to_dict()
+    assert provenance.to_dict()["load"] is None
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"arm": "left"},
+        {"robot": "bros", "colour": "red"},
+        {"robot": 3},
+        {"robot": "bros", "load": "heavy"},
+        {"robot": "bros", "rates": [1.0]},
+        {"robot": "bros", "dropped": {"x": "many"}},
+        {"robot": "bros", "source": None},
+    ],
+)
+def test_provenance_of_the_wrong_shape_is_refused(values: dict[str, object]) -> None:
+    with pytest.raises(RecordingError, match="provenance"):
+        Provenance.from_dict(values)
+
+
+def test_only_stamps_since_1970_are_shifted() -> None:
+    t, start = since_first(np.array([1.7e9, 1.7e9 + 0.5]))
+    assert start == 1.7e9
+    assert t.tolist() == [0.0, 0.5]
+    t, start = since_first(np.array([50.2, 50.3]))
+    assert math.isnan(start)
+    assert t.tolist() == [50.2, 50.3]
+
+
+@given(st.lists(st.booleans(), max_size=60))
+def test_runs_hold_what_is_true_and_nothing_else(same: list[bool]) -> None:
+    found = runs(np.array(same, dtype=bool))
+    assert [k for first, end in found for k in range(first, end)] == np.flatnonzero(same).tolist()
+    assert all(end < first for (_, end), (first, _) in pairwise(found))
+
+
+def test_arrays_are_copied_unless_they_are_handed_over() -> None:
+    columns = {"t": np.arange(3.0), "measured/jaw": np.zeros(3)}
+    copied = Recording.from_columns(columns, "davinci_grasper")
+    kept = Recording.from_columns(columns, "davinci_grasper", copy=False)
+    assert not np.shares_memory(copied.column("measured/jaw"), columns["measured/jaw"])
+    assert np.shares_memory(kept.column("measured/jaw"), columns["measured/jaw"])
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [{"load": "500 g"}, {"load": math.inf}, {"session": 5}, {"rates": None}, {"dropped": [1]}],
+)
+def test_provenance_that_no_file_could_keep_is_refused_when_it_is_made(stated: Any) -> None:
+    with pytest.raises(RecordingError, match=f"provenance: '{next(iter(stated))}' is"):
+        Provenance("bros", **stated)
+
+
+def test_numbers_of_numpy_are_kept_as_plain_ones() -> None:
+    rates = {"state": Fraction(61, 2)}
+    made = Provenance("bros", load=np.float32(0.5), rates=rates, dropped={"x": np.int64(3)})
+    kept = json.loads(json.dumps(made.to_dict()))
+    assert (kept["rates"], kept["dropped"]) == ({"state": 30.5}, {"x": 3})
+    assert made.load == 0.5
+
+
+def test_a_unit_that_is_not_of_si_is_refused_with_what_to_do() -> None:
+    with pytest.raises(RecordingError, match=r"'deg', not SI; multiply it by 0.01745\d+ and state"):
+        Recording.from_columns(columns(), BROS, {"measured/joint1": "deg"})
+    with pytest.raises(RecordingError, match="unit of 'measured/joint1' is 5, not SI"):
+        Recording.from_columns(columns(), BROS, {"measured/joint1": 5})  # type: ignore[dict-item]
+
+
+def test_columns_of_no_joint_are_none(recording: Recording) -> None:
+    assert recording.columns("truth", []).shape == (len(recording), 0)
+
+
+@pytest.mark.parametrize("count", [10**400, -(10**400)])
+def test_a_whole_number_beyond_any_float_is_refused(count: int) -> None:
+    with pytest.raises(RecordingError, match="provenance: 'load' is"):
+        Provenance("bros", load=count)
+    with pytest.raises(RecordingError, match="too large to convert to float"):
+        Recording.from_columns({"t": [0, count]}, "bros")
+    with pytest.raises(RecordingError, match=r"'truth/joint1'.* too large .*; give numbers"):
+        Stream([0.0], {"truth/joint1": [count]})  # type: ignore[arg-type]
+
+
+def test_one_row_is_no_recording(recording: Recording) -> None:
+    with pytest.raises(RecordingError, match="1 rows; a recording needs at least 2"):
+        recording.rows(5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("selection", [[True, False], np.array([10**6]), "a"])
+def test_rows_that_a_recording_has_not_are_refused(recording: Recording, selection: Any) -> None:
+    with pytest.raises(RecordingError, match="give a slice, numbers of rows, or a mask of all"):
+        recording.rows(selection)

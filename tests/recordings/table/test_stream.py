@@ -1,0 +1,137 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import Stream, synchronise
+from truejoint.recordings.table.stream import (
+    AFTER,
+    BACK,
+    BEFORE,
+    GAP,
+    MISSING,
+    forward_rows,
+)
+
+
+def stream(t: np.ndarray, **columns: np.ndarray) -> Stream:
+    return Stream(np.asarray(t, float), {n: np.asarray(v, float) for n, v in columns.items()})
+
+
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    state_rate=st.floats(5, 200),
+    truth_rate=st.floats(50, 200),
+    jitter=st.floats(0, 0.45),
+    offset=st.floats(-0.5, 0.5),
+)
+def test_equals_interpolation_where_there_is_no_gap(
+    seed: int, state_rate: float, truth_rate: float, jitter: float, offset: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(60) / state_rate
+    u = (np.arange(200) + jitter * rng.uniform(-1, 1, 200)) / truth_rate + offset
+    x = rng.normal(size=200)
+    columns, dropped = synchronise(stream(t, a=np.sin(t)), stream(u, x=x), gap_limit=1.0)
+    inside = (t >= u[0]) & (t <= u[-1])
+    assert np.array_equal(columns["t"], t)
+    assert np.array_equal(columns["a"], np.sin(t))
+    assert np.array_equal(columns["x"][inside], np.interp(t[inside], u, x))
+    assert np.isnan(columns["x"][~inside]).all()
+    before, after = int((t < u[0]).sum()), int((t > u[-1]).sum())
+    assert dropped == {k: n for k, n in ((BEFORE, before), (AFTER, after)) if n}
+
+
+@given(seed=st.integers(0, 2**32 - 1), limit=st.floats(0.02, 0.2))
+def test_never_interpolates_across_a_gap(seed: int, limit: float) -> None:
+    rng = np.random.default_rng(seed)
+    t = np.arange(300) * 0.01
+    u = np.cumsum(rng.exponential(0.05, 80))
+    columns, dropped = synchronise(stream(t), stream(u, x=u), gap_limit=limit)
+    gaps = 0
+    for stamp, value in zip(t, columns["x"], strict=True):
+        if stamp in u:
+            assert value == stamp
+        elif stamp < u[0] or stamp > u[-1]:
+            assert np.isnan(value)
+        else:
+            width = u[u > stamp][0] - u[u < stamp][-1]
+            if width > limit:
+                gaps += 1
+                assert np.isnan(value)
+            else:
+                assert value == pytest.approx(stamp, abs=1e-12)
+    assert dropped.get(GAP, 0) == gaps
+
+
+def test_truth_that_stops_half_way_stays_visible() -> None:
+    t = np.arange(100) * 0.03
+    u = np.arange(150) * 0.01
+    columns, dropped = synchronise(stream(t), stream(u, x=u), 0.05)
+    assert len(columns["t"]) == 100
+    assert dropped == {AFTER: 50}
+    assert np.isnan(columns["x"][50:]).all()
+    assert not np.isnan(columns["x"][:50]).any()
+
+
+def test_a_reading_at_the_very_stamp_counts_even_beside_a_gap() -> None:
+    columns, dropped = synchronise(
+        stream([0.0, 1.0, 1.5, 2.0]), stream([0.0, 1.0, 2.0], x=[5.0, 6.0, 7.0]), 0.1
+    )
+    assert columns["x"].tolist()[:2] == [5.0, 6.0]
+    assert np.isnan(columns["x"][2])
+    assert columns["x"][3] == 7.0
+    assert dropped == {GAP: 1}
+
+
+def test_rows_that_cannot_be_used_are_counted() -> None:
+    t = np.arange(40) * 0.1
+    t[10] = 99.0  # a stray stamp ahead: only this row goes
+    a = np.ones(40)
+    a[20] = np.nan
+    u = np.arange(400) * 0.01
+    u[100] = u[99]
+    x = u.copy()
+    x[50] = np.nan
+    columns, dropped = synchronise(stream(t, a=a), stream(u, x=x), 0.05)
+    assert dropped == {f"{s}: {why}": 1 for s in ("state", "truth") for why in (BACK, MISSING)}
+    assert len(columns["t"]) == 38
+    assert np.allclose(columns["x"], columns["t"])
+
+
+def test_a_clock_that_is_set_back_for_good_is_refused() -> None:
+    t = np.concatenate([np.arange(50) * 0.1, np.arange(50) * 0.1 - 3600])
+    with pytest.raises(RecordingError, match=r"state: the clock goes back at row 50"):
+        synchronise(stream(t), stream([0.0, 1.0], x=[0.0, 0.0]), 1.0)
+
+
+@given(st.lists(st.floats(-10, 10) | st.just(np.nan), max_size=30))
+def test_rows_kept_go_forward(values: list[float]) -> None:
+    t = np.array(values)
+    keep = forward_rows(t)
+    assert (np.diff(t[keep]) > 0).all()
+    if np.isfinite(t).all() and (np.diff(t) > 0).all():
+        assert keep.all()
+    if np.isfinite(t).any():
+        assert keep.any()
+
+
+def test_angles_are_not_wrapped() -> None:
+    columns, _ = synchronise(stream([0.5] * 1 + [0.75]), stream([0.0, 1.0], x=[3.1, -3.1]), 2.0)
+    assert columns["x"] == pytest.approx([0.0, -1.55])
+
+
+@pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])
+def test_a_gap_limit_must_be_positive(limit: float) -> None:
+    with pytest.raises(RecordingError, match="gap limit"):
+        synchronise(stream([0.0, 1.0]), stream([0.0, 1.0], x=[0.0, 0.0]), limit)
+
+
+def test_streams_need_rows_and_matching_columns() -> None:
+    with pytest.raises(RecordingError, match="truth: 1 usable rows"):
+        synchronise(stream([0.0, 1.0]), stream([0.0], x=[0.0]), 1.0)
+    with pytest.raises(RecordingError, match=r"column 'x' has shape \(2,\)"):
+        stream([0.0, 1.0, 2.0], x=[0.0, 0.0])

@@ -1,0 +1,109 @@
+"""Tests of the stream file: whatever ends a recorder, what it wrote is there."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from truejoint.errors import RecordingError
+from truejoint.recordings import read_recording
+from truejoint.recordings.table.stream_file import StreamWriter, read_streams
+from truejoint.robots import get_robot
+
+ROBOT = get_robot("forceps")
+HEADER = {
+    "provenance": {"robot": "forceps"},
+    "robot": ROBOT.to_dict(),
+    "gap_limit": 0.05,
+    "state_rate": None,
+}
+BLOCKS = 6
+
+
+def write(path: Path) -> list[int]:
+    """Six blocks of ten rows of the state and five of the truth; sizes after each pair."""
+    writer, ends = StreamWriter(path, HEADER), []
+    for k in range(BLOCKS):
+        t = k + np.arange(10) * 0.1
+        writer.write("state", t, {"measured/jaw": np.sin(t), "motor/jaw": 30.0 * np.sin(t)})
+        writer.write("truth", t[::2], {"truth/jaw": np.sin(t[::2]) + 0.01})
+        ends.append(writer.size)
+    writer.close()
+    return ends
+
+
+def test_a_whole_file_gives_all_streams(tmp_path: Path) -> None:
+    write(tmp_path / "run.arrows")
+    header, streams, end = read_streams(tmp_path / "run.arrows")
+    assert header["gap_limit"] == 0.05
+    assert (len(streams["state"].t), len(streams["truth"].t), end) == (60, 30, "")
+    t = streams["state"].t
+    assert np.array_equal(streams["state"].columns["motor/jaw"], 30.0 * np.sin(t))
+    recording = read_recording(tmp_path / "run.arrows")
+    assert recording.units["measured/jaw"] == "rad"
+    assert recording.joints_of("truth") == ("jaw",)
+
+
+@settings(max_examples=60)
+@given(share=st.floats(0.0, 1.0))
+def test_cut_anywhere_it_gives_the_blocks_before(tmp_path: Path, share: float) -> None:
+    whole, cut = tmp_path / "run.arrows", tmp_path / "cut.arrows"
+    whole.unlink(missing_ok=True)
+    ends = write(whole)
+    content = whole.read_bytes()
+    size = round(share * len(content))
+    cut.write_bytes(content[:size])
+    try:
+        _, streams, end = read_streams(cut)
+    except RecordingError:
+        assert size < ends[0]
+        return
+    assert bool(end) == (size < len(content) - 8)  # the stream ends in 8 bytes that say nothing
+    pairs = sum(end <= size for end in ends)
+    state = streams.get("state")
+    found = 0 if state is None else len(state.t)
+    assert found in (10 * pairs, 10 * pairs + 10)
+    if state is not None:
+        assert np.array_equal(state.columns["measured/jaw"], np.sin(state.t))
+
+
+@settings(max_examples=150)
+@given(data=st.data())
+def test_a_flipped_bit_is_never_read_as_another_value(tmp_path: Path, data: st.DataObject) -> None:
+    whole, flipped = tmp_path / "run.arrows", tmp_path / "flipped.arrows"
+    if not whole.exists():
+        write(whole)
+    content = bytearray(whole.read_bytes())
+    at = data.draw(st.integers(0, len(content) - 1))
+    content[at] ^= 1 << data.draw(st.integers(0, 7))
+    flipped.write_bytes(content)
+    try:
+        _, streams, _ = read_streams(flipped)
+    except RecordingError:
+        return
+    _, expected, _ = read_streams(whole)
+    for name, stream in streams.items():
+        n = len(stream.t)
+        assert np.array_equal(stream.t, expected[name].t[:n])
+        for column, values in stream.columns.items():
+            assert np.array_equal(values, expected[name].columns[column][:n])
+
+
+def test_what_is_no_such_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "run.arrows"
+    path.write_text("not a stream")
+    with pytest.raises(RecordingError, match="is no stream of a recorder"):
+        read_streams(path)
+    with pytest.raises(RecordingError, match="choose another name"):
+        StreamWriter(path, {})
+    path.unlink()
+    StreamWriter(path, {}).close()
+    with pytest.raises(RecordingError, match="header is damaged"):
+        read_recording(path)
+    path.unlink()
+    writer = StreamWriter(path, HEADER)
+    writer.close()
+    with pytest.raises(RecordingError, match="0 rows"):
+        read_recording(path)
