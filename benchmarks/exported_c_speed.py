@@ -37,9 +37,9 @@ from truejoint.export.export_c import export_c
 from truejoint.motion import follow, zigzag
 from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.recordings import Recorder, Recording
-from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies.forceps.record_forceps import record_forceps
 from truejoint.studies.wrist import motions
 
 ESTIMATORS = ("offset", "linear", "poly2", NeuralNetwork(epochs=5))

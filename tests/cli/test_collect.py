@@ -9,7 +9,7 @@ import pytest
 from truejoint.cli import inputs
 from truejoint.crtk import SimulatedBackend, TruthBlock
 from truejoint.motion import Trajectory, read_trajectory, write_trajectory
-from truejoint.recordings import read_parquet, read_recorded_topics, serial_sensors
+from truejoint.recordings import joint_encoders, read_parquet, read_recorded_topics
 
 SHORT = "0.5,1.55,0.4\n0.5,1.57,0.4\n"  # of RAVEN-II
 
@@ -182,7 +182,7 @@ class FakeEncoders:
 
 
 def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, monkeypatch):
-    monkeypatch.setattr(serial_sensors, "JointEncoders", FakeEncoders)
+    monkeypatch.setattr(joint_encoders, "JointEncoders", FakeEncoders)
     path = tmp_path / "short.csv"
     path.write_text(SHORT)
     made = call("collect", path, "-o", tmp_path, "--encoders", "/dev/ttyX")

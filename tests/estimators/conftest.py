@@ -12,9 +12,9 @@ from tests.runtime.registered import forceps
 
 from truejoint.estimators.jaw.base import JawEstimator
 from truejoint.recordings import Recording
-from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
+from truejoint.studies.forceps.record_forceps import record_forceps
 
 Model = TypeVar("Model", bound=JawEstimator)
 

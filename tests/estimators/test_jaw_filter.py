@@ -9,10 +9,10 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import JawFilter
 from truejoint.estimators.jaw.run import COMPENSATIONS, rest_spread
 from truejoint.motion.forceps_trajectories import calibration_trajectory
-from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
+from truejoint.studies.forceps.record_forceps import record_forceps
 
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 

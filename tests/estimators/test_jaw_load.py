@@ -16,12 +16,12 @@ from truejoint.estimators.jaw_load.stiffness import (
     identify_stiffness,
 )
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
-from truejoint.recordings.forceps import record_forceps
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies.forceps.load import effective_stiffness, rocking_test
+from truejoint.studies.forceps.record_forceps import record_forceps
 
 # Off Table 1: a thicker jaw pulley, a smaller wheel, another gear.
 OFF = {

@@ -20,10 +20,10 @@ from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording
-from truejoint.recordings.forceps import record_forceps
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies.forceps.record_forceps import record_forceps
 from truejoint.studies.wrist import motions
 
 from . import streams

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from truejoint.motion.follow import Steering
+    from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.recordings.recorder import TruthSource
-    from truejoint.recordings.serial_sensors import JointEncoders
     from truejoint.recordings.table.stream_file import StreamSize
 
 _REZERO: Final = 10.0  # of random motion [s]
@@ -363,7 +363,7 @@ def _parse_topics(texts: list[str]) -> dict[str, float]:
 
 def _encoders(device: truejoint.crtk.Arm, port: str) -> JointEncoders:
     """Joint encoders on a serial port, stamped by the arm's clock."""
-    from truejoint.recordings.serial_sensors import JointEncoders  # noqa: PLC0415
+    from truejoint.recordings.joint_encoders import JointEncoders  # noqa: PLC0415
 
     return JointEncoders(port, device.robot.encoders, clock=lambda: device.time)
 

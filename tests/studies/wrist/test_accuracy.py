@@ -10,11 +10,11 @@ import pytest
 from truejoint.drawing import png
 from truejoint.errors import StudyError, TruejointError
 from truejoint.estimators.cables import learn as cable_filter
-from truejoint.recordings.wrist import record_wrist
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies import get_study
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import judge, summarise
+from truejoint.studies.wrist.record_wrist import record_wrist
 
 FEW = {
     "free_s": "20", "loaded_s": "12", "test_s": "8", "count": "1", "family": "measured",

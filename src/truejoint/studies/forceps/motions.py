@@ -15,12 +15,12 @@ from truejoint.errors import TruejointError
 from truejoint.motion import Trajectory, nested_motion
 from truejoint.motion import forceps_trajectories as paths
 from truejoint.recordings import Recording
-from truejoint.recordings.forceps import record_forceps
 from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.specimens import specimen as shipped
+from truejoint.studies.forceps.record_forceps import record_forceps
 from truejoint.studies.study import Settings
 
 Plain = Mapping[str, Mapping[str, Any]]

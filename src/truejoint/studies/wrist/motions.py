@@ -10,10 +10,10 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.recordings import Recording
-from truejoint.recordings.wrist import record_wrist
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.twin import WristTwin
+from truejoint.studies.wrist.record_wrist import record_wrist
 
 # Centre and half width [rad] of pitch, yaw and opening: the jaws stay apart by 8 deg and more.
 _CENTRE: Final = np.radians([0.0, 0.0, 24.0])

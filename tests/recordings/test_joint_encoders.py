@@ -1,4 +1,4 @@
-"""Tests of truejoint.recordings.serial_sensors, over a real pseudo-terminal."""
+"""Tests of truejoint.recordings.joint_encoders, over a real pseudo-terminal."""
 
 import os
 import pty
@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.serial_sensors import ForceGauge, JointEncoders
+from truejoint.recordings.joint_encoders import JointEncoders
 from truejoint.robots.raven2.hardware import JOINT_ENCODERS
 
 pytest.importorskip("serial", reason="pyserial is not installed")
@@ -114,7 +114,7 @@ def test_a_line_without_end_is_given_up(line):
 
 
 def test_an_unplugged_sensor_is_opened_again(line, monkeypatch, tmp_path):
-    monkeypatch.setattr("truejoint.recordings.serial_sensors.RECONNECT", 0.01)
+    monkeypatch.setattr("truejoint.recordings.joint_encoders.RECONNECT", 0.01)
     port = tmp_path / "encoders"
     port.symlink_to(line.port)
     again = Line()
@@ -158,35 +158,23 @@ def test_refusals(tmp_path):
         JointEncoders("x", ())
 
 
-def test_a_force_gauge_is_read_frame_by_frame(line):
-    with ForceGauge(line.port) as gauge:
-        told = Until(gauge)
-        line.send("+01.23")
-        line.send("-0.500\r\n x 2.0")
-        line.send("00+10.00")
-        blocks = told.wait(3)
-    values = [block.position[0, 0] for block in blocks]
-    assert values[:2] == [1.23, -0.5]
-    assert values[-1] == 10.0
-    assert gauge.garbage >= 1
-
-
 @given(st.lists(st.binary(max_size=20), max_size=20))
 def test_no_bytes_break_a_parser(pieces):
-    for sensor in (JointEncoders("none", JOINT_ENCODERS), ForceGauge("none")):
-        for piece in pieces:
-            sensor._take(piece)
-        assert len(sensor._waiting) <= 4096
+    sensor = JointEncoders("none", JOINT_ENCODERS)
+    for piece in pieces:
+        sensor._take(piece)
+    assert len(sensor._waiting) <= 4096
 
 
 def read_into_a_full_disk(line, raised=None):
     def full(block):
         raise RecordingError("the disk is full")
 
-    with ForceGauge(line.port) as gauge:
-        gauge.subscribe(full)
-        line.send("+01.23")
-        reached(lambda: gauge.messages == 1)
+    with JointEncoders(line.port, JOINT_ENCODERS) as encoders:
+        encoders._zero = np.zeros(3)
+        encoders.subscribe(full)
+        line.send("1_2_3\n")
+        reached(lambda: encoders.messages == 1)
         if raised is not None:
             raise raised
 

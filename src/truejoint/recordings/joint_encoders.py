@@ -1,0 +1,239 @@
+"""Temporary joint encoders on a serial line."""
+
+from __future__ import annotations
+
+import math
+import re
+import threading
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from typing import Any, Final, Self
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import RecordingError, words
+from truejoint.extras import require
+from truejoint.robots.blocks import TruthBlock
+from truejoint.robots.joint_encoder import JointEncoder
+
+RECONNECT: Final = 0.5
+"""Time between two tries to open a port that is gone [s]."""
+REGISTRATION: Final = 60.0
+"""Longest time that the counts during homing are kept for [s]."""
+_BAUD_RATE: Final = 115200
+_MOST_WAITING: Final = 4096  # bytes without a whole message: garbage
+_LARGEST: Final = 2**31
+
+
+class JointEncoders:
+    """Temporary joint encoders that send their counts as lines ``n1_n2_n3``.
+
+    They count from where they were switched on. While the arm homes, each joint goes to its hard
+    stop: `start_registration` before, `register` after, and the counts at the extreme become the
+    known position of the stop. Only then are positions reported.
+
+    The line is read in a thread, from entering to leaving. A line that is no message is counted and
+    left out; a port that is gone is opened again. If a listener raises, as a recorder does on a
+    full disk, reading stops, and leaving raises the error.
+
+    Parameters
+    ----------
+    port : str
+        Such as ``/dev/ttyACM0``, or what ``serial.serial_for_url`` takes.
+    encoders : sequence of JointEncoder
+        In the order of the numbers in a line, such as `Robot.encoders`.
+    clock : callable, optional
+        Gives the time stamp of a message when it is complete [s]: the arm's, for a recording.
+
+    Attributes
+    ----------
+    messages, garbage : int
+        How many lines were read, and how many were no message.
+    disconnections : int
+        How often the port was gone.
+
+    Raises
+    ------
+    TruejointError
+        If pyserial is not installed.
+    RecordingError
+        If there are no encoders; on entering, if the port cannot be opened.
+
+    References
+    ----------
+    uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/func_raven_joint_encodersIII.py
+
+    Examples
+    --------
+    >>> from truejoint.recordings.joint_encoders import JointEncoders
+    >>> line = JointEncoders("/dev/ttyACM0", arm.robot.encoders, clock=lambda: arm.time)
+    >>> with line as encoders:  # doctest: +SKIP
+    ...     encoders.start_registration()
+    ...     arm.home()
+    ...     encoders.register()
+    """
+
+    def __init__(
+        self,
+        port: str,
+        encoders: Sequence[JointEncoder],
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.port: Final = port
+        self.messages = self.garbage = self.disconnections = 0
+        self._serial: Any = require("serial", "serial", "a sensor on a serial line")
+        self._clock = clock
+        self._listeners: list[Callable[[TruthBlock], None]] = []
+        self._over = threading.Event()
+        self._waiting = b""
+        self._error: Exception | None = None  # of a listener
+        if not encoders:
+            raise RecordingError(
+                f"{port}: no encoders are stated for this robot; its file needs [[encoders]]"
+            )
+        self.encoders: Final = tuple(encoders)
+        directions = np.array([e.direction for e in encoders])
+        self._scale = np.array([e.resolution for e in encoders]) * directions
+        self._tolerance = np.array([e.tolerance for e in encoders])
+        self._upwards = np.where([e.end == "upper" for e in encoders], 1, -1) * directions
+        self._line = re.compile(rb"-?\d{1,10}" + rb"_-?\d{1,10}" * (len(encoders) - 1) + rb"\r?")
+        self._seen: list[Array] | None = None
+        self._began = math.nan
+        self._zero: Array | None = None  # counts at the hard stops
+
+    def __enter__(self) -> Self:
+        try:
+            line = self._open()
+        except (self._serial.SerialException, ValueError) as error:
+            raise RecordingError(
+                f"{self.port}: cannot be opened ({words(error)}); check the "
+                "cable, the name and who else uses it"
+            ) from None
+        self._over.clear()
+        self._thread = threading.Thread(target=self._read, args=(line,), daemon=True)
+        self._thread.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._over.set()
+        self._thread.join()
+        error, self._error = self._error, None
+        if error is not None and kind is None:
+            raise error
+
+    def subscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Call `callback` with a TruthBlock for each message, in the thread that reads."""
+        self._listeners.append(callback)
+
+    def unsubscribe(self, callback: Callable[[TruthBlock], None]) -> None:
+        """Stop calling `callback`; one that is not subscribed is left alone."""
+        if callback in self._listeners:
+            self._listeners.remove(callback)
+
+    @property
+    def is_registered(self) -> bool:
+        """Whether the hard stops were registered, so that positions are reported."""
+        return self._zero is not None
+
+    def start_registration(self) -> None:
+        """Keep the counts from now on, for at most 60 s: the arm is going to its hard stops."""
+        self._zero, self._began, self._seen = None, self._clock(), []
+
+    def register(self) -> Array:
+        """Take the extremes since `start_registration` for the hard stops; gives their counts (n,).
+
+        The mean of all within the tolerance. Raises RecordingError if nothing was read, or a joint
+        did not move.
+        """
+        seen, self._seen = self._seen, None
+        if not seen:
+            raise RecordingError(
+                f"{self.port}: no counts were read during the homing ({self.garbage} lines of "
+                "garbage); check the cable and the encoders' power"
+            )
+        counts = np.array(seen)
+        still = counts.max(axis=0) - counts.min(axis=0) <= self._tolerance
+        if still.any():
+            joint = self.encoders[int(np.argmax(still))].joint
+            raise RecordingError(
+                f"{self.port}: the encoder of {joint} did not move during the homing; check that "
+                "it is fixed to the joint, and home again"
+            )
+        turned = counts * self._upwards
+        top = turned.max(axis=0)
+        at_stop = turned >= top - self._tolerance
+        zero = np.array([counts[rows, k].mean() for k, rows in enumerate(at_stop.T)])
+        self._zero = zero
+        return zero
+
+    def _open(self) -> Any:
+        return self._serial.serial_for_url(self.port, baudrate=_BAUD_RATE, timeout=0.1)
+
+    def _read(self, line: Any) -> None:
+        while not self._over.is_set():
+            try:
+                received = line.read(max(1, line.in_waiting))
+            except (OSError, TypeError, self._serial.SerialException):
+                with suppress(Exception):
+                    line.close()
+                self.disconnections += 1
+                self._waiting = b""
+                line = self._opened_again()
+                continue
+            if received:
+                try:
+                    self._take(received)
+                except Exception as error:  # noqa: BLE001  # a listener's, whatever it is
+                    self._error = error
+                    break
+        if line is not None:
+            line.close()
+
+    def _opened_again(self) -> Any:
+        while not self._over.wait(RECONNECT):
+            with suppress(OSError, ValueError, self._serial.SerialException):
+                return self._open()
+        return None
+
+    def _take(self, received: bytes) -> None:
+        now = self._clock()
+        messages, self._waiting = self._parse(self._waiting + received)
+        if len(self._waiting) > _MOST_WAITING:
+            self._waiting = b""
+            self.garbage += 1
+        for values in messages:
+            if values is None:
+                self.garbage += 1
+                continue
+            self.messages += 1
+            block = self._position(now, values)
+            if block is not None:
+                for listener in tuple(self._listeners):
+                    listener(block)
+
+    def _parse(self, waiting: bytes) -> tuple[list[Array | None], bytes]:
+        """Messages of what was received, None for garbage, and the bytes of an unfinished line."""
+        *lines, rest = waiting.split(b"\n")
+        messages: list[Array | None] = []
+        for line in lines:
+            if not self._line.fullmatch(line):
+                messages.append(None)
+                continue
+            counts = [int(number) for number in line.split(b"_")]
+            good = all(abs(count) < _LARGEST for count in counts)
+            messages.append(np.array(counts, dtype=np.float64) if good else None)
+        return messages, rest
+
+    def _position(self, t: float, values: Array) -> TruthBlock | None:
+        """Positions at counts (n,); None before the hard stops are registered."""
+        seen = self._seen  # which `register` may take away meanwhile
+        if seen is not None and t - self._began <= REGISTRATION:
+            seen.append(values)
+        if self._zero is None:
+            return None
+        stops = np.array([encoder.hard_stop for encoder in self.encoders])
+        position = stops + self._scale * (values - self._zero)
+        return TruthBlock(np.array([t]), tuple(e.joint for e in self.encoders), position[None])
