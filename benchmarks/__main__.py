@@ -18,7 +18,7 @@ BENCHMARKS = (
     "twin_speed", "stopping", "compensation", "following", "recorder", "forceps_speed",
     "filter_speed", "corrector_speed", "exported_c_speed", "step_speed", "bag_extraction",
     "speed_training", "beyond_chance", "clock_offset", "histories", "beginnings", "sensor_floors",
-    "pose_network", "raven_estimators", "grasper", "tracker", "wrist_tool", "moved_zeros",
+    "raven_estimators", "grasper", "tracker", "wrist_tool", "moved_zeros",
     "told_mechanism", "play_widths", "data_check", "training_outliers", "staleness",
     "lab_recordings", "automatic_choice", "interval_coverage", "faults", "disk_faults",
     "effort_monitor", "touch", "monitor", "soak", "paced_loop", "ros_node",

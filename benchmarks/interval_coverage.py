@@ -69,8 +69,8 @@ FILES = (20, 5, 3, 2)  # of the grasper's fifty, drawn at random
 JUDGED = 10  # others
 MOTION = 60.0  # [s] after each homing
 ESTIMATORS = (
-    "linear", "poly2", "dnn", "pose_network", "linear_trees", "network_forest", "rich_play",
-    "rich_trees", "coupled_play", "run_out", "gp", "gp_lowpass", "gru", "lstm", "tcn",
+    "linear", "poly2", "dnn", "linear_trees", "rich_play",
+    "rich_trees", "coupled_play", "run_out", "gp", "gp_lowpass", "gru", "tcn",
     "ukf_elastic", "hybrid", AUTO,
 )  # fmt: skip
 RATE = 100.0  # [Hz] that these are thinned to

@@ -50,7 +50,6 @@ MIRRORS = {
     "models/feature_kernels": ("tests/models/test_features.py",),
     "models/polynomial": ("tests/estimators/test_regressors.py",),
     "models/offset": ("tests/estimators/test_regressors.py",),
-    "models/scikit_learn": ("tests/estimators/test_wrapped.py",),
     "runtime/compensated": ("tests/runtime/test_compensator.py",),
     "runtime/compensation": ("tests/runtime/test_compensator.py",),
     "runtime/loop_gain": ("tests/runtime/test_compensator.py",),

@@ -24,7 +24,7 @@ NETWORK = "dnn"
 SPECIMEN = "peng2024"
 USUAL = (
     "linear", "poly2_ridge", "run_out", "rich_play", "rich_trees", "coupled_play", "linear_trees",
-    "gp", "gru", "network_forest", "auto",
+    "gp", "gru", "auto",
 )  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def two_joints(seed: int) -> Recording:
 def test_each_joint_gets_what_suits_it(tmp_path):
     recordings = [two_joints(seed) for seed in range(4)]
     model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
-    assert model.estimator == "combination"
+    assert model.estimator == "stack"
     tried = told(model)
     assert tried["poly2"]["weights"] == {"shoulder": 1.0, "elbow": 0.0}
     assert tried["linear"]["weights"] == {"shoulder": 0.0, "elbow": 1.0}
@@ -431,7 +431,8 @@ def test_what_takes_columns_that_recordings_lack_is_passed_by():
 
 def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):
     monkeypatch.setattr("truejoint.calibration.choose.GAIN", -20.0)  # nothing is so good
-    monkeypatch.setitem(registry._ESTIMATORS["ukf_elastic"].params, "elements", 1)
+    small = registry.PRESETS["ukf_elastic"]._replace(params={"elements": 1})
+    monkeypatch.setitem(registry.PRESETS, "ukf_elastic", small)
     recordings = [grasper(seed) for seed in range(3)]
     model = calibrate(recordings, Automatic([get_estimator("ukf_elastic")]), fit_rate=20.0)
     assert model.estimator == "linear"
@@ -440,7 +441,8 @@ def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):
 
 
 def test_what_learns_a_filters_residual_is_tried_without_the_filter_too(monkeypatch):
-    monkeypatch.setitem(registry._ESTIMATORS["ukf_elastic"].params, "elements", 1)
+    small = registry.PRESETS["ukf_elastic"]._replace(params={"elements": 1})
+    monkeypatch.setitem(registry.PRESETS, "ukf_elastic", small)
     both = Combination(("ukf_elastic", "poly2_ridge"))
     recordings = [grasper(seed) for seed in range(3)]
     model = calibrate(recordings, Automatic([get_estimator("poly2_ridge"), both]), fit_rate=20.0)

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from sklearn.neighbors import KNeighborsRegressor
 from tests.cli.conftest import Call
 
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
@@ -97,22 +96,6 @@ def test_a_recording_that_begins_with_truth_is_re_zeroed(
     refused = call(*arguments, tmp_path / "b.csv", "--rezero-s", "-1", *ANYHOW)
     assert refused.code == 2
     assert "give more than 0 s" in refused.err
-
-
-def test_an_estimator_of_whole_recordings_corrects_without_judging(
-    call: Call, session: Path, tmp_path: Path
-) -> None:
-    recording = session / "random.parquet"
-    offline = calibrate(read_recording(session / "zigzag.parquet"), KNeighborsRegressor())
-    assert offline.model.family.row is None
-    write_calibration(offline, tmp_path / "m.st")
-    assert (
-        call("correct", tmp_path / "m.st", recording, "-o", tmp_path / "a.csv", *ANYHOW).code == 0
-    )
-    found = pd.read_csv(tmp_path / "a.csv")
-    assert set(found["status"]) == {"NOT_JUDGED"}
-    corrected = offline.correct(read_recording(recording))
-    np.testing.assert_array_equal(found["corrected/elbow"], corrected[:, 1])
 
 
 def test_stamps_since_1970_are_given_as_the_file_had_them(

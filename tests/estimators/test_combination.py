@@ -50,7 +50,7 @@ def model() -> Calibration:
 
 def data(members, weights=(1.0,)) -> EstimatorData:
     arrays = {"weights": np.array(weights), "0/offset": np.zeros(1)}
-    return EstimatorData("combination", {"members": members}, arrays)
+    return EstimatorData("stack", {"members": members}, arrays)
 
 
 def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
@@ -61,9 +61,9 @@ def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
     # Networks that are fitted to one joint are others than those of both.
     np.testing.assert_allclose(found[:, 1], expected[:, 1], rtol=0, atol=5e-3)
     families = [family for family, *_ in model().model.model_params()["members"]]
-    assert families == ["polynomial", "network", "recurrent", "combination"]
+    assert families == ["polynomial", "network", "network.recurrent", "stack"]
     again = model().model.settled()
-    assert [one.name for one in again.members] == ["linear", "dnn", "gru", "combination"]
+    assert [one.name for one in again.members] == ["linear", "dnn", "gru", "stack"]
     assert again.weights == tuple(row for row in WEIGHTS if any(row))
     assert len(Combination(EVERY_KIND, WEIGHTS).settled().members) == len(EVERY_KIND)
 
@@ -73,7 +73,7 @@ def test_it_steps_and_is_read_back_with_the_same_bits(tmp_path):
     write_calibration(model(), tmp_path / "m.safetensors")
     read = read_calibration(tmp_path / "m.safetensors")
     np.testing.assert_array_equal(read.correct(UNSEEN), whole)
-    assert read.model.name == "combination_with_memory"
+    assert read.model.name == "stack.combination_with_memory"
     corrector = ready(tmp_path / "m.safetensors", range_margin=1.0)
     samples = UNSEEN.table[list(corrector.signals)].to_numpy()
     state, good = model().start(), 0
@@ -164,12 +164,12 @@ def test_what_makes_no_combination_is_refused(members, weights, said):
 @pytest.mark.parametrize(
     ("members", "said"),
     [
-        ((("offset", {}, (1,)),), "outputs .1.; it must be each of 1"),
+        ((("polynomial.offset", {}, (1,)),), "outputs .1.; it must be each of 1"),
         ((("oracle", {}, (0,)),), "oracle"),
-        ((("offset", {"degree": 3}, (0,)),), "offset has parameters"),
-        ((("offset", {}, (0, 0)),), "1 to 10 members"),
-        ((("offset", {}, ([],)),), "1 to 10 members"),
-        ((("offset", {}),), "1 to 10 members"),
+        ((("polynomial.offset", {"degree": 3}, (0,)),), "offset has parameters"),
+        ((("polynomial.offset", {}, (0, 0)),), "1 to 10 members"),
+        ((("polynomial.offset", {}, ([],)),), "1 to 10 members"),
+        ((("polynomial.offset", {}),), "1 to 10 members"),
     ],
 )
 def test_damaged_members_of_a_file_are_refused(members, said):
@@ -178,15 +178,15 @@ def test_damaged_members_of_a_file_are_refused(members, said):
 
 
 def test_sums_within_sums_have_an_end():
-    members = (("offset", {}, (0,)),)
+    members = (("polynomial.offset", {}, (0,)),)
     for depth in range(1, 40):
         assert FAMILY.rules["members"].holds(members) == (depth <= 3)
-        members = (("combination", {"members": members}, (0,)),)
+        members = (("stack", {"members": members}, (0,)),)
 
 
 def test_the_registered_one_is_called_so():
     assert get_estimator("linear_trees").name == "linear_trees"
-    assert Combination((LinearRegressor(),)).name == "combination"
+    assert Combination((LinearRegressor(),)).name == "stack"
 
 
 def test_other_members_make_another_family_of_it():
@@ -203,7 +203,7 @@ def test_names_stay_where_nothing_else_is_known_of_their_members():
     robot = get_robot("davinci_grasper")
     assert plain.for_features(names, robot, ("jaw",)).members == plain.members
     told = paired.for_features(names, robot, ("jaw",))
-    assert told.name == "combination_with_filter"
+    assert told.name == "stack.combination_with_filter"
     assert told.members[1].pairs == ((0, 1),)
 
 
@@ -222,5 +222,5 @@ def test_what_a_physical_filter_leaves_is_learnt_from_its_features():
         np.testing.assert_array_equal(both.model.evaluate(X, dt), summed)
         before, after = before + np.var(filtered - truth), after + np.var(summed - truth)
     assert after < before
-    again = class_of("combination_with_filter").from_data(both.model.data, 2, 1)
+    again = class_of("stack.combination_with_filter").from_data(both.model.data, 2, 1)
     np.testing.assert_array_equal(again.evaluate(X, dt), summed)

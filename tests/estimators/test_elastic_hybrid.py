@@ -40,7 +40,7 @@ def rippled(seeds):
 @pytest.fixture(scope="module")
 def fitted():
     X, y, dt = rippled(range(6))
-    with patch.dict(registry._TREES["boosted_trees"].params, max_iter=40):
+    with patch.dict(registry.BOOSTED, max_iter=40):
         return fit(ElasticJointHybrid(elements=ELEMENTS), X, y, dt)
 
 
@@ -48,7 +48,7 @@ def filter_of(model):
     """Give the filter within."""
     filtered, *_ = elastic_hybrid.parts(model.model_params(), model.arrays_)
     params = {name: model.model_params()[name] for name in elastic_joint.FAMILY.rules}
-    return ElasticJointFilter.from_data(EstimatorData("elastic_joint", params, filtered), 2, 1)
+    return ElasticJointFilter.from_data(EstimatorData("motor_side", params, filtered), 2, 1)
 
 
 def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
@@ -80,7 +80,7 @@ def test_trees_learn_what_the_filters_responses_lack(fitted):
 
 def test_the_torque_does_not_change_the_angle(fitted):
     X, y, dt = rippled(range(6))
-    with patch.dict(registry._TREES["boosted_trees"].params, max_iter=40):
+    with patch.dict(registry.BOOSTED, max_iter=40):
         alone = clone(fitted).fit(X, y[:, :1], None, dt)
     X, _, dt = rippled([20])
     off = np.abs(alone.evaluate(X, dt) - fitted.evaluate(X, dt))
@@ -107,7 +107,7 @@ def test_trees_of_the_filter_do_not_smooth(fitted):
 def test_a_mean_tells_the_torque_of_its_member(fitted):
     recordings = [recording(seed) for seed in range(4)]
     members = ElasticJointHybrid(elements=ELEMENTS), PolynomialRegressor(1)
-    with patch.dict(registry._TREES["boosted_trees"].params, max_iter=10):
+    with patch.dict(registry.BOOSTED, max_iter=10):
         mean = Combination((Combination(members, ((0.9,), (0.1,))),), ((1.0,),))
         model = calibrate(recordings[:3], mean, fit_rate=25.0)
     unseen = recordings[3]

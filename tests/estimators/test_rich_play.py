@@ -264,7 +264,7 @@ def test_too_few_rows_are_refused():
 def test_a_model_with_a_memory_of_its_own_is_refused():
     model = RichPlay().fit(*slack(n=600))
     params = dict(model.model_params())
-    params["members"] = (("play_bank", dict(RichPlay().model_params()), ()),)
+    params["members"] = (("plays", dict(RichPlay().model_params()), ()),)
     with pytest.raises(CalibrationError, match="it must be one without a memory"):
         play_bank.FAMILY.shapes(params, 2, 1)
 

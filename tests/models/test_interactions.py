@@ -23,7 +23,9 @@ def test_a_row_is_linear_in_the_scaled_features_and_their_products():
     shapes = FAMILY.shapes({"first": 1, "crossed": 2, "squared": 0}, 3, 2)
     arrays = {name: rng.normal(size=shape) for name, shape in shapes.items()}
     X = rng.normal(size=(20, 3))
-    data = EstimatorData("interactions", {"first": 1, "crossed": 2, "squared": 0}, arrays)
+    data = EstimatorData(
+        "polynomial.interactions", {"first": 1, "crossed": 2, "squared": 0}, arrays
+    )
     found = evaluate(FAMILY, FAMILY.memory(data, 3, 2), X, np.zeros(20), 2)
     a, b, c = ((X - arrays["mean"]) * arrays["inverse_scale"]).T
     terms = np.column_stack([a, b, c, a * a, a * b])
@@ -35,7 +37,7 @@ def test_squares_multiply_too():
     params = {"first": 1, "crossed": 2, "squared": 1}
     arrays = {name: rng.normal(size=shape) for name, shape in FAMILY.shapes(params, 2, 1).items()}
     X = rng.normal(size=(20, 2))
-    memory = FAMILY.memory(EstimatorData("interactions", params, arrays), 2, 1)
+    memory = FAMILY.memory(EstimatorData("polynomial.interactions", params, arrays), 2, 1)
     found = evaluate(FAMILY, memory, X, np.zeros(20), 1)
     a, b = ((X - arrays["mean"]) * arrays["inverse_scale"]).T
     terms = np.column_stack([a, b, a * a, a * b, a * a * a, b * a * a])

@@ -24,7 +24,9 @@ def fitted(
     rng = np.random.default_rng(seed)
     params = PARAMS | {"units": units, "cell": cell}
     shapes = FAMILY.shapes(params, K, n_outputs)
-    return EstimatorData("recurrent", params, {n: rng.normal(size=s) for n, s in shapes.items()})
+    return EstimatorData(
+        "network.recurrent", params, {n: rng.normal(size=s) for n, s in shapes.items()}
+    )
 
 
 def predict(data: EstimatorData, X: np.ndarray, dt: np.ndarray) -> np.ndarray:

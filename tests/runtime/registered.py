@@ -92,11 +92,8 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
         "hidden_layer_sizes": (9, 7), "epochs": 2, "units": 5, "layers": 3, "random_state": 0
     }  # fmt: skip
     estimator.set_params(**{k: v for k, v in small.items() if k in estimator.get_params()})
-    network = {k: small[k] for k in ("hidden_layer_sizes", "epochs")}
     with (
-        patch.dict(registry._TREES["boosted_trees"].params, max_iter=5),
-        patch.dict(registry._TREES["random_forest"].params, n_estimators=4),
-        patch.dict(registry._ESTIMATORS["dnn"].params, network),
+        patch.dict(registry.BOOSTED, max_iter=5),
         patch.object(cable_filter, "_ROUNDS", 2),
         patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
     ):

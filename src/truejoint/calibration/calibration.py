@@ -293,7 +293,7 @@ def write_calibration(
     >>> read_calibration("jaw.safetensors").estimator
     'linear'
     """
-    find_family(as_calibration(calibration).model.family.name)
+    find_family(as_calibration(calibration).model.data.family)
     description, arrays = encode(calibration)
     write_model_file(path, description, arrays, overwrite=overwrite)
 

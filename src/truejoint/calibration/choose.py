@@ -18,9 +18,8 @@ from truejoint.calibration.rows import TrainingRows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold
 from truejoint.estimators.family import Target
-from truejoint.estimators.names import OFFSET
 from truejoint.estimators.polynomial.learn import FixedOffset, Raw
-from truejoint.estimators.registry import LINEAR
+from truejoint.estimators.registry import LINEAR, OFFSET
 from truejoint.estimators.stack.learn import Combination
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import FeatureSet

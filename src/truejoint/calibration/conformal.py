@@ -17,7 +17,7 @@ from truejoint.calibration.encoding import as_calibration
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
-from truejoint.estimators.names import OFFSET
+from truejoint.estimators.registry import OFFSET
 from truejoint.recordings.table.recording import as_recordings
 
 if TYPE_CHECKING:

@@ -280,7 +280,7 @@ def _with_extras(
 
 def _encode_estimator(model: JointRegressor) -> dict[str, Any]:
     params = {name: _plain(value) for name, value in model.model_params().items()}
-    return {"family": model.family.name, "params": params}
+    return {"family": model.data.family, "params": params}
 
 
 def _plain(value: Any) -> Any:

@@ -40,7 +40,7 @@ def formats() -> list[str]:
 
 def topics() -> list[str]:
     """List the CRTK topics that can be recorded, as ``NAME=``."""
-    return [f"{name}=" for name in truejoint.crtk.TOPICS]
+    return [f"{parameter}=" for parameter in truejoint.crtk.TOPICS]
 
 
 def directions() -> list[str]:
@@ -56,7 +56,9 @@ def profiles() -> list[str]:
 def settings(context: typer.Context) -> list[str]:
     """List the parameters of the estimator on the command line, as ``NAME=``."""
     name = context.params.get("estimator") or registry.DEFAULT
-    return [f"{parameter}=" for parameter in registry.parameter_names(name)]
+    if name not in truejoint.estimators.estimator_names():
+        return []
+    return [f"{parameter}=" for parameter in truejoint.estimators.get_estimator(name).get_params()]
 
 
 def estimators() -> list[str]:

@@ -12,7 +12,6 @@ from .jaw_load.stiffness import identify_stiffness as identify_stiffness
 from .motor_side.hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .network.learn import NeuralNetwork as NeuralNetwork
-from .network.pose_network import PoseNetwork as PoseNetwork
 from .network.sequence import RecurrentNetwork as RecurrentNetwork
 from .network.sequence import TemporalConvolution as TemporalConvolution
 from .plays.jaw_plays import GatedPlay as GatedPlay

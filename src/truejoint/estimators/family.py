@@ -19,6 +19,7 @@ from numba.extending import intrinsic
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import INTEGERS, VECTOR, address, call_address, compiled
 from truejoint.errors import CalibrationError
+from truejoint.estimators.registry import family_modules
 from truejoint.layout import Memory
 from truejoint.plugins import load_plugin, plugins
 
@@ -226,42 +227,15 @@ def only_joint(name: str, shapes: Mapping[str, Shape], n_outputs: int) -> dict[s
     return dict(shapes)
 
 
-_FAMILIES: Final = {
-    "cable_filter": "cables.run",
-    "cable_hybrid": "cables.hybrid_rows",
-    "cable_least_squares": "jaw.least_squares",
-    "combination": "stack.run",
-    "combination_with_filter": "stack.combination_with_filter",
-    "combination_with_memory": "stack.combination_with_memory",
-    "elastic_hybrid": "motor_side.hybrid_rows",
-    "elastic_joint": "motor_side.run",
-    "friction_filter": "jaw_load.run",
-    "gated_play": "plays.gated_rows",
-    "gaussian_process": "gp.run",
-    "interactions": "polynomial.interactions",
-    "jaw_filter": "jaw.run",
-    "network": "network.run",
-    "offset": "polynomial.offset",
-    "play": "plays.jaw_bank",
-    "play_bank": "plays.run",
-    "polynomial": "polynomial.run",
-    "recurrent": "network.recurrent",
-    "scikit_learn": "scikit_learn",
-    "temporal_convolution": "network.temporal_convolution",
-    "tool_network": "network.tool_network",
-    "trees": "trees.run",
-}
-"""Module of each family by its name."""
-
-
 def find_family(name: str) -> Family:
     """Family by the name that stands in model files; raises CalibrationError if there is none.
 
-    It is the ``FAMILY`` of a module of this package, or of another package's entry point in the
-    group ``truejoint.models``.
+    It is the ``FAMILY`` of a module that the registry names, or of another package's entry point in
+    the group ``truejoint.models``.
     """
-    if name in _FAMILIES:
-        return cast("Family", import_module(f"truejoint.estimators.{_FAMILIES[name]}").FAMILY)
+    modules = family_modules()
+    if name in modules:
+        return cast("Family", import_module(modules[name]).FAMILY)
     points = plugins("truejoint.models")
     if name in points:
         return cast("Family", load_plugin(points[name], Family))

@@ -1,34 +1,38 @@
-"""Every estimator by the name that a user writes; what learns is imported when asked for."""
+"""Every estimator by the name that a user writes; what learns is imported when asked for.
+
+A preset is a line: the class that learns, the module whose `FAMILY` runs what it learnt, and
+parameters. A new estimator is a folder beside this file, and a line here.
+"""
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Mapping
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.names import OFFSET
 from truejoint.plugins import plugins
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
+OFFSET: Final = "offset"  # errors are given as a percentage of its error
+RAW: Final = "raw"  # the measured position without a correction
 BASELINES: Final = (OFFSET, "linear", "poly2")
 """What every calibration carries along to be compared with."""
 LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
 AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
 DEFAULT: Final = "dnn"  # what is fitted where none is named
+BOOSTED_TREES: Final = "boosted_trees"  # of scikit-learn, as a member of a stack
 BESIDE_FILTER: Final = "rich_trees"  # what a choice tries on the signals of a filter with trees
 
 
-class _Line(NamedTuple):
-    """Where an estimator is, and how an automatic choice tries it."""
+class Preset(NamedTuple):
+    """A class with parameters, and how an automatic choice tries it."""
 
-    module: str  # of this package, or of scikit-learn
-    cls: str
-    params: Mapping[str, Any]  # that are not its defaults
+    learns: str  # class, with its module below this package
+    runs: str  # module below this package whose `FAMILY` runs it
+    params: Mapping[str, Any] = {}  # all that tell the presets of a class from each other
     tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
 
 
@@ -38,57 +42,64 @@ _SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256,
 
 Its epochs are those of the few thousand rows of a choice; over a million they would take minutes.
 """
-_ESTIMATORS: Final[dict[str, _Line]] = {
-    OFFSET: _Line("polynomial.learn", "FixedOffset", {}, {}),
-    "linear": _Line("polynomial.learn", "PolynomialRegressor", {"degree": 1}, {}),
-    "poly2": _Line("polynomial.learn", "PolynomialRegressor", {}),
-    "dnn": _Line("network.learn", "NeuralNetwork", {}, _SMALL),
-    "pose_network": _Line("network.pose_network", "PoseNetwork", {}),
-    "poly2_ridge": _Line("polynomial.ridge", "Ridge", {}, {}),
-    "linear_trees": _Line(
-        "stack.learn", "Combination", {"members": (LINEAR, "boosted_trees")}, {"rows": _MANY}
+
+
+def _plays(learner: str, *, couple: bool = False, turn: bool = False) -> Preset:
+    params = {"learner": learner, "couple": couple, "turn": turn}
+    return Preset("plays.learn.RichPlay", "plays.run", params, {})
+
+
+def _jaw_plays(*displacements: str) -> Preset:
+    return Preset("plays.jaw_plays.Play", "plays.jaw_bank", {"displacements": displacements})
+
+
+def _least_squares(*, intercept: bool = False, compensated: bool = False) -> Preset:
+    params = {"intercept": intercept, "compensated": compensated}
+    return Preset("jaw.learn.CableLeastSquares", "jaw.least_squares", params)
+
+
+PRESETS: Final[dict[str, Preset]] = {
+    OFFSET: Preset("polynomial.learn.FixedOffset", "polynomial.offset", {}, {}),
+    "linear": Preset("polynomial.learn.PolynomialRegressor", "polynomial.run", {"degree": 1}, {}),
+    "poly2": Preset("polynomial.learn.PolynomialRegressor", "polynomial.run", {"degree": 2}),
+    "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
+    "poly2_ridge": Preset("polynomial.ridge.Ridge", "polynomial.interactions", {}, {}),
+    "linear_trees": Preset(
+        "stack.learn.Combination",
+        "stack.run",
+        {"members": (LINEAR, BOOSTED_TREES)},
+        {"rows": _MANY},
     ),
-    "network_forest": _Line("stack.learn", "Combination", {"members": ("dnn", "random_forest")}),
-    "rich_play": _Line("plays.learn", "RichPlay", {"learner": "ridge"}, {}),
-    "rich_trees": _Line("plays.learn", "RichPlay", {"learner": "trees"}, {}),
-    "coupled_play": _Line("plays.learn", "RichPlay", {"learner": "trees", "couple": True}, {}),
-    "run_out": _Line("plays.learn", "RichPlay", {"learner": "ridge", "turn": True}, {}),
-    "gp": _Line("gp.learn", "GaussianProcess", {}, {}),
-    "gp_lowpass": _Line("plays.learn", "RichPlay", {"learner": "gaussian_process"}, {}),
-    "gru": _Line("network.sequence", "RecurrentNetwork", {"cell": "gated_unit"}),
-    "lstm": _Line("network.sequence", "RecurrentNetwork", {"cell": "long_short_term"}),
-    "tcn": _Line("network.sequence", "TemporalConvolution", {}),
-    "lsm": _Line("jaw.learn", "CableLeastSquares", {}),
-    "lsm_intercept": _Line("jaw.learn", "CableLeastSquares", {"intercept": True}),
-    "lsm_compensated": _Line("jaw.learn", "CableLeastSquares", {"compensated": True}),
-    "ukf": _Line("jaw.learn", "JawFilter", {}),
-    "ukf_compensated": _Line("jaw.learn", "JawFilter", {"compensation": "output"}),
-    "play_motor": _Line("plays.jaw_plays", "Play", {"displacements": ("motor",)}),
-    "play_drive": _Line("plays.jaw_plays", "Play", {"displacements": ("drive",)}),
-    "play_reset": _Line("plays.jaw_plays", "Play", {"displacements": ("reset",)}),
-    "play_both": _Line("plays.jaw_plays", "Play", {"displacements": ("reset", "motor")}),
-    "play_cables": _Line("plays.jaw_plays", "Play", {"displacements": ("reset", "drive")}),
-    "play_gated": _Line("plays.jaw_plays", "GatedPlay", {}),
-    "ukf_friction": _Line("jaw_load.learn", "FrictionFilter", {}),
-    "ukf_elastic": _Line("motor_side.learn", "ElasticJointFilter", {}),
-    "hybrid": _Line("motor_side.hybrid", "ElasticJointHybrid", {}, {}),
-    "ukf_cables": _Line("cables.learn", "CableFilter", {}),
-    "hybrid_cables": _Line("cables.hybrid", "CableHybrid", {}),
+    "rich_play": _plays("ridge"),
+    "rich_trees": _plays("trees"),
+    "coupled_play": _plays("trees", couple=True),
+    "run_out": _plays("ridge", turn=True),
+    "gp": Preset("gp.learn.GaussianProcess", "gp.run", {}, {}),
+    "gp_lowpass": _plays("gaussian_process"),
+    "gru": Preset("network.sequence.RecurrentNetwork", "network.recurrent"),
+    "tcn": Preset("network.sequence.TemporalConvolution", "network.temporal_convolution"),
+    "lsm": _least_squares(),
+    "lsm_intercept": _least_squares(intercept=True),
+    "lsm_compensated": _least_squares(compensated=True),
+    "ukf": Preset("jaw.learn.JawFilter", "jaw.run", {"compensation": "constant"}),
+    "ukf_compensated": Preset("jaw.learn.JawFilter", "jaw.run", {"compensation": "output"}),
+    "play_motor": _jaw_plays("motor"),
+    "play_drive": _jaw_plays("drive"),
+    "play_reset": _jaw_plays("reset"),
+    "play_both": _jaw_plays("reset", "motor"),
+    "play_cables": _jaw_plays("reset", "drive"),
+    "play_gated": Preset("plays.jaw_plays.GatedPlay", "plays.gated_rows"),
+    "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
+    "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
+    "hybrid": Preset("motor_side.hybrid.ElasticJointHybrid", "motor_side.hybrid_rows", {}, {}),
+    "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
+    "hybrid_cables": Preset("cables.hybrid.CableHybrid", "cables.hybrid_rows"),
 }
-_TREES: Final = {
-    "boosted_trees": _Line(
-        "sklearn.ensemble",
-        "HistGradientBoostingRegressor",
-        {"early_stopping": False, "random_state": 0},
-    ),
-    "random_forest": _Line(
-        "sklearn.ensemble",
-        "RandomForestRegressor",
-        {"n_estimators": 60, "min_samples_leaf": 5, "n_jobs": 1, "random_state": 0},
-    ),
-}
-"""Of scikit-learn, as members of a combination; they become arrays of ours."""
-OWN: Final = tuple(_ESTIMATORS)  # names of truejoint's own
+_COMPONENTS: Final = {"trees.run", "stack.combination_with_filter", "stack.combination_with_memory"}
+"""Modules that run what other estimators are made of."""
+BOOSTED: Final = {"early_stopping": False, "random_state": 0}
+"""Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
+OWN: Final = tuple(PRESETS)  # names of truejoint's own
 
 TITLES: Final = {
     OFFSET: ("Fixed offset", "the fixed offset"),
@@ -112,62 +123,34 @@ def estimator_names() -> tuple[str, ...]:
 
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
-    module, cls, own, _ = _ESTIMATORS[name]
-    return getattr(import_module(f"truejoint.estimators.{module}"), cls)(**own)
+    return class_of_preset(PRESETS[name])(**PRESETS[name].params)
 
 
-def parameter_names(name: str) -> tuple[str, ...]:
-    """Parameters of one of truejoint's own names, read from its source; none of another name.
-
-    A shell that completes a word cannot wait for what learns to be imported.
-    """
-    if name not in _ESTIMATORS:
-        return ()
-    module, cls = _ESTIMATORS[name].module, _ESTIMATORS[name].cls
-    found: dict[str, None] = {}
-    while module:  # and those that it inherits from, here
-        file = Path(__file__).parent.joinpath(*module.split(".")).with_suffix(".py")
-        source = file.read_text(encoding="utf-8")
-        body = ast.parse(source).body
-        classes = {node.name: node for node in body if isinstance(node, ast.ClassDef)}
-        while cls in classes:
-            for node in classes[cls].body:
-                if isinstance(node, ast.AnnAssign) and "ClassVar" not in ast.unparse(
-                    node.annotation
-                ):
-                    found[ast.unparse(node.target)] = None
-            cls = ast.unparse(classes[cls].bases[0])
-        imported, package = _imported_from(body, cls), f"{__package__}."
-        module = imported.removeprefix(package) if imported.startswith(package) else ""
-    return tuple(found)
-
-
-def _imported_from(body: list[ast.stmt], name: str) -> str:
-    """Give the module that a source takes a name from; none where it imports no such name."""
-    imports = (node for node in body if isinstance(node, ast.ImportFrom))
-    known = {alias.name: node.module or "" for node in imports for alias in node.names}
-    return known.get(name, "")
+def class_of_preset(preset: Preset) -> Any:
+    """Class that learns, imported."""
+    module, _, name = preset.learns.rpartition(".")
+    return getattr(import_module(f"{__package__}.{module}"), name)
 
 
 def member(name: str) -> Any:
-    """Unfitted regressor that a combination calls so: one of truejoint's own names, or of trees.
+    """Unfitted regressor that a stack calls so: one of truejoint's own names, or boosted trees.
 
     Raises CalibrationError if it is neither.
     """
-    if name in _TREES:
-        line = _TREES[name]
-        return getattr(import_module(line.module), line.cls)(**line.params)
+    if name == BOOSTED_TREES:
+        ensemble = import_module("sklearn.ensemble")
+        return ensemble.HistGradientBoostingRegressor(**BOOSTED)
     if name not in OWN:
-        raise CalibrationError(unknown("member", name, (*OWN, *_TREES)))
+        raise CalibrationError(unknown("member", name, (*OWN, BOOSTED_TREES)))
     return registered(name)
 
 
 def tried() -> list[Any]:
     """Unfitted estimators that an automatic choice tries."""
     return [
-        registered(name).set_params(**line.tried)
-        for name, line in _ESTIMATORS.items()
-        if line.tried is not None
+        registered(name).set_params(**preset.tried)
+        for name, preset in PRESETS.items()
+        if preset.tried is not None
     ]
 
 
@@ -177,16 +160,23 @@ def plugged_in() -> dict[str, EntryPoint]:
 
 
 def name_of(estimator: Any) -> str:
-    """Name under which an estimator of these parameters is registered; else that of its family."""
+    """Name of the preset of an estimator's class and parameters; else that of its family."""
     for cls in type(estimator).__mro__:
-        kinds = {
-            name: own
-            for name, (module, known, own, _) in _ESTIMATORS.items()
-            if (f"truejoint.estimators.{module}", known) == (cls.__module__, cls.__name__)
-        }
-        told_apart = {parameter for own in kinds.values() for parameter in own}
-        for name in kinds:
-            usual = registered(name)
-            if all(getattr(estimator, p) == getattr(usual, p) for p in told_apart):
+        learns = f"{cls.__module__}.{cls.__name__}".removeprefix(f"{__package__}.")
+        for name, preset in PRESETS.items():
+            same = (getattr(estimator, key) == value for key, value in preset.params.items())
+            if preset.learns == learns and all(same):
                 return name
     return str(estimator.family.name)
+
+
+def family_modules() -> dict[str, str]:
+    """Give the module of each family by its name: its path below this package without ``.run``."""
+    modules = sorted({preset.runs for preset in PRESETS.values()} | _COMPONENTS)
+    return {module.removesuffix(".run"): f"{__package__}.{module}" for module in modules}
+
+
+def preset_of_family(name: str) -> Preset | None:
+    """First preset that a family runs; None where there is none."""
+    module = family_modules().get(name, "").removeprefix(f"{__package__}.")
+    return next((preset for preset in PRESETS.values() if preset.runs == module), None)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import version
 from typing import Any, ClassVar, Final, Protocol, Self
 
 import numpy as np
@@ -13,15 +12,33 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators import archive, scikit_learn
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling, untold
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.family import EstimatorData, Family, Params, find_family
-from truejoint.estimators.registry import OWN, estimator_names, plugged_in, registered, tried
-from truejoint.estimators.trees.learn import convert, is_convertible_step
+from truejoint.estimators.registry import (
+    OWN,
+    class_of_preset,
+    estimator_names,
+    plugged_in,
+    preset_of_family,
+    registered,
+    tried,
+)
+from truejoint.estimators.trees.learn import convert
 from truejoint.plugins import call_plugin, load_plugin, origin
 
-_TRIED: Final = 1000  # most rows on which a regressor is compared with what it becomes
-_FEWER: Final = 5  # times fewer rows, to which it is fitted for that before a long fit
+_COMPARED: Final = 1000  # most rows on which a regressor is compared with what it becomes
+_FAMILY: Final = Family(
+    "scikit_learn",
+    rules={},
+    shapes=lambda _params, _k, n_outputs: dict.fromkeys(
+        ("target_mean", "target_scale"), (n_outputs,)
+    ),
+    offline=(
+        "is run by scikit-learn (linear models, trees, forests, boosted trees and logistic "
+        "networks are not)"
+    ),
+)
+"""A regressor that does not become arrays: it predicts in the process that fitted it."""
 
 
 class Regressor(Protocol):
@@ -43,7 +60,7 @@ class WrappedRegressor(JointRegressor):
     predicts a single output is fitted to each joint alone. What it has learnt becomes arrays of a
     family of ours where one computes the same (linear models, trees, forests, boosted trees,
     logistic networks, each also behind a scaler), and then runs in the loop and in C. Anything else
-    is run by scikit-learn, on recordings only, and is kept by the package skops.
+    is run by scikit-learn, on recordings only, and cannot be written to a model file.
 
     Parameters
     ----------
@@ -67,7 +84,7 @@ class WrappedRegressor(JointRegressor):
     ('trees', array([0., 1.]))
     """
 
-    family: ClassVar[Family] = scikit_learn.FAMILY
+    family: ClassVar[Family] = _FAMILY
     regressor: Any = None
 
     @property
@@ -80,7 +97,7 @@ class WrappedRegressor(JointRegressor):
         return 10 * (n_features + 1)
 
     def check_params(self) -> None:
-        """Raise CalibrationError if it is no regressor, or a step cannot be saved."""
+        """Raise CalibrationError if it is no regressor."""
         regressor = self.regressor
         what = f"{regressor!r:.60}".splitlines()[0]
         if isinstance(regressor, type):
@@ -97,8 +114,6 @@ class WrappedRegressor(JointRegressor):
         kind = getattr(_tags(regressor), "estimator_type", None)
         if kind not in (None, "regressor"):
             raise CalibrationError(f"{what} is a {kind}; give a regressor")
-        if not all(is_convertible_step(step) for _, step in getattr(regressor, "steps", [])[:-1]):
-            archive.check_savable(regressor)
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
         """Take any number of either: which family runs it is known once it is fitted."""
@@ -121,31 +136,25 @@ class WrappedRegressor(JointRegressor):
         estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
         estimator.single_output_ = False
         estimator.arrays_ = estimator._take(data)
-        if estimator.family is not scikit_learn.FAMILY:
-            estimator.memory()
-            return estimator
-        estimator.parts_ = archive.from_words(data.arrays["words"], int(data.params["n_bytes"]))
-        found = estimator._predict(data.arrays["probes"])
-        if not np.allclose(found, data.arrays["answers"], rtol=1e-6, atol=1e-9):
-            here, there = version("scikit-learn"), data.params["version"]
-            raise CalibrationError(
-                f"the regressor predicts otherwise with scikit-learn {here} than it did with "
-                f"{there}; install that one"
-            )
+        estimator.memory()
         return estimator
+
+    @property
+    def data(self) -> EstimatorData:
+        """The fitted estimator as data; CalibrationError if it did not become arrays."""
+        if self.family is _FAMILY:
+            raise CalibrationError(
+                f"{self.name} {_FAMILY.offline} and cannot run in a loop; it corrects recordings "
+                "only, and a model file cannot hold it"
+            )
+        return super().data
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         scales = scaling(X, y)
         mean, scale = scales["target_mean"], scales["target_scale"]
         scaled = (y - mean) / scale
-        every = -(-len(X) // _TRIED)
-        tried = np.ascontiguousarray(X[::every])
-        if every > 1:  # what fails, or cannot be kept, is refused before a long fit
-            first = slice(None, None, _FEWER)
-            self._fit_parts(tried[first], scaled[::every][first], untold)
-            self._kept(tried, mean, scale)
         self._fit_parts(X, scaled, progress)
-        return self._kept(tried, mean, scale)
+        return self._converted(np.ascontiguousarray(X[:: -(-len(X) // _COMPARED)]), mean, scale)
 
     def _fit_parts(self, X: Array, y: Array, progress: Progress) -> None:
         """Fit one clone to all columns of `y` (n, n_outputs) or, if it takes one, a clone each."""
@@ -162,39 +171,32 @@ class WrappedRegressor(JointRegressor):
                 part.fit(X, target)
             except Exception as error:  # code of others may raise anything
                 raise CalibrationError(
-                    f"{self.name} cannot be fitted: {archive.one_line(error)}"
+                    f"{self.name} cannot be fitted: {_one_line(error)}"
                 ) from error
             self.parts_.append(part)
             progress((number + 1) / len(targets))
 
-    def _kept(self, tried: Array, mean: Array, scale: Array) -> dict[str, Array]:
-        """Become data that a file can hold: of a family of ours, or an archive.
+    def _converted(self, rows: Array, mean: Array, scale: Array) -> dict[str, Array]:
+        """Become arrays of a family of ours, if they predict the same on `rows` (n, k).
 
-        It is tried on rows `tried` (n, k); `mean` and `scale` (n_outputs,) are of the targets.
+        `mean` and `scale` (n_outputs,) are of the targets.
         """
-        answers = self._predict(tried)
-        shape = tried.shape[1], len(mean)
+        answers = self._predict(rows)
+        shape = rows.shape[1], len(mean)
         try:
             data = convert(self.parts_, shape[0], mean, scale)
             if data is not None:
                 find_family(data.family).check(data, *shape)
                 arrays = self._take(data)
-                left = (self.evaluate(tried) - mean) / scale - answers
-                if (np.abs(left) <= 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))).all():
+                residuals = (self.evaluate(rows) - mean) / scale - answers
+                limit = 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))
+                if (np.abs(residuals) <= limit).all():
                     return arrays
         except CalibrationError as error:
             raise CalibrationError(f"{self.name}: {error}") from None
-        words, n_bytes = archive.to_words(self.parts_)
-        n_probes = min(len(tried), scikit_learn.MAX_PROBES)
-        params = {"n_bytes": n_bytes, "n_probes": n_probes, "version": version("scikit-learn")}
-        arrays = {
-            "words": words,
-            "target_mean": mean,
-            "target_scale": scale,
-            "probes": tried[:n_probes],
-            "answers": answers[:n_probes],
-        }
-        return self._take(EstimatorData(scikit_learn.FAMILY.name, params, arrays))
+        self.family = _FAMILY  # type: ignore[misc]  # as `_take`
+        self.params_ = dict[str, Any]()
+        return {"target_mean": mean, "target_scale": scale}
 
     def _take(self, data: EstimatorData) -> dict[str, Array]:
         """Become what is run by the family of `data`; its arrays."""
@@ -211,7 +213,7 @@ class WrappedRegressor(JointRegressor):
                 column = np.asarray(part.predict(X), dtype=np.float64)
             except Exception as error:  # code of others may raise anything
                 raise CalibrationError(
-                    f"{type(part).__name__} cannot predict: {archive.one_line(error)}"
+                    f"{type(part).__name__} cannot predict: {_one_line(error)}"
                 ) from error
             columns.append(column[:, None] if column.ndim == 1 else column)
         name = type(self.parts_[0]).__name__
@@ -273,8 +275,13 @@ def candidates() -> list[JointRegressor]:
 
 def class_of(family: str) -> type[JointRegressor]:
     """Class of estimators whose family is called so: one by name, or what runs any family."""
-    known = map(registered, OWN)
-    return next((type(one) for one in known if one.family.name == family), WrappedRegressor)
+    preset = preset_of_family(family)
+    return WrappedRegressor if preset is None else class_of_preset(preset)
+
+
+def _one_line(error: Exception) -> str:
+    """Class and message of an error that code of others raised, cut to a line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
 
 
 def _last(regressor: Any) -> Any:

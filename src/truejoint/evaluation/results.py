@@ -12,7 +12,7 @@ from scipy.special import stdtrit
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError, other_kind, unknown
-from truejoint.estimators import names, registry
+from truejoint.estimators import registry
 from truejoint.evaluation.comparison import Outcome
 from truejoint.runtime import Status
 from truejoint.summary import Summarised, json_values
@@ -21,8 +21,8 @@ from truejoint.units import DisplayUnit, display_unit, with_unit
 if TYPE_CHECKING:
     from truejoint.recordings import DataCheck
 
-RAW: Final = names.RAW
-OFFSET: Final = names.OFFSET
+RAW: Final = registry.RAW
+OFFSET: Final = registry.OFFSET
 # Always in the table, in this order; what was chosen stands after them.
 BASELINES: Final = (RAW, *registry.BASELINES)
 

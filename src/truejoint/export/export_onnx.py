@@ -245,5 +245,5 @@ _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]]
     "offset": _offset,
     "polynomial": _polynomial,
     "network": _network,
-    "combination": _combination,
+    "stack": _combination,
 }

@@ -166,7 +166,7 @@ _RAVEN: Final = (
             Option(
                 "models",
                 (
-                    "dnn", "linear", "poly2", "gru", "lstm", "tcn", "gpr", "forest",
+                    "dnn", "linear", "poly2", "gru", "tcn", "gpr", "forest",
                     "network_forest", "rich_play", "rich_trees",
                 ),
                 "rows of the tables", small=("dnn", "linear", "gpr", "rich_play"),
@@ -235,8 +235,8 @@ _REAL: Final = (
             Option(
                 "estimators",
                 (
-                    "linear", "poly2", "dnn", "poly2_ridge", "linear_trees", "network_forest",
-                    "rich_play", "rich_trees", "coupled_play", "gp", "gru", "lstm", "tcn",
+                    "linear", "poly2", "dnn", "poly2_ridge", "linear_trees",
+                    "rich_play", "rich_trees", "coupled_play", "gp", "gru", "tcn",
                     "ukf_elastic", "hybrid",
                 ),
                 "columns of the table, any of -e", small=("linear", "poly2", "dnn", "rich_play"),

@@ -35,11 +35,11 @@ def session():
 @pytest.fixture(scope="module", autouse=True)
 def quick():
     """Hours of 20 s, and networks that have just begun to learn."""
-    hasty = registry._ESTIMATORS["dnn"]._replace(params={"epochs": 2})
+    hasty = registry.PRESETS["dnn"]._replace(params={"epochs": 2})
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(s, "HOUR", 20.0)
         patch.setattr(s, "_IDLE_TEST", 12.0)
-        patch.setitem(registry._ESTIMATORS, "dnn", hasty)
+        patch.setitem(registry.PRESETS, "dnn", hasty)
         yield
 
 

@@ -145,7 +145,7 @@ def _is_bank(value: object) -> bool:
 
 FAMILY: Final = replace(
     cable_filter.FAMILY,
-    name="cable_hybrid",
+    name="cables.hybrid_rows",
     rules={
         **cable_filter.FAMILY.rules,
         "bank": Rule(_is_bank, "the parameters of play_bank, by name"),

@@ -284,7 +284,7 @@ def inputs(params: Params) -> tuple[str, ...]:
 
 
 FAMILY: Final = Family(
-    "cable_filter",
+    "cables",
     rules={
         "channels": Rule(
             lambda value: (

@@ -116,7 +116,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory
 
 
 FAMILY: Final = Family(
-    "gaussian_process",
+    "gp",
     rules={"points": integer(2, MAX_POINTS)},
     shapes=_shapes,
     pack=_pack,

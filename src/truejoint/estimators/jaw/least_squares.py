@@ -90,7 +90,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     shapes: dict[str, Shape] = {"coef": (OBSERVED,), "constant": (1,)}
     if params["compensated"]:
         shapes |= ERROR_SHAPES
-    return only_joint("cable_least_squares", shapes, n_outputs)
+    return only_joint("jaw.least_squares", shapes, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
@@ -100,7 +100,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 
 FAMILY: Final = Family(
-    "cable_least_squares",
+    "jaw.least_squares",
     rules={
         "intercept": one_of(False, True),
         "compensated": one_of(False, True),

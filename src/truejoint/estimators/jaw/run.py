@@ -271,7 +271,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     shapes: dict[str, Shape] = {"constant": (1,)}
     if params["compensation"] != "constant":
         shapes = {**ERROR_SHAPES, "loop_gain": (1,)}
-    return only_joint("jaw_filter", shapes, n_outputs)
+    return only_joint("jaw", shapes, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
@@ -287,7 +287,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 
 FAMILY: Final = Family(
-    "jaw_filter",
+    "jaw",
     rules={
         **dict.fromkeys((*MECHANISM_NAMES, *NOISE_NAMES), POSITIVE),
         **MECHANISM_RULES,

@@ -304,7 +304,7 @@ def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]
     known: dict[str, Shape] = {
         "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "dt": (1,)
     }  # fmt: skip
-    return only_joint("friction_filter", known, n_outputs)
+    return only_joint("jaw_load", known, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
@@ -324,7 +324,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 
 FAMILY: Final = Family(
-    "friction_filter",
+    "jaw_load",
     rules={
         **dict.fromkeys(("stretch_drift", "friction_drift", "error_time"), POSITIVE),
         **dict.fromkeys(("drive_stiffness", "largest_load"), POSITIVE),

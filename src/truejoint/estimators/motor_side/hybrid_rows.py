@@ -145,7 +145,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
 
 FAMILY: Final = replace(
     elastic_joint.FAMILY,
-    name="elastic_hybrid",
+    name="motor_side.hybrid_rows",
     rules={
         **elastic_joint.FAMILY.rules,
         **{name: play_bank.FAMILY.rules[name] for name in SEEN_OF_BANK},

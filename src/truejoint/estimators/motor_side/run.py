@@ -338,7 +338,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
         "outputs": (n_told(params), n_terms + 2),
         "misfit": (n_told(params),),
     }
-    return only_joint("elastic_joint", known, n_outputs)
+    return only_joint("motor_side", known, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
@@ -362,7 +362,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 
 FAMILY: Final = Family(
-    "elastic_joint",
+    "motor_side",
     rules={
         "elements": integer(1, 12),
         "load_drift": number(0.0, 1e3),

@@ -64,23 +64,17 @@ def loss_and_gradient(
     weight_decay: float,
     gradient: Layers,
     more: Penalties = NO_MORE,
-    weights: Floats | None = None,
 ) -> float:
     """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
     ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
     free; where `y` is NaN, the difference is none. The loss of scikit-learn's ``MLPRegressor`` has
-    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``. `more` is added to it. With
-    symmetric `weights` W (n, n_outputs, n_outputs) the squares are (y - f(X))' W (y - f(X)), and
-    the mean is over rows.
+    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``. `more` is added to it.
     """
     activations = forward(layers, X)
     delta = activations.pop()
     sums = np.zeros_like(layers.biases[-1])
-    if weights is None:
-        loss = _slopes_of_squares(delta, y, np.array([2.0 / delta.size], delta.dtype), sums)
-    else:
-        loss = _slopes_of_weighted_squares(delta, y, weights, sums)
+    loss = _slopes_of_squares(delta, y, np.array([2.0 / delta.size], delta.dtype), sums)
     for layer in reversed(range(len(layers.weights))):
         source, weight = activations[layer], layers.weights[layer]
         np.matmul(source.T, delta, out=gradient.weights[layer])
@@ -115,24 +109,6 @@ def _slopes_of_squares(found: Floats, y: Floats, scale: Floats, sums: Floats) ->
             found[i, j] = difference * scale[0]
             sums[j] += found[i, j]
     return total / found.size
-
-
-@compiled
-def _slopes_of_weighted_squares(found: Floats, y: Floats, weights: Floats, sums: Floats) -> float:
-    """As `_slopes_of_squares`, of squares by `weights` (n, k, k), in mean over rows."""
-    total, n = 0.0, found.shape[0]
-    difference = np.zeros(found.shape[1])
-    for i in range(n):
-        for j in range(found.shape[1]):
-            difference[j] = 0.0 if math.isnan(y[i, j]) else found[i, j] - y[i, j]
-        for j in range(found.shape[1]):
-            pull = 0.0
-            for m in range(found.shape[1]):
-                pull += weights[i, j, m] * difference[m]
-            total += difference[j] * pull
-            found[i, j] = 0.0 if math.isnan(y[i, j]) else 2.0 * pull / n
-            sums[j] += found[i, j]
-    return float(total / n)
 
 
 @compiled

@@ -119,22 +119,13 @@ class NeuralNetwork(JointRegressor):
         rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
         targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
-        weights = self.squares(X, arrays["target_scale"])
-        self.epochs_ = int(self.epochs) or self._converged(rows, targets, weights, sizes, progress)
+        self.epochs_ = int(self.epochs) or self._converged(rows, targets, sizes, progress)
         rng = check_random_state(self.random_state)
         layers = Layers.glorot(sizes, rng)
-        self.train(layers, rows, targets, self.epochs_, rng, progress, weights)
+        self.train(layers, rows, targets, self.epochs_, rng, progress)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
             arrays |= {f"weight_{i}": weight.astype(float), f"bias_{i}": bias.astype(float)}
         return arrays
-
-    def squares(self, X: Array, target_scale: Array) -> Floats | None:
-        """Weigh squared differences from standardised targets; None: all alike.
-
-        See `loss_and_gradient`; `X` (n, n_inputs) are the rows, `target_scale` (n_outputs,) that of
-        the targets.
-        """
-        return None
 
     def train(
         self,
@@ -144,17 +135,15 @@ class NeuralNetwork(JointRegressor):
         epochs: int,
         rng: np.random.RandomState,
         progress: Progress,
-        weights: Floats | None = None,
     ) -> None:
         """Train layers in place on standardised rows."""
-        for epoch in self._epochs(layers, X, y, weights, epochs, rng):
+        for epoch in self._epochs(layers, X, y, epochs, rng):
             progress((epoch + 1) / epochs)
 
     def _converged(
         self,
         X: Floats,
         y: Floats,
-        weights: Floats | None,
         sizes: tuple[int, ...],
         progress: Progress,
     ) -> int:
@@ -166,14 +155,10 @@ class NeuralNetwork(JointRegressor):
         per_epoch = -(-int((~unseen).sum()) // effective_batch(len(X), int(self.batch_size)))
         longest, patience = LONGEST // per_epoch + 1, PATIENCE // per_epoch + 1
         least, best = math.inf, 1
-        own = None if weights is None else weights[~unseen]
-        for epoch in self._epochs(layers, X[~unseen], y[~unseen], own, longest, rng):
+        for epoch in self._epochs(layers, X[~unseen], y[~unseen], longest, rng):
             delta = forward(layers, X[unseen])[-1] - y[unseen]
             delta[np.isnan(y[unseen])] = 0.0
-            weighted = delta
-            if weights is not None:
-                weighted = np.einsum("nij,nj->ni", weights[unseen], delta)
-            loss = float(np.vdot(delta, weighted))
+            loss = float(np.vdot(delta, delta))
             if loss < least:
                 least, best = loss, epoch + 1
             if epoch + 1 >= best + max(patience, best // 2):
@@ -186,7 +171,6 @@ class NeuralNetwork(JointRegressor):
         layers: Layers,
         X: Floats,
         y: Floats,
-        weights: Floats | None,
         epochs: int,
         rng: np.random.RandomState,
     ) -> Iterator[int]:
@@ -204,8 +188,7 @@ class NeuralNetwork(JointRegressor):
             for start in range(0, len(X), self.batch_size_):
                 rows = order[start : start + self.batch_size_]
                 inputs, wanted = (one.take(rows, axis=0, mode="clip") for one in (X, y))  # fastest
-                own = None if weights is None else weights.take(rows, axis=0, mode="clip")
-                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more, own))
+                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more))
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
             check_loss(self.loss_curve_, epochs, rate)

@@ -199,7 +199,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memor
 
 
 FAMILY: Final = Family(
-    "recurrent",
+    "network.recurrent",
     rules={"cell": one_of(*GATES_OF), "units": integer(1, 512), **TRAINING},
     shapes=_shapes,
     pack=_pack,

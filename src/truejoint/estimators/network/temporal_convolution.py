@@ -134,7 +134,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memor
 
 
 FAMILY: Final = Family(
-    "temporal_convolution",
+    "network.temporal_convolution",
     rules={"layers": integer(1, MAX_LAYERS), "units": integer(1, 512), **TRAINING},
     shapes=_shapes,
     pack=_pack,

@@ -100,7 +100,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     for side in _SIDES:
         own = play.FAMILY.shapes(side_params(params, side), 1, 1)
         shapes |= {f"{side}_{name}": shape for name, shape in own.items()}
-    return only_joint("gated_play", shapes, n_outputs)
+    return only_joint("plays.gated_rows", shapes, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
@@ -119,7 +119,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 
 FAMILY: Final = Family(
-    "gated_play",
+    "plays.gated_rows",
     rules={
         **dict.fromkeys(("gate", "smallest_gate"), POSITIVE),
         **{name: MECHANISM_RULES[name] for name in ("gear_ratio", "wheel_radius")},

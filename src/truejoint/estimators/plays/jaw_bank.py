@@ -206,7 +206,7 @@ def _are_displacements(value: object) -> bool:
 _WIDTH_RULE: Final = numbers(64, 1e-9, 1.0, "half-widths [m]")
 
 FAMILY: Final = Family(
-    "play",
+    "plays.jaw_bank",
     rules={
         "displacements": Rule(_are_displacements, f"one or two of {', '.join(DISPLACEMENTS)}"),
         "degree": integer(1, 8),

@@ -330,7 +330,7 @@ def _are_turns(value: object) -> bool:
 
 
 FAMILY: Final = Family(
-    "play_bank",
+    "plays",
     rules={
         "learner": one_of(*LEARNERS),
         "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),

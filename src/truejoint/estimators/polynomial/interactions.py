@@ -51,7 +51,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int)
 
 
 FAMILY: Final = Family(
-    "interactions",
+    "polynomial.interactions",
     rules={name: integer(0, MAX_TERMS) for name in ("first", "crossed", "squared")},
     shapes=_shapes,
     pack=_pack,

@@ -13,7 +13,7 @@ import scipy.linalg
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
-from truejoint.estimators import names
+from truejoint.estimators import registry
 from truejoint.estimators.adapting import changes
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, apart, standardisation
 from truejoint.estimators.family import Family
@@ -85,7 +85,7 @@ class Raw(FixedOffset):
     @property
     def name(self) -> str:
         """Name in tables."""
-        return names.RAW
+        return registry.RAW
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         progress(1.0)

@@ -6,7 +6,6 @@ from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, vector
-from truejoint.estimators import names
 from truejoint.estimators.family import Family
 from truejoint.layout import Layout
 
@@ -24,7 +23,7 @@ def offset_row(
 
 
 FAMILY: Final = Family(
-    names.OFFSET,
+    "polynomial.offset",
     rules={},
     shapes=lambda _params, _n_features, n_outputs: {"offset": (n_outputs,)},
     pack=lambda _params, arrays, _k, _n: LAYOUT.pack(**arrays),

@@ -21,7 +21,7 @@ def _inputs(params: Params) -> tuple[str, ...]:
 
 FAMILY: Final = replace(
     combination_with_memory.FAMILY,
-    name="combination_with_filter",
+    name="stack.combination_with_filter",
     inputs=_inputs,
     targets=("position",),
 )

@@ -8,5 +8,5 @@ from typing import Final
 from truejoint.estimators.stack import run as combination
 
 FAMILY: Final = replace(
-    combination.FAMILY, name="combination_with_memory", remembers=True, counts_samples=True
+    combination.FAMILY, name="stack.combination_with_memory", remembers=True, counts_samples=True
 )

@@ -157,7 +157,7 @@ def _beside(params: Params) -> dict[str, Path]:
 
 
 FAMILY: Final = Family(
-    "combination",
+    "stack",
     rules={
         "members": Rule(
             are_members, f"1 to {MAX_MEMBERS} members: family, its parameters and outputs"

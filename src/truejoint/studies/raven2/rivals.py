@@ -14,7 +14,7 @@ from sklearn.preprocessing import StandardScaler
 
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
-from truejoint.estimators import get_estimator
+from truejoint.estimators import Combination, get_estimator
 from truejoint.evaluation.metrics import rmse, tool_error
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import claims
@@ -54,9 +54,7 @@ RIVALS: Final[Mapping[str, Rival]] = {
     "linear": Rival("linear (peng2024)"),
     "poly2": Rival("polynomial (peng2024)"),
     "gru": Rival("gated recurrent units"),
-    "lstm": Rival("long short-term memory, as Hwang 2020"),
     "tcn": Rival("temporal convolutions, as Park 2024"),
-    "pose_network": Rival("network on the tool's position, as Peng 2020"),
     "gpr": Rival("Gaussian process, as Mahler's kind", 1.0),
     "forest": Rival("random forest"),
     "network_forest": Rival("network and a random forest on what it leaves, as Seita 2018"),
@@ -75,8 +73,11 @@ def _unfitted(name: str) -> Any:
         kernel = ConstantKernel(1.0) * RBF(3.0) + WhiteKernel(1e-2)
         process = GaussianProcessRegressor(kernel, normalize_y=True, random_state=0)
         return make_pipeline(StandardScaler(), process)
+    forest = RandomForestRegressor(60, min_samples_leaf=5, n_jobs=1, random_state=0)
     if name == "forest":
-        return RandomForestRegressor(60, min_samples_leaf=5, n_jobs=1, random_state=0)
+        return forest
+    if name == "network_forest":
+        return Combination(("dnn", forest))
     return get_estimator(name)
 
 
