@@ -239,7 +239,7 @@ def test_rivals_stand_beside_those_of_the_paper():
 
 
 def test_what_is_compared_is_registered():
-    known = {*registry.estimator_names(), "gpr", "forest"}
+    known = {*registry.estimator_names(), "gpr", "forest", "network_forest"}
     assert set(rivals.RIVALS) <= known
     for study, option in (("state-of-the-art", "models"), ("real", "estimators")):
         assert known.issuperset(get_study(study).settings("full")[option])
