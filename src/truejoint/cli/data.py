@@ -10,7 +10,7 @@ import typer
 import truejoint
 from truejoint.cli.console import err, progress
 from truejoint.errors import RecordingError, unknown
-from truejoint.recordings.judge.names import FINDINGS
+from truejoint.recordings.judge.finding_names import FINDINGS
 
 CHECK_FAILED: Final = 1
 

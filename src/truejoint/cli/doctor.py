@@ -72,17 +72,17 @@ def doctor(
             diagnosis = sets.diagnose(truejoint.read_recording(files[0], **given))
     if as_json:
         result_json(diagnosis.to_dict())
-    for verdict in () if as_json else diagnosis.verdicts:
-        advice = f"; {verdict.advice}" if verdict.advice else ""
-        line = f"{verdict.level:4} {verdict.name}: {verdict.evidence}{advice}"
-        out.print(line, style=_COLOURS[verdict.level], soft_wrap=True)
+    for finding in () if as_json else diagnosis.by_heading():
+        advice = f"; {finding.advice}" if finding.advice else ""
+        line = f"{finding.level:4} {finding.heading}: {finding.text}{advice}"
+        out.print(line, style=_COLOURS[finding.level], soft_wrap=True)
     if diagnosis.failed:
         raise typer.Exit(CHECK_FAILED)
 
 
 def _listen(
     robot: str, arm: str, wiring: dict[str, str], seconds: float, ros: int
-) -> truejoint.recordings.Diagnosis:
+) -> truejoint.recordings.DataCheck:
     """Judge what is said on an arm's topics for some seconds, or until Ctrl-C."""
     from truejoint.cli.node import as_node  # noqa: PLC0415  # not for a recording
     from truejoint.recordings.judge.live import LiveLink  # noqa: PLC0415

@@ -4,10 +4,8 @@ from .join.joining import join_truth as join_truth
 from .judge.coverage import JointCoverage as JointCoverage
 from .judge.data_check import DataCheck as DataCheck
 from .judge.data_check import check_data as check_data
-from .judge.doctor import Diagnosis as Diagnosis
-from .judge.doctor import Verdict as Verdict
-from .judge.doctor import diagnose as diagnose
 from .judge.finding import Finding as Finding
+from .judge.link import diagnose as diagnose
 from .read.bags.reading import bag_topics as bag_topics
 from .read.bags.reading import read_bag as read_bag
 from .read.bags.reading import read_other_arm as read_other_arm

@@ -21,7 +21,7 @@ from truejoint.crtk.messages import (
     raven_state_fields,
 )
 from truejoint.errors import RecordingError
-from truejoint.recordings import Diagnosis, Recording, Verdict, diagnose, read_bag, write_bag
+from truejoint.recordings import DataCheck, Finding, Recording, diagnose, read_bag, write_bag
 from truejoint.recordings.judge import live
 from truejoint.recordings.judge.live import LiveLink
 
@@ -33,15 +33,15 @@ def session() -> Recording:
     return told_session()
 
 
-def judged(ros: SaidRos, recording: Recording, **how: Any) -> Diagnosis:
+def judged(ros: SaidRos, recording: Recording, **how: Any) -> DataCheck:
     link = LiveLink(ros, "raven2", profile=PROFILE.name, state=STATE)
     with link:
         ros.say_all(recording, **how)
     return link.diagnose()
 
 
-def told(diagnosis: Diagnosis) -> dict[str, Verdict]:
-    return {verdict.name: verdict for verdict in diagnosis.verdicts}
+def told(check: DataCheck) -> dict[str, Finding]:
+    return {finding.heading: finding for finding in check.by_heading()}
 
 
 def changed(recording: Recording, **columns: np.ndarray) -> Recording:
@@ -78,14 +78,14 @@ def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, fault, name, l
     live = judged(SaidRos(), recording)
     write_bag(recording, tmp_path / "a.bag", profile=PROFILE.name)
     bag = read_bag(tmp_path / "a.bag", "raven2", profile=PROFILE.name, state=STATE)
-    assert live.verdicts[0] == Verdict("good", "link", live.verdicts[0].evidence)
-    assert [(v.level, v.name) for v in live.verdicts[1:]] == [
-        (v.level, v.name) for v in diagnose(bag).verdicts
+    assert live.by_heading()[0] == Finding("good", "link", live.by_heading()[0].what, "", "")
+    assert [(v.level, v.name) for v in live.by_heading()[1:]] == [
+        (v.level, v.name) for v in diagnose(bag).by_heading()
     ]
     heard, read = told(live)[name], told(diagnose(bag))[name]
     assert heard.level == level
-    assert heard.evidence.replace("in live", "in a.bag") == read.evidence
-    assert re.search(STATE + r" 2\d\.\d* Hz, here 0 ms after its stamp", live.verdicts[0].evidence)
+    assert heard.text.replace("in live", "in a.bag") == read.text
+    assert re.search(STATE + r" 2\d\.\d* Hz, here 0 ms after its stamp", live.by_heading()[0].text)
 
 
 def test_stamps_that_repeat_or_are_none_are_counted(session):
@@ -100,8 +100,8 @@ def test_stamps_that_repeat_or_are_none_are_counted(session):
         ros.send(STATE, message)
     verdict = told(link.diagnose())["stamps"]
     assert verdict.level == "fail"
-    assert "20 times state: repeated time stamp" in verdict.evidence
-    assert f"1 times {STATE}: stamp of 0" in verdict.evidence
+    assert "20 times state: repeated time stamp" in verdict.text
+    assert f"1 times {STATE}: stamp of 0" in verdict.text
 
 
 def test_a_homing_amid_the_rows_is_left_out_and_told(session):
@@ -118,7 +118,7 @@ def test_a_homing_amid_the_rows_is_left_out_and_told(session):
     assert len(link.recordings()[0]) == len(session) - amid
     verdict = told(link.diagnose())["homing"]
     assert verdict.level == "fail"
-    assert verdict.evidence.startswith(f"{amid} rows of homing, after 10.0 s")
+    assert verdict.text.startswith(f"{amid} rows of homing, after 10.0 s")
 
 
 def test_an_arm_that_never_says_that_it_is_homed_is_taken_as_it_is(session):
@@ -132,19 +132,19 @@ def test_an_arm_that_never_says_that_it_is_homed_is_taken_as_it_is(session):
 
 
 def test_a_topic_that_stops_is_named(session):
-    verdict = judged(SaidRos(), session, until={TRUTH_TOPIC: 20.0}).verdicts[0]
+    verdict = judged(SaidRos(), session, until={TRUTH_TOPIC: 20.0}).by_heading()[0]
     assert verdict.level == "fail"
     silent = session.t[-1] - session.t[session.t <= 20.0][-1]
-    assert f"{TRUTH_TOPIC} stopped {silent:.1f} s before the end" in verdict.evidence
+    assert f"{TRUTH_TOPIC} stopped {silent:.1f} s before the end" in verdict.text
     assert "network" in verdict.advice
 
 
 def test_stamps_of_another_clock_are_told(session):
     ros = SaidRos()
     ros.late = 2.5
-    verdict = judged(ros, session).verdicts[0]
+    verdict = judged(ros, session).by_heading()[0]
     assert verdict.level == "warn"
-    assert "here 2.5e+03 ms after its stamp" in verdict.evidence
+    assert "here 2.5e+03 ms after its stamp" in verdict.text
     assert "clocks" in verdict.advice
 
 

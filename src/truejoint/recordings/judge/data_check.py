@@ -1,4 +1,4 @@
-"""Data checks: what a recording covers, and what about it would mislead a calibration."""
+"""The judge: what recordings cover, and what in them would mislead a calibration."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.judge.columns import judge_columns
 from truejoint.recordings.judge.coverage import JointCoverage, joint_coverage, judge_coverage
 from truejoint.recordings.judge.finding import ORDER, Defect, Finding, Level, one_line_each
+from truejoint.recordings.judge.finding_names import HEADINGS
 from truejoint.recordings.judge.positions import judge_positions
 from truejoint.recordings.table.recording import Recording, as_recordings
 from truejoint.summary import Summarised, json_values
@@ -55,6 +56,22 @@ class DataCheck(Summarised):
     def accept(self, names: Iterable[str]) -> DataCheck:
         """Go on though there are failures of these `names`; a verdict keeps its reservation."""
         return replace(self, accepted=tuple(names))
+
+    def by_heading(self) -> tuple[Finding, ...]:
+        """Worst finding under each of `HEADINGS` that has one; its text counts those beside it."""
+        worst: list[Finding] = []
+        for heading in HEADINGS:
+            group = [finding for finding in self.findings if finding.heading == heading]
+            if group:
+                more = sum(finding.level == group[0].level for finding in group) - 1
+                what = group[0].what + (f" (and {more} more)" if more else "")
+                worst.append(replace(group[0], what=what))
+        return tuple(worst)
+
+    def with_findings(self, findings: Iterable[Finding]) -> DataCheck:
+        """Add findings; those of a level stand before the ones that were there."""
+        ordered = sorted([*findings, *self.findings], key=lambda finding: ORDER[finding.level])
+        return replace(self, findings=tuple(ordered))
 
     def summary(self) -> dict[str, str]:
         """Joints, and the findings' names by level."""
@@ -133,7 +150,7 @@ def check_data(
         *_judge_sessions(recordings),
         *(_judge_extrapolation(recordings, model) if model else ()),
     ]
-    return DataCheck(tuple(sorted(findings, key=lambda found: ORDER[found.level])), coverage)
+    return DataCheck((), coverage).with_findings(findings)
 
 
 def _broken(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:

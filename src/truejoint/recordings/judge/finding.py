@@ -1,4 +1,4 @@
-"""What a data check finds: one line each."""
+"""What the judge of recordings finds: one line each."""
 
 from __future__ import annotations
 
@@ -11,31 +11,32 @@ from typing import Final, Literal
 import numpy as np
 
 from truejoint.array_types import Integers
+from truejoint.recordings.judge.finding_names import HEADING_OF
 from truejoint.recordings.table.recording import Recording
 
-Level = Literal["fail", "warn", "info"]
+Level = Literal["fail", "warn", "info", "good"]
 Rows = tuple[tuple[int, int], ...]
 
-ORDER: Final[dict[Level, int]] = {"fail": 0, "warn": 1, "info": 2}
+ORDER: Final[dict[Level, int]] = {"fail": 0, "warn": 1, "info": 2, "good": 3}
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that a data check found.
+    """One thing that the judge found.
 
     Attributes
     ----------
-    level : {"fail", "warn", "info"}
-        ``"fail"``: results on these data would mislead; ``"warn"``: look before you trust them.
+    level : {"fail", "warn", "info", "good"}
+        ``"fail"``: results on these data would mislead; ``"warn"``: look before you trust them;
+        ``"good"``: this was examined and is well.
     name : str
-        What kind of thing it is, in a word of `FINDINGS`, such as ``"outliers"``, ``"sign"``,
-        ``"unit"``, ``"delay"``, ``"zero"``; what ``--accept`` takes.
+        One of `FINDINGS`, such as ``"outliers"`` or ``"delay"``; ``--accept`` takes it.
     what : str
         What was seen, with its number.
     where : str
-        Which joint, signal and recordings.
+        Which joint, signal and recordings; empty for the whole recording.
     advice : str
-        What to do about it.
+        What to do about it; empty where all is well.
     rows : tuple of pairs of int
         Rows concerned of the recording that `where` names, each pair the first and the one behind
         the last; empty when it is about the whole.
@@ -52,6 +53,16 @@ class Finding:
     where: str
     advice: str
     rows: Rows = ()
+
+    @property
+    def heading(self) -> str:
+        """Heading of its name, one of `HEADINGS`."""
+        return HEADING_OF[self.name]
+
+    @property
+    def text(self) -> str:
+        """Where and what, for a person."""
+        return f"{self.where}: {self.what}" if self.where else self.what
 
 
 @dataclass(frozen=True)

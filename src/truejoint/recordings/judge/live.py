@@ -14,7 +14,9 @@ from truejoint.crtk.messages import ARMS, JOINT_STATE, RAVEN_FIELDS, USUAL_QUANT
 from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import Transport
 from truejoint.errors import RecordingError
-from truejoint.recordings.judge.doctor import NO_STAMP, Diagnosis, Verdict, diagnose
+from truejoint.recordings.judge.data_check import DataCheck
+from truejoint.recordings.judge.finding import Finding
+from truejoint.recordings.judge.link import NO_STAMP, diagnose
 from truejoint.recordings.read.bags.assembling import assemble
 from truejoint.recordings.read.bags.series import Lot
 from truejoint.recordings.read.bags.wiring import (
@@ -128,10 +130,10 @@ class LiveLink:
         other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
         return found, self._recording(other, Wiring(wiring.state, profile=wiring.profile))
 
-    def diagnose(self) -> Diagnosis:
-        """Verdict on the link, and those on what came over it (`truejoint.recordings.diagnose`)."""
+    def diagnose(self) -> DataCheck:
+        """Judge the link, and what came over it (`truejoint.recordings.diagnose`)."""
         link = judge_link(self._of(self._wiring()[1]), self._ended)
-        return Diagnosis((link, *diagnose(*self.recordings()).verdicts))
+        return diagnose(*self.recordings()).with_findings([link])
 
     def _wiring(self) -> tuple[Robot, Wiring]:
         self._heard[self._expected.state].check()
@@ -211,7 +213,7 @@ class Heard:
             yield self.name, np.array(own), stamps, fields, {"name": names}
 
 
-def judge_link(heard: Sequence[Heard], ended: float) -> Verdict:
+def judge_link(heard: Sequence[Heard], ended: float) -> Finding:
     """Judge how the messages of an arm's topics came in, until `ended` [s].
 
     It fails where one stopped, and warns where the first one's stamps are of another clock.
@@ -233,12 +235,12 @@ def judge_link(heard: Sequence[Heard], ended: float) -> Verdict:
             stopped.append(f"{one.name} stopped {silent:.1f} s before the end")
     if stopped:
         advice = "does its node still run, and the network?"
-        return Verdict("fail", "link", "; ".join([*stopped, *told]), advice)
+        return Finding("fail", "link", "; ".join([*stopped, *told]), "", advice)
     evidence = "; ".join(told)
     if abs(late) > _CLOCK:
         advice = (
             "stamps and this computer's clock differ: keep the clocks of all computers together "
             "(chrony), or truth and state will not fit"
         )
-        return Verdict("warn", "link", evidence, advice)
-    return Verdict("good", "link", evidence)
+        return Finding("warn", "link", evidence, "", advice)
+    return Finding("good", "link", evidence, "", "")

@@ -11,9 +11,8 @@ import pytest
 from truejoint.crtk import simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow, random_motion
-from truejoint.recordings import Recorder, Recording, check_data, diagnose
-from truejoint.recordings.judge.doctor import CHECKS
-from truejoint.recordings.judge.names import FINDINGS
+from truejoint.recordings import DataCheck, Finding, Recorder, Recording, check_data, diagnose
+from truejoint.recordings.judge.finding_names import FINDINGS, HEADING_OF, HEADINGS
 from truejoint.recordings.read.raven_csv import AMID
 
 
@@ -136,24 +135,28 @@ ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
 }
 
 
-def test_every_finding_of_the_data_check_speaks_once():
-    names = [name for names in CHECKS.values() for name in names]
-    assert sorted(names) == sorted(FINDINGS)
+def by_heading(check: DataCheck) -> dict[str, Finding]:
+    return {finding.heading: finding for finding in check.by_heading()}
+
+
+def test_every_finding_has_a_heading():
+    assert HEADING_OF.keys() == FINDINGS.keys()
+    assert set(HEADING_OF.values()) == set(HEADINGS)
 
 
 def test_a_healthy_recording_has_no_illness(healthy, other):
     diagnosis = diagnose(healthy, other)
-    assert [v.name for v in diagnosis.verdicts] == list(CHECKS)
-    assert [v for v in diagnosis.verdicts if v.level == "fail"] == []
-    for v in diagnosis.verdicts:
-        assert v.evidence
+    assert [v.heading for v in diagnosis.by_heading()] == list(HEADINGS[1:])  # but the live link's
+    assert not diagnosis.failed
+    for v in diagnosis.findings:
+        assert v.what
         assert v.advice or v.level in ("good", "info")
 
 
 @pytest.mark.parametrize("illness", ILLNESSES)
 def test_an_illness_is_told_by_its_name(healthy, illness):
     make, name, level = ILLNESSES[illness]
-    told = {v.name: v for v in diagnose(make(healthy)).verdicts}
+    told = by_heading(diagnose(make(healthy)))
     order = ("good", "info", "warn", "fail")
     assert order.index(told[name].level) >= order.index(level), told[name]
     assert told[name].advice
@@ -173,12 +176,12 @@ def standing(recording: Recording, joints: tuple[str, ...]) -> Recording:
 
 
 def test_of_an_arm_that_stands_nothing_is_judged_by_its_noise(healthy):
-    told = {v.name: v for v in diagnose(standing(healthy, healthy.robot.positioning)).verdicts}
+    told = by_heading(diagnose(standing(healthy, healthy.robot.positioning)))
     for name in ("arm", "effort sign", "frozen signal", "delay"):
         assert told[name].level == "info", told[name]
-        assert "no joint moves" in told[name].evidence
+        assert "no joint moves" in told[name].text
     assert not [v for v in told.values() if v.level == "fail"]
-    assert told["excitation"].evidence.startswith("shoulder, elbow, insertion stand")
+    assert told["excitation"].text.startswith("shoulder, elbow, insertion stand")
 
 
 def test_an_effort_is_not_judged_by_a_joint_that_goes_one_way(healthy):
@@ -186,34 +189,34 @@ def test_an_effort_is_not_judged_by_a_joint_that_goes_one_way(healthy):
     one_way = changed(
         healthy, measured__shoulder=np.linspace(0.5, 1.0, n), effort__shoulder=np.full(n, -0.2)
     )
-    told = {v.name: v for v in diagnose(one_way).verdicts}["effort sign"]
+    told = by_heading(diagnose(one_way))["effort sign"]
     assert told.level == "good"
-    assert "shoulder" not in told.evidence
+    assert "shoulder" not in told.text
     back = np.concatenate([np.linspace(0.5, 1.0, n // 2), np.linspace(1.0, 0.5, n - n // 2)])
     turned = changed(
         healthy, measured__shoulder=back, effort__shoulder=-0.2 * np.sign(np.gradient(back))
     )
-    told = {v.name: v for v in diagnose(turned).verdicts}["effort sign"]
+    told = by_heading(diagnose(turned))["effort sign"]
     assert told.level == "fail"
-    assert told.evidence.endswith("-100 % in shoulder")
+    assert told.text.endswith("-100 % in shoulder")
 
 
 def test_an_effort_that_is_not_there_is_not_called_good(healthy):
     names = [c for c in healthy.table if str(c) != "effort/elbow"]
     bare = Recording.from_columns(healthy.table[names], healthy.provenance)
-    told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
-    assert (told.level, told.evidence) == ("info", "some of the coupled efforts are missing")
+    told = by_heading(diagnose(bare))["effort sign"]
+    assert (told.level, told.text) == ("info", "some of the coupled efforts are missing")
     none = [name for name in names if not str(name).startswith("effort/")]
     bare = Recording.from_columns(healthy.table[none], healthy.provenance)
-    told = {v.name: v for v in diagnose(bare).verdicts}["effort sign"]
-    assert (told.level, told.evidence) == ("info", "nothing to judge it by")
+    told = by_heading(diagnose(bare))["effort sign"]
+    assert (told.level, told.text) == ("info", "nothing to judge it by")
 
 
 def test_a_joint_that_stands_spoils_no_verdict_of_those_that_move(healthy):
-    told = {v.name: v.level for v in diagnose(standing(healthy, ("elbow",))).verdicts}
+    told = {h: f.level for h, f in by_heading(diagnose(standing(healthy, ("elbow",)))).items()}
     assert told["frozen signal"] == told["arm"] == told["effort sign"] == "good"
-    ill = {v.name: v for v in diagnose(standing(stuck(healthy), ("shoulder",))).verdicts}
-    assert "truth/elbow" in ill["frozen signal"].evidence
+    ill = by_heading(diagnose(standing(stuck(healthy), ("shoulder",))))
+    assert "truth/elbow" in ill["frozen signal"].text
 
 
 def test_the_other_arms_truth_is_told(healthy, other):
@@ -223,29 +226,27 @@ def test_the_other_arms_truth_is_told(healthy, other):
     mixed = replace(mine, table=mine.table.assign(**foreign))
     meanwhile = replace(other.rows(slice(0, rows)), provenance=mine.provenance)
     meanwhile = replace(meanwhile, table=meanwhile.table.assign(t=mine.t))
-    told = {v.name: v for v in diagnose(mixed, meanwhile).verdicts}["arm"]
+    told = by_heading(diagnose(mixed, meanwhile))["arm"]
     assert told.level == "fail"
     assert "swapped" in told.advice
 
 
 def test_a_shift_is_estimated(healthy):
-    told = {v.name: v for v in diagnose(late(healthy, 0.5)).verdicts}["delay"]
+    told = by_heading(diagnose(late(healthy, 0.5)))["delay"]
     assert float(told.advice.rpartition(" ")[2]) == pytest.approx(-0.5, abs=0.03)
 
 
 def test_it_says_what_the_data_check_says(healthy):
     ill = stuck(healthy)
     check = check_data(ill)
-    told = {v.name: v for v in diagnose(ill).verdicts}["frozen signal"]
-    assert any(
-        told.evidence == f"{f.where}: {f.what}" for f in check.findings if f.name == "frozen"
-    )
+    told = by_heading(diagnose(ill))["frozen signal"]
+    assert any(told.text == f"{f.where}: {f.what}" for f in check.findings if f.name == "frozen")
 
 
 def test_without_truth_and_effort_it_still_judges(healthy):
     names = [c for c in healthy.table if not str(c).startswith(("truth", "effort"))]
     bare = Recording.from_columns(healthy.table[names], healthy.provenance)
-    told = {v.name: v.level for v in diagnose(bare).verdicts}
+    told = {h: f.level for h, f in by_heading(diagnose(bare)).items()}
     assert told["truth"] == "info"
     assert told["effort"] == "warn"
     with pytest.raises(RecordingError, match="no measured position"):

@@ -1,0 +1,303 @@
+"""What the link between a robot and its recording does wrong, joined to the data check.
+
+Stamps, counts of lost rows, efforts and the other arm tell what the columns alone do not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.errors import RecordingError
+from truejoint.recordings.join.joining import find_clock_offset
+from truejoint.recordings.judge.data_check import DataCheck, check_data
+from truejoint.recordings.judge.finding import Finding, Level
+from truejoint.recordings.judge.finding_names import HEADING_OF
+from truejoint.recordings.read.raven_csv import AMID
+from truejoint.recordings.table.recording import Recording, as_recording
+from truejoint.recordings.table.signals import velocity
+from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, Stream
+
+NO_STAMP: Final = "stamp of 0, which says that there is none"
+_REPEATED: Final = "repeated time stamp"
+_STRAY: Final = 0.01  # share of stamps that repeat or go back, from which on it is a failure
+_FOLLOWS: Final = 0.5  # squared correlation of truth and measured position of the arm that it is of
+_STRANGER: Final = 0.25  # and of one that it is not of, at most, where no other is there to compare
+_BETTER: Final = 0.1  # share that the right arm leaves unexplained of what the wrong one does
+_SHIFT: Final = 0.1  # s; smaller delays are the data check's to judge
+_SURE: Final = 5.0  # standard deviations of the estimated shift
+_BRISK: Final = 0.2  # share of its usual top speed, above which a joint is moved, not pushed
+_BACK: Final = 0.3  # of the way there that a joint comes back, at least, to judge its effort
+_BRAKING: Final = -0.2  # share of the work of an effort that brakes what it should drive
+_OVERLAP: Final = 0.5  # share of the rows that must have a truth at their time
+_LEAST_MOTION: Final = 0.005  # of its travel (or of 1 rad or m), by which a joint that moves does
+
+_NEED_MOTION: Final = ("arm", "effort-sign", "frozen", "delay")
+_TAKE_MOTION: Final = ("frozen", "saturated", "delay", "sign", "outliers", "jump")
+
+
+def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
+    """Judge a recording and the link that brought it: `check_data`, and what the link did.
+
+    A heading under which nothing is wrong has a finding of level ``"good"``, so that
+    `DataCheck.by_heading` tells of every heading but ``"link"``, which a live link has.
+
+    Parameters
+    ----------
+    recording : Recording
+        Of one arm, with or without truth.
+    other : Recording, optional
+        Of the robot's other arm meanwhile, to tell whether the truth is of that one.
+
+    Raises
+    ------
+    RecordingError
+        If `recording` is none, or has no measured position.
+
+    Examples
+    --------
+    >>> check = truejoint.recordings.diagnose(test)
+    >>> check.failed, check.by_heading()[0].heading
+    (False, 'rate')
+    """
+    recording = as_recording(recording)
+    reported = set(recording.joints_of("measured")) & set(recording.robot.joint_names)
+    truth = [joint for joint in recording.joints_of("truth") if joint in reported]
+    joints = truth or [joint for joint in recording.robot.positioning if joint in reported]
+    if not joints:
+        raise RecordingError(f"{recording.provenance.source or 'recording'}: no measured position")
+    check = check_data(recording, joints=joints, needs_truth=bool(truth))
+    moving = [joint for joint in joints if _moves(recording, joint)]
+    moving_truth = [joint for joint in truth if joint in moving]
+    findings = [
+        *_judge_stamps(recording),
+        *_judge_effort(recording, joints),
+        *_judge_overlap(recording, truth),
+        *_judge_homing(recording),
+    ]
+    if moving:
+        findings += [
+            *_judge_arm(recording, other, moving_truth),
+            *_judge_effort_sign(recording, moving),
+            *_judge_delay(recording, moving_truth),
+        ]
+    else:
+        what = "no joint moves: nothing to judge it by"
+        findings += [Finding("info", name, what, "", "move the joints") for name in _NEED_MOTION]
+    if still := [joint for joint in joints if joint not in moving]:
+        what = f"{', '.join(still)} stand{'s' if len(still) == 1 else ''}"
+        advice = "a joint that is to be calibrated must move, both ways"
+        findings.append(Finding("warn", "standstill", what, "", advice))
+    findings += [f for f in check.findings if not _is_of_noise(f, joints, moving)]
+    judged = {finding.heading for finding in findings}
+    findings += [
+        Finding("good", name, text(recording, joints), "", "")
+        for name, text in _WELL.items()
+        if HEADING_OF[name] not in judged
+    ]
+    return DataCheck((), check.coverage).with_findings(findings)
+
+
+def _moves(recording: Recording, joint: str) -> bool:
+    """Whether a joint moves by more than noise and creep, as any of its sensors has it."""
+    limits = recording.robot.joint(joint)
+    travel = limits.upper - limits.lower
+    least = _LEAST_MOTION * (travel if math.isfinite(travel) else 1.0)
+    columns = [recording.table.get(f"{quantity}/{joint}") for quantity in ("measured", "truth")]
+    return any(column is not None and column.max() - column.min() > least for column in columns)
+
+
+def _is_of_noise(finding: Finding, joints: Sequence[str], moving: Sequence[str]) -> bool:
+    """Whether a finding takes the noise of a joint that stands for its motion."""
+    joint = finding.where.partition(" in ")[0].rpartition("/")[2]
+    stands = not moving or (joint in joints and joint not in moving)
+    by_span = finding.name == "unit" and "spans" in finding.what  # not by where the joint is
+    return stands and (by_span or finding.name in _TAKE_MOTION)
+
+
+def _rate(recording: Recording, _: Sequence[str]) -> str:
+    step = 1e3 * np.quantile(np.diff(recording.t), [0.01, 0.5, 0.99])
+    return (
+        f"{1e3 / step[1]:.4g} Hz: a row every {step[1]:.4g} ms, 98 % within {step[0]:.4g} to "
+        f"{step[2]:.4g} ms"
+    )
+
+
+_WELL: Final[Mapping[str, Callable[[Recording, Sequence[str]], str]]] = {
+    "rate": _rate,
+    "stamps": lambda *_: "all rise",
+    "gap": lambda recording, _: f"no gap in {recording.duration:.1f} s",
+    "arm": lambda *_: "nothing to compare with",
+    "unit": lambda *_: "positions are where the joints can be",
+    "effort": lambda recording, _: f"of {', '.join(recording.joints_of('effort'))}",
+    "wrap": lambda *_: "no jump",
+    "frozen": lambda *_: "no sensor stands while its joint moves",
+    "missing": lambda recording, _: f"of {', '.join(recording.joints_of('truth'))}",
+    "delay": lambda *_: "below 15 ms",
+    "homing": lambda *_: "one zero throughout",
+    "standstill": lambda _, joints: f"{', '.join(joints)} move both ways",
+    "travel": lambda _, joints: f"{', '.join(joints)} are covered",
+}
+
+
+def _judge_stamps(recording: Recording) -> Iterable[Finding]:
+    """Judge stamps that repeat, go back or are 0, by the rows that were left out for it."""
+    counts = {
+        reason: count
+        for reason, count in recording.provenance.dropped.items()
+        if reason.endswith((_REPEATED, BACK, NO_STAMP))
+    }
+    if counts:
+        share = sum(counts.values()) / (len(recording) + sum(counts.values()))
+        what = ", ".join(f"{count} times {reason}" for reason, count in counts.items())
+        advice = (
+            "stamp messages where they are measured; two publishers on one topic, or a clock that "
+            "is set meanwhile, do this"
+        )
+        level: Level = "fail" if share > _STRAY else "warn"
+        what = f"{what} ({100 * share:.2g} % of the messages)"
+        yield Finding(level, "stamps", what, "", advice)
+
+
+def _likeness(recording: Recording, truth: Recording, joints: Sequence[str]) -> float:
+    """Squared correlation of truth and measured positions, the median over joints that move."""
+    shares = []
+    begins = recording.provenance.start - truth.provenance.start
+    shift = 0.0 if math.isnan(begins) else begins
+    for joint in set(joints) & set(recording.joints_of("measured")):
+        values = truth.column(f"truth/{joint}")
+        measured = np.interp(truth.t, recording.t + shift, recording.column(f"measured/{joint}"))
+        rows = np.isfinite(values)
+        if rows.sum() > 2 and np.ptp(values[rows]) > 0.0:
+            moves = np.ptp(measured[rows]) > 0.0
+            shares.append(np.corrcoef(values[rows], measured[rows])[0, 1] ** 2 if moves else 0.0)
+    return float(np.median(shares)) if shares else math.nan
+
+
+def _judge_arm(
+    recording: Recording, other: Recording | None, truth: Sequence[str]
+) -> Iterable[Finding]:
+    """Judge whether the truth is of this arm or of the other one."""
+    share = _likeness(recording, recording, truth)
+    other_share = math.nan if other is None else _likeness(other, recording, truth)
+    if math.isnan(share):
+        return
+    what = f"this arm explains {100 * share:.0f} % of the truth's motion"
+    if not math.isnan(other_share):
+        what += f", the other arm {100 * other_share:.0f} %"
+    if other_share > _FOLLOWS and 1.0 - other_share < _BETTER * (1.0 - share):
+        advice = "the arms are swapped: state the other --arm, or another --profile"
+        yield Finding("fail", "arm", what, "", advice)
+    elif share < _STRANGER:
+        advice = "is the truth of this arm, these joints and this session?"
+        yield Finding("fail", "arm", what, "", advice)
+    else:
+        yield Finding("good", "arm", what, "", "")
+
+
+def _judge_effort(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
+    """Judge whether there is an effort, and whether it was ever set."""
+    with_effort = [joint for joint in joints if joint in recording.joints_of("effort")]
+    unset = [joint for joint in with_effort if not recording.column(f"effort/{joint}").any()]
+    advice = (
+        "some drivers never set it (raven2's measured_js): record its raven_state, or train on "
+        "positions alone"
+    )
+    if not with_effort:
+        yield Finding("warn", "effort", "there is none", "", advice)
+    elif unset:
+        what = f"0 in every row of {', '.join(unset)}: never set"
+        yield Finding("fail", "effort", what, "", advice)
+
+
+def _judge_effort_sign(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
+    """Judge the sign of efforts: against friction they drive a motion, there and back.
+
+    The net work over the recording, as a share of what flows to and fro, cannot be far below 0.
+    """
+    robot, recorded = recording.robot, set(recording.joints_of("effort"))
+    with_effort = [joint for joint in joints if joint in recorded]
+    if with_effort and robot.effort == "motor" and robot.transmission is not None:
+        if not recorded.issuperset(robot.joint_names):  # cables couple the joints: all are needed
+            what = "some of the coupled efforts are missing"
+            yield Finding("info", "effort-sign", what, "", "record the efforts of all motors")
+            return
+        efforts = robot.transmission.joint_effort(recording.columns("effort", robot.joint_names))
+        by_joint = dict(zip(robot.joint_names, efforts.T, strict=True))
+    else:
+        by_joint = {joint: recording.column(f"effort/{joint}") for joint in with_effort}
+    works = {joint: _work_share(recording, joint, by_joint[joint]) for joint in with_effort}
+    shares = {joint: share for joint, share in works.items() if share is not None}
+    if not shares:
+        advice = "move the joints there and back, and record their efforts"
+        yield Finding("info", "effort-sign", "nothing to judge it by", "", advice)
+        return
+    wrong = {joint: share for joint, share in shares.items() if share < _BRAKING}
+    what = "net work of the efforts: " + ", ".join(
+        f"{100 * share:+.0f} % in {joint}" for joint, share in (wrong or shares).items()
+    )
+    advice = "they brake what they should drive: turn the sign of the effort, or of the position"
+    yield Finding("fail" if wrong else "good", "effort-sign", what, "", advice if wrong else "")
+
+
+def _work_share(recording: Recording, joint: str, effort: Array) -> float | None:
+    """Net work of an effort (n,) as a share of all the work that it does and takes.
+
+    Of brisk motion: a joint that is held may be pushed by the cables of others, and its motor then
+    brakes. None where there is none both ways: one way the weight of the arm may do the work.
+    """
+    rate = velocity(recording.t, recording.column(f"measured/{joint}"))
+    brisk = np.abs(rate) > _BRISK * np.quantile(np.abs(rate), 0.99)
+    ways = np.abs(rate[brisk & (rate > 0.0)].sum()), np.abs(rate[brisk & (rate < 0.0)].sum())
+    power = (effort * rate)[brisk]
+    gross = float(np.abs(power).sum())
+    return float(power.sum()) / gross if gross and min(ways) > _BACK * max(ways) else None
+
+
+def _judge_overlap(recording: Recording, truth: Sequence[str]) -> Iterable[Finding]:
+    """Judge whether state and truth are of the same time."""
+    if not truth:
+        advice = "name its topic or file (--truth), or calibrate with one that has it"
+        yield Finding("info", "missing", "there is none", "", advice)
+        return
+    share = float(np.isfinite(recording.columns("truth", truth)).all(axis=1).mean())
+    if share < _OVERLAP:
+        dropped = recording.provenance.dropped
+        why = ", ".join(f"{dropped[r]} rows with {r}" for r in (BEFORE, AFTER, GAP) if r in dropped)
+        what = f"{100 * share:.0f} % of the rows have a truth{': ' if why else ''}{why}"
+        advice = "were both recorded at once, on one clock? state the offset (--offset-s)"
+        yield Finding("fail", "missing", what, "", advice)
+
+
+def _judge_delay(recording: Recording, truth: Sequence[str]) -> Iterable[Finding]:
+    """Judge a shift of the truth's clock by the motion that both saw."""
+    rows = np.ones(len(recording), dtype=np.bool_)
+    for joint in truth:
+        rows &= np.isfinite(recording.column(f"truth/{joint}"))
+    if not truth or rows.sum() < 100:
+        return
+    measured, sensors = (
+        Stream(recording.t, {f"{what}/{j}": recording.column(f"{what}/{j}") for j in truth})
+        for what in ("measured", "truth")
+    )
+    try:
+        shift = find_clock_offset(measured, sensors.rows(rows), near=0.0)
+    except RecordingError:
+        return  # what does not follow is not late: the other findings judge it
+    what = f"the truth is {-shift.seconds:+.3f} s behind the state, +- {shift.sd:.3f} s"
+    late = abs(shift.seconds) > max(_SHIFT, _SURE * shift.sd)
+    advice = f"bring it onto the robot's clock: --offset-s {shift.seconds:.3f}" if late else ""
+    yield Finding("fail" if late else "good", "delay", what, "", advice)
+
+
+def _judge_homing(recording: Recording) -> Iterable[Finding]:
+    """Judge a homing inside the recording: what comes after it counts from another zero."""
+    if count := recording.provenance.dropped.get(AMID, 0):
+        longest = int(np.argmax(np.diff(recording.t)))
+        what = f"{count} rows of homing, after {recording.t[longest]:.1f} s it seems"
+        advice = "cut it there (--part): positions before and after count from two zeros"
+        yield Finding("fail", "homing", what, "", advice)
