@@ -84,8 +84,10 @@ class DataCheck(Summarised):
         }
 
     def to_dict(self) -> dict[str, Any]:
-        """Values for JSON; SI units."""
+        """Values for JSON; SI units. Each finding says its heading."""
         values: dict[str, Any] = json_values(self)
+        for shown, finding in zip(values["findings"], self.findings, strict=True):
+            shown["heading"] = finding.heading
         return values
 
 
