@@ -30,7 +30,7 @@ from truejoint.calibration.interval import Interval
 from truejoint.crtk import simulated_arm
 from truejoint.estimators import NeuralNetwork
 from truejoint.estimators.jaw.learn import JawFilter
-from truejoint.estimators.jaw.run import jaw_filter, rest_spread
+from truejoint.estimators.jaw.run import ForcepsModel, jaw_filter
 from truejoint.estimators.jaw.signals import MOTOR, RESET
 from truejoint.export.c_source import Precision, table
 from truejoint.export.export_c import export_c
@@ -177,7 +177,7 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     dt = float(np.median(np.diff(recording.t)))
     motor, reset = (recording.column(name)[rows] for name in (MOTOR, RESET))
     z = np.column_stack([reset, np.gradient(reset, dt)])
-    u = np.column_stack([motor, np.zeros(SAMPLES)])
+    u = motor[:, None]
     lines = [f"{{ {', '.join(map(float.hex, row))} }}," for row in np.hstack([z, u])]
     text = FILTER_MAIN.format(source="m.c", rows="\n".join(lines), count=SAMPLES, dt=dt)
     (folder / "filter.c").write_text(text, encoding="ascii")
@@ -185,7 +185,8 @@ def filter_step(model: JawFilter, recording: Recording, folder: Path, cc: str) -
     subprocess.run(command, check=True)
     done = subprocess.run([str(folder / "filter")], check=True, capture_output=True, text=True)
     estimator = jaw_filter(model.model_params())
-    prior = {"x0": np.zeros(4), "P0": rest_spread(model.mechanism, model.noise)}
+    forceps_model = ForcepsModel.from_params(model.model_params())
+    prior = {"x0": np.zeros(4), "P0": forceps_model.rest_covariance()}
     state = estimator.initial_state(**prior)
     laps, records = [], []
     for k in range(40 * SAMPLES):

@@ -21,7 +21,7 @@ from truejoint.calibration.model_file import to_bytes
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.family import find_family
-from truejoint.estimators.jaw.run import COMPENSATIONS, jaw_filter, rest_spread
+from truejoint.estimators.jaw.run import ForcepsModel, jaw_filter
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
@@ -137,20 +137,6 @@ def test_a_filter_recovers_from_a_burst_and_says_so_meanwhile(name):
         assert np.abs(positions - clean)[later].max() < 1e-3
         if name in WITH_WIDTH:
             assert widths[burst.stop] > 1.01 * widths[burst.start - 1]
-
-
-@pytest.mark.parametrize("compensation", COMPENSATIONS[1:])
-def test_every_compensation_gives_its_numbers(compensation):
-    output = model("ukf_compensated")
-    data = output.model.data
-    other = replace(data, params={**data.params, "compensation": compensation})
-    calibration = replace(output, model=type(output.model).from_data(other, 2, 1))
-    recording = unseen("ukf_compensated").rows(np.arange(600))
-    samples = recording.table[list(calibration.loop_signals)].to_numpy()
-    corrections = run(ready(calibration), recording.t, samples)[3]
-    np.testing.assert_allclose(
-        corrections, calibration.predict_error(recording)[:, 0], rtol=0, atol=1e-12
-    )
 
 
 @pytest.mark.parametrize("name", CAUSAL)
@@ -292,13 +278,15 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
     elif name == "ukf_elastic":
         deviation = calibration.model.estimate(X, dt).deviations[:, 0]
     else:
-        mechanism, noise = calibration.model.mechanism, calibration.model.noise
-        estimator = jaw_filter(calibration.model.model_params())
-        state = estimator.initial_state(mechanism.at_rest(*X[0]), rest_spread(mechanism, noise))
+        params = calibration.model.model_params()
+        estimator, forceps_model = jaw_filter(params), ForcepsModel.from_params(params)
+        state = estimator.initial_state(
+            forceps_model.at_rest(*X[0]), forceps_model.rest_covariance()
+        )
         deviation = np.empty(len(X))
         speed = np.diff(X[:, 1], prepend=np.nan) / np.where(dt > 0.0, dt, 1.0)
         for i in range(len(X)):
-            estimator.step(state, (X[i, 1], speed[i]), (X[max(i - 1, 0), 0], 0.0), dt[i])
+            estimator.step(state, (X[i, 1], speed[i]), (X[max(i - 1, 0), 0],), dt[i])
             deviation[i] = np.sqrt(state.P[0, 0])
     expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]
     assert np.isinf(widths[~good]).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import ClassVar, Final, Self
 
 import numpy as np
@@ -21,8 +22,7 @@ _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as 
 class JawEstimator(JointRegressor):
     """Base of the estimators of one jaw from motor angle and cable displacements.
 
-    Calibrated as the paper does, on an unloaded motion with reversals, which show friction. What
-    it takes for the mechanism is Table 1's unless parameters or the recordings say otherwise.
+    Calibrated as the paper does, on an unloaded motion with reversals, which show friction.
     """
 
     least_rows: ClassVar[int] = MIN_ROWS
@@ -42,9 +42,9 @@ class JawEstimator(JointRegressor):
                     "motor and cables relate without one: record the calibration unloaded"
                 )
             check_sensors(self.name, inputs, recording)
-        mechanism, own = mechanism_of(recordings), self.model_params()
-        told = {n: v for n, v in vars(mechanism).items() if own.get(n) == getattr(TABLE_1, n)}
-        return self.with_params(**told)
+        recorded, own = vars(mechanism_of(recordings)), self.get_params(deep=False)
+        usual = {n: v for n, v in recorded.items() if own.get(n) == getattr(TABLE_1, n)}
+        return self.with_params(**usual)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:
@@ -71,6 +71,22 @@ class JawEstimator(JointRegressor):
                     "the others move on; its sensor is stuck: record the calibration again"
                 )
         check_reversals(self.name, "jaw", reversals(y))
+
+
+@dataclass(eq=False, repr=False, kw_only=True)
+class MechanismEstimator(JawEstimator):
+    """Base of those that know the mechanism; `calibrate` takes it from the recordings.
+
+    Parameters
+    ----------
+    gear_ratio, spring_stiffness, wheel_radius, jaw_radius : float
+        ``z_i``, ``K_sp`` [N/m], ``R`` [m] and ``r`` [m]; by default those of yan2020, Table 1.
+    """
+
+    gear_ratio: float = TABLE_1.gear_ratio
+    spring_stiffness: float = TABLE_1.spring_stiffness
+    wheel_radius: float = TABLE_1.wheel_radius
+    jaw_radius: float = TABLE_1.jaw_radius
 
 
 def mechanism_of(recordings: Sequence[Recording]) -> ForcepsMechanism:

@@ -14,7 +14,6 @@ from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
     DRIVE,
     ERROR_SHAPES,
-    FIT_METHOD,
     MOTOR,
     NO_ERROR,
     RESET,
@@ -104,7 +103,6 @@ FAMILY: Final = Family(
     rules={
         "intercept": one_of(False, True),
         "compensated": one_of(False, True),
-        "fit_method": FIT_METHOD,
     },
     shapes=_shapes,
     pack=_pack,

@@ -1,4 +1,4 @@
-"""The unscented filter of yan2020 for a jaw, (12)-(26): its model, and its row."""
+"""The unscented filter of yan2020 for a jaw, (12)-(25): its model, and its row."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from math import nan, sqrt
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -14,11 +14,9 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, vector
 from truejoint.estimators.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
 from truejoint.estimators.filtered import advance
-from truejoint.estimators.jaw.dynamics import ForcepsModel
 from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
     ERROR_SHAPES,
-    FIT_METHOD,
     MECHANISM_RULES,
     MOTOR,
     NO_ERROR,
@@ -46,8 +44,7 @@ _FORCE_DENSITY: Final = 10
 def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> None:
     """Exact solution of (12) over `dt` [s], mode by mode.
 
-    State `x` (4,): jaw angle and speed, slider place and speed; `u`: motor angle [rad], and what
-    (26) adds to the jaw's angle beforehand [rad].
+    State `x` (4,): jaw angle and speed, slider place and speed; `u`: motor angle [rad].
     """
     inertia = parameters[_INERTIA]
     mass = parameters[_MASS]
@@ -58,7 +55,7 @@ def transition(x: Array, u: Array, dt: float, parameters: Array, out: Array) -> 
         slider = parameters[_SHAPE + 2 + i]
         frequency = parameters[_FREQUENCY + i]
         rest = jaw * parameters[_TORQUE] * u[0] / (frequency * frequency)
-        place = jaw * inertia * (x[0] + u[1]) + slider * mass * x[2] - rest
+        place = jaw * inertia * x[0] + slider * mass * x[2] - rest
         speed = jaw * inertia * x[1] + slider * mass * x[3]
         cosine = math.cos(frequency * dt)
         sine = math.sin(frequency * dt)
@@ -124,92 +121,109 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
 
 
 @dataclass(frozen=True)
-class FilterNoise:
-    """What the filter does not know of the forceps."""
+class ForcepsModel:
+    """What the filter takes the forceps to be, and the sizes of what it does not know of it."""
 
-    jaw_friction: float = 1.5e-3  # size of what is neglected [Nm]
-    slider_friction: float = 0.2  # [N]
-    correlation_time: float = 5e-3  # over which friction counts as one draw [s]
-    displacement_noise: float = 4e-7  # deviation of what is measured [m]
-    speed_noise: float = 1e-4  # [m/s]
+    drive_stiffness: float  # K_d [N/m]
+    reset_stiffness: float  # K_r [N/m]
+    jaw_inertia: float  # J_e [kg m2]
+    slider_mass: float  # m_g2 [kg]
+    gear_ratio: float  # z_i
+    spring_stiffness: float  # K_sp [N/m]
+    wheel_radius: float  # R [m]
+    jaw_radius: float  # r [m]
+    jaw_friction: float  # size of the torque that (12) neglects [Nm]
+    slider_friction: float  # and of the force [N]
+    correlation_time: float  # over which friction counts as one draw [s]
+    displacement_noise: float  # deviation of the measured displacement [m]
+    speed_noise: float  # and of its speed [m/s]
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Model of a filter with these parameters."""
+        return cls(**{field.name: float(params[field.name]) for field in fields(cls)})
+
+    @property
+    def drive_tension(self) -> float:
+        """Tension of the drive cable per motor angle at rest [N/rad]."""
+        return self.drive_stiffness * self.wheel_radius / self.gear_ratio
+
+    @property
+    def rest_divisor(self) -> float:
+        """Tension of both cables at rest per jaw angle [N/rad]."""
+        return (self.drive_stiffness + self.reset_stiffness) * self.jaw_radius
 
     @property
     def sensor(self) -> Array:
         """Covariance (2, 2) of the measured displacement [m] and speed [m/s]."""
         return np.diag([self.displacement_noise, self.speed_noise]) ** 2
 
+    def modes(self) -> tuple[Array, Array]:
+        """Angular frequencies (2,) [rad/s] and shapes (2, 2, as columns) of jaw and slider."""
+        k_d, k_r, r = self.drive_stiffness, self.reset_stiffness, self.jaw_radius
+        inertia, mass = self.jaw_inertia, self.slider_mass
+        restoring = np.array(
+            [
+                [(k_r + k_d) * r**2 / inertia, -k_r * r / inertia],
+                [-k_r * r / mass, (self.spring_stiffness + k_r) / mass],
+            ]
+        )
+        scale = np.sqrt([inertia, mass])
+        values, vectors = np.linalg.eigh(restoring * np.outer(scale, 1.0 / scale))
+        return np.sqrt(values), vectors / scale[:, None]
 
-def state_space(model: ForcepsModel, noise: FilterNoise) -> StateSpaceModel:
-    """Build the filter's model: (13), with the noise of neglected friction."""
-    frequencies, shapes = model.modes()
-    torque = model.drive_stiffness * model.wheel_radius * model.jaw_radius / model.gear_ratio
-    masses = [model.jaw_inertia, model.slider_mass, torque]
-    friction = np.array([noise.jaw_friction, noise.slider_friction]) ** 2 * noise.correlation_time
-    # No jaw turns further than once round, within a millisecond at that, nor by (26) beforehand; no
-    # cable goes further than twice that.
-    turn, cable = 2.0 * math.pi, 4.0 * math.pi * model.jaw_radius
-    motor = cable * model.gear_ratio / model.wheel_radius
-    largest = {
-        "jaw": turn, "jaw_speed": 1e3 * turn, "reset": cable, "reset_speed": 1e3 * cable,
-        "motor": motor, "compensation": turn,
-    }  # fmt: skip
-    return StateSpaceModel(
-        transition=transition,
-        measurement=measurement,
-        process_noise=process_noise,
-        measurement_noise=noise.sensor,
-        states=("jaw", "jaw_speed", "reset", "reset_speed"),
-        measurements=("reset", "reset_speed"),
-        inputs=("motor", "compensation"),
-        parameters=np.concatenate([frequencies, shapes.ravel(), masses, friction]),
-        possible={name: (-bound, bound) for name, bound in largest.items()},
-    )
+    def at_rest(self, motor: float, reset: float) -> Array:
+        """State (4,) in balance at a motor angle [rad] and a slider place [m]: (9), no friction."""
+        tension = self.drive_tension * motor + self.reset_stiffness * reset
+        return np.array([tension / self.rest_divisor, 0.0, reset, 0.0])
 
+    def rest_covariance(self) -> Array:
+        """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
+        slider = self.slider_friction / (self.reset_stiffness * self.jaw_radius)
+        angle = slider + self.jaw_friction / (self.rest_divisor * self.jaw_radius)
+        sensors = self.displacement_noise, self.speed_noise
+        return np.asarray(np.diag([angle, 1e-2, *sensors]) ** 2)
 
-MECHANISM_NAMES: Final = tuple(field.name for field in fields(ForcepsModel))
-NOISE_NAMES: Final = tuple(field.name for field in fields(FilterNoise))
-
-
-def mechanism_of(params: Params) -> ForcepsModel:
-    """Model (12) that a filter with these parameters takes the forceps for."""
-    return ForcepsModel(**{name: float(params[name]) for name in MECHANISM_NAMES})
-
-
-def noise_of(params: Params) -> FilterNoise:
-    """Noise that a filter with these parameters allows for."""
-    return FilterNoise(**{name: float(params[name]) for name in NOISE_NAMES})
-
-
-def rest_spread(model: ForcepsModel, noise: FilterNoise) -> Array:
-    """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
-    r, k_r = model.jaw_radius, model.reset_stiffness
-    angle = noise.slider_friction / (k_r * r) + noise.jaw_friction / (
-        (k_r + model.drive_stiffness) * r**2
-    )
-    sensors = noise.displacement_noise, noise.speed_noise
-    return np.asarray(np.diag([angle, 1e-2, *sensors]) ** 2)
+    def state_space(self) -> StateSpaceModel:
+        """Build the filter's model: (13), with the noise of neglected friction."""
+        frequencies, shapes = self.modes()
+        masses = [self.jaw_inertia, self.slider_mass, self.drive_tension * self.jaw_radius]
+        friction = np.array([self.jaw_friction, self.slider_friction]) ** 2 * self.correlation_time
+        # No jaw turns further than once round, within a millisecond at that; no cable goes further
+        # than twice that.
+        turn, cable = 2.0 * math.pi, 4.0 * math.pi * self.jaw_radius
+        largest = {
+            "jaw": turn, "jaw_speed": 1e3 * turn, "reset": cable, "reset_speed": 1e3 * cable,
+            "motor": cable * self.gear_ratio / self.wheel_radius,
+        }  # fmt: skip
+        return StateSpaceModel(
+            transition=transition,
+            measurement=measurement,
+            process_noise=process_noise,
+            measurement_noise=self.sensor,
+            states=("jaw", "jaw_speed", "reset", "reset_speed"),
+            measurements=("reset", "reset_speed"),
+            inputs=("motor",),
+            parameters=np.concatenate([frequencies, shapes.ravel(), masses, friction]),
+            possible={name: (-bound, bound) for name, bound in largest.items()},
+        )
 
 
 def jaw_filter(params: Params) -> UnscentedFilter:
     """Build the filter (15)-(23), of its parameters."""
-    space = state_space(mechanism_of(params), noise_of(params))
+    space = ForcepsModel.from_params(params).state_space()
     return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))
 
 
-COMPENSATIONS: Final = ("constant", "output", "scaled", "signed", "literal")
-"""What makes up for the filter's error: a constant, or (25) in one of four readings of (26)."""
-
 LAYOUT: Final = Layout()
-COMPENSATION: Final = LAYOUT.integer("compensation", "which of COMPENSATIONS")
+COMPENSATED: Final = LAYOUT.integer("compensated", "1: less the error model (25)")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]; NaN: start anew")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
-INJECTED: Final = LAYOUT.scalar("injected", "what (26) added to the state [rad]")
 DRIVE_PER_ANGLE: Final = LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
 RESET_STIFFNESS: Final = LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
 DIVISOR: Final = LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
 CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle [rad]")
-GAIN: Final = LAYOUT.scalar("loop_gain", "share of what is injected that stays")
 SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
 ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
 ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
@@ -232,68 +246,52 @@ def jaw_filter_row(
         estimate[0] = tension / memory[DIVISOR]
         estimate[2] = reset
         memory[LAST_MOTOR] = motor
-        memory[INJECTED] = 0.0
         dt = 0.0
     else:
         speed = (reset - memory[LAST_RESET]) / dt
     z = vector(state, own[at.Z], 2)
     z[0] = reset
     z[1] = speed
-    u = vector(state, own[at.U], 2)
-    u[0] = memory[LAST_MOTOR]
-    u[1] = memory[INJECTED]
+    vector(state, own[at.U], 1)[0] = memory[LAST_MOTOR]
     good = advance(own, state, dt)
     if memory[DEVIATIONS] > 0.0:
         half_width[0] = memory[DEVIATIONS] * sqrt(max(vector(state, own[at.P], 1)[0], 0.0))
-    injected = 0.0
     added = memory[CONSTANT]
-    if numbers[COMPENSATION] > 0:
+    if numbers[COMPENSATED] == 1:
         scale = vector(memory, numbers[SCALE], 2)
-        error = bounded_error(
+        added = -bounded_error(
             motor, reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
             vector(memory, numbers[ERROR_RANGE], 2), half_width,
         )  # fmt: skip
-        if numbers[COMPENSATION] == 1:
-            added = -error
-        elif numbers[COMPENSATION] == 2:
-            injected = -error / memory[GAIN]
-        elif numbers[COMPENSATION] == 3:
-            injected = -error
-        else:
-            injected = error
     memory[LAST_MOTOR] = motor if good else nan
     memory[LAST_RESET] = reset
-    memory[INJECTED] = injected
-    out[0] = estimate[0] + injected + added if good else nan
+    out[0] = estimate[0] + added if good else nan
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
-    shapes: dict[str, Shape] = {"constant": (1,)}
-    if params["compensation"] != "constant":
-        shapes = {**ERROR_SHAPES, "loop_gain": (1,)}
-    return only_joint("jaw", shapes, n_outputs)
+    learnt = ERROR_SHAPES if params["compensated"] else {"constant": (1,)}
+    return only_joint("jaw", learnt, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    model, noise = mechanism_of(params), noise_of(params)
+    model = ForcepsModel.from_params(params)
     return LAYOUT.pack(
-        compensation=COMPENSATIONS.index(params["compensation"]),
-        drive_tension=model.drive_stiffness * model.wheel_radius / model.gear_ratio,
+        compensated=params["compensated"],
+        drive_tension=model.drive_tension,
         reset_stiffness=model.reset_stiffness,
-        divisor=(model.drive_stiffness + model.reset_stiffness) * model.jaw_radius,
-        **{"loop_gain": 1.0, **NO_ERROR, **arrays},
-        filter=jaw_filter(params).memory(np.zeros(4), rest_spread(model, noise)),
+        divisor=model.rest_divisor,
+        **{**NO_ERROR, **arrays},
+        filter=jaw_filter(params).memory(np.zeros(4), model.rest_covariance()),
     )
 
 
 FAMILY: Final = Family(
     "jaw",
     rules={
-        **dict.fromkeys((*MECHANISM_NAMES, *NOISE_NAMES), POSITIVE),
+        **dict.fromkeys((field.name for field in fields(ForcepsModel)), POSITIVE),
         **MECHANISM_RULES,
         "lambda_": number(-4.0 + 1e-6, 1e6),
-        "compensation": one_of(*COMPENSATIONS),
-        "fit_method": FIT_METHOD,
+        "compensated": one_of(False, True),
     },
     shapes=_shapes,
     pack=_pack,
@@ -305,5 +303,5 @@ FAMILY: Final = Family(
     targets=("position",),
     # What is left by a constant alone is friction that always pulls the same way, which no
     # covariance tells; that of the bare filter is more than enough for what (25) leaves.
-    states_deviation=lambda params: params["compensation"] != "constant",
+    states_deviation=lambda params: bool(params["compensated"]),
 )

@@ -10,7 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
-from truejoint.estimators.family import LARGEST, POSITIVE, Rule, number, one_of
+from truejoint.estimators.family import LARGEST, POSITIVE, Rule, Shape, number
 from truejoint.features.kernels import play
 
 MOTOR: Final = "motor/jaw"
@@ -29,12 +29,11 @@ COEFFICIENTS: Final = 11
 """Coefficients of the error model (25)."""
 NEAREST: Final = 1e-3
 """To which the error model's denominator is kept from zero when evaluated."""
-FIT_METHODS: Final = ("projection", "quasi_newton", "global")
-"""How (25) can be fitted."""
-FIT_METHOD: Final = one_of(*FIT_METHODS)
-
-
-ERROR_SHAPES: Final = {"scale": (2,), "error_coef": (COEFFICIENTS,), "error_range": (2,)}
+ERROR_SHAPES: Final[Mapping[str, Shape]] = {
+    "scale": (2,),
+    "error_coef": (COEFFICIENTS,),
+    "error_range": (2,),
+}
 """What is learnt of (25), and how far it may go."""
 NO_ERROR: Final = {name: np.zeros(shape) for name, shape in ERROR_SHAPES.items()}
 """What stands for these arrays where there is no (25)."""

@@ -16,12 +16,11 @@ from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.family import Family
 from truejoint.estimators.filtered import run_histories
-from truejoint.estimators.jaw.base import JawEstimator, median_dt
+from truejoint.estimators.jaw.base import MechanismEstimator, median_dt
 from truejoint.estimators.jaw_load import run as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
 from truejoint.estimators.plays.jaw_bank import bank_columns
 from truejoint.estimators.plays.jaw_plays import ridge
-from truejoint.robots.forceps_mechanism import TABLE_1
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
 _PENALTY: Final = 1e-5
@@ -68,8 +67,8 @@ class JawStates:
     stretch: Array  # of the drive cable, beyond that without a load (n,) [m]
 
 
-@dataclass(eq=False, repr=False)
-class FrictionFilter(JawEstimator):
+@dataclass(eq=False, repr=False, kw_only=True)
+class FrictionFilter(MechanismEstimator):
     """Unscented filter with friction and external load in its state; past yan2020.
 
     Fitted to an unloaded motion: the jaw's angle and the motor's side, each as a polynomial in
@@ -96,8 +95,8 @@ class FrictionFilter(JawEstimator):
         little new.
     widths : tuple of float
         How far each element bends before it slides [m].
-    gear_ratio, wheel_radius, jaw_radius, spring_stiffness : float
-        ``z_i``, ``R``, ``r`` [m], ``K_sp`` [N/m].
+    gear_ratio, spring_stiffness, wheel_radius, jaw_radius : float
+        As for `MechanismEstimator`.
 
     Examples
     --------
@@ -114,10 +113,6 @@ class FrictionFilter(JawEstimator):
     friction_drift: float = 0.02
     error_time: float = 0.1
     widths: tuple[float, ...] = WIDTHS
-    gear_ratio: float = TABLE_1.gear_ratio
-    wheel_radius: float = TABLE_1.wheel_radius
-    jaw_radius: float = TABLE_1.jaw_radius
-    spring_stiffness: float = TABLE_1.spring_stiffness
 
     @property
     def jaw_friction(self) -> float:

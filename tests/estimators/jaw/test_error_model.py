@@ -42,12 +42,11 @@ def test_evaluation_is_equation_25():
     assert np.allclose(found, printed_form(TRUE, 0.08 * motor, 300.0 * reset), rtol=1e-13)
 
 
-@pytest.mark.parametrize("method", ["projection", "global"])
-def test_a_rational_error_is_found_again(method):
+def test_a_rational_error_is_found_again():
     motor, reset = loop(400)
     scale = np.array([1.0 / 12.0, 1.0 / np.abs(reset).max()])
     error = printed_form(TRUE, motor * scale[0], reset * scale[1])
-    model = fit_rational(motor, reset, error, method)
+    model = fit_rational(motor, reset, error)
     assert np.abs(predicted(model, motor, reset) - error).max() < 2e-3 * np.ptp(error)
 
 
@@ -74,13 +73,6 @@ def test_denominator_stays_away_from_zero_round_the_data():
         assert below.min() > 0.9 * SMALLEST_DENOMINATOR
 
 
-def test_quasi_newton_fits_in_the_units_of_the_data():
-    motor, reset = loop()
-    error = 0.02 + 0.001 * motor
-    model = fit_rational(motor, reset, error, "quasi_newton")
-    assert np.sqrt(np.mean((predicted(model, motor, reset) - error) ** 2)) < 0.1 * error.std()
-
-
 def test_a_pole_gives_a_finite_number():
     coefficients = np.zeros(11)
     coefficients[[0, 1]] = 1.0, -1.0  # 1 / (1 - u)
@@ -90,16 +82,12 @@ def test_a_pole_gives_a_finite_number():
 
 
 @pytest.mark.parametrize(
-    ("motor", "method", "message"),
-    [
-        (np.linspace(0, 1, 50), "projection", "50 rows"),
-        (np.ones(500), "projection", "never move"),
-        (np.linspace(0, 1, 500), "newton", "'newton'"),
-    ],
+    ("motor", "message"),
+    [(np.linspace(0, 1, 50), "50 rows"), (np.ones(500), "never move")],
 )
-def test_what_cannot_be_fitted_is_refused(motor, method, message):
+def test_what_cannot_be_fitted_is_refused(motor, message):
     with pytest.raises(CalibrationError, match=message):
-        fit_rational(motor, np.linspace(0, 1e-3, len(motor)), np.zeros(len(motor)), method)
+        fit_rational(motor, np.linspace(0, 1e-3, len(motor)), np.zeros(len(motor)))
 
 
 ANY = st.floats(allow_nan=False, allow_infinity=False)

@@ -105,7 +105,7 @@ def test_what_the_recording_says_of_the_mechanism_reaches_the_estimator(pair):
         return Recording(recording.table, recording.units, origin)
 
     told = calibrate(stating(gear_ratio=40.0), "ukf").model
-    assert (told.mechanism.gear_ratio, told.mechanism.jaw_radius) == (40.0, 4e-3)
+    assert (told.gear_ratio, told.jaw_radius) == (40.0, 4e-3)
     # It moves the estimate as much as saying it to the estimator does, which has the last word.
     X = np.column_stack([recording.column("motor/jaw"), recording.column("cable/reset")])
     said = calibrate(stating(), get_estimator("ukf").set_params(gear_ratio=40.0)).model
