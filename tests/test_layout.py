@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled, vector
 from truejoint.layout import Layout, part_memory, part_numbers
 
 INNER = Layout()
@@ -18,10 +18,11 @@ WEIGHTS = INNER.array("weights", "of the inputs")
 OUTER = Layout()
 FIRST = OUTER.part("first", "before")
 COUNT = OUTER.integer("count", "rows")
-TABLE = OUTER.array("table", "two columns")
-ORDER = OUTER.integers("order", "of the rows")
+OUTER.array("table", "two columns", "count", 2)
+OUTER.integers("order", "of the rows", "count")
 STAMP = OUTER.scalar("stamp", "of the last row [s]", is_time=True)
 LAST = OUTER.part("last", "behind")
+unpack = OUTER.unpacker()
 
 
 def inner(bias: float, *weights: float):
@@ -30,7 +31,7 @@ def inner(bias: float, *weights: float):
 
 def outer():
     return OUTER.pack(
-        first=inner(1.0, 10.0, 20.0), last=inner(-1.0, 0.5), count=2, order=[1, 0],
+        first=inner(1.0, 10.0, 20.0), last=inner(-1.0, 0.5), order=[1, 0],
         table=[[1.0, 2.0], [3.0, 4.0]], stamp=7.0,
     )  # fmt: skip
 
@@ -49,18 +50,18 @@ def weigh(numbers, memory, value):
 @compiled
 def weigh_all(numbers, memory, value):
     """The table by its order, and both parts."""
-    order = vector(numbers, numbers[ORDER], numbers[COUNT])
-    table = matrix(memory, numbers[TABLE], numbers[COUNT], 2)
+    m = unpack(numbers, memory)
     first = weigh(part_numbers(numbers, FIRST), part_memory(numbers, memory, FIRST), value)
     last = weigh(part_numbers(numbers, LAST), part_memory(numbers, memory, LAST), value)
     memory[STAMP] += 1.0
-    return table[order[0], 0], table[order[1], 1], first, last
+    second = m.table[m.order[1], m.table.shape[1] - 1]
+    return m.table[m.order[0], 0], second, first, last, m.stamp
 
 
 def test_kernels_find_every_field():
     packed = outer()
-    assert weigh_all(packed.numbers, packed.memory, 0.25) == (3.0, 2.0, 31.0, -0.5)
-    assert weigh_all(packed.numbers, packed.memory, 0.25) == (3.0, 2.0, 1.5, -0.75)
+    assert weigh_all(packed.numbers, packed.memory, 0.25) == (3.0, 2.0, 31.0, -0.5, 7.0)
+    assert weigh_all(packed.numbers, packed.memory, 0.25) == (3.0, 2.0, 1.5, -0.75, 8.0)
     assert packed.memory[STAMP] == 9.0
 
 
@@ -162,3 +163,19 @@ def test_whatever_the_order_every_value_is_found_again(declared, random):
             )
         else:
             np.testing.assert_array_equal(packed.view(name), values[name])
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ({"order": [1], "table": [[1.0, 2.0], [3.0, 4.0]]}, "'count' is 1, an array's is 2"),
+        ({"order": [1], "table": [[1.0, 2.0, 3.0]]}, r"'table' has shape \(1, 3\); it must be"),
+        ({"order": [[1]], "table": [[1.0, 2.0]]}, "'order' has shape"),
+    ],
+)
+def test_arrays_that_do_not_fit_their_declaration_or_each_other_are_refused(values, said):
+    layout = Layout()
+    layout.integers("order", "of the rows", "count")
+    layout.array("table", "two columns", "count", 2)
+    with pytest.raises(ValueError, match=said):
+        layout.pack(**values)

@@ -7,6 +7,7 @@ import hashlib
 import logging
 import math
 import re
+from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
@@ -213,14 +214,19 @@ def call_address(context: Any, builder: Any, signature: Any, args: Any) -> Any:
 
 
 def _view(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-    lengths = list(args[2:])
     source = make_array(signature.args[0])(context, builder, args[0])
-    view = make_array(signature.return_type)(context, builder)
+    data = builder.gep(source.data, [args[1]])
+    return _array_at(context, builder, signature.return_type, data, list(args[2:]))
+
+
+def _array_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[Any]) -> Any:
+    """Array of that shape over numbers that something else owns."""
+    view = make_array(kind)(context, builder)
     width = context.get_constant(types.intp, 8)
     strides = [width] if len(lengths) == 1 else [builder.mul(lengths[1], width), width]
     populate_array(
         view,
-        data=builder.gep(source.data, [args[1]]),
+        data=data,
         shape=lengths,
         strides=strides,
         itemsize=width,
@@ -240,6 +246,50 @@ def matrix(_typing: Any, memory: Any, offset: Any, rows: Any, columns: Any) -> A
     """View of a 1-D array from `offset` on as a matrix, row by row, without counting references."""
     kind = types.Array(memory.dtype, 2, "C")
     return kind(memory, types.intp, types.intp, types.intp), _view
+
+
+def unpacker(fields: tuple[tuple[str, str, int, tuple[str | int, ...]], ...]) -> Any:
+    """Make an intrinsic that gives the fields of a memory by name, of `numbers` and `memory`.
+
+    Of each field: its name; whether it is an ``integer``, a ``scalar``, an ``array`` or an array of
+    ``integers``; its index; and the shape of an array, of names of integers before it and of
+    numbers. Arrays are views. A number is what it was when it was unpacked.
+    """
+    record = namedtuple("record", [name for name, *_ in fields])  # type: ignore[misc]
+
+    @intrinsic
+    def unpack(_typing: Any, numbers: Any, memory: Any) -> Any:
+        kinds = [
+            types.Array(memory.dtype if kind == "array" else numbers.dtype, len(shape), "C")
+            if shape else memory.dtype if kind == "scalar" else numbers.dtype
+            for _, kind, _, shape in fields
+        ]  # fmt: skip
+        result = types.NamedTuple(kinds, record)
+
+        def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            integers, reals = (
+                make_array(kind)(context, builder, array).data
+                for kind, array in zip(signature.args, args, strict=True)
+            )
+            items: dict[str | int, Any] = {}
+            for (name, kind, index, shape), made in zip(fields, kinds, strict=True):
+                source = reals if kind in ("scalar", "array") else integers
+                place = context.get_constant(types.intp, index)
+                if not shape:
+                    items[name] = builder.load(builder.gep(source, [place]))
+                    continue
+                start = builder.gep(source, [builder.load(builder.gep(integers, [place]))])
+                lengths = [
+                    context.get_constant(types.intp, n) if isinstance(n, int) else items[n]
+                    for n in shape
+                ]
+                items[name] = _array_at(context, builder, made, start, lengths)
+            return context.make_tuple(builder, result, list(items.values()))
+
+        return result(numbers, memory), generate
+
+    unpack.gives_fields = True  # for the C source
+    return unpack
 
 
 def _local(kind: Any, *lengths: Any) -> Any:

@@ -2,8 +2,10 @@
 
 A kernel keeps integers in `numbers` and everything else in `memory`. Passing two arrays keeps a
 call from Python near a microsecond, and a C structure can mirror the fields by name. A module
-declares its fields once, with a `Layout`; what a declaration gives is the index by which its
-kernels reach the field:
+declares its fields once, with a `Layout`. A kernel begins with ``m = unpack(numbers, memory)``, of
+``unpack = LAYOUT.unpacker()``, and reads ``m.mean``: views of the arrays that have a shape, and
+numbers as they were then. What a kernel changes, and parts, it reaches by the index that a
+declaration gives:
 
 ====================  ===========================================================
 declared by           reached by
@@ -25,7 +27,7 @@ from typing import Any, Final, Literal, NoReturn
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled, unpacker, vector
 
 Kind = Literal["integer", "address", "scalar", "array", "integers", "part"]
 
@@ -49,6 +51,8 @@ class Field:
         By which kernels reach it.
     is_time : bool
         Whether it holds time stamps, which keep double precision whatever the others have.
+    shape : tuple of str or int
+        Of an array that `Layout.unpacker` knows: names of integers of the layout, or numbers.
     """
 
     name: str
@@ -56,6 +60,7 @@ class Field:
     kind: Kind
     index: int
     is_time: bool = False
+    shape: tuple[str | int, ...] = ()
 
 
 class Layout:
@@ -84,13 +89,17 @@ class Layout:
         """Declare the address of a compiled function; 0 where there is none."""
         return self._number(name, meaning, "address")
 
-    def array(self, name: str, meaning: str, *, is_time: bool = False) -> int:
-        """Declare a vector or, row by row, a matrix of numbers."""
-        return self._number(name, meaning, "array", is_time=is_time)
+    def array(self, name: str, meaning: str, *shape: str | int, is_time: bool = False) -> int:
+        """Declare a vector or, row by row, a matrix of numbers.
 
-    def integers(self, name: str, meaning: str) -> int:
-        """Declare a vector or matrix of integers."""
-        return self._number(name, meaning, "integers")
+        Its `shape`, of numbers and of names of integers, is what `unpacker` needs. An integer that
+        is not declared yet is declared here; `pack` takes it from the array.
+        """
+        return self._array(name, meaning, "array", shape, is_time=is_time)
+
+    def integers(self, name: str, meaning: str, *shape: str | int) -> int:
+        """Declare a vector or matrix of integers; its `shape` as of `array`."""
+        return self._array(name, meaning, "integers", shape)
 
     def part(self, name: str, meaning: str) -> int:
         """Declare a memory of another layout within this one."""
@@ -100,6 +109,30 @@ class Layout:
         """Declare one number."""
         self._scalars += 1
         return self._add(name, meaning, "scalar", self._scalars - 1, is_time=is_time)
+
+    def unpacker(self) -> Any:
+        """Make ``m = unpack(numbers, memory)`` for kernels: numbers, and arrays as views, by name.
+
+        It knows the numbers, and the arrays with a shape, that have been declared so far.
+        """
+        fields = (f for f in self.fields.values() if f.shape or f.kind in ("integer", "scalar"))
+        return unpacker(tuple((f.name, f.kind, f.index, f.shape) for f in fields))
+
+    def _array(
+        self,
+        name: str,
+        meaning: str,
+        kind: Kind,
+        shape: tuple[str | int, ...],
+        *,
+        is_time: bool = False,
+    ) -> int:
+        for length in shape:
+            if isinstance(length, str) and length not in self.fields:
+                self.integer(length, "length of arrays")
+        index = self._number(name, meaning, kind, is_time=is_time)
+        self.fields[name] = replace(self.fields[name], shape=shape)
+        return index
 
     def _number(
         self, name: str, meaning: str, kind: Kind, *, size: int = 1, is_time: bool = False
@@ -138,6 +171,7 @@ class Layout:
         if not needed <= set(values) <= set(kinds):
             raise ValueError(f"fields {sorted(needed ^ set(values))} are missing or unknown")
         shapes: dict[str, tuple[int, ...]] = {}
+        lengths: list[tuple[str, int]] = []
         parts: dict[str, Memory] = {}
         numbers, memory = [np.zeros(self._numbers, np.int64)], [np.zeros(self._scalars)]
         ends = [self._numbers, self._scalars]
@@ -162,9 +196,24 @@ class Layout:
                 table = np.asarray(value, dtype=np.int64 if kind == "integers" else np.float64)
                 shapes[name] = table.shape
                 numbers[0][index] = append(int(kind == "array"), table.ravel())
+                lengths += self._lengths(name, table.shape).items()
+        for name, length in lengths:
+            index = self.fields[name].index
+            if numbers[0][index] not in (0, length):
+                raise ValueError(f"field {name!r} is {numbers[0][index]}, an array's is {length}")
+            numbers[0][index] = length
         return Memory(
             self, np.concatenate(numbers), np.concatenate(memory), shapes, parts, functions or {}
         )
+
+    def _lengths(self, name: str, shape: tuple[int, ...]) -> dict[str, int]:
+        """Integers that the shape of an array tells; ValueError if it is not as declared."""
+        declared = self.fields[name].shape
+        pairs = list(zip(declared, shape, strict=False))
+        fixed = all(length == n for length, n in pairs if isinstance(length, int))
+        if declared and (len(declared) != len(shape) or not fixed):
+            raise ValueError(f"field {name!r} has shape {shape}; it must be {declared}")
+        return {length: n for length, n in pairs if isinstance(length, str)}
 
 
 def refuse_copy(instance: object) -> NoReturn:

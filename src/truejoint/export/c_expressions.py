@@ -17,7 +17,7 @@ from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export.c_operators import COMPARISONS, call_builtin, is_of, operate
 from truejoint.export.c_statements import Body, Statement, Variable
-from truejoint.export.c_structs import Constants, Handle, Struct, Unprintable, kind_of
+from truejoint.export.c_structs import Constants, Handle, Record, Struct, Unprintable, kind_of
 from truejoint.export.c_syntax import definitions, tree_of
 from truejoint.export.c_values import (
     AND,
@@ -141,6 +141,8 @@ class Expressions:
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr == "shape":
             return self.value(node.value).shape
+        if isinstance(node.value, ast.Name) and isinstance(self.env.get(node.value.id), Record):
+            return self.field_of(self.env[node.value.id], node)
         return self.constant(node, getattr(self.lookup(node.value), "__name__", ""), node.attr)
 
     def constant(self, node: ast.expr, module: str, name: str) -> Any:
@@ -370,6 +372,16 @@ class Expressions:
             view = replace(view, values=None)
         return self.element(view, Known(0))
 
+    def field_of(self, record: Record, node: ast.Attribute) -> Any:
+        """Field that a kernel has unpacked: a view of an array, or a number."""
+        memory = record.numbers.struct.memory
+        f = memory.layout.fields[node.attr]
+        side = record.memory if f.kind in ("scalar", "array") else record.numbers
+        place = self.cell(record.numbers if f.shape else side, Known(f.index), node, write=False)
+        if not f.shape:
+            return place
+        return self.printer.constants.view(side, place, tuple(map(Known, memory.shapes[f.name])))
+
     # ------------------------------------------------------------------ calls
 
     def _call(self, node: ast.Call) -> Any:  # noqa: C901, PLR0911  # one kind of call after the other
@@ -382,6 +394,8 @@ class Expressions:
         if function in (marks.local_vector, marks.local_matrix):
             return self.room(node)
         arguments = [self.value(a) for a in node.args]
+        if getattr(function, "gives_fields", False):
+            return Record(*arguments)
         if function in (marks.vector, marks.matrix):
             base, place, *shape = arguments
             if isinstance(base, View):

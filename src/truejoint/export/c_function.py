@@ -20,7 +20,7 @@ from truejoint.export.c_statements import (
     names_in,
     wrapped,
 )
-from truejoint.export.c_structs import Handle
+from truejoint.export.c_structs import Handle, Record
 from truejoint.export.c_syntax import assigned, first_use
 from truejoint.export.c_values import ORDER, UNARY, Expr, Kind, Known, Linear, Scalar, View, join
 
@@ -218,7 +218,7 @@ class Function(Expressions):
         variable = held if isinstance(held, Variable) else None
         if isinstance(value, View):
             self.env[name] = self.pointer(name, value) if value.text else self.array(name, value)
-        elif variable is None and isinstance(value, (Known, Handle)):
+        elif variable is None and isinstance(value, (Known, Handle, Record)):
             self.env[name] = value
         elif value is None:
             raise self.fail(target, "a call gives nothing to assign")

@@ -135,6 +135,14 @@ class Handle:
         return self.text if self.is_pointer else f"&{self.text}"
 
 
+@dataclass(frozen=True)
+class Record:
+    """The fields of a struct by name, as a kernel has unpacked them."""
+
+    numbers: Handle
+    memory: Handle
+
+
 class Constants:
     """Names at file scope, and the numbers and arrays among them."""
 

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, copy, matrix, vector
+from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Family, Params, Shape, integer
 from truejoint.estimators.products import layer, padded, standardise
@@ -21,17 +21,17 @@ MAX_TERMS: Final = 4000
 """Most terms of a polynomial: 88 features at degree 2."""
 
 LAYOUT: Final = Layout()
-DEGREE: Final = LAYOUT.integer("degree", "of the polynomial")
-N_TERMS: Final = LAYOUT.integer("n_terms", "terms of the polynomial")
-COLUMNS: Final = LAYOUT.integer("columns", "outputs, filled up to a multiple of 4")
-MEAN: Final = LAYOUT.array("mean", "of each feature in training")
-INVERSE_SCALE: Final = LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used")
-INTERCEPT: Final = LAYOUT.array("intercept", "of each output")
-COEF: Final = LAYOUT.array("coef", "of each term, a row each")
-FACTORS: Final = LAYOUT.integers("factors", "features that each term multiplies; k stands for 1")
-SCALED: Final = LAYOUT.array("scaled", "features, then 1")
-TERMS: Final = LAYOUT.array("terms", "of one row")
-TOTAL: Final = LAYOUT.array("total", "of one row")
+LAYOUT.array("mean", "of each feature in training", "n_features")
+LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
+LAYOUT.array("intercept", "of each output", "columns")
+LAYOUT.array("coef", "of each term, a row each", "n_terms", "columns")
+LAYOUT.integers(
+    "factors", "features that each term multiplies; k stands for 1", "n_terms", "degree"
+)
+LAYOUT.array("scaled", "features, then 1", "n_scaled")
+LAYOUT.array("terms", "of one row", "n_terms")
+LAYOUT.array("total", "of one row", "columns")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -39,21 +39,14 @@ def polynomial_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a polynomial of the scaled features."""
-    k, n_terms, columns = x.shape[0], numbers[N_TERMS], numbers[COLUMNS]
-    mean, inverse_scale = (
-        vector(memory, numbers[MEAN], k),
-        vector(memory, numbers[INVERSE_SCALE], k),
-    )
-    scaled = vector(memory, numbers[SCALED], k + 1)
-    standardise(x, mean, inverse_scale, scaled)
-    terms = vector(memory, numbers[SCALED], k)
-    if numbers[DEGREE] > 1:
-        terms = vector(memory, numbers[TERMS], n_terms)
-        multiply(matrix(numbers, numbers[FACTORS], n_terms, numbers[DEGREE]), scaled, terms)
-    coef = matrix(memory, numbers[COEF], n_terms, columns)
-    total = vector(memory, numbers[TOTAL], columns)
-    layer(terms, coef, vector(memory, numbers[INTERCEPT], columns), total)
-    copy(total, out, out.shape[0])
+    m = unpack(numbers, memory)
+    standardise(x, m.mean, m.inverse_scale, m.scaled)
+    terms = m.scaled
+    if m.degree > 1:
+        terms = m.terms
+        multiply(m.factors, m.scaled, terms)
+    layer(terms, m.coef, m.intercept, m.total)
+    copy(m.total, out, out.shape[0])
 
 
 @compiled
@@ -109,16 +102,12 @@ def linear_shapes(n_features: int, n_terms: int, n_outputs: int) -> dict[str, Sh
 def pack_terms(arrays: Mapping[str, Array], factors: Integers) -> Memory:
     """Memory of the row for the arrays of `linear_shapes` and `factors` (n_terms, degree)."""
     coef = padded(arrays["coef"])
-    columns = coef.shape[1]
     return LAYOUT.pack(
-        degree=factors.shape[1],
-        n_terms=len(factors),
-        columns=columns,
-        **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"][None])},
+        **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"][None])[0]},
         factors=factors,
         scaled=np.append(np.zeros(len(arrays["mean"])), 1.0),
         terms=np.zeros(len(factors)),
-        total=np.zeros(columns),
+        total=np.zeros(coef.shape[1]),
     )
 
 
