@@ -48,8 +48,8 @@ from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.twin import Raven2Twin
 from truejoint.tip import (
+    Block,
     BlockPose,
-    Plate,
     Shots,
     Touches,
     calibrate_by_points,
@@ -57,9 +57,10 @@ from truejoint.tip import (
     find_block,
     rezeroed_by_touch,
 )
-from truejoint.tip.touch_guide import Guide, Learning
+from truejoint.tip.guide import Guide, learning
+from truejoint.tip.rests import known_kinematics
+from truejoint.tip.touch import tip_rows, zero_prior
 from truejoint.tip.touch_plan import choose_touches
-from truejoint.tip.touches import known_kinematics, tip_rows, zero_prior
 
 Row = dict[str, Any]
 FEW = 6  # touches that re-zero
@@ -128,7 +129,7 @@ def new_arm(specimen: str, seed: int) -> Arm:
     return arm
 
 
-def free_points(arm: Arm, count: int, seed: int) -> tuple[Plate, Array, Array]:
+def free_points(arm: Arm, count: int, seed: int) -> tuple[Block, Array, Array]:
     """Dimples anywhere in the workspace, and the pose of their frame."""
     robot, rng = arm.robot, np.random.default_rng([seed, 43])
     space = workspace_of(robot)
@@ -139,14 +140,14 @@ def free_points(arm: Arm, count: int, seed: int) -> tuple[Plate, Array, Array]:
     rotation, translation = Rotation.from_rotvec(TURN).as_matrix(), tip.mean(axis=0)
     points = (tip - translation) @ rotation
     return (
-        Plate("free", "raven2", {str(k): p for k, p in enumerate(points)}, 0.08, 0.08),
+        Block("free", "raven2", {str(k): p for k, p in enumerate(points)}, 0.08, 0.08),
         rotation,
         translation,
     )
 
 
 def touched(
-    arm: Arm, plate: Plate, pose: tuple[Array, Array], dimples: list[str], seed: int,
+    arm: Arm, block: Block, pose: tuple[Array, Array], dimples: list[str], seed: int,
     sides: Array | None = None,
 ) -> tuple[Recording, Touches]:  # fmt: skip
     """Record an arm that touches dimples, each from a random side unless `sides` say it."""
@@ -155,7 +156,7 @@ def touched(
     with Recorder(arm, session="touches") as recorder:
         hand = SimulatedHand(arm, *pose, seed=seed)
         pairs = zip(dimples, sides, strict=True)
-        stamps = [hand.touch(plate.points[n], side) for n, side in pairs]
+        stamps = [hand.touch(block.points[n], side) for n, side in pairs]
         hand.close()
     recording = recorder.recording()
     start = recording.provenance.start
@@ -193,7 +194,7 @@ class Session:
     """All that was recorded of one arm; the estimates are made of it afterwards."""
 
     training: list[Recording]
-    plate: Plate
+    block: Block
     pose: tuple[Array, Array]
     first: tuple[Recording, Touches]  # thirty, planned, on the day of the training
     thirty: tuple[Recording, Touches]  # after the homing
@@ -208,22 +209,22 @@ def recorded(specimen: str, seed: int, hours: float) -> Session:
         with Recorder(arm, session=direction) as recorder:
             follow(arm, zigzag(arm.robot, direction, 1 / 4))
         training.append(recorder.recording())
-    plate, pose, dimples, sides = planned_points(arm, seed)
-    first = touched(arm, plate, pose, dimples, seed, sides)
+    block, pose, dimples, sides = planned_points(arm, seed)
+    first = touched(arm, block, pose, dimples, seed, sides)
     judges = {"first day": observed(arm, seed)}
     model = calibrate(training, "linear", random_state=0)
-    few = planned(model, first, find_block(model, *first, plate)[0])
+    few = planned(model, first, find_block(model, *first, block)[0])
     six = {}
     arm.home()
-    six["homing"] = touched(arm, plate, pose, few, 1000 + seed)
-    thirty = touched(arm, plate, pose, dimples, 2000 + seed, -sides)
+    six["homing"] = touched(arm, block, pose, few, 1000 + seed)
+    thirty = touched(arm, block, pose, dimples, 2000 + seed, -sides)
     judges["homing"] = observed(arm, seed)
     if hours:
         way = random_motion(arm.robot, hours * 3600.0, 900 + seed, profile="laboratory")
         follow(arm, way)
-        six["work"] = touched(arm, plate, pose, few, 3000 + seed)
+        six["work"] = touched(arm, block, pose, few, 3000 + seed)
         judges["work"] = observed(arm, seed + 1)
-    return Session(training, plate, pose, first, thirty, six, judges)
+    return Session(training, block, pose, first, thirty, six, judges)
 
 
 def kept(folder: Path | None, specimen: str, seed: int, hours: float) -> Session:
@@ -253,24 +254,24 @@ def tip_error(robot: Robot, judge: Judge, model: Calibration) -> Row:
 
 def planned(model: Calibration, day: tuple[Recording, Touches], block: BlockPose) -> list[str]:
     """Six of the dimples touched on the first day that tell most of the zeros."""
-    rows = tip_rows(model, *day, block.plate)
+    rows = tip_rows(model, *day, block.block)
     homing = np.array([*np.deg2rad([1.0, 1.0]), 1e-3])
     chosen = choose_touches(rows, zero_prior(block, homing), FEW)
     return [day[1].dimple[k] for k in chosen]
 
 
-def planned_points(arm: Arm, seed: int) -> tuple[Plate, tuple[Array, Array], list[str], Array]:
+def planned_points(arm: Arm, seed: int) -> tuple[Block, tuple[Array, Array], list[str], Array]:
     """Thirty of 120 free dimples that tell most, in a short order, their pose and the sides."""
-    plate, *pose = free_points(arm, 120, seed)
+    block, *pose = free_points(arm, 120, seed)
     robot = arm.robot
-    meant = BlockPose(plate, robot.name, robot.arm, pose[0], pose[1], np.eye(6), 1.0, 5e-3)
-    guide = Guide(Learning(robot, plate), robot, meant, 30, seed=seed)
+    meant = BlockPose(block, robot.name, robot.arm, pose[0], pose[1], np.eye(6), 1.0, 5e-3)
+    guide = Guide(learning(robot, meant), 30, seed=seed)
     stops = []
     while (stop := guide.next_stop()) is not None:
         stops.append(stop)
         guide.skip(stop)
     names, sides = [stop.dimple for stop in stops], np.array([stop.side for stop in stops])
-    return plate, (pose[0], pose[1]), names, sides
+    return block, (pose[0], pose[1]), names, sides
 
 
 def rezero_rows(session: Session, names: list[str]) -> dict[str, Row]:
@@ -279,7 +280,7 @@ def rezero_rows(session: Session, names: list[str]) -> dict[str, Row]:
     robot = session.training[0].robot
     for name in names:
         model = calibrate(session.training, name, random_state=0)
-        block, _ = find_block(model, *session.first, session.plate)
+        block, _ = find_block(model, *session.first, session.block)
         rows[f"{name} full"] = tip_error(robot, session.judges["first day"], model)
         for when, today in session.few.items():
             judge = session.judges[when]
@@ -326,44 +327,44 @@ def bent(robot: Robot, degrees: float) -> SerialChain:
     return found
 
 
-def touched_by(session: Session, robot: Robot, chain: SerialChain) -> Plate:
+def touched_by(session: Session, robot: Robot, chain: SerialChain) -> Block:
     """Block whose dimples are where the tip had rested, were the arm a `chain`."""
     rotation, translation = session.pose
-    names = tuple(session.plate.points)
-    joint, _ = reach(robot, session.plate.at(names) @ rotation.T + translation, robot.home)
+    names = tuple(session.block.points)
+    joint, _ = reach(robot, session.block.at(names) @ rotation.T + translation, robot.home)
     points = (chain.forward(joint)[:, :3, 3] - translation) @ rotation
-    return replace(session.plate, points=dict(zip(names, points, strict=True)))
+    return replace(session.block, points=dict(zip(names, points, strict=True)))
 
 
 def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict[str, Row]:
     """One arm's rows without joint sensors: clean touches, and wrong ones of the same recording."""
-    (recording, touches), plate = session.thirty, session.plate
+    (recording, touches), block = session.thirty, session.block
     rng, dimples = np.random.default_rng([seed, 67]), list(touches.dimple)
-    bad = dict(plate.points)
+    bad = dict(block.points)
     for name in rng.choice(dimples, 2, replace=False):
         bad[name] = bad[name] + rng.choice([-1e-3, 1e-3], 3)
     a, b = rng.choice(len(dimples), 2, replace=False)
     dimples[a], dimples[b] = dimples[b], dimples[a]
     swapped = replace(touches, dimple=tuple(dimples))
-    unseated = replace(plate, points=bad)
-    unmeasured = replace(plate, measured=float("nan"))
-    small = replace(unmeasured, points={name: p / 0.995 for name, p in plate.points.items()})
+    unseated = replace(block, points=bad)
+    unmeasured = replace(block, measured=float("nan"))
+    small = replace(unmeasured, points={name: p / 0.995 for name, p in block.points.items()})
     robot, older = recording.robot, [calibrate(session.training, "linear", random_state=0)]
-    shots = Shots(touches.t, plate.at(touches.dimple))
+    shots = Shots(touches.t, block.at(touches.dimple))
     straight, crooked = known_kinematics(robot), bent(robot, 0.2)
 
     def touch(*given: Any, known: list[Calibration] | tuple[()] = ()) -> Calibration:
-        return calibrate_by_touch(*given, known=known)[0]
+        return calibrate_by_touch(*given, priors=known)[0]
 
     cases: dict[str, tuple[Kinematics, Callable[[], Calibration]]] = {
-        "clean": (straight, lambda: touch(recording, touches, plate)),
+        "clean": (straight, lambda: touch(recording, touches, block)),
         "unmeasured print": (straight, lambda: touch(recording, touches, unmeasured)),
         "2 badly seated": (straight, lambda: touch(recording, touches, unseated)),
-        "2 numbers exchanged": (straight, lambda: touch(recording, swapped, plate)),
+        "2 numbers exchanged": (straight, lambda: touch(recording, swapped, block)),
         "print .5 % small": (straight, lambda: touch(recording, touches, small)),
-        "other arms": (straight, lambda: touch(recording, touches, plate, known=others)),
+        "other arms": (straight, lambda: touch(recording, touches, block, known=others)),
         "other arms, small": (straight, lambda: touch(recording, touches, small, known=others)),
-        "older": (straight, lambda: touch(recording, touches, plate, known=older)),
+        "older": (straight, lambda: touch(recording, touches, block, known=older)),
         "older, small": (straight, lambda: touch(recording, touches, small, known=older)),
         "shots": (straight, lambda: calibrate_by_points(recording, shots, shot_sd=2e-4)[0]),
         "links .2 deg off": (
@@ -387,14 +388,14 @@ def others_of(specimen: str, first: int, folder: Path | None) -> list[Calibratio
 def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
     """Print how often a person is asked in twelve guided touches, and how long they wait."""
     arm = new_arm(specimen, seed)
-    plate, rotation, translation = free_points(arm, 120, seed)
+    block, rotation, translation = free_points(arm, 120, seed)
     robot, asked = arm.robot, 0
-    meant = BlockPose(plate, robot.name, robot.arm, rotation, translation, np.eye(6), 1.0, 5e-3)
-    guide = Guide(Learning(robot, plate, known), robot, meant, 12, seed=seed)
+    meant = BlockPose(block, robot.name, robot.arm, rotation, translation, np.eye(6), 1.0, 5e-3)
+    guide = Guide(learning(robot, meant, known), 12, seed=seed)
     hand, seconds = SimulatedHand(arm, rotation, translation, seed=seed), []
     with Recorder(arm, session="guided") as recorder:
         while (stop := guide.next_stop()) is not None:
-            t = hand.touch(plate.points[stop.dimple], stop.side)
+            t = hand.touch(block.points[stop.dimple], stop.side)
             asked += 1
             arm.wait(0.6)
             whole, begin = recorder.recording(), (time.perf_counter(), time.process_time())

@@ -83,7 +83,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.calibration.with_interval(model, [], levels=0.9), "too few"),
         (lambda model: truejoint.calibration.measure_coverage(model, []), "at least one"),
         (lambda model: truejoint.calibration.cross_interval([]), "at least one"),
-        (lambda model: truejoint.tip.read_plate("none.toml"), "none.toml: cannot be read"),
+        (lambda model: truejoint.tip.read_block("none.toml"), "none.toml: cannot be read"),
         (lambda model: truejoint.tip.Touches(1.0, "1"), "a time and a name"),
         (lambda model: truejoint.tip.tracked_truth(motion(1), "p.csv"), "read_track(path)"),
         (lambda model: Corrector(motion(1)), "Recording, not a Calibration"),

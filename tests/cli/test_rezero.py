@@ -19,8 +19,8 @@ import truejoint
 from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
-from truejoint.tip import Touches, read_plate, write_plate
-from truejoint.tip.touch_guide import FindingBlock, Guide, design_pose
+from truejoint.tip import Touches, read_block, write_block
+from truejoint.tip.guide import Guide, design_pose, finding_block
 
 
 def kept(made: Touched, path: Path) -> None:
@@ -35,9 +35,9 @@ def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("block")
     first = touched(24)
     truejoint.write_calibration(fitted(), folder / "model.safetensors")
-    write_plate(first.plate, folder / "plate.toml")
+    write_block(first.block, folder / "plate.toml")
     kept(first, folder / "first.csv")
-    kept(touched(6, 4, offset=(0.0, 0.006, 0.0), plate=first.plate, homing_id="2"),
+    kept(touched(6, 4, offset=(0.0, 0.006, 0.0), block=first.block, homing_id="2"),
          folder / "today.csv")  # fmt: skip
     return folder
 
@@ -64,7 +64,7 @@ def test_a_block_is_bolted_and_a_model_re_zeroed_by_it(call, folder, tmp_path):
 def test_what_does_not_go_together_is_one_line(call, folder, tmp_path):
     common = [folder / "model.safetensors", "--touches", folder / "today.csv"]
     for command, said in (
-        (["rezero", *common, "--bolted", folder / "plate.toml"], "is not known"),
+        (["rezero", *common, "--bolted", folder / "plate.toml"], "no key called 'name'"),
         (["rezero", *common, "--bolted", folder / "none.toml"], "none.toml"),
         (["bolt", *common, "--plate", folder / "first.csv"], "is not TOML"),
         (["bolt", *common[:2], folder / "model.safetensors", "--plate", folder / "plate.toml"],
@@ -85,7 +85,7 @@ def test_a_block_is_designed(call, tmp_path):
     told = " ".join(result.out.split())
     assert "dimples in reach" in told
     stands = re.findall(r"dimple (\d+) is about \((.+?)\) mm", told)
-    made = read_plate(tmp_path / "block" / "plate.toml")
+    made = read_block(tmp_path / "block" / "plate.toml")
     assert [number for number, _ in stands] == ["1", str(len(made.points))]
     for number, place in stands:
         expected = 1e3 * (made.rotation @ made.points[number] + made.translation)
@@ -144,18 +144,18 @@ def test_a_person_is_asked_once_a_touch(monkeypatch):
 def test_a_run_goes_on_after_a_touch_that_is_refused(
     folder, tmp_path, capsys, monkeypatch, is_early
 ):
-    plate = read_plate(folder / "plate.toml")
+    plate = read_block(folder / "plate.toml")
     pose = design_pose(plate, ROBOT)
-    guide = Guide(FindingBlock(fitted(), pose), ROBOT, pose, 4)
+    guide = Guide(finding_block(fitted(), pose), 4)
     made, seated, early = [], [], 0.1 if is_early else 0.0
     if not is_early:
         fail = Mock(side_effect=CalibrationError("do not fit"))
-        monkeypatch.setattr("truejoint.tip.touch_guide.fit_block", fail)
+        monkeypatch.setattr("truejoint.tip.guide.fit_block", fail)
 
     def seat(stop) -> float:
         seated.append(stop.dimple)
         asked = list(dict.fromkeys(seated))
-        made.append(touched(plate=plate, dimples=[*asked, next(n for n in plate.points
+        made.append(touched(block=plate, dimples=[*asked, next(n for n in plate.points
                                                                if n not in asked)]))  # fmt: skip
         return made[-1].touches.t[len(asked) - 1] + (early if len(seated) == 2 else 0.0)
 
@@ -192,7 +192,7 @@ def rests(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("rests")
     recording, touches, plate, _ = from_nothing()
     kept(Touched(without_truth(recording), touches, plate, np.zeros(3)), folder / "t.csv")
-    write_plate(plate, folder / "plate.toml")
+    write_block(plate, folder / "plate.toml")
     rows = zip(touches.t, 1e3 * plate.at(touches.dimple), strict=True)
     lines = [f"{t!r},{x!r},{y!r},{z!r}" for t, (x, y, z) in ((t, p.tolist()) for t, p in rows)]
     (folder / "shots.csv").write_text("\n".join(["t,x_mm,y_mm,z_mm", *lines]))
@@ -247,7 +247,7 @@ def test_three_other_arms_and_an_older_model_are_priors_of_touches(call, rests, 
     (arms / "arm2.safetensors").unlink()
     refused = call(*common, "--prior", arms)
     assert refused.code == 2
-    assert "2 calibrations do not tell how much arms differ" in refused.err
+    assert "2 calibrations are too few" in refused.err
     refused = call("calibrate", rests / "t.parquet", "--prior", arms / "arm0.safetensors",
                    "--seed", "3", "-o", tmp_path / "n.safetensors")  # fmt: skip
     assert refused.code == 2

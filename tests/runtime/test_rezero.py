@@ -14,7 +14,7 @@ from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.runtime import ReZero
 from truejoint.runtime.rezero import DRIFT, PRIOR
-from truejoint.tip import BlockPose, Plate
+from truejoint.tip import Block, BlockPose
 
 SIZE, TIME, NOISE = np.array([2e-3, 1e-4]), np.array([4.0, 9.0]), np.array([3e-4, 2e-5])
 STEP = np.array([1e-2, 1e-3])
@@ -229,9 +229,9 @@ def touched_block(**change) -> tuple[BlockPose, np.ndarray, SimpleNamespace]:
     tip = robot.kinematics.forward(joint)[:, :3, 3]
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     points = {str(k): p for k, p in enumerate((tip - tip[0]) @ turn)}
-    plate = Plate("block", "raven2", points, 0.08, 0.08)
+    plate = Block("block", "raven2", points, 0.08, 0.08)
     pose = {
-        "plate": plate, "robot": "raven2", "arm": "left", "rotation": turn, "translation": tip[0],
+        "block": plate, "robot": "raven2", "arm": "left", "rotation": turn, "translation": tip[0],
         "covariance": np.diag([1e-14] * 6), "scale": 1.0, "scale_sd": 1e-7,
     }  # fmt: skip
     baseline = SimpleNamespace(residual=np.array([1e-3, 1e-3, 1e-4]),

@@ -12,16 +12,16 @@ import truejoint
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
-from truejoint.tip import Plate, Touches, calibrate_by_touch
-from truejoint.tip.plate import TOUCH_SD
-from truejoint.tip.touch_terms import Terms
+from truejoint.tip import Block, Touches, calibrate_by_touch
+from truejoint.tip.block import TOUCH_SD
+from truejoint.tip.terms import Terms
 
 TRUE_ZERO = np.array([0.01, 0.02, 1e-3])
 
 
 def session(
     m: int = 30, seed: int = 0, *, noise: float = 1e-4, flat: bool = False, one_sided: bool = False
-) -> tuple[Recording, Touches, Plate, np.ndarray]:
+) -> tuple[Recording, Touches, Block, np.ndarray]:
     """Recording that goes from rest to rest, each in a dimple, its touches and the block."""
     rng = np.random.default_rng(seed)
     space = ROBOT.workspace
@@ -46,10 +46,10 @@ def session(
     points = (tip - translation) @ ROTATION + noise * rng.standard_normal((m, 3))
     if flat:
         points[:, 2] = 0.0
-    plate = Plate("block", "raven2", {str(k): p for k, p in enumerate(points)}, 0.08, 0.08)
+    block = Block("block", "raven2", {str(k): p for k, p in enumerate(points)}, 0.08, 0.08)
     stamps = tuple(((45 * np.arange(m) + 44) / RATE).tolist())
     touches = Touches(stamps, tuple(str(k) for k in range(m)))
-    return recorded(joint, TRUE_ZERO), touches, plate, translation
+    return recorded(joint, TRUE_ZERO), touches, block, translation
 
 
 def without_truth(recording: Recording) -> Recording:
@@ -60,8 +60,8 @@ def without_truth(recording: Recording) -> Recording:
 
 @pytest.fixture(scope="module")
 def calibrated():
-    recording, touches, plate, _ = session()
-    return calibrate_by_touch(without_truth(recording), touches, plate)
+    recording, touches, block, _ = session()
+    return calibrate_by_touch(without_truth(recording), touches, block)
 
 
 def in_block(model, recording: Recording) -> tuple[np.ndarray, np.ndarray]:
@@ -104,9 +104,9 @@ def test_what_was_not_seen_is_said_and_no_joint_accuracy_stated(calibrated):
 def test_it_is_an_ordinary_model(calibrated, tmp_path):
     model, report = calibrated
     recording = without_truth(session(15, 3)[0])
-    terms = Terms.of(ROBOT)
+    terms = Terms.of_workspace(ROBOT)
     features = terms.features.compute(recording, model.gap_limit)
-    expected = terms.basis(features) @ report.fit.state.coefficients
+    expected = terms.basis(*terms.columns(features)) @ report.fit.state.coefficients
     assert model.predict_error(recording) == pytest.approx(expected, abs=1e-12)
     path = tmp_path / "touched.safetensors"
     truejoint.write_calibration(model, path)
@@ -117,11 +117,11 @@ def test_it_is_an_ordinary_model(calibrated, tmp_path):
 
 
 def test_wrong_touches_are_named_and_do_little_harm():
-    recording, touches, plate, _ = session(30, 2)
-    points = dict(plate.points)
+    recording, touches, block, _ = session(30, 2)
+    points = dict(block.points)
     points["4"] = points["4"] + [1.5e-3, 1e-3, -1e-3]
     points["11"], points["20"] = points["20"], points["11"]
-    model, report = calibrate_by_touch(recording, touches, replace(plate, points=points))
+    model, report = calibrate_by_touch(recording, touches, replace(block, points=points))
     assert model.metadata["touch"]["left_out"] == ["4", "11", "20"]
     found, true = in_block(model, session(20, 9)[0])
     shift = session(30, 2)[3] - session()[3]
@@ -139,9 +139,9 @@ def test_wrong_touches_are_named_and_do_little_harm():
     ],
 )
 def test_touches_that_hide_something_are_refused(how, said):
-    recording, touches, plate, _ = session(**how)
+    recording, touches, block, _ = session(**how)
     with pytest.raises(CalibrationError, match=said):
-        calibrate_by_touch(recording, touches, plate)
+        calibrate_by_touch(recording, touches, block)
 
 
 def error_in_block(model, at: int = 0) -> float:
@@ -152,33 +152,33 @@ def error_in_block(model, at: int = 0) -> float:
 
 
 def test_an_older_model_of_the_arm_holds_what_touches_do_not_see():
-    recording, touches, plate, _ = session(12, 4, noise=2e-4)
-    helped, report = calibrate_by_touch(recording, touches, plate, known=[fitted()])
+    recording, touches, block, _ = session(12, 4, noise=2e-4)
+    helped, report = calibrate_by_touch(recording, touches, block, priors=[fitted()])
     assert helped.metadata["touch"]["prior"] == ["raven2 (left arm)"]
     assert report.zero_sd[0] < np.deg2rad(1.01)
     assert report.not_seen[0].startswith("zero of shoulder: not seen, assumed within")
 
 
 def test_a_prior_that_contradicts_the_touches_is_not_used():
-    recording, touches, plate, _ = session(30, 2)
-    alone, _ = calibrate_by_touch(recording, touches, plate)
+    recording, touches, block, _ = session(30, 2)
+    alone, _ = calibrate_by_touch(recording, touches, block)
     wrong = replace(fitted(), offsets={"model": np.array([0.0, 0.5, 0.05])})
-    model, report = calibrate_by_touch(recording, touches, plate, known=[wrong])
+    model, report = calibrate_by_touch(recording, touches, block, priors=[wrong])
     assert report.not_seen[-1].startswith("the prior: the touches are likelier without it")
     assert model.metadata["touch"]["prior"] == []
     assert error_in_block(model, 2) == pytest.approx(error_in_block(alone, 2), rel=1e-6)
 
 
 def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
-    recording, touches, plate, _ = session(30, 2)
-    small = replace(plate, points={n: p / 0.99 for n, p in plate.points.items()}, measured=np.nan)
+    recording, touches, block, _ = session(30, 2)
+    small = replace(block, points={n: p / 0.99 for n, p in block.points.items()}, measured=np.nan)
     _, blind = calibrate_by_touch(recording, touches, small)
     assert any(text.startswith("size of the print: not seen") for text in blind.not_seen)
-    model, report = calibrate_by_touch(recording, touches, small, known=[fitted()])
+    model, report = calibrate_by_touch(recording, touches, small, priors=[fitted()])
     (told,) = (text for text in report.not_seen if text.startswith("size of the print: -"))
     assert "measure it, and enter measured_mm" in told
-    assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-1])
-    measured, calm = calibrate_by_touch(recording, touches, plate)
+    assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-4])
+    measured, calm = calibrate_by_touch(recording, touches, block)
     assert not any("size" in text for text in calm.not_seen)
     assert measured.metadata["touch"]["scale"] == pytest.approx(1.0, abs=2e-3)
 

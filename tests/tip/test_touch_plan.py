@@ -6,18 +6,19 @@ from itertools import combinations, pairwise, permutations
 
 import numpy as np
 import pytest
-from tests.tip.test_tip_rows import prior, rows_of
+from tests.tip.test_fit import prior, rows_of
 
 from truejoint.errors import CalibrationError
-from truejoint.tip.tip_rows import fit_tip
+from truejoint.tip.fit import fit_rows
 from truejoint.tip.touch_plan import approach_sides, choose_touches, shortest_order
 
 
 def determinant(rows, known, chosen) -> float:
     """Logarithm of the determinant of the parameters' information, term by term."""
     free = np.flatnonzero(known.free)
-    jacobian, by_joint = rows.jacobian(known.state)
-    white = rows.whitening(by_joint) @ jacobian
+    equations = rows.equations(known.state)
+    whitening = equations.whitening(rows.joint_sd, rows.point_sd)
+    white = whitening @ equations.by_parameter
     information = known.precision[np.ix_(free, free)].copy()
     for k in chosen:
         information += white[k][:, free].T @ white[k][:, free]
@@ -31,8 +32,8 @@ def test_planned_touches_tell_more_than_random_ones():
     rng = np.random.default_rng(0)
     planned = determinant(rows, known, chosen)
     assert planned > max(determinant(rows, known, rng.permutation(60)[:10]) for _ in range(50))
-    sd = fit_tip(rows.rows(np.isin(np.arange(60), chosen)), known).sd
-    some = fit_tip(rows.rows(np.arange(60) < 10), known).sd
+    sd = fit_rows(rows.rows(np.isin(np.arange(60), chosen)), known).sd
+    some = fit_rows(rows.rows(np.arange(60) < 10), known).sd
     assert np.prod(sd[sd > 0]) < np.prod(some[some > 0])
 
 

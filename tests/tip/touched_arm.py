@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from truejoint import Calibration, calibrate
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
-from truejoint.tip import Plate, Touches
+from truejoint.tip import Block, Touches
 
 ROBOT = get_robot("raven2", "left")
 ROTATION = Rotation.from_rotvec([0.3, -0.2, 0.5]).as_matrix()
@@ -60,23 +60,23 @@ class Touched:
 
     recording: Recording
     touches: Touches
-    plate: Plate
+    block: Block
     translation: np.ndarray
 
 
 def touched(
     m: int = 12, seed: int = 0, *, offset: tuple[float, ...] = (0.0, 0.0, 0.0),
-    noise: float = 1e-4, plate: Plate | None = None, dimples: list[str] | None = None, **about: str,
+    noise: float = 1e-4, block: Block | None = None, dimples: list[str] | None = None, **about: str,
 ) -> Touched:  # fmt: skip
     """Rest in `m` dimples, where the measured positions are off by `offset` beyond the first day.
 
-    Without a `plate` the dimples are where the arm goes; with one they are some of its, those
+    Without a `block` the dimples are where the arm goes; with one they are some of its, those
     called `dimples` if given.
     """
     offset_ = np.array(offset)
     # The dimples of the block are those of seed 0; the arm finds them whatever its offset.
     rng = np.random.default_rng(seed)
-    count = m if plate is None else len(plate.points)
+    count = m if block is None else len(block.points)
     places = np.tile(ROBOT.home, (count, 1))
     grid = np.random.default_rng(99).uniform(-0.45, 0.45, (count, 3))
     places[:, :3] = ROBOT.workspace.centre + ROBOT.workspace.extent * grid
@@ -85,9 +85,9 @@ def touched(
     tip = ROBOT.kinematics.forward(true)[:, :3, 3]
     translation = tip[0].copy()
     points = (tip - translation) @ ROTATION
-    if plate is None:
+    if block is None:
         named = {str(k + 1): p for k, p in enumerate(points)}
-        plate = Plate("test block", "raven2", named, 0.08, 0.08, ROTATION, translation)
+        block = Block("test block", "raven2", named, 0.08, 0.08, ROTATION, translation)
     chosen = rng.permutation(count)[:m]
     if dimples is not None:
         chosen, m = np.array([int(n) - 1 for n in dimples]), len(dimples)
@@ -102,4 +102,4 @@ def touched(
     joint = np.repeat(rows, 15, axis=0)
     stamps = tuple(((15 * np.arange(m) + 14) / RATE).tolist())
     dimples = tuple(str(k + 1) for k in chosen)
-    return Touched(recorded(joint, offset_, **about), Touches(stamps, dimples), plate, translation)
+    return Touched(recorded(joint, offset_, **about), Touches(stamps, dimples), block, translation)

@@ -30,16 +30,16 @@ def plate(
     as_json: options.Json = False,
 ) -> None:
     """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
-    from truejoint.tip.plate import plate_text  # noqa: PLC0415  # NumPy
-    from truejoint.tip.plate_shape import design_plate, plate_stl, plate_svg  # noqa: PLC0415
+    from truejoint.tip.block_shape import block_stl, block_svg, design_block  # noqa: PLC0415
+    from truejoint.tip.files import block_text  # noqa: PLC0415  # NumPy
 
-    shape = design_plate(truejoint.get_robot(robot, arm))
-    made = shape.plate()
+    shape = design_block(truejoint.get_robot(robot, arm))
+    made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
     files = {
-        output / "plate.stl": partial(Path.write_bytes, data=plate_stl(shape)),
-        output / "plate.svg": partial(Path.write_text, data=plate_svg(shape), encoding="utf-8"),
-        output / "plate.toml": partial(Path.write_text, data=plate_text(made), encoding="utf-8"),
+        output / "plate.stl": partial(Path.write_bytes, data=block_stl(shape)),
+        output / "plate.svg": partial(Path.write_text, data=block_svg(shape), encoding="utf-8"),
+        output / "plate.toml": partial(Path.write_text, data=block_text(made), encoding="utf-8"),
     }
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size

@@ -16,8 +16,8 @@ from truejoint.files import check_target
 from truejoint.units import with_unit
 
 if TYPE_CHECKING:
-    from truejoint.tip.tip_rows import TipFit
-    from truejoint.tip.touches import Touches
+    from truejoint.tip.fit import TipFit
+    from truejoint.tip.rests import Touches
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Touching:
         self, model: Path, files: Files
     ) -> tuple[truejoint.Calibration, truejoint.Recording, Touches]:
         """Read the model, the recording and the touches."""
-        from truejoint.tip.touches import read_touches  # noqa: PLC0415  # NumPy
+        from truejoint.tip.files import read_touches  # noqa: PLC0415  # NumPy
 
         calibration, made = truejoint.read_calibration(model), read_touches(self.touches)
         name = str(self.recording or self.touches.with_suffix(".parquet"))
@@ -66,11 +66,11 @@ def bolt(
     touching: Touching,
 ) -> None:
     """Find where a bolted block stands, on the day of the full calibration."""
-    from truejoint.tip.plate import read_plate, write_pose  # noqa: PLC0415  # NumPy
-    from truejoint.tip.touches import find_block  # noqa: PLC0415
+    from truejoint.tip.files import read_block, write_pose  # noqa: PLC0415  # NumPy
+    from truejoint.tip.touch import find_block  # noqa: PLC0415
 
     check_target(output, overwrite=force)
-    block = read_plate(plate)
+    block = read_block(plate)
     calibration, whole, made = touching.read(model, files)
     pose, found = find_block(calibration, whole, made, block, touch_sd=touching.touch_sd)
     write_pose(pose, output, overwrite=force)
@@ -104,8 +104,8 @@ def rezero(
     touching: Touching,
 ) -> None:
     """Re-zero a calibration by touching a bolted block: after a homing, or hours of work."""
-    from truejoint.tip.plate import read_pose  # noqa: PLC0415  # NumPy
-    from truejoint.tip.touches import rezeroed_by_touch  # noqa: PLC0415
+    from truejoint.tip.files import read_pose  # noqa: PLC0415  # NumPy
+    from truejoint.tip.touch import rezeroed_by_touch  # noqa: PLC0415
 
     check_model_target(output, force)
     pose = read_pose(bolted)

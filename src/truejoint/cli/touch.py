@@ -19,7 +19,7 @@ from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, print_table, say
 from truejoint.cli.inputs import takes
 from truejoint.cli.show import is_model
-from truejoint.cli.touched import known_calibrations
+from truejoint.cli.touched import prior_calibrations
 from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.files import check_target, write_atomically
 from truejoint.units import shown
@@ -27,7 +27,7 @@ from truejoint.units import shown
 if TYPE_CHECKING:
     from truejoint.recordings import Recorder
     from truejoint.tip import BlockPose, Touches
-    from truejoint.tip.touch_guide import Guide, Purpose, Stop
+    from truejoint.tip.guide import Guide, Stop, Task
 
     Seat = Callable[[Stop], float]
 
@@ -59,16 +59,14 @@ class Aim:
     ] = None
     side: options.Arm = ""
 
-    def purpose(
-        self, arm: str, model: Path | None
-    ) -> tuple[truejoint.robots.Robot, BlockPose, Purpose]:
-        """Robot, where its block stands, and what for; refuse what does not go together."""
-        from truejoint.tip.plate import read_plate, read_pose  # noqa: PLC0415  # NumPy
-        from truejoint.tip.touch_guide import (  # noqa: PLC0415
-            FindingBlock,
-            Learning,
-            Rezeroing,
+    def task(self, arm: str, model: Path | None) -> Task:
+        """Task of the touches; refuse what does not go together."""
+        from truejoint.tip.files import read_block, read_pose  # noqa: PLC0415  # NumPy
+        from truejoint.tip.guide import (  # noqa: PLC0415
             design_pose,
+            finding_block,
+            learning,
+            rezeroing,
         )
 
         if model is None:
@@ -77,9 +75,9 @@ class Aim:
                     f"touch of {arm}, without a model, takes --plate, and calibrates; to re-zero "
                     "or to find a block give the model file"
                 )
-            robot, block = truejoint.get_robot(arm, self.side), read_plate(self.plate)
-            known = [] if self.prior is None else known_calibrations(self.prior)
-            return robot, design_pose(block, robot), Learning(robot, block, known)
+            robot, block = truejoint.get_robot(arm, self.side), read_block(self.plate)
+            priors = [] if self.prior is None else prior_calibrations(self.prior)
+            return learning(robot, design_pose(block, robot), priors)
         if (self.plate is None) == (self.bolted is None):
             raise CommandRefused(
                 "touch takes --plate, to find a block, or --bolted, to re-zero by one"
@@ -89,10 +87,8 @@ class Aim:
         calibration = truejoint.read_calibration(model)
         robot = truejoint.get_robot(calibration.robot, calibration.arm)
         if self.bolted is not None:
-            pose = read_pose(self.bolted)
-            return robot, pose, Rezeroing(calibration, pose)
-        pose = design_pose(read_plate(self.plate or Path()), robot)
-        return robot, pose, FindingBlock(calibration, pose)
+            return rezeroing(calibration, read_pose(self.bolted))
+        return finding_block(calibration, design_pose(read_block(self.plate or Path()), robot))
 
     def following(self, arm: str, model: Path | None, output: Path) -> str:
         """Command that takes what was touched."""
@@ -157,30 +153,28 @@ def touch(
     """
     is_robot = Path(arm).suffix in {"", ".toml"} and not is_model(Path(arm))
     model = None if is_robot else Path(arm)
-    robot, pose, purpose = aim.purpose(arm, model)
-    guide = _guide(purpose, robot, pose, touches or (_MANY if aim.bolted is None else _FEW), seed)
+    task = aim.task(arm, model)
+    guide = _guide(task, touches or (_MANY if aim.bolted is None else _FEW), seed)
     if output is None:
         _print_plan(guide)
         return
     _check_output(output, overwrite=force)
-    opened = _by_hand(robot, namespace, ros) if by_hand else _simulated(pose, twin, seed)
+    opened = _by_hand(task.robot, namespace, ros) if by_hand else _simulated(task.pose, twin, seed)
     with opened as (device, seat), _recorder(device, output, overwrite=force) as recorder:
         made = follow_guide(
-            guide, recorder, seat, output, until_mm / 1e3, fewest=purpose.fewest, goes_on=by_hand
+            guide, recorder, seat, output, until_mm / 1e3, fewest=task.fewest, goes_on=by_hand
         )
-    out.print(f"{output}: {len(made)} touches of {pose.plate.name}")
+    out.print(f"{output}: {len(made)} touches of {task.pose.block.name}")
     say(f"next: truejoint {aim.following(arm, model, output)} -o ...")
 
 
-def _guide(
-    purpose: Purpose, robot: truejoint.robots.Robot, pose: BlockPose, count: int, seed: int
-) -> Guide:
-    """Plan so many touches; refuses fewer than the purpose takes."""
-    from truejoint.tip.touch_guide import Guide  # noqa: PLC0415  # NumPy
+def _guide(task: Task, count: int, seed: int) -> Guide:
+    """Plan so many touches; refuses fewer than the task takes."""
+    from truejoint.tip.guide import Guide  # noqa: PLC0415  # NumPy
 
-    if count < purpose.fewest:
-        raise CommandRefused(f"--touches {count}: it takes {purpose.fewest} at least; give so many")
-    return Guide(purpose, robot, pose, count, seed=seed)
+    if count < task.fewest:
+        raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
+    return Guide(task, count, seed=seed)
 
 
 def _check_output(output: Path, *, overwrite: bool) -> None:

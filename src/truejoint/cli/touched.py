@@ -89,8 +89,8 @@ def calibrate_touched(
     from truejoint.evaluation.report.touches import write_touch_report  # noqa: PLC0415  # NumPy
 
     seen.check(recordings, force=force)
-    known = [] if prior is None else known_calibrations(prior)
-    fit = _fitting(seen, known)
+    priors = [] if prior is None else prior_calibrations(prior)
+    fit = _fitting(seen, priors)
     whole = files.one(recordings[0])
     with progress("Fitting joints and frame"):
         fitted, report = fit(whole)
@@ -114,7 +114,7 @@ def calibrate_touched(
         out.print(f"  {text}", soft_wrap=True)
 
 
-def known_calibrations(prior: Path) -> list[truejoint.Calibration]:
+def prior_calibrations(prior: Path) -> list[truejoint.Calibration]:
     """Read the model file, or all those in a folder; raises CalibrationError if there are none."""
     if not prior.is_dir():
         return [truejoint.read_calibration(prior)]
@@ -127,18 +127,18 @@ def known_calibrations(prior: Path) -> list[truejoint.Calibration]:
 
 
 def _fitting(
-    seen: Seen, known: Sequence[truejoint.Calibration]
+    seen: Seen, priors: Sequence[truejoint.Calibration]
 ) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, TouchReport]]:
     """Read what was touched or shot; gives what fits a recording to it."""
-    from truejoint.tip.plate import TOUCH_SD  # noqa: PLC0415  # NumPy
-    from truejoint.tip.sighted import SHOT_SD  # noqa: PLC0415
+    from truejoint.tip.block import TOUCH_SD  # noqa: PLC0415  # NumPy
+    from truejoint.tip.rests import SHOT_SD  # noqa: PLC0415
 
     tip = truejoint.tip
     sd = None if seen.touch_sd_mm is None else seen.touch_sd_mm / 1e3
     if seen.touches is not None and seen.plate is not None:
-        made, block = tip.read_touches(seen.touches), tip.read_plate(seen.plate)
+        made, block = tip.read_touches(seen.touches), tip.read_block(seen.plate)
         return lambda whole: tip.calibrate_by_touch(
-            whole, made, block, touch_sd=sd or TOUCH_SD, known=known
+            whole, made, block, touch_sd=sd or TOUCH_SD, priors=priors
         )
     shots = tip.read_shots(seen.points or Path())
 
@@ -146,6 +146,6 @@ def _fitting(
         stands = None
         if seen.registration is not None:
             stands = tip.read_registration(seen.registration, whole.robot)
-        return tip.calibrate_by_points(whole, shots, stands, shot_sd=sd or SHOT_SD, known=known)
+        return tip.calibrate_by_points(whole, shots, stands, shot_sd=sd or SHOT_SD, priors=priors)
 
     return fit

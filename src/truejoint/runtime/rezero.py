@@ -15,7 +15,7 @@ from truejoint.calibration.zero import CORRELATION_MARGIN, believed_zero
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
-from truejoint.tip.plate import TOUCH_SD, BlockPose
+from truejoint.tip.block import TOUCH_SD, BlockPose
 
 DRIFT: Final = 2.0
 """How far an offset wanders within an hour, in standard deviations of the calibration's errors."""
@@ -193,7 +193,7 @@ class ReZero:
                 f"a touch of {robot.title} does not tell {', '.join(self._joints)}: it takes known "
                 "kinematics, and three joints that move the tip each in its own way"
             )
-        point = block.scale * block.plate.at((dimple,))[0]
+        point = block.scale * block.block.at((dimple,))[0]
         place = block.rotation @ point
         x, y, z = point
         turned = -block.rotation @ np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])

@@ -1,24 +1,20 @@
-"""Where a tracker stands beside a robot: what a person states of it, and what was found."""
+"""Where a tracker stands beside a robot: what a person states of it, and what the fit says."""
 
 from __future__ import annotations
 
 import math
-import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.errors import CalibrationError, unknown
+from truejoint.errors import CalibrationError
 from truejoint.recordings.join.joining import ClockOffset
-from truejoint.robots import Robot
 from truejoint.summary import Summarised
-from truejoint.tip.tip_rows import align, cross_matrix
-from truejoint.toml_file import read_toml
+from truejoint.tip.rows import align, cross_matrix
 from truejoint.units import display_unit
 
 _MARKER_SD: Final = 0.05  # m, of a marker of which nothing is stated
@@ -221,118 +217,3 @@ class Registered(Summarised):
 
 def _listed(values: Array, form: str) -> str:
     return f"({', '.join(format(float(v), form) for v in values)})"
-
-
-_KEYS: Final[Mapping[str, tuple[str, ...]]] = {
-    "base": ("position_mm", "quaternion", "sd_mm", "sd_deg"),
-    "marker": ("link", "position_mm", "sd_mm"),
-    "touched": ("base_mm", "tracker_mm"),
-    "stops": ("joint", "measured", "true", "sd"),
-}
-
-
-def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registration:
-    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
-
-    Raises CalibrationError naming the key and the rule that it breaks, RobotError for a joint that
-    `robot` does not have.
-
-    Examples
-    --------
-    >>> text = '[marker]\nlink = "roll"\nposition_mm = [0, 0, 8]\nsd_mm = 0.2'
-    >>> _ = Path("tracker.toml").write_text(text)
-    >>> read_registration(Path("tracker.toml"), get_robot("raven2")).marker
-    array([0.   , 0.   , 0.008])
-    """
-    path = Path(path)
-    values = read_toml(path, CalibrationError)
-    known = (*_KEYS, "touched_sd_mm")
-    for key in values:
-        if key not in known:
-            raise CalibrationError(f"{path}: {unknown('key', key, known)}")
-    stated: dict[str, Any] = {}
-    if "base" in values:
-        table = _table(path, "base", values["base"])
-        pose = np.eye(4)
-        pose[:3, 3] = 1e-3 * _numbers(path, "base.position_mm", table.get("position_mm"), 3)
-        turn = _numbers(path, "base.quaternion", table.get("quaternion"), 4)
-        if not abs(np.linalg.norm(turn) - 1.0) < 1e-2:
-            raise CalibrationError(
-                f"{path}: base.quaternion is of length {np.linalg.norm(turn):.3g}; give x, y, z, w "
-                "of a unit quaternion"
-            )
-        pose[:3, :3] = Rotation.from_quat(turn).as_matrix()
-        sd = [_positive(path, f"base.{key}", table.get(key)) for key in ("sd_deg", "sd_mm")]
-        stated |= {"base": pose, "base_sd": np.repeat([math.radians(sd[0]), 1e-3 * sd[1]], 3)}
-    if "marker" in values:
-        table = _table(path, "marker", values["marker"])
-        link = table.get("link", "")
-        if link:
-            robot.joint(str(link))
-        stated["link"] = str(link)
-        if "position_mm" in table:
-            place = _numbers(path, "marker.position_mm", table["position_mm"], 3)
-            sd_mm = _positive(path, "marker.sd_mm", table.get("sd_mm"))
-            stated |= {"marker": 1e-3 * place, "marker_sd": np.full(3, 1e-3 * sd_mm)}
-    if "touched_sd_mm" in values and "touched" not in values:
-        raise CalibrationError(
-            f"{path}: touched_sd_mm is of touched points, and there are none; leave it out, or "
-            "write [[touched]] for each"
-        )
-    if "touched" in values:
-        rows = [_table(path, "touched", row) for row in _list(path, "touched", values["touched"])]
-        pairs = [
-            [_numbers(path, f"touched.{key}", row.get(key), 3) for key in _KEYS["touched"]]
-            for row in rows
-        ]
-        sd_mm = _positive(path, "touched_sd_mm", values.get("touched_sd_mm"))
-        stated |= {"touched": 1e-3 * np.array(pairs), "touched_sd": 1e-3 * sd_mm}
-    return Registration(**stated, stops=_stops(path, values.get("stops", []), robot))
-
-
-def _stops(path: Path, value: Any, robot: Robot) -> dict[str, tuple[float, float, float]]:
-    """Measured and true position, and deviation, of joints at a stop [rad or m]."""
-    stops: dict[str, tuple[float, float, float]] = {}
-    for row in _list(path, "stops", value):
-        table = _table(path, "stops", row)
-        joint = robot.joint(str(table.get("joint", "")))
-        if joint.name in stops:
-            raise CalibrationError(f"{path}: two stops of {joint.name}; state one of each joint")
-        scale = display_unit(joint.unit).scale
-        where = [
-            float(_numbers(path, f"stops.{key}", [table.get(key)], 1)[0]) / scale
-            for key in ("measured", "true")
-        ]
-        sd_joint = _positive(path, "stops.sd", table.get("sd")) / scale
-        stops[joint.name] = (where[0], where[1], sd_joint)
-    return stops
-
-
-def _table(path: Path, name: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise CalibrationError(f"{path}: {name} is {value!r:.40}; want a table")
-    for key in value:
-        if key not in _KEYS[name]:
-            raise CalibrationError(f"{path}: {name}: {unknown('key', key, _KEYS[name])}")
-    return value
-
-
-def _list(path: Path, name: str, value: Any) -> Sequence[Any]:
-    if not isinstance(value, list):
-        raise CalibrationError(f"{path}: {name} is {value!r:.40}; write [[{name}]] for each")
-    return value
-
-
-def _numbers(path: Path, name: str, value: Any, count: int) -> Array:
-    good = isinstance(value, list) and len(value) == count
-    if not good or not all(type(v) in (int, float) and math.isfinite(v) for v in value):
-        raise CalibrationError(f"{path}: {name} is {value!r:.60}; want {count} numbers")
-    return np.array(value, dtype=np.float64)
-
-
-def _positive(path: Path, name: str, value: Any) -> float:
-    if type(value) not in (int, float) or not 0.0 < value < math.inf:
-        raise CalibrationError(
-            f"{path}: {name} is {value!r:.40}; state a standard deviation above 0"
-        )
-    return float(value)

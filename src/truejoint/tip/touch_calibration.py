@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -18,45 +18,40 @@ from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.learn import PolynomialRegressor
 from truejoint.features.feature_set import default_gap_limit
 from truejoint.recordings import Recording
-from truejoint.tip.plate import TOUCH_SD, Plate
+from truejoint.tip.block import TOUCH_SD, Block
+from truejoint.tip.fit import TipFit, fit_rows
 from truejoint.tip.registration import Registration
-from truejoint.tip.sighted import SHOT_SD, Shots, Sighted, shot, touched
-from truejoint.tip.tip_rows import TipFit, TipPrior, TipRows, align, fit_tip
-from truejoint.tip.touch_terms import (
+from truejoint.tip.rests import SHOT_SD, RestPoints, Shots, Touches, at_rest, check_count
+from truejoint.tip.rows import SCALE, TipPrior, TipRows, align
+from truejoint.tip.terms import (
     LEFT,
     SPREAD,
-    WIDTHS,
     Terms,
-    check_known,
+    check_priors,
     learned_priors,
     wide_priors,
 )
-from truejoint.tip.touches import (
-    Touches,
-    check_count,
-    likelihood,
-    resting,
-    with_estimated_errors,
-)
+from truejoint.tip.touch import likelihood, with_estimated_errors
 from truejoint.units import with_unit
 
-_CALIBRATING: Final = 12  # touches of an arm of which nothing is known; half as many with a prior
+_CALIBRATING: Final = 12  # touches of an unknown arm; half as many with a prior
 _FOLDS: Final = 6
 _FLAT: Final = 0.05  # of the touches' extent, below which they lie in a plane
 _SIDED: Final = 0.15  # of the touches that come from either side of each joint
-_SEEN: Final = 0.5  # of what was expected, above which a deviation says that it was not seen
+_SEEN: Final = 0.5  # of the prior deviation, above which a zero was not seen
 _SIZED: Final = 0.8  # the same of the size of a print
-_WORTH: Final = 5e-5  # of the tip, above which what a print's size leaves open is told [m]
+_WORTH: Final = 5e-5  # effect of an unmeasured print's size on the tip that is reported [m]
+_UNSURE: Final = 0.2  # deviation of a zero that is reported, in `SPREAD`
 
 
-def fewest_touches(known: Sequence[Calibration]) -> int:
-    """How many different touches it takes at least to calibrate an arm with such priors."""
-    return _CALIBRATING // 2 if known else _CALIBRATING
+def fewest_touches(priors: Sequence[Calibration]) -> int:
+    """Different touches that it takes at least to calibrate an arm with such priors."""
+    return _CALIBRATING // 2 if priors else _CALIBRATING
 
 
 @dataclass(frozen=True, eq=False)
 class TouchReport:
-    """What a calibration by touch is worth, and what it did not see.
+    """Accuracy of a calibration by touch, and what the touches did not show.
 
     Attributes
     ----------
@@ -65,17 +60,17 @@ class TouchReport:
     fit : TipFit
     left_out_error : float
         RMS distance [m] of the tip, in the block's frame, from points that a fit without them
-        expects, less what touches err themselves: the honest error.
+        expects, less the touches' own noise: the cross-validated error.
     left_out_sd : float
-        Standard deviation of that [m]: so few touches do not say it any better.
+        Standard deviation of that [m].
     zero_sd : ndarray, shape (n_joints,)
         Standard deviation of each joint's zero amid the workspace [rad or m].
     not_seen : tuple of str
         In words, what only the prior holds.
     point, before, left_out : ndarray, shape (m, 3)
-        Of each touch its point in the block, how far off the tip was by the measured positions,
-        the block laid over them as well as it can be, and how far off it is by a fit without this
-        touch [m].
+        Of each touch its point in the block; the error of the tip by the measured positions, with
+        the block laid over them as well as it can be; and the error by a fit without this touch
+        [m].
 
     Examples
     --------
@@ -94,51 +89,42 @@ class TouchReport:
     left_out: Array
 
 
-@dataclass(frozen=True, eq=False)
-class TermsFit:
-    """Joints and frame that fit what was touched or shot.
+class TermsFit(NamedTuple):
+    """Joints and frame that fit what was touched or shot."""
 
-    Attributes
-    ----------
-    found : TipFit
-    rows : TipRows
-        With what the terms leave of the joints.
-    prior : TipPrior
-        That was the likeliest.
-    is_learned : bool
-        Whether it is of other calibrations.
-    """
-
-    found: TipFit
+    fit: TipFit
     rows: TipRows
+    """With what the terms leave of the joints."""
     prior: TipPrior
+    """The likeliest."""
     is_learned: bool
+    """Whether the prior is of other calibrations."""
 
 
 def calibrate_by_touch(
     recording: Recording,
     touches: Touches,
-    plate: Plate,
+    block: Block,
     *,
     touch_sd: float = TOUCH_SD,
-    known: Sequence[Calibration] = (),
+    priors: Sequence[Calibration] = (),
 ) -> tuple[Calibration, TouchReport]:
     """Fit joints and a block's pose together to touches of its dimples.
 
     Of each positioning joint a constant, slopes and squares of all of them, and plays of its own:
-    with three joints 39 numbers. It makes the tip right in the block's frame; joints only as far as
-    `TouchReport.not_seen` leaves them. How wide the terms are expected to be, the touches say
-    themselves: the prior under which they are likeliest, also of those that calibrations make.
+    with three joints 39 numbers. The tip is then right in the block's frame, and joints as far as
+    `TouchReport.not_seen` leaves them. The prior of the terms is the one under which the touches
+    are likeliest, among wide ones and those that other calibrations give.
 
     Parameters
     ----------
     recording : Recording
         Continuous, from before the first touch on: plays need to know where a joint came from.
     touches : Touches
-    plate : Plate
+    block : Block
     touch_sd : float
-        How far off its dimple a tip rests, per axis [m].
-    known : sequence of Calibration
+        Standard deviation of a tip from its dimple, per axis [m].
+    priors : sequence of Calibration
         An older one of this arm, or three or more of other arms of the robot, as a prior.
 
     Returns
@@ -161,8 +147,9 @@ def calibrate_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, fewest_touches(known), "calibrate")
-    return _calibrated(recording, touched(touches, plate, recording.robot, touch_sd), known)
+    check_count(touches, fewest_touches(priors), "calibrate")
+    seen = RestPoints.of_touches(touches, block, recording.robot, touch_sd)
+    return _calibrate(recording, seen, priors)
 
 
 def calibrate_by_points(
@@ -171,7 +158,7 @@ def calibrate_by_points(
     registration: Registration | None = None,
     *,
     shot_sd: float = SHOT_SD,
-    known: Sequence[Calibration] = (),
+    priors: Sequence[Calibration] = (),
 ) -> tuple[Calibration, TouchReport]:
     """Fit joints and a tracker's pose together to single shots of the tool at rest.
 
@@ -185,28 +172,28 @@ def calibrate_by_points(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(shots.rests, fewest_touches(known), "calibrate")
-    seen = shot(shots, registration or Registration(), recording.robot, shot_sd)
-    return _calibrated(recording, seen, known)
+    check_count(shots.rests, fewest_touches(priors), "calibrate")
+    seen = RestPoints.of_shots(shots, registration or Registration(), recording.robot, shot_sd)
+    return _calibrate(recording, seen, priors)
 
 
-def _calibrated(
-    recording: Recording, seen: Sighted, known: Sequence[Calibration]
+def _calibrate(
+    recording: Recording, seen: RestPoints, priors: Sequence[Calibration]
 ) -> tuple[Calibration, TouchReport]:
     """Fit, judge, and make an ordinary calibration of it."""
-    terms = Terms.of(recording.robot)
+    terms = Terms.of_workspace(recording.robot)
     features = features_of(recording, terms)
-    _check_spread(seen, terms, features, resting(recording, seen.rests), is_flat_fine=bool(known))
-    fit = fit_terms(recording, seen, terms, features, known)
-    report = _report(seen, fit, terms, is_given=bool(known))
-    coefficients = fit.found.state.coefficients
-    correction = terms.basis(features) @ coefficients
+    _check_spread(recording, seen, terms, features, is_flat_fine=bool(priors))
+    terms_fit = fit_terms(recording, seen, terms, features, priors)
+    report = _report(seen, terms_fit, terms, has_priors=bool(priors))
+    coefficients = terms_fit.fit.state.coefficients
+    correction = terms.basis(*terms.columns(features)) @ coefficients
     table: dict[str, Array] = {"t": recording.t}
     table |= {c: recording.column(c) for c in recording.units}
     for k, joint in enumerate(terms.joints):
         table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
     whole = Recording.from_columns(table, recording.provenance, recording.units)
-    # All but the model: domain, units, baselines. Of the model the touches tell all.
+    # Domain, units and baselines are fitted; the touches alone give the model.
     fitted = calibrate(
         [whole], "linear", features=terms.features, joints=terms.joints, redundant=[]
     )
@@ -214,29 +201,33 @@ def _calibrated(
     model = PolynomialRegressor.from_data(data, len(terms.features), len(terms.joints))
     baseline = fitted.effort_baseline
     if baseline is not None:
-        baseline = replace(baseline, residual=np.hypot(fit.rows.joint_sd, report.zero_sd))
-    own = replace(fitted, model=model, effort_baseline=baseline).with_metadata(
-        estimator=model.name, settings=" ".join(repr(model).split()), truth="touch",
-        touch=_facts(seen, fit, report, known),
-    )  # fmt: skip
-    return own, report
+        residual = np.hypot(terms_fit.rows.corrected_sd, report.zero_sd)
+        baseline = replace(baseline, residual=residual)
+    calibration = replace(fitted, model=model, effort_baseline=baseline).with_metadata(
+        estimator=model.name,
+        settings=" ".join(repr(model).split()),
+        truth="touch",
+        touch=_facts(seen, terms_fit, report, priors),
+    )
+    return calibration, report
 
 
 def _facts(
-    seen: Sighted, fit: TermsFit, report: TouchReport, known: Sequence[Calibration]
+    seen: RestPoints, terms_fit: TermsFit, report: TouchReport, priors: Sequence[Calibration]
 ) -> dict[str, Any]:
-    """Say what the model file keeps of the touches, as plain values."""
-    state = fit.found.state
+    """Plain values about the touches for the model file."""
+    fit = terms_fit.fit
+    state = fit.state
     return {
         "touches": len(seen.rests),
         "what": seen.what,
         "frame": seen.frame,
-        "prior": [one.title for one in known] if fit.is_learned else [],
-        "left_out": [seen.rests.dimple[i] for i in np.flatnonzero(fit.found.left_out)],
+        "prior": [prior.title for prior in priors] if terms_fit.is_learned else [],
+        "left_out": [seen.rests.dimple[i] for i in np.flatnonzero(fit.left_out)],
         "left_out_error": report.left_out_error,
         "left_out_sd": report.left_out_sd,
         "zero_sd": report.zero_sd.tolist(),
-        "joint_sd": fit.rows.joint_sd.tolist(),
+        "joint_sd": terms_fit.rows.corrected_sd.tolist(),
         "scale": state.scale,
         "rotation": (state.rotation @ seen.stated[:3, :3]).tolist(),
         "translation": (state.rotation @ seen.stated[:3, 3] + state.translation).tolist(),
@@ -252,56 +243,58 @@ def features_of(recording: Recording, terms: Terms) -> Array:
 
 
 def fit_terms(
-    recording: Recording, seen: Sighted, terms: Terms, features: Array,
-    known: Sequence[Calibration],
-) -> TermsFit:  # fmt: skip
-    """Fit terms and frame to what was seen, under the likeliest prior, errors estimated too.
+    recording: Recording,
+    seen: RestPoints,
+    terms: Terms,
+    features: Array,
+    priors: Sequence[Calibration],
+) -> TermsFit:
+    """Fit terms and frame to points at rest, under the likeliest prior.
 
-    `features` (n, k) are the terms', of the recording. How bent and how wide the arm's errors are,
-    and whether it is as others, what was seen says itself (empirical Bayes). Raises as `fit_tip`
-    and `resting`, and CalibrationError for a prior that is none.
+    `features` (n, k) are the terms', of the recording. The points themselves choose the prior and
+    the errors that joints keep (empirical Bayes). Raises as `fit_rows` and `resting`, and
+    CalibrationError for a prior of another robot or arm.
     """
-    check_known(known, recording.robot)
+    check_priors(priors, recording.robot)
     rows = _rows(recording, seen, terms, features)
-    expected = wide_priors(terms)
-    learned = learned_priors(terms, known, recording) if known else []
-    priors = [seen.prior(rows, one.mean, one.sd) for one in [*learned, *expected]]
-    first = fit_tip(rows, priors[len(learned)])
-    best = int(np.argmax([likelihood(rows, one, first) for one in priors]))
-    rows = with_estimated_errors(rows, priors[best])
-    found = fit_tip(rows, priors[best], start=first.state)
-    return TermsFit(found, rows, priors[best], best < len(learned))
+    learned = learned_priors(terms, priors, recording) if priors else []
+    candidates = [seen.prior(rows, *expected) for expected in [*learned, *wide_priors(terms)]]
+    first = fit_rows(rows, candidates[len(learned)])
+    best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
+    rows = with_estimated_errors(rows, candidates[best])
+    fit = fit_rows(rows, candidates[best], start=first.state)
+    return TermsFit(fit, rows, candidates[best], best < len(learned))
 
 
-def _rows(recording: Recording, seen: Sighted, terms: Terms, features: Array) -> TipRows:
+def _rows(recording: Recording, seen: RestPoints, terms: Terms, features: Array) -> TipRows:
     robot = recording.robot
-    measured, basis = recording.columns("measured", robot.joint_names), terms.basis(features)
-    rests = resting(recording, seen.rests)
-    return TipRows(
+    measured = recording.columns("measured", robot.joint_names)
+    basis = terms.basis(*terms.columns(features))
+    rows = TipRows(
         seen.kinematics,
-        np.array([measured[rows].mean(axis=0) for rows in rests]),
+        at_rest(recording, seen.rests, measured),
         tuple(robot.index(terms.joints)),
-        np.array([basis[rows].mean(axis=0) for rows in rests]),
+        at_rest(recording, seen.rests, basis),
         seen.point,
-        np.full(len(rests), seen.sd),
-        LEFT * terms.scale,
+        seen.sd,
+        np.zeros(measured.shape[1]),
     )
+    return rows.with_joint_sd(LEFT * terms.scale)
 
 
 def _check_spread(
-    seen: Sighted, terms: Terms, features: Array, rests: list[slice], *, is_flat_fine: bool
+    recording: Recording, seen: RestPoints, terms: Terms, features: Array, *, is_flat_fine: bool
 ) -> None:
     """Refuse touches in one plane, unless `is_flat_fine`, and those that come from one side."""
     source = seen.rests.source
+    plays = terms.columns(at_rest(recording, seen.rests, features))[1]
     extent = np.linalg.svd(seen.point - seen.point.mean(axis=0), compute_uv=False)
     if extent[2] < _FLAT * extent[0] and not is_flat_fine:
         raise CalibrationError(
             f"{source}: all {seen.what} lie in one plane, which leaves slopes and a turn open; "
             "touch stairs (truejoint plate), or give a prior (--prior)"
         )
-    each = terms.per_joint(np.array([features[own].mean(axis=0) for own in rests]))
-    for joint, columns in zip(terms.joints, each, strict=True):
-        rising = float((columns[:, -len(WIDTHS)] < 0.0).mean())
+    for joint, rising in zip(terms.joints, (plays < 0.0).mean(axis=(0, 2)), strict=True):
         if not _SIDED <= rising <= 1.0 - _SIDED:
             raise CalibrationError(
                 f"{source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} of the "
@@ -309,59 +302,61 @@ def _check_spread(
             )
 
 
-def _report(seen: Sighted, fit: TermsFit, terms: Terms, *, is_given: bool) -> TouchReport:
-    found, rows = fit.found, fit.rows
-    off = _left_out(fit)
-    kept = ~found.left_out
-    squares = (off[kept] ** 2).sum(axis=1)
-    square = max(float(squares.mean()) - 3.0 * seen.sd**2, 0.0)
-    error, spread = math.sqrt(square), float(squares.std(ddof=1)) / math.sqrt(len(squares))
+def _report(
+    seen: RestPoints, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
+) -> TouchReport:
+    fit, rows = terms_fit.fit, terms_fit.rows
+    off, inlier = _held_out_errors(terms_fit), ~fit.left_out
+    squares = (off[inlier] ** 2).sum(axis=1)
+    error = math.sqrt(max(float(squares.mean()) - 3.0 * seen.sd**2, 0.0))
+    spread = float(squares.std(ddof=1)) / math.sqrt(len(squares))
     error_sd = spread / (2.0 * max(error, math.sqrt(spread)))
-    tool = rows.kinematics.forward(rows.joint)
-    tip = tool[:, :3, 3] + tool[:, :3, :3] @ found.state.marker
-    turn, shift = align(tip[kept], rows.point[kept] * seen.scale)
-    zero_sd = found.sd[terms.zeros] * terms.scale
+    uncorrected = replace(fit.state, coefficients=np.zeros(len(fit.state.coefficients)))
+    tip = rows.tool_points(uncorrected)[1]
+    turn, shift = align(tip[inlier], rows.point[inlier] * seen.scale)
+    zero_sd = fit.sd[terms.zeros] * terms.scale
     before = (tip - shift) @ turn - rows.point * seen.scale
-    words = _unseen(seen, fit, terms, is_given=is_given)
-    return TouchReport(seen.rests, found, error, error_sd, zero_sd, words, rows.point, before, off)
+    not_seen = _unseen(seen, terms_fit, terms, has_priors=has_priors)
+    return TouchReport(seen.rests, fit, error, error_sd, zero_sd, not_seen, rows.point, before, off)
 
 
-def _left_out(fit: TermsFit) -> Array:
-    """Tell how far off each touch is (m, 3) [m] by a fit without it and a few others."""
-    rows, fold = fit.rows, np.zeros(len(fit.rows), dtype=np.int64)
-    kept = ~fit.found.left_out
-    fold[kept] = np.arange(kept.sum()) % _FOLDS
-    fold[~kept] = _FOLDS
-    off = fit.found.residual.copy()
+def _held_out_errors(terms_fit: TermsFit) -> Array:
+    """Error of each touch (m, 3) [m] by a fit without it and a few others."""
+    fit, rows, prior, _ = terms_fit
+    inlier = ~fit.left_out
+    fold = np.full(len(rows), _FOLDS)
+    fold[inlier] = np.arange(inlier.sum()) % _FOLDS
+    errors = fit.residual.copy()
     for number in range(_FOLDS):
-        train = rows.rows(kept & (fold != number))
-        other = fit_tip(train, fit.prior, gate=np.inf, start=fit.found.state)
-        off[fold == number] = rows.residual(other.state)[fold == number]
-    return off
+        train = rows.rows(inlier & (fold != number))
+        other = fit_rows(train, prior, gate=np.inf, start=fit.state)
+        errors[fold == number] = rows.residual(other.state)[fold == number]
+    return errors
 
 
-def _unseen(seen: Sighted, fit: TermsFit, terms: Terms, *, is_given: bool) -> tuple[str, ...]:
-    """Say in words what touches did not tell, and how far what they told badly may be off."""
-    words, found = [], fit.found
-    held = 1.0 / np.sqrt(np.diag(fit.prior.precision)[terms.zeros])
-    sd = found.sd[terms.zeros]
-    for joint, own, before, scale in zip(terms.joints, sd, held, terms.scale, strict=True):
-        unit = "rad" if scale == SPREAD["rad"] else "m"
-        within = with_unit(float(own * scale), unit)
-        if own > _SEEN * before:
+def _unseen(
+    seen: RestPoints, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
+) -> tuple[str, ...]:
+    """Say in words what the touches did not show, and how far off it may be."""
+    words, fit = [], terms_fit.fit
+    prior_sd = 1.0 / np.sqrt(np.diag(terms_fit.prior.precision)[terms.zeros])
+    rows = zip(terms.joints, fit.sd[terms.zeros], prior_sd, terms.scale, strict=True)
+    for joint, sd, before, scale in rows:
+        within = with_unit(float(sd * scale), "rad" if scale == SPREAD["rad"] else "m")
+        if sd > _SEEN * before:
             words.append(f"zero of {joint}: not seen, assumed within {within}")
-        elif own > 0.2:
+        elif sd > _UNSURE:
             words.append(f"zero of {joint}: ± {within}")
     size = float(np.sqrt(((seen.point - seen.point.mean(axis=0)) ** 2).sum(axis=1).mean()))
     if seen.scale_sd * size > _WORTH:  # nobody has measured it
-        size_sd, off = float(found.sd[-1]), found.state.scale / seen.scale - 1.0
-        share = f"{100 * off:+.2f} % ± {100 * size_sd:.2f} %"
+        size_sd = float(fit.sd[fit.state.names.index(SCALE)])
+        share = f"{100 * (fit.state.scale / seen.scale - 1.0):+.2f} % ± {100 * size_sd:.2f} %"
         if size_sd > _SIZED * seen.scale_sd:
             share = f"not seen, assumed within {100 * size_sd:.1f} %"
         words.append(
             f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "
             "measure it, and enter measured_mm"
         )
-    if is_given and not fit.is_learned:
+    if has_priors and not terms_fit.is_learned:
         words.append("the prior: the touches are likelier without it, so it was not used")
     return tuple(words)

@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.tip.tip_rows import TipPrior, TipRows
+from truejoint.tip.rows import TipPrior, TipRows
 
 _IMPROVEMENTS: Final = 20  # passes of shortening the way
 
@@ -26,8 +26,9 @@ def choose_touches(rows: TipRows, prior: TipPrior, count: int) -> Integers:
             f"{count} touches of {len(rows)} dimples in reach; choose fewer, or print a larger one"
         )
     free = np.flatnonzero(prior.free)
-    by_parameter, by_joint = rows.jacobian(prior.state)
-    jacobian = (rows.whitening(by_joint) @ by_parameter)[:, :, free]
+    equations = rows.equations(prior.state)
+    whitening = equations.whitening(rows.joint_sd, np.array(rows.point_sd))
+    jacobian = (whitening @ equations.by_parameter)[:, :, free]
     # A little of everything is known, so that the first touches count for something.
     size = np.einsum("mia,mia->a", jacobian, jacobian) + np.diag(prior.precision)[free]
     known = prior.precision[np.ix_(free, free)] + 1e-6 * np.diag(size)

@@ -15,17 +15,17 @@ from truejoint.tip import calibrate_by_touch
 
 
 def test_the_page_says_what_touches_are_worth(tmp_path):
-    recording, touches, plate, _ = session(30, 2)
-    points = dict(plate.points)
+    recording, touches, block, _ = session(30, 2)
+    points = dict(block.points)
     points["4"] = points["4"] + [1.5e-3, 1e-3, -1e-3]
-    model, report = calibrate_by_touch(recording, touches, replace(plate, points=points))
+    model, report = calibrate_by_touch(recording, touches, replace(block, points=points))
     path = write_touch_report(model, report, tmp_path / "touches.html")
     page = path.read_text()
     assert "30 touches, 1 of them rejected" in page
     assert "zero of shoulder: not seen, assumed within" in page
     rows = re.findall(r'<th scope="row">(\d+)</th><td>([^<]*)</td>', page)
     assert rows[0] == ("4", "rejected: badly seated, or another number?")
-    assert {name for name, _ in rows} == set(plate.points)
+    assert {name for name, _ in rows} == set(block.points)
     stated = float(re.search(r"before ([\d.]+) mm", page)[1])
     kept = ~report.fit.left_out
     before = np.sqrt((report.before[kept] ** 2).sum(axis=1).mean())

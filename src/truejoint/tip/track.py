@@ -1,8 +1,8 @@
-"""Truth of the joints from a tracker or a camera: where it stands, and what its points then say.
+"""Truth of the joints from a tracker or a camera: where it stands, and the joints at its points.
 
 The pose of the tracker in the robot's base, the marker's place on the tool, smooth corrections of
-the joints and the delay of the tracker are estimated together, by robust least squares over the
-rows of `tip_rows`. What no motion can tell apart is named, and taken from what a person states.
+the joints and the delay of the tracker are estimated together, by robust least squares over
+`TipRows`. A zero that no motion can tell from them is named, and must be stated by a person.
 """
 
 from __future__ import annotations
@@ -27,21 +27,13 @@ from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import EPOCH, Recording, as_recording, runs
 from truejoint.recordings.table.stream import Stream
 from truejoint.robots import Robot
-from truejoint.robots.chain import SerialChain
-from truejoint.robots.parts import Kinematics
+from truejoint.tip.fit import GATE
 from truejoint.tip.registration import Registered, Registration, Stretch
-from truejoint.tip.tip_rows import GATE, MARKER, POSE, TipRows, TipState
-from truejoint.tip.tracked_motion import TrackedMotion
-from truejoint.tip.tracker_fit import (
-    NORM_MEDIAN,
-    Known,
-    TrackFit,
-    brought,
-    equations,
-    fit_track,
-)
+from truejoint.tip.rests import carrier
+from truejoint.tip.rows import MARKER, POSE, TipRows
+from truejoint.tip.track_fit import NORM_MEDIAN, TrackedMotion, TrackFit, TrackStart, fit_track
 
-_UNSEEN: Final = 0.3  # share of what a zero may be that is left open: the motion did not show it
+_UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point
 _MOST_STRAYS: Final = 1 / 3
 _FINEST: Final = 1e-4  # m, noise below which what no correction follows would pass for strays
@@ -65,12 +57,12 @@ def tracked_truth(
 ) -> tuple[Recording, Registered]:
     """Give a recording the truth of its joints that a tracker saw from outside.
 
-    The delay is found coarsely as in `join_truth`, by the path of the tool, whatever frame it is
-    seen in. Then the tracker's pose, the marker's place, the delay and corrections of the joints
-    (zero, slopes and squares in all of them, two plays of its own) are fitted together; readings
-    further off than 4.5 deviations are left out, and all of a stretch of time in which most are:
-    another marker that the tracker took for this one. The truth of each reading that is left is
-    the position of the joints that puts the marker there.
+    The delay is estimated coarsely as in `join_truth`, by the path of the tool in any frame. Then
+    the tracker's pose, the marker's place, the delay and corrections of the joints (zero, slopes
+    and squares in all of them, two plays of its own) are fitted together. Readings further off
+    than 4.5 deviations are dropped as outliers. So is a whole stretch of time in which most are
+    outliers: there the tracker took another marker for this one. The truth of each inlier is the
+    position of the joints that puts the marker there.
 
     Parameters
     ----------
@@ -121,23 +113,42 @@ def tracked_truth(
         raise RecordingError(other_kind(track, "Track", "read_track(path) reads one"))
     chain, link = carrier(robot, registration.link)
     names = _checked_joints(track.source, robot, joints)
-    moving = TrackedMotion.of(recording, chain, names)
+    motion = TrackedMotion.of(recording, chain, names)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
-    start = _coarse_offset(moving, track, near, begins) if offset is None else offset - begins
-    known = Known.of(registration, robot, moving, track, start, delayed=offset is None)
-    fit = fit_track(moving, track, known)
-    _check_seen(track.source, fit, moving, names)
-    found = _judged(moving, track, known, fit)
-    truth, deviations = _solve(moving, found.rows, fit)
+    about = _coarse_offset(motion, track, near, begins) if offset is None else offset - begins
+    start = TrackStart.of(registration, motion, track, about, delayed=offset is None)
+    fit = fit_track(motion, track, start)
+    _check_seen(track.source, fit, motion)
+    readings = _judge(motion, track, start, fit)
+    truth, deviations = _solve(readings.rows, fit)
     columns = {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
-    clock = _clock(fit, begins, is_stated=offset is not None)
-    joined, _ = join_truth(recording, Stream(track.t[found.fits], columns), clock.seconds)
-    registered = _registered(robot, link, names, known, fit, found, clock, deviations)
+    sd, by = (math.nan, ()) if offset is not None else (float(fit.sds("delay")[0]), ("the tool",))
+    clock = ClockOffset(fit.offset + begins, sd, by)
+    joined, _ = join_truth(recording, Stream(track.t[readings.inlier], columns), clock.seconds)
+    base, marker = np.eye(4), np.eye(4)
+    base[:3, :3], base[:3, 3] = fit.state.rotation, fit.state.translation
+    marker[:3, :3], marker[:3, 3] = fit.state.turn, fit.state.marker
+    registered = Registered(
+        base_from_tracker=base @ start.base_from_tracker,
+        base_sd=fit.sds(*POSE),
+        link=link,
+        link_from_marker=marker,
+        marker_sd=fit.sds(*MARKER),
+        clock=clock,
+        noise=fit.noise,
+        joints=names,
+        units=tuple(robot.joint(name).unit for name in names),
+        noise_deviation=deviations[0],
+        pose_deviation=deviations[1],
+        readings=int(readings.inlier.sum()),
+        strays=readings.strays,
+        stretches=readings.stretches,
+    )
     return _described(joined, registered, track), registered
 
 
 def _checked_joints(source: str, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
-    """Joints whose truth is sought; refuses what a point cannot tell."""
+    """Joints whose truth is sought; refuses more than a point can tell."""
     names = tuple(joints) or robot.positioning[:3]
     robot.index(names)
     if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
@@ -148,46 +159,8 @@ def _checked_joints(source: str, robot: Robot, joints: Sequence[str]) -> tuple[s
     return names
 
 
-def _clock(fit: TrackFit, begins: float, *, is_stated: bool) -> ClockOffset:
-    """Offset of the clocks where a recording `begins` at a time of day [s], or at 0."""
-    sd, by = (math.nan, ()) if is_stated else (fit.sd_of("delay"), ("the tool",))
-    return ClockOffset(fit.offset + begins, sd, by)
-
-
-def _registered(
-    robot: Robot,
-    link: str,
-    names: tuple[str, ...],
-    known: Known,
-    fit: TrackFit,
-    found: _Judged,
-    clock: ClockOffset,
-    deviations: tuple[Array, Array],
-) -> Registered:
-    """Say where a fit puts tracker and marker, and what of the readings fits."""
-    base, marker = np.eye(4), np.eye(4)
-    base[:3, :3], base[:3, 3] = fit.state.rotation, fit.state.translation
-    marker[:3, :3], marker[:3, 3] = fit.turn, fit.state.marker
-    return Registered(
-        base_from_tracker=base @ known.base_from_tracker,
-        base_sd=fit.sds(POSE),
-        link=link,
-        link_from_marker=marker,
-        marker_sd=fit.sds(MARKER),
-        clock=clock,
-        noise=float(fit.noise[0]),
-        joints=names,
-        units=tuple(robot.joint(name).unit for name in names),
-        noise_deviation=deviations[0],
-        pose_deviation=deviations[1],
-        readings=int(found.fits.sum()),
-        strays=found.strays,
-        stretches=found.stretches,
-    )
-
-
 def _described(joined: Recording, registered: Registered, track: Track) -> Recording:
-    """Say in a recording's provenance whose its truth is, and what was left out."""
+    """Note in a recording's provenance where its truth is from, and what was dropped."""
     about = registered.summary()
     notes = [
         joined.provenance.notes,
@@ -199,35 +172,17 @@ def _described(joined: Recording, registered: Registered, track: Track) -> Recor
         **joined.provenance.dropped,
         **track.dropped,
         "tracker: strays": registered.strays,
-        "tracker: off for a while": sum(one.readings for one in registered.stretches),
+        "tracker: off for a while": sum(stretch.readings for stretch in registered.stretches),
     }
     text = "; ".join(filter(None, notes))
     return replace(joined, provenance=replace(joined.provenance, notes=text, dropped=dropped))
 
 
-def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
-    """Kinematics of what carries a marker, and the joint that moves it; the tool without a `link`.
-
-    Raises CalibrationError where kinematics are not known, or are not those of a chain.
-    """
-    kinematics = robot.kinematics
-    if kinematics is None:
-        raise CalibrationError(
-            f"{robot.title} has no kinematics, without which points say nothing of its joints; "
-            "state them in a robot file (docs/robots.md)"
-        )
-    if not link:
-        return kinematics, robot.joint_names[-1]
-    if not isinstance(kinematics, SerialChain):
-        raise CalibrationError(f"{robot.title}: only the tool of its kinematics can carry a marker")
-    return kinematics.up_to(robot.index([link])[0]), link
-
-
 def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begins: float) -> float:
     """Offset of the track's clock from a recording's that `begins` at a time of day [s].
 
-    By the path of the tool, `near` one of the clocks themselves; refuses points that are hardly in
-    m.
+    By the path of the tool, within reach of `near`, an offset of the clocks themselves [s].
+    Refuses points that are hardly in m.
     """
     if near is None and begins > EPOCH and cover_same_time(motion.t + begins, track.t):
         near = 0.0  # both have the time of day
@@ -242,23 +197,17 @@ def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begi
     return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), about)
 
 
-def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion, names: Sequence[str]) -> None:
-    """Refuse what leaves the zero of a joint open, saying what it is mixed up with."""
-    state = fit.state
-    terms = (len(state.coefficients) - 1) // len(names)
+def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
+    """Refuse a motion that leaves the zero of a joint open; say what it is mixed up with."""
+    zeros, state = motion.terms.zeros, fit.state
     sds = np.sqrt(np.diag(fit.covariance))
-    k = len(state.coefficients)
-    others = {**{name: k + i for i, name in enumerate(POSE)},
-              **{name: k + 6 + i for i, name in enumerate(MARKER)}}  # fmt: skip
     open_ = []
-    for j, name in enumerate(names):
-        zero = j * terms
+    for name, zero in zip(motion.terms.joints, zeros, strict=True):
         if sds[zero] > _UNSEEN * motion.sd[zero]:
-            alike = {
-                what: abs(fit.covariance[zero, i]) / max(sds[zero] * sds[i], 1e-300)
-                for what, i in others.items()
-            }
-            open_.append(f"the zero of {name} from {_WORDS[max(alike, key=alike.__getitem__)]}")
+            places = [state.names.index(parameter) for parameter in _WORDS]
+            scale = np.maximum(sds[zero] * sds[places], 1e-300)
+            alike = int(np.argmax(np.abs(fit.covariance[zero, places]) / scale))
+            open_.append(f"the zero of {name} from {list(_WORDS.values())[alike]}")
     if open_:
         raise CalibrationError(
             f"{source}: the motion does not tell {', nor '.join(open_)}; state what is known in a "
@@ -275,48 +224,48 @@ _WORDS: Final = {
 
 
 @dataclass(frozen=True, eq=False)
-class _Judged:
+class _Readings:
     """Which readings fit, and what the others are."""
 
-    rows: TipRows  # of those that fit
-    fits: Mask  # (n,)
-    strays: int  # one by one
+    rows: TipRows  # inliers
+    inlier: Mask  # (n,)
+    strays: int  # outliers one by one
     stretches: tuple[Stretch, ...]
-    jumps: Array  # (k,) times at which those that fit go on elsewhere [s]
+    jumps: Array  # (k,) times at which the inliers jump elsewhere [s]
 
     @property
     def share(self) -> float:
-        """Share of the readings that are left out."""
+        """Share of the outliers."""
         out = self.strays + sum(stretch.readings for stretch in self.stretches)
-        return out / (out + int(self.fits.sum()))
+        return out / (out + int(self.inlier.sum()))
 
 
-def _judged(motion: TrackedMotion, track: Track, known: Known, fit: TrackFit) -> _Judged:
-    """Tell readings that fit from strays, and from stretches of time in which most are off.
+def _judge(motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit) -> _Readings:
+    """Tell inliers from strays, and from stretches of time in which most readings stray.
 
     Refuses points that do not follow the tool.
     """
-    stamps, noise = track.t + fit.offset, max(float(fit.noise[0]), _FINEST)
-    rows = motion.rows(stamps, brought(known, track)[0])
-    state = _stamped(fit)
+    stamps, noise = track.t + fit.offset, max(fit.noise, _FINEST)
+    rows, state = motion.rows(stamps, start.point), fit.without_delay
     off = -rows.residual(state) @ state.rotation.T  # in the base's axes
     inside = motion.inside(stamps)
     stray = inside & (np.linalg.norm(off, axis=1) >= GATE * noise)
-    frame, _ = rows.moves(state)
-    on_link = (frame[:, :3, :3].transpose(0, 2, 1) @ off[:, :, None])[:, :, 0]
+    turn, _ = rows.tool_points(state)
+    on_link = (turn.transpose(0, 2, 1) @ off[:, :, None])[:, :, 0]
     stretches, within = _stretches(stamps, inside, stray, on_link, noise)
-    fits = inside & ~stray & ~within
-    jumps = _jumps(stamps[fits], on_link[fits], noise)
-    found = _Judged(rows.rows(fits), fits, int((stray & ~within).sum()), stretches, jumps)
-    _check_followed(track.source, found, fit, motion)
-    return found
+    inlier = inside & ~stray & ~within
+    jumps = _jumps(stamps[inlier], on_link[inlier], noise)
+    strays = int((stray & ~within).sum())
+    readings = _Readings(rows.rows(inlier), inlier, strays, stretches, jumps)
+    _check_followed(track.source, readings, fit, motion)
+    return readings
 
 
 def _jumps(t: Array, shift: Array, noise: float) -> Array:
-    """Tell times (k,) [s] at which readings that fit are off by another `shift` (n, 3) [m].
+    """Find the times (k,) [s] at which the inliers' `shift` (n, 3) [m] jumps to another one.
 
-    A fit that lies between two markers finds no reading to be far off; but all are further off
-    than one is from the next, except where the tracker goes from one marker to the other.
+    A fit that lies between two markers has no outlier. But then all readings are further off than
+    one is from the next, except where the tracker goes from one marker to the other.
     """
     step = np.linalg.norm(np.diff(shift, axis=0), axis=1)
     single = max(float(np.median(step)) / (NORM_MEDIAN * math.sqrt(2.0)), _FINEST)
@@ -328,39 +277,30 @@ def _jumps(t: Array, shift: Array, noise: float) -> Array:
     return np.asarray(t[1:][whole][jump[whole]])
 
 
-def _stamped(fit: TrackFit) -> TipState:
-    """State of a fit without the delay, which is in the stamps."""
-    coefficients = fit.state.coefficients.copy()
-    coefficients[-1] = 0.0
-    return replace(fit.state, coefficients=coefficients)
-
-
 def _stretches(
     t: Array, inside: Mask, stray: Mask, shift: Array, noise: float
 ) -> tuple[tuple[Stretch, ...], Mask]:
-    """Stretches of the time `t` (n,) [s] in which most readings stray, and what is in them (n,).
+    """Stretches of the time `t` (n,) [s] in which most readings stray, and their readings (n,).
 
-    Of those readings the ones `inside` (n,) the recording count.
-    Where all of a stretch are off by the same `shift` (n, 3) [m] on the marker's link, another
-    marker is seen; and so it is between two of them that are off alike, even where a fit that bends
-    to them finds nothing odd.
+    Readings `inside` (n,) the recording are counted. Where all of a stretch are off by the same
+    `shift` (n, 3) [m] on the marker's link, another marker is seen. Two such stretches that follow
+    each other are one, even if a fit that bends to them has no outlier between.
     """
-    found: list[_Off] = []
+    merged: list[_Off] = []
     most = medfilt(stray.astype(np.float64), _RUN)
     for first, end in runs(np.convolve(most, np.ones(_RUN), "same") > 0.0):
-        own = first + np.flatnonzero(stray[first:end])
-        one = _Off.of(own, shift, noise)
-        if found and one.is_as(found[-1]):
-            one = _Off.of(np.concatenate([found.pop().rows, own]), shift, noise)
-        found.append(one)
-    within = np.zeros(len(t), dtype=np.bool_)
-    told = []
-    for one in found:
-        begin, end = one.rows[0], one.rows[-1]
+        off = _Off.of(first + np.flatnonzero(stray[first:end]), shift, noise)
+        if merged and off.is_as(merged[-1]):
+            off = _Off.of(np.concatenate([merged.pop().rows, off.rows]), shift, noise)
+        merged.append(off)
+    within, stretches = np.zeros(len(t), dtype=np.bool_), []
+    for off in merged:
+        begin, end = off.rows[0], off.rows[-1]
         within[begin : end + 1] = True
-        many = int(inside[begin : end + 1].sum())
-        told.append(Stretch(float(t[begin]), float(t[end]), many, one.distance, alike=one.is_alike))
-    return tuple(told), within
+        count = int(inside[begin : end + 1].sum())
+        times = float(t[begin]), float(t[end])
+        stretches.append(Stretch(*times, count, off.distance, alike=off.is_alike))
+    return tuple(stretches), within
 
 
 @dataclass(frozen=True, eq=False)
@@ -368,7 +308,7 @@ class _Off:
     """Readings of a stretch that stray."""
 
     rows: Integers
-    middle: Array  # (3,) by which they are off on the marker's link [m]
+    middle: Array  # (3,) of their shift on the marker's link [m]
     distance: float  # [m]
     spread: float  # of the shift about its middle, in the median [m]
     limit: float  # within which two shifts are the same [m]
@@ -390,44 +330,42 @@ class _Off:
         """Whether this and another one, not long before, are off by the same."""
         between = self.rows[0] - before.rows[-1]
         near = between < max(np.ptp(self.rows), np.ptp(before.rows))
-        apart = float(np.linalg.norm(self.middle - before.middle))
-        return bool(near and self.is_alike and before.is_alike and apart < self.limit)
+        distance = float(np.linalg.norm(self.middle - before.middle))
+        return bool(near and self.is_alike and before.is_alike and distance < self.limit)
 
 
-def _check_followed(source: str, found: _Judged, fit: TrackFit, motion: TrackedMotion) -> None:
+def _check_followed(source: str, readings: _Readings, fit: TrackFit, motion: TrackedMotion) -> None:
     """Refuse points that do not follow the tool, and say when they leave it."""
-    off, way = float(fit.noise[0]), float(np.linalg.norm(np.std(motion.path, axis=0)))
-    if found.share > _MOST_STRAYS or off > _MOST_NOISE * way or len(found.jumps):
-        told = [str(stretch) for stretch in found.stretches[:_SHOWN]]
-        if len(found.jumps):
-            told.append(f"they jump at {', '.join(f'{t:.1f}' for t in found.jumps[:_SHOWN])} s")
-        when = f" ({'; '.join(told)})" if told else ""
+    way = float(np.linalg.norm(np.std(motion.path, axis=0)))
+    share, jumps = readings.share, readings.jumps
+    if share > _MOST_STRAYS or fit.noise > _MOST_NOISE * way or len(jumps):
+        words = [str(stretch) for stretch in readings.stretches[:_SHOWN]]
+        if len(jumps):
+            words.append(f"they jump at {', '.join(f'{t:.1f}' for t in jumps[:_SHOWN])} s")
+        when = f" ({'; '.join(words)})" if words else ""
         raise CalibrationError(
             f"{source}: the points follow the tool, which moves {1e3 * way:.0f} mm, to no better "
-            f"than {1e3 * off:.1f} mm, and {100 * found.share:.0f} % are further off than "
+            f"than {1e3 * fit.noise:.1f} mm, and {100 * share:.0f} % are further off than "
             f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
             "motion? Look at them, and leave such stretches out"
         )
 
 
-def _solve(
-    motion: TrackedMotion, rows: TipRows, fit: TrackFit
-) -> tuple[Array, tuple[Array, Array]]:
-    """Joints (n, n_joints) at every reading that fits, and their deviations.
+def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, tuple[Array, Array]]:
+    """Joints (n, n_joints) at every inlier, and their deviations by noise and by the transforms.
 
     From the point alone, which tells more than an orientation.
     """
-    noise, columns = float(fit.noise[0]), list(motion.columns)
-    state = _stamped(fit)
+    columns, state = list(rows.columns), fit.without_delay
     joint = rows.corrected(state)
     bare = replace(state, coefficients=np.zeros_like(state.coefficients))
     for _ in range(_SOLVES):
-        found = equations(motion, replace(rows, joint=joint), None, bare, fit.turn)
-        back = np.linalg.pinv(found.by_joint)
-        joint[:, columns] -= (back @ found.residual[:, :, None])[:, :, 0]
+        equations = replace(rows, joint=joint).equations(bare)
+        back = np.linalg.pinv(equations.by_joint[:, :, columns])
+        joint[:, columns] -= (back @ equations.residual[:, :, None])[:, :, 0]
     k = len(state.coefficients)
-    moved = back @ found.by_parameter[:, :, k:]
+    moved = back @ equations.by_parameter[:, :, k:]
     together = np.einsum("mia,ab,mib->mi", moved, fit.covariance[k:, k:], moved)
-    single = noise**2 * (back**2).sum(axis=2)
+    single = fit.noise**2 * (back**2).sum(axis=2)
     deviations = [np.sqrt(variance.mean(axis=0)) for variance in (single, together)]
     return joint[:, columns], (deviations[0], deviations[1])

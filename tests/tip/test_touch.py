@@ -6,14 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from tests.tip.test_tip_rows import prior, rows_of
+from tests.tip.test_fit import prior, rows_of
 from tests.tip.touched_arm import ROTATION, Touched, fitted, touched, wandering
 from tests.tip.touched_arm import recorded as record
 
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
-from truejoint.tip import BlockPose, Plate, Touches, find_block, read_touches, rezeroed_by_touch
-from truejoint.tip.touches import touched_zero, with_estimated_errors
+from truejoint.tip import Block, BlockPose, Touches, find_block, read_touches, rezeroed_by_touch
+from truejoint.tip.touch import touched_zero, with_estimated_errors
 
 HOMING = (0.002, 0.006, -3e-4)
 
@@ -30,7 +30,7 @@ def first() -> Touched:
 
 @pytest.fixture(scope="module")
 def pose(model: Calibration, first: Touched) -> BlockPose:
-    return find_block(model, first.recording, first.touches, first.plate)[0]
+    return find_block(model, first.recording, first.touches, first.block)[0]
 
 
 def test_the_pose_of_the_first_day_is_where_the_block_stands(pose, first):
@@ -43,18 +43,18 @@ def test_the_pose_of_the_first_day_is_where_the_block_stands(pose, first):
 
 
 def test_a_print_that_is_small_is_found(model, first):
-    nominal = {n: p / 0.995 for n, p in first.plate.points.items()}
-    plate = Plate("unmeasured", "raven2", nominal, 0.08)
-    found = find_block(model, first.recording, first.touches, plate)[0]
+    nominal = {n: p / 0.995 for n, p in first.block.points.items()}
+    block = Block("unmeasured", "raven2", nominal, 0.08)
+    found = find_block(model, first.recording, first.touches, block)[0]
     assert found.scale == pytest.approx(0.995, abs=4 * found.scale_sd)
     assert found.scale_sd < 2.5e-3
-    measured = replace(plate, measured=0.995 * 0.08)
+    measured = replace(block, measured=0.995 * 0.08)
     held = find_block(model, first.recording, first.touches, measured)[0]
     assert held.scale == pytest.approx(0.995, abs=3 * measured.scale_sd)
 
 
 def test_touches_after_a_homing_give_its_zero(model, pose, first):
-    today = touched(8, 5, offset=HOMING, plate=first.plate, homing_id="2")
+    today = touched(8, 5, offset=HOMING, block=first.block, homing_id="2")
     again, found = rezeroed_by_touch(model, today.recording, today.touches, pose)
     assert (np.abs(again.offset - HOMING) < 4 * found.sd[:3]).all()
     assert (found.sd[:3] < [2e-3, 2e-3, 3e-4]).all()
@@ -74,7 +74,7 @@ def test_touches_after_a_homing_give_its_zero(model, pose, first):
 def test_what_it_states_of_the_zero_holds(model, pose, first):
     squares, runs = np.zeros(3), 20
     for seed in range(runs):
-        today = touched(6, seed, offset=HOMING, noise=2e-4, plate=first.plate)
+        today = touched(6, seed, offset=HOMING, noise=2e-4, block=first.block)
         found = touched_zero(model, today.recording, today.touches, pose)
         squares += ((found.state.coefficients - HOMING) / found.sd[:3]) ** 2
     assert (squares < 2.2 * runs).all()  # chi2 of 20 exceeds this once in 2500
@@ -83,22 +83,22 @@ def test_what_it_states_of_the_zero_holds(model, pose, first):
 def test_errors_beyond_the_trainings_are_seen():
     stated, factors = np.array([1e-3, 1e-3, 1e-4]), []
     for seed in range(5):
-        rows = replace(rows_of(30, seed, noise=2e-4), joint_sd=stated)
+        rows = rows_of(30, seed, noise=2e-4).with_joint_sd(stated)
         off = 4.0 * stated * np.random.default_rng(seed).standard_normal((30, 3))
         joint = rows.joint.copy()
         joint[:, :3] += off
         found = with_estimated_errors(replace(rows, joint=joint), prior())
         factors.append(found.joint_sd[0] / stated[0])
-        assert found.joint_sd == pytest.approx(factors[-1] * stated)
+        assert found.corrected_sd == pytest.approx(factors[-1] * stated)
     assert 2.8 <= np.median(factors) <= 5.6
-    exact = replace(rows_of(30, noise=2e-4), joint_sd=stated)
-    assert with_estimated_errors(exact, prior()).joint_sd == pytest.approx(stated)
+    exact = rows_of(30, noise=2e-4).with_joint_sd(stated)
+    assert with_estimated_errors(exact, prior()).corrected_sd == pytest.approx(stated)
 
 
 def test_a_badly_seated_touch_is_left_out_and_named(model, pose, first):
-    today = touched(8, 5, offset=HOMING, plate=first.plate)
+    today = touched(8, 5, offset=HOMING, block=first.block)
     dimple = list(today.touches.dimple)
-    other = next(n for n in first.plate.points if n not in dimple)
+    other = next(n for n in first.block.points if n not in dimple)
     dimple[3] = other
     wrong = replace(today.touches, dimple=tuple(dimple))
     again, found = rezeroed_by_touch(model, today.recording, wrong, pose)
@@ -108,7 +108,7 @@ def test_a_badly_seated_touch_is_left_out_and_named(model, pose, first):
 
 @pytest.mark.parametrize("shift", [[0.01, 0, 0], [0, 0.01, 0], [0, 0, 0.01], [0.1, 0.1, 0]])
 def test_a_block_that_has_moved_is_refused(model, pose, first, shift):
-    today = touched(10, 5, plate=first.plate)
+    today = touched(10, 5, block=first.block)
     there = replace(pose, translation=pose.translation + shift)
     with pytest.raises(
         CalibrationError, match=r"do not (fit|settle)|has the block moved|leave open"
@@ -129,11 +129,11 @@ def test_the_pose_of_another_arm_or_model_is_refused(model, pose, first, change,
 
 
 def test_touches_that_cannot_be_are_refused(model, pose, first):
-    few = touched(2, plate=first.plate)
+    few = touched(2, block=first.block)
     with pytest.raises(CalibrationError, match="2 different dimples"):
         touched_zero(model, few.recording, few.touches, pose)
     with pytest.raises(CalibrationError, match="takes 6 or more"):
-        find_block(model, few.recording, few.touches, first.plate)
+        find_block(model, few.recording, few.touches, first.block)
     strange = replace(first.touches, dimple=("99", *first.touches.dimple[1:]))
     with pytest.raises(CalibrationError, match="has no dimple '99'"):
         touched_zero(model, first.recording, strange, pose)
@@ -161,7 +161,7 @@ def test_touches_that_cannot_be_are_refused(model, pose, first):
         ("t,dimple\n1.0\n", "line 2"),
         ("t,dimple\n2.0,3\n1.0,4\n", "must go up"),
         ("t,dimple\nnan,3\n", "must go up"),
-        ("t,dimple\n" + 200_000 * "1", "is no CSV file of touches"),
+        ("t,dimple\n" + 200_000 * "1", "is not a CSV file of touches"),
     ],
 )
 def test_a_file_that_is_not_of_touches_is_refused(tmp_path, text, said):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -10,7 +12,7 @@ from tests.tip.touched_arm import ROBOT, ROTATION
 
 from truejoint.errors import CalibrationError
 from truejoint.tip import Registration, Shots, calibrate_by_points, calibrate_by_touch, read_shots
-from truejoint.tip.sighted import shot
+from truejoint.tip.rests import RestPoints
 
 BASE = np.eye(4)  # of the robot, in the tracker
 BASE[:3, :3] = Rotation.from_rotvec([0.4, 1.0, -0.3]).as_matrix()
@@ -49,28 +51,28 @@ def test_points_of_a_tracker_that_is_registered_are_in_the_base():
     inside = np.random.default_rng(0).normal(size=(5, 3))
     seen = Shots((1.0, 2.0, 3.0, 4.0, 5.0), inside @ BASE[:3, :3].T + BASE[:3, 3])
     known = Registration(base=BASE, base_sd=np.full(6, 0.1))
-    found = shot(seen, known, ROBOT, 1e-4)
+    found = RestPoints.of_shots(seen, known, ROBOT, 1e-4)
     assert found.point == pytest.approx(inside)
     assert found.pose == pytest.approx(np.diag(np.full(6, 100.0)))
     assert not found.marker_sd.any()
-    assert shot(seen, Registration(), ROBOT, 1e-4).pose is None
-    carried = shot(seen, Registration(link="roll"), ROBOT, 1e-4)
+    assert RestPoints.of_shots(seen, Registration(), ROBOT, 1e-4).pose is None
+    carried = RestPoints.of_shots(seen, Registration(link="roll"), ROBOT, 1e-4)
     assert (carried.marker_sd > 0.0).all()
     with pytest.raises(CalibrationError, match="5 different shots; to calibrate it takes 12"):
         calibrate_by_points(session()[0], seen)
     with pytest.raises(CalibrationError, match="leave them out with single shots"):
-        shot(seen, Registration(stops={"elbow": (0.0, 0.0, 1e-3)}), ROBOT, 1e-4)
+        RestPoints.of_shots(seen, Registration(stops={"elbow": (0.0, 0.0, 1e-3)}), ROBOT, 1e-4)
 
 
 def test_shots_calibrate_as_touches_do_and_a_known_base_shows_the_shoulder():
-    recording, touches, plate, translation = session()
+    recording, touches, block, translation = session()
     recording = without_truth(recording)
-    block = plate.at(touches.dimple)
-    blind, _ = calibrate_by_points(recording, Shots(touches.t, block), shot_sd=2e-4)
-    measured = plate.__class__(**{**vars(plate), "measured": plate.calliper})
+    points = block.at(touches.dimple)
+    blind, _ = calibrate_by_points(recording, Shots(touches.t, points), shot_sd=2e-4)
+    measured = replace(block, measured=block.calliper)
     touched, _ = calibrate_by_touch(recording, touches, measured)
     assert blind.correct(recording) == pytest.approx(touched.correct(recording), abs=2e-5)
-    base = block @ ROTATION.T + translation
+    base = points @ ROTATION.T + translation
     seen = Shots(touches.t, base @ BASE[:3, :3].T + BASE[:3, 3])
     known = Registration(base=BASE, base_sd=np.array([1e-3] * 3 + [1e-4] * 3))
     model, report = calibrate_by_points(recording, seen, known)

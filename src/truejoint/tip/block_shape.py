@@ -13,7 +13,7 @@ from truejoint.errors import CalibrationError
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot, as_robot
-from truejoint.tip.plate import Plate
+from truejoint.tip.block import Block
 
 PITCH: Final = 10e-3  # between dimples [m]
 MOST: Final = 9  # dimples along a side
@@ -30,7 +30,7 @@ _MM: Final = 1e3
 
 
 @dataclass(frozen=True, eq=False)
-class PlateShape:
+class BlockShape:
     """A ziggurat of square cells whose top stands off its middle, so that no turn repeats it.
 
     Attributes
@@ -47,7 +47,7 @@ class PlateShape:
 
     Examples
     --------
-    >>> design_plate(truejoint.get_robot("raven2")).plate().name
+    >>> design_block(truejoint.get_robot("raven2")).block().name
     'raven2 stairs 9 x 8'
     """
 
@@ -72,18 +72,18 @@ class PlateShape:
         n_x, n_y = self.level.shape
         return np.array([n_x * PITCH, n_y * PITCH, BASE + self.level.max() * self.step])
 
-    def plate(self) -> Plate:
+    def block(self) -> Block:
         """Points of the dimples, numbered row by row, and the length to measure: along x."""
         tops = self.tops[self.reached]
         points = {str(k): top - [0.0, 0.0, CONE] for k, top in enumerate(tops, 1)}
         name = f"{self.robot.name} stairs {self.level.shape[0]} x {self.level.shape[1]}"
-        return Plate(
+        return Block(
             name, self.robot.name, points, self.level.shape[0] * PITCH,
             rotation=self.rotation, translation=self.translation,
         )  # fmt: skip
 
 
-def design_plate(robot: Robot) -> PlateShape:
+def design_block(robot: Robot) -> BlockShape:
     """Size a block of stairs for the workspace of a robot, and stand it amid that.
 
     Its dimples look against the last way in which the tool comes: along a joint that slides, or the
@@ -92,8 +92,8 @@ def design_plate(robot: Robot) -> PlateShape:
 
     Examples
     --------
-    >>> shape = design_plate(truejoint.get_robot("raven2"))
-    >>> len(shape.plate().points) > 40
+    >>> shape = design_block(truejoint.get_robot("raven2"))
+    >>> len(shape.block().points) > 40
     True
     """
     chain, space = as_robot(robot).kinematics, robot.workspace
@@ -120,7 +120,7 @@ def design_plate(robot: Robot) -> PlateShape:
     deep = np.floor(_MM * (high - low)[2] / level.max()) / _MM
     step = float(np.clip(deep, LOWEST_STEP, HIGHEST_STEP))
     middle = chain.forward(pose)[:3, 3]
-    best = PlateShape(robot, level, step, np.ones(level.shape, dtype=np.bool_), rotation, middle)
+    best = BlockShape(robot, level, step, np.ones(level.shape, dtype=np.bool_), rotation, middle)
     found = None
     # Stairs reach further down than up from the middle of a workspace that is a shell: try.
     for down in np.linspace(0.2, 0.8, 7):
@@ -129,7 +129,7 @@ def design_plate(robot: Robot) -> PlateShape:
         stands = middle - shift
         reached = _reached(robot, best.tops.reshape(-1, 3) - [0, 0, CONE], rotation, stands, pose)
         if found is None or reached.sum() > found.reached.sum():
-            found = PlateShape(robot, level, step, reached.reshape(level.shape), rotation, stands)
+            found = BlockShape(robot, level, step, reached.reshape(level.shape), rotation, stands)
     assert found is not None  # noqa: S101  # seven were tried
     if found.reached.sum() < 12:
         raise CalibrationError(
@@ -139,13 +139,13 @@ def design_plate(robot: Robot) -> PlateShape:
     return found
 
 
-def plate_stl(shape: PlateShape) -> bytes:
+def block_stl(shape: BlockShape) -> bytes:
     """Block as a binary STL in millimetres, closed and all facets outward.
 
     Examples
     --------
-    >>> shape = design_plate(truejoint.get_robot("raven2"))
-    >>> len(plate_stl(shape)) % 50 == 84 % 50
+    >>> shape = design_block(truejoint.get_robot("raven2"))
+    >>> len(block_stl(shape)) % 50 == 84 % 50
     True
     """
     facets = np.array(_facets(shape), dtype=np.float64) * _MM
@@ -158,12 +158,12 @@ def plate_stl(shape: PlateShape) -> bytes:
     return head + len(facets).to_bytes(4, "little") + table.tobytes()
 
 
-def plate_svg(shape: PlateShape) -> str:
+def block_svg(shape: BlockShape) -> str:
     """Drawing of the block from above, in true size: the number of each dimple, and its height.
 
     Examples
     --------
-    >>> plate_svg(design_plate(truejoint.get_robot("raven2"))).startswith("<svg")
+    >>> block_svg(design_block(truejoint.get_robot("raven2"))).startswith("<svg")
     True
     """
     n_x, n_y = shape.level.shape
@@ -191,7 +191,7 @@ def plate_svg(shape: PlateShape) -> str:
     low, high = float(tops[..., 2].min()), float(tops[..., 2].max())
     wide, deep = n_x * side, n_y * side
     words = (
-        f"{shape.plate().name}, numbers as in the plate file",
+        f"{shape.block().name}, numbers as in the block's file",
         f"x to the right, {wide:g} mm: measure it",
         f"tops from {low:g} (dark) to {high:g} mm (light)",
     )
@@ -207,7 +207,7 @@ def plate_svg(shape: PlateShape) -> str:
 def _box(robot: Robot) -> tuple[Array, Array]:
     """Give the ends of the workspace that dimples keep to (n_joints,) [rad or m]."""
     space = robot.workspace
-    assert space is not None  # noqa: S101  # looked for by `design_plate`
+    assert space is not None  # noqa: S101  # looked for by `design_block`
     return space.lower + _INSIDE * space.extent, space.upper - _INSIDE * space.extent
 
 
@@ -226,14 +226,14 @@ def _frame(robot: Robot, chain: Kinematics, pose: Array, tip: Array) -> Array:
 def _reached(robot: Robot, points: Array, rotation: Array, stands: Array, pose: Array) -> Mask:
     """Which points (m, 3) of the block the tip reaches within the workspace."""
     space = robot.workspace
-    assert space is not None  # noqa: S101  # looked for by `design_plate`
+    assert space is not None  # noqa: S101  # looked for by `design_block`
     joint, there = reach(robot, points @ rotation.T + stands, pose, space.joints)
     low, high = _box(robot)
     own = joint[:, robot.index(space.joints)]
     return np.asarray(there & ((own >= low) & (own <= high)).all(axis=1))
 
 
-def _facets(shape: PlateShape) -> list[list[Array]]:
+def _facets(shape: BlockShape) -> list[list[Array]]:
     """Triangles [m], corners counter-clockwise from outside.
 
     Walls are cut at every step's height, so that facets meet along whole edges.

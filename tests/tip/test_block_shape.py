@@ -12,15 +12,15 @@ import pytest
 from truejoint.errors import CalibrationError
 from truejoint.motion.touching import joints_at
 from truejoint.robots import get_robot
-from truejoint.tip import design_plate, plate_stl, plate_svg
-from truejoint.tip.plate_shape import BASE, CONE, PITCH
+from truejoint.tip import block_stl, block_svg, design_block
+from truejoint.tip.block_shape import BASE, CONE, PITCH
 
 ROBOT = get_robot("raven2", "left")
 
 
 @pytest.fixture(scope="module")
 def shape():
-    return design_plate(ROBOT)
+    return design_block(ROBOT)
 
 
 def triangles(data: bytes) -> np.ndarray:
@@ -32,7 +32,7 @@ def triangles(data: bytes) -> np.ndarray:
 
 
 def test_the_print_is_closed_and_holds_what_its_cells_hold(shape):
-    corners = triangles(plate_stl(shape)).round(3)
+    corners = triangles(block_stl(shape)).round(3)
     edges = Counter()
     for a, b, c in corners:
         for start, end in ((a, b), (b, c), (c, a)):
@@ -48,7 +48,7 @@ def test_the_print_is_closed_and_holds_what_its_cells_hold(shape):
 
 
 def test_every_dimple_is_in_reach_and_its_point_is_the_bottom_of_its_cone(shape):
-    points = np.array(list(shape.plate().points.values()))
+    points = np.array(list(shape.block().points.values()))
     assert len(points) >= 40
     space = ROBOT.workspace
     for point in points[::7]:
@@ -57,12 +57,12 @@ def test_every_dimple_is_in_reach_and_its_point_is_the_bottom_of_its_cone(shape)
         assert ROBOT.kinematics.forward(joint)[:3, 3] == pytest.approx(goal, abs=1e-8)
         assert (joint[:3] >= space.lower).all()
         assert (joint[:3] <= space.upper).all()
-    lowest = {tuple(p) for p in triangles(plate_stl(shape)).reshape(-1, 3).round(2).tolist()}
+    lowest = {tuple(p) for p in triangles(block_stl(shape)).reshape(-1, 3).round(2).tolist()}
     assert {tuple(p) for p in (1e3 * points).round(2).tolist()} <= lowest
 
 
 def test_the_dimples_lie_in_no_plane_and_no_turn_repeats_the_block(shape):
-    points = np.array(list(shape.plate().points.values()))
+    points = np.array(list(shape.block().points.values()))
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
     assert spread[2] > 0.2 * spread[0]
     for turns in (1, 2, 3):
@@ -72,10 +72,10 @@ def test_the_dimples_lie_in_no_plane_and_no_turn_repeats_the_block(shape):
 
 
 def test_the_drawing_has_every_number_once(shape):
-    numbers = [int(n) for n in re.findall(r">(\d+)</text>", plate_svg(shape))]
-    assert numbers == list(range(1, len(shape.plate().points) + 1))
-    circles = re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', plate_svg(shape))
-    points = 1e3 * np.array(list(shape.plate().points.values()))
+    numbers = [int(n) for n in re.findall(r">(\d+)</text>", block_svg(shape))]
+    assert numbers == list(range(1, len(shape.block().points) + 1))
+    circles = re.findall(r'cx="([\d.]+)" cy="([\d.]+)"', block_svg(shape))
+    points = 1e3 * np.array(list(shape.block().points.values()))
     drawn = np.array(circles, dtype=float)
     assert drawn[:, 0] == pytest.approx(points[:, 0])
     assert drawn[:, 1] == pytest.approx(1e3 * shape.size[1] - points[:, 1])
@@ -87,9 +87,9 @@ def test_a_workspace_that_is_hardly_deep_gets_no_plane_in_place_of_stairs():
     lower[2] = space.upper[2] - 1e-3
     shallow = replace(ROBOT, workspace=replace(space, lower=lower))
     with pytest.raises(CalibrationError, match="dimples of a block can be reached"):
-        design_plate(shallow)
+        design_block(shallow)
 
 
 def test_a_robot_of_unknown_geometry_gets_none():
     with pytest.raises(CalibrationError, match="kinematics"):
-        design_plate(get_robot("davinci_grasper"))
+        design_block(get_robot("davinci_grasper"))

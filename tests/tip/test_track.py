@@ -271,12 +271,12 @@ def test_a_registration_is_read_in_millimetres_and_degrees(tmp_path: Path) -> No
         ("position_mm = [1, 2, 3]", "position_mm = [1, 2]", "want 3 numbers"),
         ("quaternion = [0, 0, 0, 1]", "quaternion = [0, 0, 0, 2]", "unit quaternion"),
         ("sd_mm = 0.2", "sd_mm = 0", "above 0"),
-        ("sd = 0.1", "", "above 0"),
+        ("sd = 0.1", "", "'sd' is missing"),
         ('joint = "insertion"', 'joint = "knee"', "no joint called 'knee'"),
         ('link = "roll"', 'link = "knee"', "no joint called 'knee'"),
         ("[[stops]]", TOML[TOML.index("[[stops]]") :] + "[[stops]]", "two stops of insertion"),
-        ("[[stops]]", "[stops]", r"write \[\[stops\]\]"),
-        ("[marker]", 'marker = "roll"\n[other]', "other"),
+        ("[[stops]]", "[stops]", "stops is .* want a list"),
+        ("[marker]", 'touched = "roll"\n[marker]', "touched"),
     ],
 )
 def test_a_wrong_registration_is_one_line(tmp_path: Path, old: str, new: str, said: str) -> None:

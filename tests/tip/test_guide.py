@@ -11,16 +11,16 @@ from tests.tip.touched_arm import ROBOT, Touched, fitted, touched
 
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
-from truejoint.tip import Plate, design_plate
-from truejoint.tip.touch_guide import (
-    FindingBlock,
+from truejoint.tip import Block, design_block
+from truejoint.tip.guide import (
     Guide,
-    Learning,
-    Rezeroing,
     Stop,
     Verdict,
     design_pose,
+    finding_block,
+    learning,
     reachable,
+    rezeroing,
 )
 
 
@@ -30,41 +30,41 @@ def model() -> Calibration:
 
 
 @pytest.fixture(scope="module")
-def block() -> Touched:
+def first() -> Touched:
     return touched(24)
 
 
 @pytest.fixture(scope="module")
-def plate(block: Touched) -> Plate:
-    return replace(block.plate, translation=block.translation + 0.005)
+def block(first: Touched) -> Block:
+    return replace(first.block, translation=first.translation + 0.005)
 
 
-def finding(model: Calibration, plate: Plate, count: int) -> Guide:
-    pose = design_pose(plate, ROBOT)
-    return Guide(FindingBlock(model, pose), ROBOT, pose, count)
+def finding(model: Calibration, block: Block, count: int) -> Guide:
+    pose = design_pose(block, ROBOT)
+    return Guide(finding_block(model, pose), count)
 
 
-def run(guide: Guide, plate: Plate, wrong: int = -1) -> tuple[list[Stop], list[Verdict]]:
+def run(guide: Guide, block: Block, wrong: int = -1) -> tuple[list[Stop], list[Verdict]]:
     """Touch all that is asked for; the touch number `wrong` is in another dimple."""
     stops, seated, verdicts = [], [], []
     while (stop := guide.next_stop()) is not None:
         stops.append(stop)
-        other = next(n for n in plate.points if n not in (stop.dimple, *seated))
+        other = next(n for n in block.points if n not in (stop.dimple, *seated))
         seated.append(other if len(stops) == wrong else stop.dimple)
-        made = touched(plate=plate, dimples=seated, seed=3)
+        made = touched(block=block, dimples=seated, seed=3)
         verdicts.append(guide.take(stop, made.touches.t[-1], made.recording))
     return stops, verdicts
 
 
 @pytest.mark.parametrize("finds_block", [True, False])
-def test_the_stated_error_falls_touch_by_touch(model, block, plate, finds_block):
-    pose = design_pose(plate, ROBOT)
+def test_the_stated_error_falls_touch_by_touch(model, first, block, finds_block):
+    pose = design_pose(block, ROBOT)
     if not finds_block:  # the block has been found
-        known = {"translation": block.translation, "covariance": 1e-8 * np.eye(6)}
+        known = {"translation": first.translation, "covariance": 1e-8 * np.eye(6)}
         pose = replace(pose, joint_sd=np.array([1e-3, 1e-3, 1e-4]), **known)
-    purpose = FindingBlock(model, pose) if finds_block else Rezeroing(model, pose)
-    guide = Guide(purpose, ROBOT, pose, 10)
-    stops, verdicts = run(guide, plate)
+    task = finding_block(model, pose) if finds_block else rezeroing(model, pose)
+    guide = Guide(task, 10)
+    stops, verdicts = run(guide, block)
     assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 10
     assert [v.tip_sd is None for v in verdicts] == [True] * 3 + [False] * 7
     sd = [v.tip_sd for v in verdicts[3:]]
@@ -73,9 +73,9 @@ def test_the_stated_error_falls_touch_by_touch(model, block, plate, finds_block)
     assert {v.off for v in verdicts} == {None}
 
 
-def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, plate):
-    guide = finding(model, plate, 10)
-    stops, verdicts = run(guide, plate, wrong=6)
+def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, block):
+    guide = finding(model, block, 10)
+    stops, verdicts = run(guide, block, wrong=6)
     assert len(stops) == 11
     assert verdicts[5].off > 2e-3
     assert [v.off for k, v in enumerate(verdicts) if k != 5] == [None] * 10
@@ -84,18 +84,18 @@ def test_a_touch_that_does_not_fit_is_asked_for_once_more(model, plate):
     assert len(guide.touches()) == 10
 
 
-def test_a_touch_while_the_arm_moves_is_refused_and_still_to_come(model, plate):
-    guide = finding(model, plate, 6)
+def test_a_touch_while_the_arm_moves_is_refused_and_still_to_come(model, block):
+    guide = finding(model, block, 6)
     stop = guide.next_stop()
-    made = touched(plate=plate, dimples=[stop.dimple, "1" if stop.dimple != "1" else "2"])
+    made = touched(block=block, dimples=[stop.dimple, "1" if stop.dimple != "1" else "2"])
     with pytest.raises(CalibrationError, match=r"moves by .* while dimple"):
         guide.take(stop, made.touches.t[0] + 0.2, made.recording)
     assert guide.next_stop() is stop
     assert guide.take(stop, made.touches.t[0], made.recording) == Verdict(1, None, None)
 
 
-def test_sides_are_told_in_words(model, plate):
-    guide = finding(model, plate, 8)
+def test_sides_are_told_in_words(model, block):
+    guide = finding(model, block, 8)
     sides = []
     while (stop := guide.next_stop()) is not None:
         rising = [f"{joint} rising" in stop.words for joint in ROBOT.positioning]
@@ -106,7 +106,7 @@ def test_sides_are_told_in_words(model, plate):
 
 
 def test_only_dimples_in_reach_are_asked_for():
-    made = design_plate(ROBOT).plate()
+    made = design_block(ROBOT).block()
     pose = design_pose(made, ROBOT)
     names, joint = reachable(ROBOT, pose)
     assert names == tuple(made.points)
@@ -117,29 +117,29 @@ def test_only_dimples_in_reach_are_asked_for():
         reachable(ROBOT, away)
 
 
-def test_a_plate_or_a_model_of_another_robot_is_refused(model, plate):
+def test_a_plate_or_a_model_of_another_robot_is_refused(model, block):
     with pytest.raises(CalibrationError, match="is for forceps"):
-        design_pose(replace(plate, robot="forceps"), ROBOT)
-    pose = replace(design_pose(plate, ROBOT), arm="right")
+        design_pose(replace(block, robot="forceps"), ROBOT)
+    pose = replace(design_pose(block, ROBOT), arm="right")
     with pytest.raises(CalibrationError, match="the model is of"):
-        Rezeroing(model, pose)
-    pose = replace(design_pose(plate, ROBOT), model_sha256="other")
+        rezeroing(model, pose)
+    pose = replace(design_pose(block, ROBOT), model_sha256="other")
     with pytest.raises(CalibrationError, match="with another calibration"):
-        Rezeroing(model, pose)
+        rezeroing(model, pose)
     with pytest.raises(CalibrationError, match="30 touches of 24 dimples"):
-        finding(model, plate, 30)
+        finding(model, block, 30)
 
 
-def test_a_guide_leads_an_arm_of_which_nothing_is_known(plate):
-    pose = design_pose(plate, ROBOT)
-    guide = Guide(Learning(ROBOT, plate), ROBOT, pose, 8)
-    stops, verdicts = run(guide, plate)
+def test_a_guide_leads_an_arm_of_which_nothing_is_known(block):
+    pose = design_pose(block, ROBOT)
+    guide = Guide(learning(ROBOT, pose), 8)
+    stops, verdicts = run(guide, block)
     assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 8
     sd = [v.tip_sd for v in verdicts]
     assert sd[:3] == [None] * 3
     assert sd[7] < sd[3]
-    helped = Guide(Learning(ROBOT, plate, (fitted(),)), ROBOT, pose, 5)
-    _, judged = run(helped, plate)
+    helped = Guide(learning(ROBOT, pose, (fitted(),)), 5)
+    _, judged = run(helped, block)
     assert judged[4].tip_sd < 0.5 * sd[4]
     with pytest.raises(CalibrationError, match="or a folder of 3 or more"):
-        Learning(ROBOT, plate, (replace(fitted(), arm="right"),))
+        learning(ROBOT, pose, (replace(fitted(), arm="right"),))

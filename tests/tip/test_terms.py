@@ -12,23 +12,23 @@ from tests.tip.touched_arm import ROBOT, fitted
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.tip import calibrate_by_touch
-from truejoint.tip.touch_terms import (
+from truejoint.tip.terms import (
     AGAIN,
     ALIKE,
     WIDE,
     Terms,
-    check_known,
+    check_priors,
     learned_priors,
     wide_priors,
 )
 
-TERMS = Terms.of(ROBOT)
+TERMS = Terms.of_workspace(ROBOT)
 
 
 @pytest.fixture(scope="module")
 def touched_model() -> tuple[Calibration, np.ndarray]:
-    recording, touches, plate, _ = session()
-    model, report = calibrate_by_touch(without_truth(recording), touches, plate)
+    recording, touches, block, _ = session()
+    model, report = calibrate_by_touch(without_truth(recording), touches, block)
     return model, report.fit.state.coefficients
 
 
@@ -41,7 +41,8 @@ def test_a_calibration_of_these_terms_gives_its_own_coefficients(touched_model):
 def test_a_linear_calibration_becomes_its_slopes():
     model, recording = fitted(), session(30, 5)[0]
     found = TERMS.of_calibration(model, recording)
-    basis = TERMS.basis(TERMS.features.compute(recording, model.gap_limit))
+    features = TERMS.features.compute(recording, model.gap_limit)
+    basis = TERMS.basis(*TERMS.columns(features))
     expected = model.predict_error(recording)
     assert basis @ found == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
     # One arm's calibration is taken for another's.
@@ -81,8 +82,8 @@ def test_arms_that_agree_do_not_hold_a_zero_that_homing_moves(touched_model):
 
 @pytest.mark.parametrize("copies", [3, 4])  # whose mean is theirs to a bit, and exactly
 def test_copies_of_one_calibration_neither_break_the_fit_nor_hide_its_error(copies):
-    recording, touches, plate, _ = session(30, 2, noise=2e-4)
-    model, report = calibrate_by_touch(recording, touches, plate, known=[fitted()] * copies)
+    recording, touches, block, _ = session(30, 2, noise=2e-4)
+    model, report = calibrate_by_touch(recording, touches, block, priors=[fitted()] * copies)
     assert len(model.metadata["touch"]["prior"]) == copies
     assert (np.linalg.norm(report.left_out, axis=1) > 1e-6).all()
     assert np.sqrt((report.left_out**2).sum(axis=1).mean()) > 2e-4
@@ -106,12 +107,12 @@ def test_without_calibrations_little_is_expected():
     [
         (1, {"robot": "forceps", "arm": ""}, "give one of the same robot"),
         (1, {"arm": "right"}, "or a folder of 3 or more"),
-        (2, {}, "2 calibrations do not tell how much arms differ"),
+        (2, {}, "2 calibrations are too few"),
     ],
 )
 def test_a_prior_that_says_nothing_of_this_arm_is_refused(count, change, said):
     known = [replace(fitted(), **change)] * count
     with pytest.raises(CalibrationError, match=said):
-        check_known(known, ROBOT)
+        check_priors(known, ROBOT)
     with pytest.raises(CalibrationError, match="touches correct shoulder, elbow, insertion"):
         TERMS.of_calibration(replace(fitted(), joints=("elbow",)), session(30, 5)[0])

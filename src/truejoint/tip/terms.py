@@ -1,0 +1,270 @@
+"""Terms by which the joints are corrected, and what is expected of them before any point."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
+from truejoint.estimators.polynomial.run import polynomial_factors
+from truejoint.features.feature_set import FeatureSet
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
+
+if TYPE_CHECKING:
+    from truejoint.calibration.calibration import Calibration
+
+WIDTHS: Final = (1e-3, 5e-3, 2e-2)
+"""Half-widths of each joint's plays for touches, as shares of its workspace."""
+TRACKED_WIDTHS: Final = (0.002, 0.02)
+"""The same for a tracker, as shares of half a joint's way: friction turns at once, cables later."""
+SPREAD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
+"""Scale of the coefficients for touches."""
+# Standard deviations of the terms. For touches in `SPREAD`, for a tracker as shares of half a
+# joint's way, but for its zero [rad or m].
+WIDE: Final = {"zero": 5.0, "slope": 2.0, "square": 0.5, "play": 0.3}
+"""Touches of an arm of which no other calibration is known."""
+AGAIN: Final = {"zero": 1.0, "slope": 0.1, "square": 0.05, "play": 0.05}
+"""Differences of one arm's terms from one calibration to the next, for touches."""
+TRACKED: Final = {"slope": 0.15, "square": 0.05, "play": 0.03}
+"""What cables may do, for a tracker."""
+TRACKED_ZERO: Final = {"rad": 0.2, "m": 0.02}
+LEFT: Final = 0.03
+"""What the terms leave of each joint, before the touches say more, as a share of `SPREAD`."""
+ALIKE: Final = 0.1
+"""Share of `AGAIN` that a few arms that agree still leave to each term."""
+FEWEST_ARMS: Final = 3
+"""Calibrations of other arms that say how much arms differ."""
+_SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)  # of `WIDE`, of squares and plays
+_GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may differ more than the known ones
+_PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken for its terms
+
+
+@dataclass(frozen=True, eq=False)
+class Terms:
+    """Terms of the correction of each joint: a zero, slopes and squares of all, plays of its own.
+
+    Attributes
+    ----------
+    joints : tuple of str
+    centre, half : ndarray, shape (n_joints,)
+        Middle and half of the range of each [rad or m].
+    scale : ndarray, shape (n_joints,)
+        Correction per coefficient [rad or m].
+    widths : ndarray, shape (n_joints, n_widths)
+        Half-widths of the plays [rad or m].
+    """
+
+    joints: tuple[str, ...]
+    centre: Array
+    half: Array
+    scale: Array
+    widths: Array
+
+    @classmethod
+    def of_workspace(cls, robot: Robot) -> Terms:
+        """Terms over a robot's workspace; raises CalibrationError where none is known."""
+        space = robot.workspace
+        if space is None:
+            raise CalibrationError(f"no workspace of {robot.title} is known; state it in its file")
+        scale = np.array([SPREAD[robot.joint(joint).unit] for joint in space.joints])
+        widths = np.outer(space.extent, WIDTHS)
+        return cls(space.joints, space.centre, space.extent / 2, scale, widths)
+
+    @classmethod
+    def of_motion(cls, recording: Recording, joints: Sequence[str]) -> Terms:
+        """Terms over the way of `joints`; raises CalibrationError if one of them stands still."""
+        measured = recording.columns("measured", joints)
+        lower, upper = measured.min(axis=0), measured.max(axis=0)
+        half = (upper - lower) / 2
+        still = [name for name, way in zip(joints, half, strict=True) if not way > 0.0]
+        if still:
+            raise CalibrationError(
+                f"{', '.join(still)} stand still: nothing tells their truth; move them, or name "
+                "the joints to be found"
+            )
+        return cls(tuple(joints), (lower + upper) / 2, half, half, np.outer(half, TRACKED_WIDTHS))
+
+    @property
+    def features(self) -> FeatureSet:
+        """Features that the terms are made of: positions, then the plays of each joint."""
+        plays = [
+            f"play(measured/{joint}, {float(width)!r})"
+            for joint, widths in zip(self.joints, self.widths, strict=True)
+            for width in widths
+        ]
+        return FeatureSet.parse([*(f"measured/{joint}" for joint in self.joints), *plays])
+
+    def normalised(self, positions: Array) -> Array:
+        """Positions (m, n_joints) [rad or m] as 1, shares of half the range, and their products."""
+        z = (positions - self.centre) / self.half
+        first, second = np.triu_indices(z.shape[1])
+        return np.column_stack([np.ones(len(z)), z, z[:, first] * z[:, second]])
+
+    def columns(self, features: Array) -> tuple[Array, Array]:
+        """Terms of features (m, k), of about size 1.
+
+        Those that all joints share (m, n_shared), and the plays (m, n_joints, n_widths).
+        """
+        n, widths = self.widths.shape
+        plays = features[:, n:].reshape(len(features), n, widths) - features[:, :n, None]
+        return self.normalised(features[:, :n]), plays / self.widths
+
+    def basis(self, shared: Array, plays: Array) -> Array:
+        """Correction per coefficient (m, n_joints, k) [rad or m], from `columns`."""
+        n, widths = self.widths.shape
+        m, count = shared.shape
+        basis = np.zeros((m, n, n, count + widths))
+        for k in range(n):
+            basis[:, k, k, :count] = shared * self.scale[k]
+            basis[:, k, k, count:] = plays[:, k] * self.scale[k]
+        return basis.reshape(m, n, -1)
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Kind of each coefficient (k,): ``zero``, ``slope``, ``square`` or ``play``."""
+        n, widths = len(self.joints), self.widths.shape[1]
+        counts = {"zero": 1, "slope": n, "square": n * (n + 1) // 2, "play": widths}
+        return n * tuple(kind for kind, count in counts.items() for _ in range(count))
+
+    @property
+    def zeros(self) -> Integers:
+        """Places of the joints' constants among the coefficients."""
+        return np.array([k for k, kind in enumerate(self.kinds) if kind == "zero"])
+
+    def sds(self, by_kind: Mapping[str, float]) -> Array:
+        """Give the standard deviations (k,) of the coefficients, of one for each kind."""
+        return np.array([by_kind[kind] for kind in self.kinds])
+
+    def tracked_sds(self, robot: Robot) -> Array:
+        """Give the standard deviations (k,) of the coefficients for a tracker."""
+        sd = self.sds({"zero": 0.0, **TRACKED})
+        unit = [robot.joint(joint).unit for joint in self.joints]
+        sd[self.zeros] = np.array([TRACKED_ZERO[name] for name in unit]) / self.scale
+        return sd
+
+    def of_calibration(self, calibration: Calibration, recording: Recording) -> Array:
+        """Coefficients (k,) that correct a recording as a calibration does, as nearly as they can.
+
+        The recording is of the calibration's robot, of whatever arm. Least squares, held by `WIDE`
+        where the motion tells nothing. Raises CalibrationError as `Calibration.correct`, or if it
+        corrects other joints.
+        """
+        if set(calibration.joints) != set(self.joints):
+            raise CalibrationError(
+                f"the prior {calibration.title} corrects {', '.join(calibration.joints)}; touches "
+                f"correct {', '.join(self.joints)}"
+            )
+        own = replace(calibration, arm=recording.robot.arm)
+        rows = slice(None, None, max(1, len(recording) // _PROJECTED))
+        order = [calibration.joints.index(joint) for joint in self.joints]
+        error = own.predict_error(recording)[rows, order] / self.scale
+        features = self.features.compute(recording, own.gap_limit)[rows]
+        basis = self.basis(*self.columns(features)) / self.scale[:, None]
+        normal = np.einsum("mja,mjb->ab", basis, basis, optimize=True)
+        normal += np.diag(self.sds(WIDE) ** -2.0) * LEFT**2
+        return np.linalg.solve(normal, np.einsum("mja,mj->a", basis, error))
+
+    def arrays(self, coefficients: Array) -> dict[str, Array]:
+        """Arrays of a polynomial of degree 2 in the features, of the coefficients (k,)."""
+        n, widths = self.widths.shape
+        k = n + n * widths
+        factors = polynomial_factors(k, 2).tolist()
+        place = {tuple(factor): i for i, factor in enumerate(factors)}
+        coef, intercept = np.zeros((len(factors), n)), np.zeros(n)
+        half = np.concatenate([self.half, np.repeat(self.half, widths)])
+        centre = np.concatenate([self.centre, np.repeat(self.centre, widths)])
+        pairs = [(i, j) for i in range(n) for j in range(i, n)]
+        for joint, own in enumerate(coefficients.reshape(n, -1) * self.scale[:, None]):
+            intercept[joint] = own[0]
+            for i in range(n):
+                coef[place[i, k], joint] += own[1 + i]
+            for value, (i, j) in zip(own[1 + n :], pairs, strict=False):
+                coef[place[i, j], joint] = value
+            for w, value in enumerate(own[1 + n + len(pairs) :]):
+                per = value * self.half[joint] / self.widths[joint, w]  # (p - q) / width
+                coef[place[n + joint * widths + w, k], joint] += per
+                coef[place[joint, k], joint] -= per
+        return {"mean": centre, "inverse_scale": 1.0 / half, "coef": coef, "intercept": intercept}
+
+
+class TermsPrior(NamedTuple):
+    """Expected coefficients (k,) of the terms, and their standard deviations (k,)."""
+
+    mean: Array
+    sd: Array
+
+
+def wide_priors(terms: Terms) -> list[TermsPrior]:
+    """Expect little of any arm, with squares and plays smaller from one prior to the next."""
+    nothing = np.zeros(len(terms.kinds))
+    shares = [{"square": share, "play": share} for share in _SHARES]
+    kinds = [{kind: sd * own.get(kind, 1.0) for kind, sd in WIDE.items()} for own in shares]
+    return [TermsPrior(nothing, terms.sds(by_kind)) for by_kind in kinds]
+
+
+def learned_priors(
+    terms: Terms, priors: Sequence[Calibration], recording: Recording
+) -> list[TermsPrior]:
+    """Expect what calibrations say: one of this arm, or at least three of other arms.
+
+    Other arms give the mean, and the deviation from it of each kind of term over all joints and
+    arms. This arm gives its own coefficients, and how much they differ from day to day. No zero is
+    expected within less than a homing moves it: three arms do not measure that. Arms that agree,
+    or copies of one, do not hold the other terms either. The later priors expect less. Raises
+    CalibrationError as `Terms.of_calibration`, or if a calibration by touches does not state the
+    deviation of its zeros.
+    """
+    rows = np.array([terms.of_calibration(prior, recording) for prior in priors])
+    if len(rows) == 1:
+        mean, by_kind = rows[0], dict(AGAIN)
+    else:
+        mean, kinds = rows.mean(axis=0), np.array(terms.kinds)
+        # Of a further arm against the mean of these.
+        square = ((rows - mean) ** 2).sum(axis=0) / (len(rows) - 1) * (1.0 + 1.0 / len(rows))
+        least = {kind: sd if kind == "zero" else ALIKE * sd for kind, sd in AGAIN.items()}
+        by_kind = {k: max(float(np.sqrt(square[kinds == k].mean())), least[k]) for k in WIDE}
+    sd = terms.sds(by_kind)
+    unsure = np.array([_zero_sd(prior, len(terms.joints)) for prior in priors]) / terms.scale
+    sd[terms.zeros] = np.sqrt(sd[terms.zeros] ** 2 + np.square(unsure).mean(axis=0))
+    return [TermsPrior(mean, factor * sd) for factor in _GROWN]
+
+
+def _zero_sd(calibration: Calibration, count: int) -> Array:
+    """Deviation (count,) of its zeros [rad or m], which only a calibration by touches states."""
+    if "touch" not in calibration.metadata:
+        return np.zeros(count)
+    try:
+        sd = np.array(calibration.metadata["touch"]["zero_sd"], dtype=np.float64)
+    except (KeyError, TypeError, ValueError):
+        sd = np.empty(0)
+    if sd.shape != (count,) or not (sd >= 0.0).all():
+        raise CalibrationError(
+            f"the prior {calibration.title} was made by touches and does not say how surely it "
+            "knows its zeros; make it again"
+        )
+    return sd
+
+
+def check_priors(priors: Sequence[Calibration], robot: Robot) -> None:
+    """Refuse calibrations that say nothing of a robot's arm, or too few to say how arms differ."""
+    for prior in priors:
+        if prior.robot != robot.name:
+            raise CalibrationError(
+                f"the prior is of {prior.title}, the touches are of {robot.title}; give one of the "
+                "same robot"
+            )
+    if len(priors) == 1 and priors[0].arm != robot.arm:
+        raise CalibrationError(
+            f"the prior is of {priors[0].title}, the touches are of {robot.title}; give one of "
+            f"this arm, or a folder of {FEWEST_ARMS} or more of others"
+        )
+    if 1 < len(priors) < FEWEST_ARMS:
+        raise CalibrationError(
+            f"{len(priors)} calibrations are too few to estimate how arms differ; give "
+            f"{FEWEST_ARMS} or more, or the one of this arm"
+        )

@@ -1,0 +1,267 @@
+"""Touched dimples of a block: find where the block stands, and re-zero a calibration by it."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.calibration.compatibility import check_columns
+from truejoint.calibration.zero import moved
+from truejoint.errors import CalibrationError
+from truejoint.tip.block import TOUCH_SD, Block, BlockPose
+from truejoint.tip.fit import TipFit, fit_rows
+from truejoint.tip.rests import Touches, at_rest, check_count, known_kinematics
+from truejoint.tip.rows import TipPrior, TipRows, TipState, align
+from truejoint.units import shown
+
+if TYPE_CHECKING:
+    from truejoint.calibration.calibration import Calibration
+    from truejoint.recordings import Recording
+
+FEWEST: Final = 3
+"""Touches that re-zero a calibration."""
+FEWEST_OF_BLOCK: Final = 2 * FEWEST
+"""Touches that find a block's pose."""
+_MISFIT: Final = 3.0
+"""Squares of residuals, as a multiple of what is expected, beyond which nothing fits. Where block,
+arm and day are right they stay below two on ten arms whose errors are 2.5 times as stated."""
+_FARTHEST: Final = {"rad": np.deg2rad(3.0), "m": 3e-3}
+"""No homing moves a zero further; a block that has moved may look like one that does."""
+_FACTORS: Final = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
+"""By which errors of another motion are larger than the training's."""
+_ROUNDS: Final = 5  # of moving the inputs of a model until its output fits
+
+
+def tip_rows(
+    calibration: Calibration,
+    recording: Recording,
+    touches: Touches,
+    block: Block,
+    *,
+    touch_sd: float = TOUCH_SD,
+    offsets: bool = True,
+) -> TipRows:
+    """Rows of touches with corrected positions, in an offset a joint, or in none.
+
+    `touch_sd` [m] is the standard deviation of a tip from its dimple, per axis. Raises
+    CalibrationError if the robot's kinematics are not known, columns are missing, or touches and
+    recording do not go together.
+    """
+    if not (np.isfinite(touch_sd) and touch_sd > 0.0):
+        raise CalibrationError(f"touches rest within {touch_sd} m; give a number above 0")
+    if calibration.effort_baseline is None:
+        raise CalibrationError(
+            f"the calibration of {calibration.title} does not say how large its errors are; "
+            "calibrate it again"
+        )
+    kinematics, robot = known_kinematics(recording.robot), recording.robot
+    check_columns(recording, [f"measured/{n}" for n in robot.joint_names], "tip's place takes")
+    joint = recording.columns("measured", robot.joint_names)
+    columns = tuple(robot.index(calibration.joints))
+    joint[:, columns] = calibration.correct(recording)
+    m, n = len(touches), len(columns)
+    basis = np.tile(np.eye(n), (m, 1, 1)) if offsets else np.zeros((m, n, 0))
+    place, nothing = at_rest(recording, touches, joint), np.zeros(joint.shape[1])
+    rows = TipRows(kinematics, place, columns, basis, block.at(touches.dimple), touch_sd, nothing)
+    return rows.with_joint_sd(calibration.effort_baseline.residual)
+
+
+def find_block(
+    calibration: Calibration,
+    recording: Recording,
+    touches: Touches,
+    block: Block,
+    *,
+    touch_sd: float = TOUCH_SD,
+) -> tuple[BlockPose, TipFit]:
+    """Find where a bolted block stands, by touches on the day of the full calibration.
+
+    The size of the print is estimated too, about what the calliper says. Returns the pose, and the
+    fit, which names the outliers.
+
+    Raises
+    ------
+    CalibrationError
+        If there are too few touches, they lie in a line, or do not fit.
+
+    Examples
+    --------
+    >>> find_block(model, test, Touches((1.0,), ("1",)), None)
+    Traceback (most recent call last):
+    truejoint.errors.CalibrationError: ...
+    """
+    check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
+    rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd, offsets=False)
+    fit, rows = fit_block(rows, block)
+    _check_misfit(fit, touches)
+    robot, state = recording.robot, fit.state
+    pose = BlockPose(
+        block,
+        robot.name,
+        robot.arm,
+        state.rotation,
+        state.translation,
+        fit.covariance[:6, :6],
+        state.scale,
+        float(fit.sd[9]),
+        rows.corrected_sd,
+        datetime.now(UTC).isoformat(timespec="seconds"),
+        recording.provenance.homing_id,
+        str(calibration.metadata.get("data_sha256", "")),
+    )
+    return pose, fit
+
+
+def fit_block(rows: TipRows, block: Block) -> tuple[TipFit, TipRows]:
+    """Fit pose and size of a block to touches with known joints; raises as `fit_rows`.
+
+    It takes three rows or more, of points that do not lie in a line. The errors that the joints
+    keep are estimated too, as those of the training are smaller than those of another motion; the
+    returned rows state them.
+    """
+    tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
+    rotation, translation = align(tip, rows.point * block.scale)
+    start = TipState(np.zeros(rows.basis.shape[2]), rotation, translation, scale=block.scale)
+    prior = TipPrior.of(start, 0.0, scale=block.scale_sd)
+    rows = with_estimated_errors(rows, prior)
+    return fit_rows(rows, prior), rows
+
+
+def with_estimated_errors(rows: TipRows, prior: TipPrior) -> TipRows:
+    """Enlarge `joint_sd` by the factor that makes the points likeliest (restricted likelihood).
+
+    By 1 to 8, judged by the points that fit with the errors enlarged fourfold.
+    """
+    enlarged = [replace(rows, joint_sd=factor * rows.joint_sd) for factor in _FACTORS]
+    first = fit_rows(enlarged[len(_FACTORS) // 2], prior)
+    return enlarged[int(np.argmax([likelihood(each, prior, first) for each in enlarged]))]
+
+
+def likelihood(rows: TipRows, prior: TipPrior, first: TipFit) -> float:
+    """Logarithm of the restricted likelihood of the inliers of a `first` fit."""
+    inliers = rows.rows(~first.left_out)
+    return fit_rows(inliers, prior, gate=np.inf, start=first.state).evidence
+
+
+def zero_prior(pose: BlockPose, offset_sd: Array) -> TipPrior:
+    """Prior of offsets, `offset_sd` (n_joints,) [rad or m] about 0, and of a block's pose."""
+    start = TipState(np.zeros(len(offset_sd)), pose.rotation, pose.translation, scale=pose.scale)
+    precision = np.asarray(np.linalg.inv(pose.covariance))
+    return TipPrior.of(start, offset_sd, scale=pose.scale_sd, pose_precision=precision)
+
+
+def touched_zero(
+    calibration: Calibration,
+    recording: Recording,
+    touches: Touches,
+    pose: BlockPose,
+    *,
+    touch_sd: float = TOUCH_SD,
+) -> TipFit:
+    """Fit the offset of each joint to touches of a block whose pose is known.
+
+    The pose keeps its own uncertainty. What the calibration leaves of each joint, by the touches
+    of the pose, counts by what it does to the tip.
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than three touches, robot or arm are not those of the pose, or the
+        touches fit neither offset nor pose.
+    """
+    check_count(touches, FEWEST, "re-zero")
+    check_pose(calibration, pose)
+    rows = tip_rows(calibration, recording, touches, pose.block, touch_sd=touch_sd)
+    if len(pose.joint_sd) == len(rows.columns):
+        rows = rows.with_joint_sd(pose.joint_sd)
+    fit = fit_rows(rows, zero_prior(pose, np.full(len(rows.columns), np.inf)))
+    _check_misfit(fit, touches)
+    for joint, offset in zip(calibration.joints, fit.state.coefficients.tolist(), strict=True):
+        unit = recording.robot.joint(joint).unit
+        if abs(offset) > _FARTHEST[unit]:
+            raise CalibrationError(
+                f"{touches.source}: the zero of {joint} would move by {shown(offset, unit)}, more "
+                "than a homing does; has the block moved since its pose was found, or is the model "
+                "of another arm?"
+            )
+    return fit
+
+
+def rezeroed_by_touch(
+    calibration: Calibration,
+    recording: Recording,
+    touches: Touches,
+    pose: BlockPose,
+    *,
+    touch_sd: float = TOUCH_SD,
+) -> tuple[Calibration, TipFit]:
+    """Give the calibration whose zero is that of touches, and the fit that found it.
+
+    Where zeros were fitted (`calibrate`, `zero`), it is the fit with these. The baselines move by
+    the same offset. The metadata say so under ``rezeroed``, and of the new homing. Raises
+    CalibrationError as `touched_zero`.
+
+    Examples
+    --------
+    >>> rezeroed_by_touch(model, test, Touches((1.0,), ("1",)), None)
+    Traceback (most recent call last):
+    truejoint.errors.CalibrationError: ...
+    """
+    own = calibration.fitted_for(rezeroing=True)
+    before = own.offset
+    for _ in range(_ROUNDS):
+        fit = touched_zero(own, recording, touches, pose, touch_sd=touch_sd)
+        own = moved(own, fit.state.coefficients)
+        # Outputs whose inputs are moved go about as far, but not just as far.
+        if own.moves is None or (
+            (np.abs(fit.state.coefficients) < 0.1 * fit.sd[: len(own.joints)]).all()
+        ):
+            break
+    offset = own.offset - before
+    names = own.baseline_models
+    shifted = {name: own.offsets.get(name, np.zeros(len(offset))) + offset for name in names}
+    own = replace(own, offsets={**own.offsets, **shifted})
+    origin = recording.provenance
+    facts = {
+        "source": origin.source,
+        "homing_id": origin.homing_id,
+        "offset": offset.tolist(),
+        "sd": fit.sd[: len(offset)].tolist(),
+        "rows": len(touches),
+        "duration": touches.t[-1] - touches.t[0],
+        "truth": "touch",
+        "block": pose.title,
+        "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
+    }
+    if origin.homing_id:
+        own = own.with_metadata(homing_ids=[origin.homing_id])
+    return own.with_metadata(rezeroed=facts), fit
+
+
+def check_pose(calibration: Calibration, pose: BlockPose) -> None:
+    """Refuse a block's pose in another arm's base, or one that another calibration found."""
+    if (calibration.robot, calibration.arm) != (pose.robot, pose.arm):
+        raise CalibrationError(
+            f"the model is of {calibration.title}, the block's pose {pose.title}; find the pose "
+            "with this model"
+        )
+    sha = str(calibration.metadata.get("data_sha256", ""))
+    if pose.model_sha256 and sha != pose.model_sha256:
+        raise CalibrationError(
+            f"the pose of {pose.title} was found with another calibration than this model; find it "
+            "with this one, on the day of its full calibration"
+        )
+
+
+def _check_misfit(fit: TipFit, touches: Touches) -> None:
+    """Refuse a fit whose residuals are beyond what touches and model leave."""
+    if fit.misfit > _MISFIT * max(fit.freedom, 1):
+        rms = np.sqrt((fit.residual[~fit.left_out] ** 2).sum(axis=1).mean())
+        raise CalibrationError(
+            f"{touches.source}: the touches stay {1e3 * rms:.2f} mm off whatever the zero; has the "
+            "block moved since its pose was found, or is the model of another arm?"
+        )
