@@ -217,7 +217,7 @@ def wrist() -> tuple[UnscentedFilter, tuple[np.ndarray, np.ndarray], np.ndarray,
     twin.home()
     recording = motions.record(twin, motions.paused_sines, 30.0, 1, load=True)
     X = np.hstack([recording.columns(kind, twin.robot.joint_names) for kind in ("motor", "effort")])
-    parameters = constants(twin.robot.cable_mechanism, STARTS)  # type: ignore[arg-type]
+    parameters = constants(twin.robot.mechanism, STARTS)  # type: ignore[arg-type]
     parameters[cable_loops.LOAD_RATE : cable_loops.LOAD_RATE + cable_loops.N] = 1e-3
     arrays = {"parameters": parameters, "effort_misfit": np.full(3, 3e-3), "dt": np.array([5e-3])}
     inputs = filter_inputs(X, np.diff(recording.t, prepend=recording.t[0]))

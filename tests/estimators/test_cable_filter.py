@@ -103,13 +103,13 @@ def test_a_load_without_truth_is_none():
     """Two histories: a free one with truth, and a loaded one without."""
     truth, loads, dt = np.zeros((2000, 3)), np.zeros((2000, 3)), np.full(2000, 5e-3)
     truth[1000:], loads[1000:], dt[1000] = np.nan, 0.02, 0.0
-    filtered = CableFilter(mechanism=get_robot("wrist").cable_mechanism)
+    filtered = CableFilter(mechanism=get_robot("wrist").mechanism)
     with pytest.raises(CalibrationError, match="no recording with truth has a load"):
         filtered.fit(np.zeros((2000, 6)), truth, dt=dt, loads=loads)
 
 
 def test_a_load_that_is_not_known_is_refused():
-    filtered = CableFilter(mechanism=get_robot("wrist").cable_mechanism)
+    filtered = CableFilter(mechanism=get_robot("wrist").mechanism)
     loads = np.zeros((500, 3))
     loads[400:, 1] = np.nan
     with pytest.raises(CalibrationError, match="100 rows whose load is not known"):
@@ -119,7 +119,7 @@ def test_a_load_that_is_not_known_is_refused():
 def test_truth_of_the_first_two_seconds_is_none():
     rows, start = 1000, np.arange(1000) < 410
     truth = np.where(start[:, None], 0.0, np.nan) * np.ones(3)
-    filtered = CableFilter(mechanism=get_robot("wrist").cable_mechanism)
+    filtered = CableFilter(mechanism=get_robot("wrist").mechanism)
     with pytest.raises(CalibrationError, match="no recording has more than 2 s of truth after"):
         filtered.fit(np.zeros((rows, 6)), truth, loads=np.ones((rows, 3)))
     with pytest.raises(CalibrationError, match=r"loads have shape \(1000, 2\); give \(1000, 3\)"):
@@ -147,6 +147,6 @@ def test_recordings_too_short_are_refused():
 
 def test_cables_of_another_kind_are_refused():
     forceps = get_robot("forceps")
-    assert forceps.cable_mechanism is None
+    assert forceps.mechanism is None
     with pytest.raises(CalibrationError, match="knows no cables"):
         CableFilter().fit(np.zeros((500, 6)), np.zeros((500, 3)))

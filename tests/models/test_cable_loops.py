@@ -11,7 +11,7 @@ from truejoint.estimators.cables import run as cable_filter
 from truejoint.estimators.cables.learn import STARTS, constants
 from truejoint.robots import get_robot
 
-MECHANISM = get_robot("wrist", "400006").cable_mechanism
+MECHANISM = get_robot("wrist", "400006").mechanism
 PARTS = {"guide": r.GUIDE, "wrist": r.WRIST, "motor": r.MOTOR, "pin": r.PIN, "load": r.LOAD}
 
 
@@ -51,7 +51,7 @@ def test_joints_are_in_balance_as_the_energy_of_six_springs_says(p):
     motor, load = np.array([0.3, -0.2, 0.4]), np.array([0.02, 0.01, -0.008])
     joint = joints(state(load=load), p, motor)
     moments = MECHANISM.moments
-    wound = np.array([c.sign * MECHANISM.motors[c.motor] for c in MECHANISM.cables])
+    wound = np.array([c.sign * MECHANISM.motors[c.motor].radius for c in MECHANISM.cables])
     wound *= motor[[list(MECHANISM.motors).index(c.motor) for c in MECHANISM.cables]]
     # A grip drives the jaws apart; a yaw torque turns both, half each.
     torque = np.array([0.01, -0.02 - 0.004, 0.02 - 0.004])

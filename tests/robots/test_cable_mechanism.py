@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from truejoint import schema
 from truejoint.errors import RobotError
 from truejoint.robots import Robot, adopt_robot, arm_names, catalogue, get_robot
 from truejoint.robots.cable_mechanism import CableMechanism
@@ -22,20 +23,20 @@ unit = "deg"
 lower = -60
 upper = 60
 
-[cable_mechanism.pins]
+[mechanism.pins]
 tip = { inertia = 1e-6, radius = 1e-3 }
 
-[cable_mechanism.motors]
+[mechanism.motors]
 drive = 9.75e-3
 
-[[cable_mechanism.cables]]
+[[mechanism.cables]]
 name = "pull"
 motor = "drive"
 moments = { tip = 4e-3 }
 segments = [0.5, 0.5]
 nodes = [{ wrap = 1.5 }]
 
-[[cable_mechanism.cables]]
+[[mechanism.cables]]
 name = "back"
 spring = 656.6
 moments = { tip = -4e-3 }
@@ -77,7 +78,7 @@ def test_an_instrument_turns_as_its_file_says(
 
 @pytest.mark.parametrize("number", ["420006", "420172", "420309", "raven_cadiere"])
 def test_a_disc_of_one_jaw_presses_on_no_pin_of_the_other(number: str) -> None:
-    mechanism = get_robot("wrist", number).cable_mechanism
+    mechanism = get_robot("wrist", number).mechanism
     assert mechanism is not None
     assert np.count_nonzero(mechanism.moments, axis=0).tolist() == [6, 2, 2]
 
@@ -87,14 +88,14 @@ def test_every_instrument_comes_back_from_plain_data(number: str) -> None:
     robot = get_robot("wrist", number)
     again = Robot.from_dict(json.loads(json.dumps(robot.to_dict(), sort_keys=True)))
     assert again.to_dict() == robot.to_dict()
-    assert again.cable_mechanism is not None
+    assert again.mechanism is not None
     # What a loop's one cable gets its other gives, so that no pose stretches both.
-    moments = again.cable_mechanism.moments.reshape(-1, 2, 3)
+    moments = again.mechanism.moments.reshape(-1, 2, 3)
     np.testing.assert_array_equal(moments[:, 0], -moments[:, 1])
 
 
 def test_a_mechanism_is_one_short_line_among_settings() -> None:
-    said = repr(get_robot("wrist").cable_mechanism)
+    said = repr(get_robot("wrist").mechanism)
     assert said == "<pitch, jaw1, jaw2 by 3 motors and 6 cables>"
 
 
@@ -126,12 +127,12 @@ def test_a_transmission_beside_the_cables_must_be_theirs(tmp_path: Path) -> None
 
 
 def plain() -> dict[str, Any]:
-    mechanism = get_robot("wrist").cable_mechanism
+    mechanism = get_robot("wrist").mechanism
     assert mechanism is not None
-    values = json.loads(json.dumps(mechanism.to_dict()))
+    values = json.loads(json.dumps(schema.plain(mechanism)))
     for key in ("pins", "motors", "arms"):  # as a file has them
         values[key] = {row.pop("name"): row for row in values[key]}
-    values["motors"] = {name: row["radius"] for name, row in values["motors"].items()}
+    values["motors"] = {name: row["radius"] for name, row in values["motors"].items()}  # 1:1 gears
     return values
 
 
@@ -156,29 +157,41 @@ def spoilt(*path: Any, value: Any) -> dict[str, Any]:
         ),
         (spoilt("cables", 1, "moments", value={"pitch": 9e-3}), "different moments; what one gets"),
         (spoilt("cables", 0, "moments", value={"yaw": 1e-3}), "no joint called 'yaw'"),
-        (spoilt("cables", 0, "moments", value={"pitch": math.nan}), "want a finite number"),
+        (
+            spoilt("cables", 0, "moments", value={"pitch": math.nan}),
+            "moments.pitch is nan; want a number",
+        ),
         (spoilt("cables", 0, "segments", value=[0.5, 0.2, 0.2]), "segments add up to 0.9"),
         (spoilt("cables", 0, "segments", value=[1.0]), "1 segments and 2 nodes; want one segment"),
         (spoilt("cables", 0, "sign", value=2), "sign is 2; want 1 or -1"),
-        (spoilt("cables", 0, "colour", value=2), "key 'colour' is not known"),
+        (spoilt("cables", 0, "colour", value=2), r"cables\[0\]: no key called 'colour'"),
         (spoilt("cables", 1, "name", value="pitch_a"), "'pitch_a' stands twice; keep one"),
-        (spoilt("cables", 0, "nodes", value=[{}, {"wrap": 1.0}]), "node: 'wrap' is missing"),
-        (spoilt("cables", value=3), "cables: 3 is no list"),
-        (spoilt("cables", 0, "segments", value=1.0), "segments: 1.0 is no list"),
-        (spoilt("cables", 0, "segments", value=["a", 0.3, 0.4]), "segment is 'a'; want a finite"),
-        (spoilt("cables", 0, "nodes", value=2), "nodes: 2 is no list"),
-        (spoilt("cables", 0, "motor", value=3), "3 is no name"),
-        (spoilt("cables", 0, "nodes", 0, "joint", value=[1]), "no name; write it in quotes"),
-        (spoilt("cables", 0, "spring", value=-9.0), "spring is -9.0; want a finite number, 0 or"),
-        (spoilt("cables", 0, "spring", value="soft"), "spring is 'soft'; want a finite number"),
+        (spoilt("cables", 0, "nodes", value=[{}, {"wrap": 1.0}]), r"nodes\[0\]: 'wrap' is missing"),
+        (spoilt("cables", value=3), "cables is 3; want a list"),
+        (spoilt("cables", 0, "segments", value=1.0), "segments is 1.0; want a list"),
+        (
+            spoilt("cables", 0, "segments", value=["a", 0.3, 0.4]),
+            r"segments\[0\] is 'a'; want a number above 0",
+        ),
+        (spoilt("cables", 0, "nodes", value=2), "nodes is 2; want a list"),
+        (spoilt("cables", 0, "motor", value=3), "motor is 3; want a text"),
+        (spoilt("cables", 0, "nodes", 0, "joint", value=[1]), r"joint is \[1\]; want a text"),
+        (spoilt("cables", 0, "spring", value=-9.0), "spring is -9.0; want a number from 0"),
+        (spoilt("cables", 0, "spring", value="soft"), "spring is 'soft'; want a number from 0"),
         (spoilt("contact", "opening", value="wide"), "opening is 'wide'; want a table"),
         (spoilt("contact", value={}), "contact: 'opening' is missing"),
-        (spoilt("pins", value=[{"name": "a"}, {"name": "a"}]), "with a name of its own"),
-        (spoilt("cables", value=[]), "0 cables; want 1 to 64"),
+        (spoilt("pins", value=[{"name": "a"}, {"name": "a"}]), "pins: 'a' stands twice"),
+        (spoilt("cables", value=[]), "cables has 0 entries; want 1 to 64"),
         (spoilt("motors", "spare", value=1e-3), "motor 'spare' winds up no cable"),
-        (spoilt("motors", "pitch", value=-1.0), "radius is -1.0; want a finite number above 0"),
-        (spoilt("pins", "pitch", "inertia", value="big"), "inertia is 'big'; want a finite number"),
-        (spoilt("contact", "stiffness", value=0), "stiffness is 0; want a finite number above 0"),
+        (
+            spoilt("motors", "pitch", value=-1.0),
+            "motors.pitch.radius is -1.0; want a number above 0",
+        ),
+        (
+            spoilt("pins", "pitch", "inertia", value="big"),
+            "inertia is 'big'; want a number above 0",
+        ),
+        (spoilt("contact", "stiffness", value=0), "stiffness is 0; want a number above 0"),
         (spoilt("arms", "pitch", value={"nose": 1.0}), "no joint called 'nose'"),
         (spoilt("arms", value=[1]), "want a table"),
     ],
@@ -199,9 +212,9 @@ def test_a_coupling_that_cannot_be_inverted_is_refused() -> None:
 
 def test_pins_and_joints_are_the_same() -> None:
     values = get_robot("wrist").to_dict()
-    values["cable_mechanism"] = plain()
-    pins = values["cable_mechanism"]["pins"]
-    values["cable_mechanism"]["pins"] = {name: pins[name] for name in ("jaw1", "pitch", "jaw2")}
+    values["mechanism"] = plain()
+    pins = values["mechanism"]["pins"]
+    values["mechanism"]["pins"] = {name: pins[name] for name in ("jaw1", "pitch", "jaw2")}
     with pytest.raises(RobotError, match="pins jaw1, pitch, jaw2; want one for each joint, in ord"):
         Robot.from_dict(values)
 

@@ -167,7 +167,7 @@ def can_draw(robot: Robot) -> bool:
 
 def _jaws(robot: Robot) -> tuple[Array, float]:
     """Give the opening of the jaws per joint position (n_joints,), and their length [m] or 0."""
-    cables = robot.cable_mechanism
+    cables = robot.mechanism
     if cables is not None and cables.contact is not None:
         arms = [float(np.abs(cables.row(arm)).sum()) for arm in cables.arms.values()]
         return cables.row(cables.contact.opening), min(arms, default=0.0)

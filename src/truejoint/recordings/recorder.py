@@ -18,7 +18,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, RobotError
 from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
 from truejoint.recordings.table.parquet import write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
@@ -32,6 +32,8 @@ from truejoint.recordings.table.stream_file import (
     StreamWriter,
     assembled,
 )
+from truejoint.robots import Robot
+from truejoint.robots.forceps import Forceps
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 PAST_END: Final = "state: past the longest duration"
@@ -234,7 +236,7 @@ class Recorder:
             session=self.session,
             homing_id=self.homing_id or "",
             load=self.load,
-            mechanism=vars(robot.mechanism) if robot.mechanism else {},
+            mechanism=_forceps(robot),
             command=self.command,
         )
 
@@ -361,3 +363,10 @@ class _Rows:
         names = pieces[0].columns
         columns = {name: np.concatenate([p.columns[name] for p in pieces]) for name in names}
         return Stream(np.concatenate([piece.t for piece in pieces]), columns)
+
+
+def _forceps(robot: Robot) -> dict[str, float]:
+    """Four numbers of a forceps' mechanism; nothing of another robot."""
+    with suppress(RobotError):
+        return Forceps.of(robot.mechanism)._asdict()
+    return {}

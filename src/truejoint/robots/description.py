@@ -1,155 +1,232 @@
-"""Parts of a robot of plain values, as they stand in its file (docs/robots.md).
-
-All raise RobotError, which names the key and the rule that it breaks.
-"""
+"""Tables of a robot file (docs/robots.md), in the units that a person writes; SI comes out."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import numpy as np
 
+from truejoint import schema
+from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
-from truejoint.robots.joint_encoder import JointEncoder
-from truejoint.robots.parts import UNITS, WORKSPACE_KEYS, Joint, Kinematics, Transmission, Workspace
-from truejoint.robots.plain import MAX_JOINTS, check_keys, matrix_of, name_of, number, tables
+from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.forceps import Forceps
+from truejoint.robots.joint_encoder import End, JointEncoder
+from truejoint.robots.parts import (
+    UNITS,
+    WORKSPACE_KEYS,
+    Effort,
+    Joint,
+    Kind,
+    Kinematics,
+    Transmission,
+    Workspace,
+)
+from truejoint.schema import Bounds, Length, Name, Shape
 
 if TYPE_CHECKING:  # the compiler behind it takes longer to import than the rest
     from truejoint.robots.chain import SerialChain
 
+MAX_JOINTS: Final = 64
 MATRIX_KEYS: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
-_ANGLES: Final = UNITS["revolute"]
-_LIMIT_KEYS: Final = ("lower", "upper", "home", "max_speed")
-_AXIS_KEYS: Final = ("alpha", "a", "d", "theta", "kind")
-_CHAIN_KEYS: Final = ("axes", "unit", *MATRIX_KEYS)
-_URDF_KEYS: Final = ("urdf", "base", "tip")
-_ENCODER_KEYS: Final = ("joint", "resolution", "hard_stop", "end", "direction", "tolerance")
+Number = Annotated[float, Bounds(-1e9, 1e9)]
+Names = Annotated[tuple[Name, ...], Length(0, MAX_JOINTS)]
+_Matrix = Annotated[Array, Shape((None, None)), Bounds(-1e9, 1e9)]
 
 
-def read_joint(values: Mapping[str, Any], where: str) -> Joint:
-    """Read a joint, whose limits are in the unit that it states."""
-    check_keys(values, ("name", "kind", "unit", *_LIMIT_KEYS), ("name",), where)
-    name = name_of(values["name"], f"{where}: name")
-    kind, factor = _kind(values, f"joint {name!r}")
-    limits = {key: values[key] for key in _LIMIT_KEYS if key in values}
-    numbers = {k: number(v, f"joint {name!r}: {k}") * factor for k, v in limits.items()}
-    return Joint(name, kind, **numbers)
+@dataclass(frozen=True)
+class JointTable:
+    """A joint, whose limits are in the unit that it states."""
 
+    name: Name
+    kind: Kind = "revolute"
+    unit: str = ""
+    lower: Number | None = None
+    upper: Number | None = None
+    home: Number | None = None
+    max_speed: Number | None = None
 
-def read_workspace(values: Any, joints: Sequence[Mapping[str, Any]]) -> Workspace:
-    """Workspace of one table a joint, ``jaw = {lower = -50, ...}`` in that joint's unit."""
-    if not isinstance(values, Mapping) or not values:
-        raise RobotError(f"workspace is {values!r:.40}; want a table for each joint that moves")
-    factors = {joint["name"]: _kind(joint, "workspace")[1] for joint in joints}
-    rows = []
-    for name, row in values.items():
-        where = f"workspace.{name}"
-        if name not in factors or not isinstance(row, Mapping):
-            raise RobotError(f"{where}: want a table for one of the joints {', '.join(factors)}")
-        check_keys(row, WORKSPACE_KEYS, ("lower", "upper", "speed"), where)
-        rows.append({k: number(v, f"{where}: {k}") * factors[name] for k, v in row.items()})
-    shared = [key for key in WORKSPACE_KEYS if any(key in row for row in rows)]
-    for key in shared:
-        without = [name for name, row in zip(values, rows, strict=True) if key not in row]
-        if without:
+    def __post_init__(self) -> None:
+        if self.unit and self.unit not in UNITS[self.kind]:
+            units = " or ".join(UNITS[self.kind])
             raise RobotError(
-                f"workspace: {key} is missing for {', '.join(without)}; state it for every joint "
-                "or for none"
+                f"unit {self.unit!r:.40} does not fit a {self.kind} joint; want {units}"
             )
-    return Workspace(tuple(values), **{key: np.array([row[key] for row in rows]) for key in shared})
+
+    @property
+    def factor(self) -> float:
+        """Factor from the unit of the table to SI."""
+        return UNITS[self.kind][self.unit] if self.unit else 1.0
+
+    def joint(self) -> Joint:
+        """Joint in SI units."""
+        limits = {key: getattr(self, key) for key in ("lower", "upper", "home", "max_speed")}
+        stated = {key: value * self.factor for key, value in limits.items() if value is not None}
+        return Joint(self.name, self.kind, **stated)
 
 
-def read_encoders(values: Any, joints: Sequence[Mapping[str, Any]]) -> tuple[JointEncoder, ...]:
-    """Read encoders of tables, each in the unit of its joint."""
-    factors = {joint["name"]: _kind(joint, "encoders")[1] for joint in joints}
-    encoders = []
-    for n, row in enumerate(tables(values, "encoders"), 1):
-        where = f"encoder {n}"
-        check_keys(row, _ENCODER_KEYS, _ENCODER_KEYS[:3], where)
-        joint = str(row["joint"])
-        if joint not in factors:
-            raise RobotError(f"{where}: {unknown('joint', joint, tuple(factors))}")
-        size = {
-            key: number(row[key], f"{where}: {key}") * factors[joint]
-            for key in ("resolution", "hard_stop")
-        }
-        whole: dict[str, Any] = {k: row[k] for k in ("direction", "tolerance") if k in row}
-        if not all(type(value) is int for value in whole.values()):
-            raise RobotError(f"{where}: direction and tolerance are whole numbers")
-        whole |= {"end": row["end"]} if "end" in row else {}
-        encoders.append(JointEncoder(joint, size["resolution"], size["hard_stop"], **whole))
-    return tuple(encoders)
+@dataclass(frozen=True)
+class BoxTable:
+    """Where a calibration moves one joint, in that joint's unit."""
+
+    lower: Number
+    upper: Number
+    speed: Number
+    margin: Number | None = None
+    slowest: Number | None = None
+    fastest: Number | None = None
+    crawl: Number | None = None
 
 
-def read_transmission(matrix: Any, gear: Any) -> Transmission:
-    """Read a transmission of its matrix and its gearboxes."""
-    if not isinstance(gear, list | tuple) or len(gear) > MAX_JOINTS:
-        raise RobotError(f"gear is {gear!r:.40}; want a number for each motor")
-    turns = tuple(number(value, "gear") for value in gear)
-    return Transmission(matrix_of(matrix, "transmission"), turns)
+@dataclass(frozen=True)
+class EncoderTable:
+    """A temporary encoder, in the unit of its joint."""
+
+    joint: str
+    resolution: Number
+    hard_stop: Number
+    end: End = "upper"
+    direction: int = 1
+    tolerance: int = 20
 
 
-def _kind(values: Mapping[str, Any], where: str) -> tuple[Any, float]:
-    """Kind of a joint and the factor from its unit in the file to SI."""
-    kind = values.get("kind", "revolute")
-    if kind not in tuple(UNITS):
-        raise RobotError(f"{where}: kind is {kind!r:.40}; want {' or '.join(UNITS)}")
-    unit = values.get("unit", next(iter(UNITS[kind])))
-    if unit not in tuple(UNITS[kind]):
-        units = " or ".join(UNITS[kind])
-        raise RobotError(f"{where}: unit {unit!r:.40} does not fit a {kind} joint; want {units}")
-    return kind, UNITS[kind][unit]
+@dataclass(frozen=True)
+class AxisTable:
+    """Modified Denavit-Hartenberg row; angles in the unit of the kinematics, lengths in m."""
+
+    alpha: Number = 0.0
+    a: Number = 0.0
+    d: Number = 0.0
+    theta: Number = 0.0
+    kind: Kind = "revolute"
 
 
-def read_kinematics(values: Any, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
-    """Read a chain of axes, or that of a URDF in `folder`."""
-    if not isinstance(values, Mapping):
-        raise RobotError(f"kinematics is {values!r:.40}; want a table")
-    if "urdf" in values:
-        from truejoint.robots.urdf import read_urdf  # noqa: PLC0415  # an optional extra
+@dataclass(frozen=True)
+class KinematicsTable:
+    """A chain of axes, or a URDF beside the file with its first and last link."""
 
-        check_keys(values, _URDF_KEYS, (), "kinematics")
-        if folder is None or not all(isinstance(value, str) for value in values.values()):
-            raise RobotError("kinematics: urdf, base and tip are texts, and stand in a robot file")
-        path = folder / values["urdf"]
-        kinds = {joint.name: joint.kind for joint in joints}
-        return read_urdf(path, kinds, values.get("base", ""), values.get("tip", ""))
-    return _chain(values, joints)
+    axes: Annotated[tuple[AxisTable, ...], Length(1, MAX_JOINTS)] | None = None
+    unit: Literal["rad", "deg"] = "rad"
+    axis_from_joint: _Matrix | None = None
+    crtk_from_base: _Matrix | None = None
+    tool_rotation: _Matrix | None = None
+    urdf: str = ""
+    base: str = ""
+    tip: str = ""
 
+    def __post_init__(self) -> None:
+        chain = [key for key in ("axes", *MATRIX_KEYS) if getattr(self, key) is not None]
+        chain += ["unit"] if self.unit != "rad" else []
+        if not self.urdf and self.axes is None:
+            raise RobotError("'axes' is missing; add it, or name a urdf")
+        if chain and (self.urdf or self.base or self.tip):
+            raise RobotError(f"{chain[0]} and a URDF's urdf, base or tip; keep one of them")
 
-def _chain(values: Mapping[str, Any], joints: Sequence[Joint]) -> SerialChain:
-    from truejoint.robots.chain import Axis, SerialChain  # noqa: PLC0415
+    def chain(self, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
+        """Kinematics of the joints."""
+        if self.urdf:
+            from truejoint.robots.urdf import read_urdf  # noqa: PLC0415  # an optional extra
 
-    check_keys(values, _CHAIN_KEYS, ("axes",), "kinematics")
-    unit = values.get("unit", "rad")
-    if unit not in tuple(_ANGLES):
-        angles = " or ".join(_ANGLES)
-        raise RobotError(f"kinematics: unit {unit!r:.40} is no angle's; want {angles}")
-    axes = []
-    for n, row in enumerate(tables(values["axes"], "kinematics: axes"), 1):
-        where = f"kinematics: axis {n}"
-        check_keys(row, _AXIS_KEYS, (), where)
-        kind, _ = _kind({"kind": row.get("kind", "revolute")}, where)
-        alpha, a, d, theta = (
-            number(row.get(key, 0.0), f"{where}: {key}") for key in _AXIS_KEYS[:4]
-        )
-        axes.append(Axis(alpha * _ANGLES[unit], a, d, theta * _ANGLES[unit], kind))
-    matrices = [np.eye(len(axes), len(joints)), np.eye(4), np.eye(3)]
-    for k, key in enumerate(MATRIX_KEYS):
-        expected = matrices[k].shape
-        if key in values:
-            matrices[k] = matrix_of(values[key], f"kinematics: {key}")
-        if matrices[k].shape != expected:
-            shape = matrices[k].shape
-            raise RobotError(f"kinematics: {key} is of shape {shape}, expected {expected}")
-    if "axis_from_joint" not in values:
+            if folder is None:
+                raise RobotError("kinematics: a urdf stands in a robot file")
+            kinds = {joint.name: joint.kind for joint in joints}
+            return read_urdf(folder / self.urdf, kinds, self.base, self.tip)
+        return self._serial_chain(joints)
+
+    def _serial_chain(self, joints: Sequence[Joint]) -> SerialChain:
+        from truejoint.robots.chain import Axis, SerialChain  # noqa: PLC0415
+
+        turn, axes = UNITS["revolute"][self.unit], self.axes or ()
+        matrices = [np.eye(len(axes), len(joints)), np.eye(4), np.eye(3)]
+        for k, key in enumerate(MATRIX_KEYS):
+            matrix = getattr(self, key)
+            if matrix is not None and matrix.shape != matrices[k].shape:
+                raise RobotError(
+                    f"kinematics: {key} is of shape {matrix.shape}, expected {matrices[k].shape}"
+                )
+            matrices[k] = matrices[k] if matrix is None else matrix
         kinds = [joint.kind for joint in joints[: len(axes)]]
-        if [axis.kind for axis in axes] != kinds:
+        if self.axis_from_joint is None and [axis.kind for axis in axes] != kinds:
             raise RobotError(
                 f"kinematics: axes {', '.join(axis.kind for axis in axes)} do not fit the joints "
                 f"{', '.join(joint.kind for joint in joints)}; say what moves each by "
                 "axis_from_joint"
             )
-    return SerialChain(tuple(axes), *matrices)
+        made = (Axis(x.alpha * turn, x.a, x.d, x.theta * turn, x.kind) for x in axes)
+        return SerialChain(tuple(made), *matrices)
+
+
+@dataclass(frozen=True)
+class RobotTable:
+    """One arm of a robot as its file or `Robot.to_dict` has it."""
+
+    name: Name
+    joints: Annotated[tuple[JointTable, ...], Length(1, MAX_JOINTS)]
+    arm: Literal[""] | Name = ""
+    channels: Names = ()
+    positioning: Names = ()
+    effort: Effort = "joint"
+    transmission: _Matrix | None = None
+    gear: Annotated[tuple[Number, ...], Length(0, MAX_JOINTS)] = ()
+    kinematics: KinematicsTable | None = None
+    workspace: Annotated[Mapping[str, BoxTable], Length(1, MAX_JOINTS)] | None = None
+    mechanism: Mapping[str, Any] | None = None
+    grasper: Names = ()
+    encoders: Annotated[tuple[EncoderTable, ...], Length(0, MAX_JOINTS)] = ()
+
+    def parts(self, folder: Path | None) -> dict[str, Any]:
+        """Fields of a `Robot` in SI units; a URDF stands in `folder`. Raises RobotError."""
+        joints = tuple(row.joint() for row in self.joints)
+        plain = ("name", "arm", "channels", "positioning", "effort", "grasper")
+        matrix = self.transmission
+        return {
+            **{key: getattr(self, key) for key in plain},
+            "joints": joints,
+            "transmission": None if matrix is None else Transmission(matrix, self.gear),
+            "kinematics": self.kinematics and self.kinematics.chain(joints, folder),
+            "workspace": self.workspace and self._workspace(self.workspace),
+            "mechanism": None if self.mechanism is None else self._mechanism(self.mechanism),
+            "encoders": tuple(self._encoder(n, row) for n, row in enumerate(self.encoders, 1)),
+        }
+
+    @cached_property
+    def _factors(self) -> dict[str, float]:
+        return {joint.name: joint.factor for joint in self.joints}
+
+    def _mechanism(self, values: Mapping[str, Any]) -> CableMechanism:
+        """Read a table of cables, or the four numbers of a forceps."""
+        if set(values) & {field.name for field in fields(CableMechanism)}:
+            return schema.read(CableMechanism, values, "mechanism", RobotError)
+        forceps = schema.read(Forceps, values, "mechanism", RobotError)
+        return forceps.mechanism(self.joints[0].name)
+
+    def _workspace(self, boxes: Mapping[str, BoxTable]) -> Workspace:
+        for name in boxes:
+            if name not in self._factors:
+                raise RobotError(
+                    f"workspace.{name}: want a table for one of the joints "
+                    f"{', '.join(self._factors)}"
+                )
+        rows = {}
+        for key in WORKSPACE_KEYS:
+            values = {name: getattr(box, key) for name, box in boxes.items()}
+            without = [name for name, value in values.items() if value is None]
+            if without and len(without) < len(values):
+                raise RobotError(
+                    f"workspace: {key} is missing for {', '.join(without)}; state it for every "
+                    "joint or for none"
+                )
+            if not without:
+                rows[key] = np.array([self._factors[name] * v for name, v in values.items()])
+        return Workspace(tuple(boxes), **rows)
+
+    def _encoder(self, number: int, row: EncoderTable) -> JointEncoder:
+        if row.joint not in self._factors:
+            raise RobotError(f"encoder {number}: {unknown('joint', row.joint, self._factors)}")
+        factor = self._factors[row.joint]
+        sizes = {"resolution": row.resolution * factor, "hard_stop": row.hard_stop * factor}
+        return JointEncoder(**{**asdict(row), **sizes})

@@ -14,6 +14,8 @@ from truejoint.array_types import Array, floats
 from truejoint.errors import RobotError
 from truejoint.units import FACTORS
 
+Kind = Literal["revolute", "prismatic"]
+Effort = Literal["joint", "motor"]
 UNITS: Final = {"revolute": FACTORS["rad"], "prismatic": FACTORS["m"]}
 """By kind of joint, the units that a file may be in, and the factor from each to SI."""
 WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
@@ -36,7 +38,7 @@ class Joint:
     """
 
     name: str
-    kind: Literal["revolute", "prismatic"] = "revolute"
+    kind: Kind = "revolute"
     lower: float = -math.inf
     upper: float = math.inf
     home: float = 0.0

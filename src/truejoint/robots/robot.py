@@ -2,38 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal, get_args
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
+from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, other_kind, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
-from truejoint.robots.description import (
-    MATRIX_KEYS,
-    read_encoders,
-    read_joint,
-    read_kinematics,
-    read_transmission,
-    read_workspace,
-)
-from truejoint.robots.forceps_mechanism import ForcepsMechanism
+from truejoint.robots.description import MATRIX_KEYS, Names, RobotTable
 from truejoint.robots.joint_encoder import JointEncoder
-from truejoint.robots.parts import WORKSPACE_KEYS, Joint, Kinematics, Transmission, Workspace
-from truejoint.robots.plain import check_keys, check_once, name_of, names_of, tables
+from truejoint.robots.parts import (
+    WORKSPACE_KEYS,
+    Effort,
+    Joint,
+    Kinematics,
+    Transmission,
+    Workspace,
+)
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
-
-Effort = Literal["joint", "motor"]
-
-_KEYS: Final = ("name", "arm", "joints", "channels", "positioning", "effort", "transmission",
-                "gear", "kinematics", "workspace", "mechanism", "grasper", "encoders",
-                "cable_mechanism")  # fmt: skip
-_FILE_KEYS: Final = ("name", "arms", *_KEYS[2:])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,14 +47,12 @@ class Robot(Summarised):
         None where unknown; the workspace is where a calibration moves.
     effort : {"joint", "motor"}
         Where the effort that the robot reports acts: on the joint itself, or at the motor.
-    mechanism : ForcepsMechanism, optional
-        Of a jaw that a motor's cable opens and a spring's shuts; None where it is not stated.
+    mechanism : CableMechanism, optional
+        Cables that turn the joints; the transmission is then theirs.
     grasper : tuple of str
         Joints that are jaws, whose positions add up to the opening; empty where there are none.
     encoders : tuple of JointEncoder
         Temporary ones on the joints, in the order of the counts that they send.
-    cable_mechanism : CableMechanism, optional
-        Of joints that several cables turn; the transmission is then that of its cables.
 
     Raises
     ------
@@ -87,31 +76,28 @@ class Robot(Summarised):
     kinematics: Kinematics | None = None
     effort: Effort = "joint"
     workspace: Workspace | None = None
-    mechanism: ForcepsMechanism | None = None
+    mechanism: CableMechanism | None = None
     grasper: tuple[str, ...] = ()
     encoders: tuple[JointEncoder, ...] = ()
-    cable_mechanism: CableMechanism | None = None
 
     def __post_init__(self) -> None:
         if not self.channels:
             object.__setattr__(self, "channels", self.joint_names)
         if not self.positioning:
             object.__setattr__(self, "positioning", self.joint_names)
-        check_once(self.joint_names, f"{self.name}: joints")
-        check_once(self.channels, f"{self.name}: channels")
-        check_once(self.positioning, f"{self.name}: positioning")
+        encoded = tuple(encoder.joint for encoder in self.encoders)
+        for key in ("joints", "channels", "positioning", "grasper", "encoders"):
+            names = {"joints": self.joint_names, "encoders": encoded}.get(key) or getattr(self, key)
+            _check_once(names, f"{self.name}: {key}")
         if tuple(name for name in self.channels if name in self.joint_names) != self.joint_names:
             raise RobotError(
                 f"{self.name}: its channels must hold every joint, in order: "
                 f"{', '.join(self.joint_names)}"
             )
-        check_once(self.grasper, f"{self.name}: grasper")
-        encoded = tuple(one.joint for one in self.encoders)
-        check_once(encoded, f"{self.name}: encoders")
         self.index((*self.positioning, *self.grasper, *encoded))
         n = len(self.joints)
-        if self.cable_mechanism is not None:
-            self._take_cables(self.cable_mechanism)
+        if self.mechanism is not None:
+            self._take_cables(self.mechanism)
         if self.transmission is not None and self.transmission.matrix.shape != (n, n):
             raise RobotError(
                 f"{self.name}: transmission of shape {self.transmission.matrix.shape} does not "
@@ -163,54 +149,24 @@ class Robot(Summarised):
         The kinematics may name a URDF in `folder`. Raises RobotError, naming `source`, key and the
         rule that it breaks.
         """
-        check_keys(values, _KEYS, ("name", "joints"), source)
-        joints = tables(values["joints"], f"{source}: joints")
+        table = schema.read(RobotTable, values, source, RobotError)
         try:
-            made = tuple(read_joint(joint, f"joint {n}") for n, joint in enumerate(joints, 1))
-            names = tuple(joint.name for joint in made)
-            matrix = values.get("transmission")
-            kinematics, workspace = values.get("kinematics"), values.get("workspace")
-            mechanism = values.get("mechanism")
-            cables = values.get("cable_mechanism")
-            for key, table in (("mechanism", mechanism), ("cable_mechanism", cables)):
-                if not isinstance(table, Mapping | None):
-                    raise RobotError(f"{key} is {table!r:.40}; want a table")
-            return cls(
-                name_of(values["name"], "name"),
-                made,
-                name_of(values.get("arm", ""), "arm") if values.get("arm") else "",
-                names_of(values.get("channels", names), "channels"),
-                names_of(values.get("positioning", names), "positioning"),
-                None if matrix is None else read_transmission(matrix, values.get("gear", ())),
-                None if kinematics is None else read_kinematics(kinematics, made, folder),
-                values.get("effort", "joint"),
-                None if workspace is None else read_workspace(workspace, joints),
-                None if mechanism is None else ForcepsMechanism.from_dict(mechanism),
-                names_of(values.get("grasper", ()), "grasper"),
-                read_encoders(values["encoders"], joints) if values.get("encoders") else (),
-                None if cables is None else CableMechanism.from_dict(cables),
-            )
+            return cls(**table.parts(folder))
         except RobotError as error:
             raise RobotError(f"{source}: {error}") from None
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
-        joints, limitless = [asdict(joint) for joint in self.joints], (math.inf, -math.inf)
-        values: dict[str, Any] = {
-            "joints": [{k: v for k, v in joint.items() if v not in limitless} for joint in joints],
-            **{key: getattr(self, key) for key in ("name", "arm", "effort")},
-            **{key: list(getattr(self, key)) for key in ("channels", "positioning", "grasper")},
-        }
+        plain = ("name", "arm", "joints", "effort", "channels", "positioning", "grasper")
+        values = {key: schema.plain(getattr(self, key)) for key in plain}
         if self.transmission is not None:
             values["transmission"] = self.transmission.matrix.tolist()
             if self.transmission.gear:
                 values["gear"] = list(self.transmission.gear)
         if self.encoders:
-            values["encoders"] = [asdict(encoder) for encoder in self.encoders]
+            values["encoders"] = schema.plain(self.encoders)
         if self.mechanism is not None:
-            values["mechanism"] = dict(vars(self.mechanism))
-        if self.cable_mechanism is not None:
-            values["cable_mechanism"] = self.cable_mechanism.to_dict()
+            values["mechanism"] = schema.plain(self.mechanism)
         space = self.workspace
         if space is not None:
             rows = {key: getattr(space, key) for key in WORKSPACE_KEYS}
@@ -221,8 +177,8 @@ class Robot(Summarised):
         chain: Any = self.kinematics
         if hasattr(chain, "axes"):
             values["kinematics"] = {
-                "axes": [asdict(axis) for axis in chain.axes],
-                **{key: np.asarray(getattr(chain, key)).tolist() for key in MATRIX_KEYS},
+                "axes": schema.plain(tuple(chain.axes)),
+                **{key: schema.plain(getattr(chain, key)) for key in MATRIX_KEYS},
             }
         return values
 
@@ -297,11 +253,26 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
     """
     values = read_toml(path, RobotError)
     source = source or str(path)
-    check_keys(values, _FILE_KEYS, (), source)
-    arms = names_of(values.pop("arms", []), f"{source}: arms")
-    check_once(arms, f"{source}: arms")
-    wanted = arm.strip().lower()
-    if wanted and wanted not in arms:
-        known = ", ".join(arms) or "none: leave the arm empty"
-        raise RobotError(f"{source}: has no arm called {arm!r}; its arms: {known}")
-    return Robot.from_dict({**values, "arm": wanted}, source, folder=path.parent)
+    if "arm" in values:
+        raise RobotError(
+            f"{source}: {unknown('key', 'arm', ('arms', *sorted({*values} - {'arm'})))}"
+        )
+    arms = schema.read(_Arms, {"arms": values.pop("arms", [])}, source, RobotError).arms
+    _check_once(arms, f"{source}: arms")
+    name = arm.strip().lower()
+    if name and name not in arms:
+        choices = ", ".join(arms) or "none: leave the arm empty"
+        raise RobotError(f"{source}: has no arm called {arm!r}; its arms: {choices}")
+    return Robot.from_dict({**values, "arm": name}, source, folder=path.parent)
+
+
+class _Arms(NamedTuple):
+    """Arms of a robot file, which are alike."""
+
+    arms: Names
+
+
+def _check_once(names: Sequence[str], where: str) -> None:
+    repeated = [name for name in names if names.count(name) > 1]
+    if repeated:
+        raise RobotError(f"{where}: {repeated[0]!r} stands twice; keep one")

@@ -75,10 +75,10 @@ class GripControl:
         if not hasattr(compensator, "corrector"):
             advice = "Compensator(corrector, robot) makes one"
             raise CommandRefused(f"grip: {other_kind(compensator, 'Compensator', advice)}")
-        corrector, mechanism = compensator.corrector, robot.cable_mechanism
+        corrector, mechanism = compensator.corrector, robot.mechanism
         if mechanism is None or mechanism.contact is None:
             raise CommandRefused(
-                f"grip: {robot.title} states no jaws that meet; add [cable_mechanism.contact]"
+                f"grip: {robot.title} states no jaws that meet; add [mechanism.contact]"
             )
         if load not in corrector.beside:
             known = ", ".join(corrector.beside) or "no load"

@@ -67,7 +67,7 @@ def make_twin(
     """
     target = get_robot(robot, arm)
     own: dict[str, Any] = {}
-    if target.name not in _TWINS and target.cable_mechanism is not None:
+    if target.name not in _TWINS and target.mechanism is not None:
         own = {"robot": target.name}  # the wrist's twin is that of any cables
     name = "wrist" if own else target.name
     if name not in _TWINS:

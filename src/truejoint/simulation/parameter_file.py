@@ -6,35 +6,18 @@ import json
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
-from functools import cache
+from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, NamedTuple, Self, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, NamedTuple, Self
 
 import numpy as np
 
+from truejoint import schema
 from truejoint.errors import TruejointError, other_kind, unknown
 from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Range [low, high] that a number, or each of `count` numbers in a list, must lie in."""
-
-    low: float
-    high: float
-    count: int | None = None
-    whole: bool = False
-
-
-@dataclass(frozen=True)
-class Choice:
-    """Names that a text must be one of."""
-
-    names: tuple[str, ...]
 
 
 class Spread(NamedTuple):
@@ -77,9 +60,6 @@ class Parameters:
     SPECIMENS: ClassVar[Mapping[str, str]]
     """Shipped file of every named specimen; all others are laid over ``"nominal"``."""
 
-    BOUNDS: ClassVar[Mapping[str, type]] = {}
-    """Dataclass that states the bounds of a section, where its own type does not."""
-
     @classmethod
     def read(cls, path: str | Path = "nominal") -> Self:
         """Parameters of a specimen in `SPECIMENS`, or of the TOML file at `path`.
@@ -96,11 +76,6 @@ class Parameters:
             known = unknown("specimen", str(path), cls.SPECIMENS)
             raise TruejointError(f"{known}; or give a TOML file")
         table = read_toml(Path(path), TruejointError)
-        for name, values in table.items():
-            if not isinstance(values, dict):
-                raise TruejointError(
-                    f"{path}: {_shown(name)} stands outside a section; put it under [section]"
-                )
         return cls._laid_over(nominal, table, str(path))
 
     @classmethod
@@ -118,10 +93,7 @@ class Parameters:
 
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain nested values, as in the file."""
-        return {
-            name: section._asdict() if hasattr(section, "_asdict") else asdict(section)
-            for name, section in vars(self).items()
-        }
+        return {name: section._asdict() for name, section in vars(self).items()}
 
     def to_toml(self) -> str:
         """Text that `read` turns into these parameters again, without the comments."""
@@ -137,78 +109,11 @@ class Parameters:
     def _laid_over(cls, base: Sections, changes: Sections, source: str) -> Self:
         merged = {name: dict(values) for name, values in base.items()}
         for name, values in changes.items():
-            if name not in merged:
+            if not isinstance(values, Mapping):
                 raise TruejointError(
-                    f"{source}: no section [{_shown(name)}]; known: {', '.join(merged)}"
+                    f"{source}: {name!r:.60} stands outside a section; put it under [section]"
                 )
-            merged[name].update(values)
-        kinds = _types_of(cls)  # type: ignore[arg-type]  # mypy: type[Self] is hashable
-        sections = {}
-        for name in (field.name for field in fields(cls)):
-            bounds = cls.BOUNDS.get(name, kinds[name])
-            sections[name] = kinds[name](**_checked_section(bounds, name, merged[name], source))
-        parameters = cls(**sections)
+            merged[name] = {**merged.get(name, {}), **values}
+        parameters = schema.read(cls, merged, source)
         parameters.check(source)
         return parameters
-
-
-@cache  # resolving annotations is most of what drawing a population takes
-def _types_of(cls: type) -> dict[str, Any]:
-    """Types of the fields of a class, with their bounds."""
-    return get_type_hints(cls, include_extras=True)
-
-
-def _checked_section(
-    kind: type, name: str, values: Mapping[str, Any], source: str
-) -> dict[str, Any]:
-    """Values of section `name`, each within the `Bounds` that `kind` annotates it with."""
-    hints = _types_of(kind)
-    known = {key: get_args(hint)[1] for key, hint in hints.items() if get_origin(hint) is Annotated}
-    if unknown := [key for key in values if key not in known]:
-        raise TruejointError(
-            f"{source}: no key {name}.{_shown(unknown[0])}; known in [{name}]: {', '.join(known)}"
-        )
-    if missing := [key for key in known if key not in values]:
-        raise TruejointError(f"{source}: {name}.{missing[0]} is missing; add it to [{name}]")
-    return {
-        key: _checked(values[key], bounds, f"{source}: {name}.{key}")
-        for key, bounds in known.items()
-    }
-
-
-def _shown(key: str) -> str:
-    """Key as it stands in the file, or quoted and cut where it would not fit in one line."""
-    return key if key.isidentifier() and len(key) <= 60 else f"{key!r:.60}"
-
-
-def _checked(
-    value: Any, bounds: Bounds | Choice | None, where: str
-) -> bool | str | float | tuple[float, ...]:
-    if isinstance(bounds, Choice):
-        if value not in bounds.names:
-            known = ", ".join(bounds.names)
-            raise TruejointError(f"{where} is {value!r:.80}; choose one of {known}")
-        return str(value)
-    if bounds is None:
-        if not isinstance(value, bool):
-            raise TruejointError(f"{where} must be true or false, not {value!r:.80}")
-        return value
-    if bounds.count is None:
-        return _number(value, bounds, where)
-    if not isinstance(value, list | tuple) or len(value) != bounds.count:
-        raise TruejointError(f"{where} must be a list of {bounds.count} numbers, not {value!r:.80}")
-    return tuple(_number(one, bounds, f"{where}[{i}]") for i, one in enumerate(value))
-
-
-def _number(value: Any, bounds: Bounds, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float):
-        raise TruejointError(f"{where} must be a number, not {value!r:.80}")
-    if not bounds.low <= value <= bounds.high:  # also false for NaN
-        raise TruejointError(
-            f"{where} is {value!r:.40}; it must lie in [{bounds.low:g}, {bounds.high:g}] (SI units)"
-        )
-    if bounds.whole:
-        if value != int(value):
-            raise TruejointError(f"{where} is {value!r:.40}; it must be a whole number")
-        return int(value)
-    return float(value)

@@ -20,7 +20,7 @@ from truejoint.simulation.wrist.plant import (
     solve,
 )
 
-MECHANISM = get_robot("wrist", "400006").cable_mechanism
+MECHANISM = get_robot("wrist", "400006").mechanism
 SMOOTH = WristParameters.read().with_values(
     {
         "cables.guide_friction": 0.0,

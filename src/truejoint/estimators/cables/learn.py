@@ -120,7 +120,7 @@ def filter_inputs(X: Array, dt: Array) -> Array:
 def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
     """Parameters of `cable_loops` for an instrument and what was found of it."""
     p = np.zeros(r.PARAMETERS)
-    radius = np.array(list(mechanism.motors.values()))
+    radius = mechanism.radii
     first = [next(c for c in mechanism.cables if c.motor == m) for m in mechanism.motors]
     moments = np.array([mechanism.row(cable.moments) for cable in first])
     inverse = np.linalg.inv(moments)
@@ -369,10 +369,10 @@ class CableFilter(JointRegressor):
     def for_recordings(self, recordings: Sequence[Recording]) -> Self:
         """Unfitted copy for the cables that were recorded; CalibrationError for other ones."""
         robot = recordings[0].robot
-        mechanism = self.mechanism or robot.cable_mechanism
+        mechanism = self.mechanism or robot.mechanism
         if mechanism is None:
             raise CalibrationError(
-                f"{robot.title} states no cables; {self.name} takes a robot with [cable_mechanism]"
+                f"{robot.title} states no cables; {self.name} takes a robot with [mechanism]"
             )
         _check_mechanism(self.name, mechanism)
         for recording in recordings:
@@ -479,6 +479,6 @@ def _check_mechanism(name: str, mechanism: CableMechanism) -> None:
         )
     if mechanism.contact is None or len(mechanism.arms) != r.N - 1:
         raise CalibrationError(
-            f"{name} tells a grip and two torques at the tip; state [cable_mechanism.contact] and "
+            f"{name} tells a grip and two torques at the tip; state [mechanism.contact] and "
             "two arms"
         )

@@ -13,8 +13,9 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
-from truejoint.robots.forceps_mechanism import TABLE_1, ForcepsMechanism
+from truejoint.robots.forceps import Forceps
 
+TABLE_1: Final = Forceps()
 MIN_ROWS: Final = 400  # rows that a fit needs at least: two seconds at 200 Hz
 _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
 
@@ -42,7 +43,7 @@ class JawEstimator(JointRegressor):
                     "motor and cables relate without one: record the calibration unloaded"
                 )
             check_sensors(self.name, inputs, recording)
-        recorded, own = vars(mechanism_of(recordings)), self.get_params(deep=False)
+        recorded, own = mechanism_of(recordings)._asdict(), self.get_params(deep=False)
         usual = {n: v for n, v in recorded.items() if own.get(n) == getattr(TABLE_1, n)}
         return self.with_params(**usual)
 
@@ -89,12 +90,15 @@ class MechanismEstimator(JawEstimator):
     jaw_radius: float = TABLE_1.jaw_radius
 
 
-def mechanism_of(recordings: Sequence[Recording]) -> ForcepsMechanism:
+def mechanism_of(recordings: Sequence[Recording]) -> Forceps:
     """Mechanism that recordings were made with: their metadata's, else the robot's, else Table 1's.
 
     Raises CalibrationError where they differ, and RobotError for one that cannot be.
     """
-    found = dict.fromkeys(recording.mechanism or TABLE_1 for recording in recordings)
+    found = dict.fromkeys(
+        TABLE_1 if recording.mechanism is None else Forceps.of(recording.mechanism)
+        for recording in recordings
+    )
     if len(found) > 1:
         raise CalibrationError(
             f"the recordings are of {len(found)} different mechanisms; calibrate each by itself"

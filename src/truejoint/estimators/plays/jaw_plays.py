@@ -18,7 +18,7 @@ from truejoint.estimators.family import Family, Params
 from truejoint.estimators.jaw.base import JawEstimator
 from truejoint.estimators.plays import gated_rows as gated_play
 from truejoint.estimators.plays import jaw_bank as play
-from truejoint.robots.forceps_mechanism import TABLE_1
+from truejoint.robots.forceps import Forceps
 
 
 def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
@@ -68,8 +68,8 @@ class Play(JawEstimator):
     reset_widths: tuple[float, ...] = play.RESET_WIDTHS
     drive_widths: tuple[float, ...] = play.DRIVE_WIDTHS
     penalty: float = 1e-5
-    gear_ratio: float = TABLE_1.gear_ratio
-    wheel_radius: float = TABLE_1.wheel_radius
+    gear_ratio: float = Forceps().gear_ratio
+    wheel_radius: float = Forceps().wheel_radius
 
     def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         params = self.model_params()
@@ -113,8 +113,8 @@ class GatedPlay(JawEstimator):
     family: ClassVar[Family] = gated_play.FAMILY
     gate: float = 3.0
     smallest_gate: float = 1.75e-3
-    gear_ratio: float = TABLE_1.gear_ratio
-    wheel_radius: float = TABLE_1.wheel_radius
+    gear_ratio: float = Forceps().gear_ratio
+    wheel_radius: float = Forceps().wheel_radius
 
     def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
         params = self.model_params()

@@ -14,10 +14,12 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truejoint import schema
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.errors import RecordingError, other_kind
+from truejoint.errors import RecordingError, RobotError, other_kind
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.forceps_mechanism import ForcepsMechanism
+from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.forceps import Forceps
 from truejoint.summary import Summarised
 from truejoint.units import SI_UNITS
 
@@ -55,7 +57,7 @@ class Provenance:
     load : float
         Mass hung on the tool [kg]; NaN when not known.
     mechanism : mapping
-        What is known of a cable-driven jaw by the names of `ForcepsMechanism`, in SI units; where
+        What is known of a cable-driven jaw by the names of `Forceps`, in SI units; where
         it is empty, that of the robot counts.
     rates : mapping
         Nominal rate [Hz] of each stream, for instance ``{"state": 30.0, "truth": 100.0}``.
@@ -122,9 +124,11 @@ class Provenance:
             raise RecordingError(f"{error}; was the file edited?") from None
 
 
-def _mechanism(provenance: Provenance, robot: Robot) -> ForcepsMechanism | None:
+def _mechanism(provenance: Provenance, robot: Robot) -> CableMechanism | None:
     stated = provenance.mechanism
-    return ForcepsMechanism.from_dict(stated) if stated else robot.mechanism
+    if not stated:
+        return robot.mechanism
+    return schema.read(Forceps, stated, "mechanism", RobotError).mechanism()
 
 
 def _plain(name: str, kind: str, value: Any) -> Any:
@@ -238,10 +242,11 @@ class Recording(Summarised):
         _check_shapes(arrays, provenance.source or "recording")
         robot = get_robot(provenance.robot, provenance.arm)
         mechanism = _mechanism(provenance, robot)
-        for joint in robot.joint_names:
-            motor, measured = f"motor/{joint}", f"measured/{joint}"
-            if mechanism is not None and motor in arrays and measured not in arrays:
-                arrays[measured] = arrays[motor] / mechanism.motor_per_jaw
+        motors = [f"motor/{joint}" for joint in robot.joint_names]
+        measured = [f"measured/{joint}" for joint in robot.joint_names]
+        if mechanism is not None and arrays.keys() >= set(motors) and not {*measured} & {*arrays}:
+            joints = np.linalg.solve(mechanism.coupling, np.array([arrays[m] for m in motors]))
+            arrays.update(zip(measured, joints, strict=True))
         table = pd.DataFrame(arrays, copy=copy)
         filled = {name: default_unit(name, robot) for name in table.columns if name != "t"}
         filled.update(units or {})
@@ -271,7 +276,7 @@ class Recording(Summarised):
         return get_robot(self.provenance.robot, self.provenance.arm)
 
     @property
-    def mechanism(self) -> ForcepsMechanism | None:
+    def mechanism(self) -> CableMechanism | None:
         """What opens and shuts the jaw, as the provenance or else the robot states it.
 
         Raises RobotError for one that cannot be.

@@ -12,7 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.robots.cable_mechanism import CableMechanism, Contact, Node, Pin, loops
+from truejoint.robots.cable_mechanism import CableMechanism, Contact, Motor, Node, Pin, loops
 from truejoint.robots.catalogue import INSTRUMENTS
 from truejoint.robots.chain import Axis, SerialChain
 from truejoint.robots.parts import Joint, Workspace
@@ -64,7 +64,7 @@ def instrument(values: Mapping[str, Any]) -> CableMechanism:
     radii = dict.fromkeys(JOINTS, radius)
     return CableMechanism(
         dict(zip(JOINTS, (_PITCH_PIN, _JAW_PIN, _JAW_PIN), strict=True)),
-        radii,
+        dict.fromkeys(JOINTS, Motor(radius)),
         loops(discs, JOINTS, radii, segments=_SEGMENTS, nodes=_NODES),
         Contact({"jaw1": -1.0, "jaw2": 1.0}),
         _ARMS,
@@ -113,5 +113,5 @@ def build(name: str) -> Robot:
             np.array([reach[0], -apart, reach[2]]),
             np.full(3, math.radians(60.0)),
         ),
-        cable_mechanism=instrument(row),
+        mechanism=instrument(row),
     )

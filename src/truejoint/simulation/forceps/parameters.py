@@ -5,26 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, NamedTuple
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import TruejointError
-from truejoint.robots.forceps_mechanism import ForcepsMechanism
-from truejoint.simulation.parameter_file import Bounds, Choice, Parameters
+from truejoint.robots.forceps import Forceps
+from truejoint.schema import Bounds
+from truejoint.simulation.parameter_file import Parameters
 
 DT: Final = 1e-4  # [s] of the integrator
 MAXWELL_SLIP: Final = "maxwell_slip"
-
-
-class _MechanismSection(NamedTuple):
-    """Range of Table 1's values; the mechanism itself belongs to the robot."""
-
-    gear_ratio: Annotated[float, Bounds(1.0, 1000.0)]
-    spring_stiffness: Annotated[float, Bounds(10.0, 1e4)]
-    wheel_radius: Annotated[float, Bounds(1e-3, 0.1)]
-    jaw_radius: Annotated[float, Bounds(1e-3, 0.02)]
 
 
 class Assembly(NamedTuple):
@@ -84,7 +76,7 @@ class Slider(NamedTuple):
 class Contact(NamedTuple):
     """Friction law of both contacts, jaw and slider, where they hardly move."""
 
-    law: Annotated[str, Choice(("lugre", MAXWELL_SLIP))]
+    law: Literal["lugre", "maxwell_slip"]
 
 
 class JawFriction(NamedTuple):
@@ -126,14 +118,14 @@ class MotorLoop(NamedTuple):
 class MotorEncoder(NamedTuple):
     """Encoder on the motor shaft: `counts` a turn, `noise` [rad] before quantisation."""
 
-    counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
+    counts: Annotated[int, Bounds(16, 10_000_000)]
     noise: Annotated[float, Bounds(0.0, 1.0)]
 
 
 class LinearEncoder(NamedTuple):
     """Optical encoder on a cable: `resolution` and `noise` [m]; left out if not `installed`."""
 
-    installed: Annotated[bool, None]
+    installed: bool
     resolution: Annotated[float, Bounds(1e-9, 1e-3)]
     noise: Annotated[float, Bounds(0.0, 1e-3)]
 
@@ -141,7 +133,7 @@ class LinearEncoder(NamedTuple):
 class ReferenceEncoder(NamedTuple):
     """Absolute encoder at the jaw: `counts` a turn, `noise` and harmonic errors [rad]."""
 
-    counts: Annotated[int, Bounds(16, 10_000_000, whole=True)]
+    counts: Annotated[int, Bounds(16, 10_000_000)]
     noise: Annotated[float, Bounds(0.0, 0.1)]
     first_harmonic: Annotated[float, Bounds(0.0, 0.1)]
     first_phase: Annotated[float, Bounds(-math.pi, math.pi)]
@@ -164,9 +156,8 @@ class ForcepsParameters(Parameters):
         "A": "forceps/a.toml",
         "B": "forceps/b.toml",
     }
-    BOUNDS: ClassVar[Mapping[str, type]] = {"mechanism": _MechanismSection}
 
-    mechanism: ForcepsMechanism
+    mechanism: Forceps
     assembly: Assembly
     drive_cable: Cable
     reset_cable: Cable

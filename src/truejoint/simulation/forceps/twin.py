@@ -63,8 +63,10 @@ class ForcepsTwin:
         load: float = 0.0,
     ) -> None:
         self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
-        known = get_robot("forceps", arm)
-        self.robot: Final[Robot] = replace(known, mechanism=self.parameters.mechanism)
+        cables = self.parameters.mechanism.mechanism()
+        self.robot: Final[Robot] = replace(
+            get_robot("forceps", arm), mechanism=cables, transmission=None
+        )
         self.seed: Final = checked_seed(seed)
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None

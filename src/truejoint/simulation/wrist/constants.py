@@ -90,7 +90,7 @@ def plant_constants(
     wrap_joint, wrap, slope = _wraps(p, mechanism)
     eccentric = side * parts.eccentricity
     pins = list(mechanism.pins.values())
-    radii = np.array(list(mechanism.motors.values())) * parts.capstan
+    radii = mechanism.radii * parts.capstan
     met = mechanism.contact
     dt = SETPOINT_DT / substeps
     f = p.joint_friction

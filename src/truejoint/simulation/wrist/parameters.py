@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Final, NamedTuple
+from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
-from truejoint.simulation.parameter_file import Bounds, Choice, Parameters
+from truejoint.schema import Bounds
+from truejoint.simulation.parameter_file import Parameters
 
 MAXWELL_SLIP: Final = "maxwell_slip"
 
@@ -29,7 +30,7 @@ class Cables(NamedTuple):
 class Variation(NamedTuple):
     """How far single cables and pulleys stray: shares, eccentricity in m; drawn with `seed`."""
 
-    seed: Annotated[int, Bounds(0, 2**31 - 1, whole=True)]
+    seed: Annotated[int, Bounds(0, 2**31 - 1)]
     stiffness: Annotated[float, Bounds(0.0, 0.3)]
     moment: Annotated[float, Bounds(0.0, 0.1)]
     capstan: Annotated[float, Bounds(0.0, 0.1)]
@@ -42,7 +43,7 @@ class JointFriction(NamedTuple):
     `presliding` [rad] and `viscous` [Nm s/rad] are of every joint.
     """
 
-    law: Annotated[str, Choice(("dahl", MAXWELL_SLIP))]
+    law: Literal["dahl", "maxwell_slip"]
     tension_share: Annotated[float, Bounds(0.0, 1.0)]
     constant: Annotated[float, Bounds(0.0, 20.0)]
     presliding: Annotated[float, Bounds(5e-4, 0.05)]
@@ -81,7 +82,7 @@ class Sensors(NamedTuple):
     motor_noise: Annotated[float, Bounds(0.0, 0.1)]
     effort_noise: Annotated[float, Bounds(0.0, 1.0)]
     effort_gain: Annotated[float, Bounds(0.0, 0.5)]
-    tensions: Annotated[str, Choice(("none", "one", "both"))]
+    tensions: Literal["none", "one", "both"]
     tension_noise: Annotated[float, Bounds(0.0, 10.0)]
     tension_gain: Annotated[float, Bounds(0.0, 0.5)]
     tension_offset: Annotated[float, Bounds(0.0, 10.0)]

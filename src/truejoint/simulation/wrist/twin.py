@@ -75,9 +75,9 @@ class WristTwin:
     ) -> None:
         self.parameters: Final = WristParameters.read() if parameters is None else parameters
         self.robot: Final[Robot] = get_robot(robot, arm)
-        mechanism, transmission = self.robot.cable_mechanism, self.robot.transmission
+        mechanism, transmission = self.robot.mechanism, self.robot.transmission
         if mechanism is None or transmission is None:
-            raise RobotError(f"{self.robot.title} states no cables; add [cable_mechanism]")
+            raise RobotError(f"{self.robot.title} states no cables; add [mechanism]")
         self._transmission = transmission
         self._cable_names = tuple(cable.name for cable in mechanism.cables)
         self._arms = {name: mechanism.row(arm) for name, arm in mechanism.arms.items()}
@@ -113,7 +113,7 @@ class WristTwin:
         mass = checked_load(mass, MAX_LOAD)
         if mass and not self._arms:
             raise RobotError(
-                f"{self.robot.title} states no arm that a load pulls at; add [cable_mechanism.arms]"
+                f"{self.robot.title} states no arm that a load pulls at; add [mechanism.arms]"
             )
         self._load = mass
 
@@ -227,7 +227,7 @@ class WristTwin:
         if self.held is not None:
             if not self._meets:
                 raise RobotError(
-                    f"{self.robot.title} states no jaws that hold; add [cable_mechanism.contact]"
+                    f"{self.robot.title} states no jaws that hold; add [mechanism.contact]"
                 )
             held = _shaped(self.held(t), held.shape, "held")
         return force, np.ascontiguousarray(held)

@@ -22,7 +22,7 @@ from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.filtered import run_histories
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.recordings import Recording
-from truejoint.robots.forceps_mechanism import ForcepsMechanism
+from truejoint.robots.forceps import Forceps
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.load import signals
 from truejoint.studies.forceps.loaded import cases, load_test
@@ -108,7 +108,7 @@ def measurement(x: Array, u: Array, p: Array, out: Array) -> None:
 class Identified:
     """What the calibration motion tells of a forceps."""
 
-    mechanism: ForcepsMechanism
+    mechanism: Forceps
     parameters: Array  # (7,), see `place`
     scale: float  # inverse largest drive displacement [1/m]
     angle: Array  # (5,), polynomial of what is left of the angle [rad]
@@ -147,7 +147,7 @@ class Identified:
         return np.array(found) + added
 
 
-def identify(run: Recording, mechanism: ForcepsMechanism) -> Identified:
+def identify(run: Recording, mechanism: Forceps) -> Identified:
     """Find the parameters in an unloaded motion, of its rows with the jaw's truth."""
     X, _ = signals(run)
     drive, truth = mechanism.drive_from_motor(X[:, 0]), run.column("truth/jaw")

@@ -54,7 +54,7 @@ def record_forceps(
         homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
         f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",
         load=mass,
-        mechanism=vars(parameters.mechanism),
+        mechanism=parameters.mechanism._asdict(),
         rates={"state": 1.0 / float(run.t[1] - run.t[0])},
         notes=notes,
     )

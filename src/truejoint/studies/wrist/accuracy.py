@@ -234,7 +234,7 @@ def quantities(twin: WristTwin) -> dict[str, float]:
     Of a loop, what its own two cables are as they were drawn, not those of its family.
     """
     cables, friction = twin.parameters.cables, twin.parameters.joint_friction
-    mechanism = twin.robot.cable_mechanism
+    mechanism = twin.robot.mechanism
     assert mechanism is not None  # noqa: S101  # a twin of a wrist has one
     crossing = np.count_nonzero(mechanism.moments, axis=0)
     pins = {
