@@ -45,7 +45,7 @@ def plant(request):
 @cache
 def unloaded(plant):
     run = record_forceps(plant, calibration_trajectory().positions[:, 0], seed=0)
-    return FrictionFilter(**vars(plant.mechanism)).fit(rows(run), target(run), dt=steps(run))
+    return FrictionFilter(**plant.mechanism._asdict()).fit(rows(run), target(run), dt=steps(run))
 
 
 @cache

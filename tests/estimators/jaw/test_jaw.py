@@ -114,7 +114,7 @@ def test_what_the_recording_says_of_the_mechanism_reaches_the_estimator(pair):
     assert calibrate(stating(gear_ratio=40.0), stubborn).model.gear_ratio == 30.0
     with pytest.raises(CalibrationError, match="2 different mechanisms"):
         calibrate([stating(gear_ratio=40.0), recording], "ukf")
-    with pytest.raises(RobotError, match=r"gear_ratio is 0[.]5; it must be 1 or more"):
+    with pytest.raises(RobotError, match=r"gear_ratio is 0[.]5; want a number from 1 to"):
         calibrate(stating(gear_ratio=0.5), "ukf")
 
 

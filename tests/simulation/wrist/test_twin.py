@@ -117,8 +117,8 @@ def test_what_cannot_be_is_refused():
     twin.held = lambda t: np.zeros(3)
     with pytest.raises(TruejointError, match=r"held gave shape \(3,\); want \(11,\)"):
         twin.run(np.zeros((10, 3)))
-    with pytest.raises(RobotError, match="forceps states no cables"):
-        WristTwin(robot="forceps")
+    with pytest.raises(RobotError, match="bros states no cables"):
+        WristTwin(robot="bros")
     assert MAX_LOAD == 0.3
 
 
