@@ -112,7 +112,7 @@ def test_the_plain_data_no_longer_need_the_urdf(arm: Path) -> None:
         (document(ARM), '"arm.urdf"', '"none.urdf"', "none.urdf: cannot be read"),
         (document(ARM), '"arm.urdf"', '"arm.urdf"\ntip = "x"', "no joints lead from link 'x' to"),
         (document(ARM), '"arm.urdf"', '"arm.urdf"\nbase = "l9"', "no joints lead from link 'l9'"),
-        (document(ARM), '"arm.urdf"', '"arm.urdf"\nroot = "l9"', "kinematics: no key called 'root'"),
+        (document(ARM), '"arm.urdf"', '"arm.urdf"\nroot = "l9"', "no key called 'root'"),
         ("<robot", "", "", "cannot be read as a URDF"),
         ('<!DOCTYPE r [<!ENTITY e SYSTEM "file:///etc/passwd">]><robot name="&e;"/>', "", "",
          "no document type or CDATA is read"),
