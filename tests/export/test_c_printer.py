@@ -175,7 +175,7 @@ def test_what_is_known_is_folded_in():
     assert "mode" not in known + other
     assert "value = -value;" in known
     assert "value = -value;" not in other
-    assert "static const double state_w[9]" in printed(products).constants  # weigh has a w
+    assert "static const double m_w[9]" in printed(products).constants  # weigh has a w
     assert "int count; /* calls so far */" in printed(history).structs
     assert "gain" not in printed(products).structs
 

@@ -138,7 +138,7 @@ def test_check_notices_a_changed_number(tmp_path):
     model = calibration(LinearRegressor(), PLAIN)
     export_c(model, tmp_path, prefix="m")
     source = tmp_path / "m.c"
-    head, name, rest = source.read_text().partition("double intercept[4] = {\n    ")
+    head, name, rest = source.read_text().partition("double m_model_intercept[4] = {\n    ")
     value, comma, after = rest.partition(",")
     source.write_text(f"{head}{name}{float(value) + 1e-9!r}{comma}{after}")
     assert Library(tmp_path).functions.check() == 1

@@ -15,8 +15,17 @@ from truejoint.export.export_c import export_c
 from .export_models import HISTORY, calibration
 from .library import compile_c, needs_compiler
 
-LEARNT = {"model_mean", "model_inverse_scale", "coef", "intercept", "target_mean", "target_scale",
-          "biases", "weights"}  # fmt: skip
+LEARNT = [
+    "mean",
+    "inverse_scale",
+    "coef",
+    "intercept",
+    "target_mean",
+    "target_scale",
+    "biases",
+    "weights",
+]
+LEARNT = {f"model_{name}" for name in LEARNT}
 
 ESTIMATORS = LinearRegressor(), PolynomialRegressor(2), NeuralNetwork(hidden_layer_sizes=(9, 7))
 
@@ -47,7 +56,7 @@ class Source:
             ctypes.c_double if precision == "double" else ctypes.c_float
         )
         self.tables = {
-            name: np.ctypeslib.as_array(functions.table(k), (int(size),))
+            name.removeprefix("m_"): np.ctypeslib.as_array(functions.table(k), (int(size),))
             for k, (name, size) in enumerate(found)
         }
 
@@ -73,6 +82,7 @@ def unnoticed(source: Source, table, factor: float) -> int:
 def test_every_learnt_number_that_is_wrong_is_noticed(tmp_path, estimator, precision, factor):
     source = Source(tmp_path, calibration(estimator, HISTORY, rezero=0.0), precision)
     assert not source.wrong()
+    assert len(LEARNT & source.tables.keys()) >= 4
     for name in LEARNT & source.tables.keys():
         table = source.tables[name]
         hidden = max(1.0, 0.1 * len(table)) if precision == "float" else 0  # hardly matter

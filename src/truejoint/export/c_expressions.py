@@ -6,9 +6,9 @@ import ast
 import builtins
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numba.core.dispatcher import Dispatcher
@@ -17,7 +17,7 @@ from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export.c_operators import COMPARISONS, call_builtin, is_of, operate
 from truejoint.export.c_statements import Body, Statement, Variable
-from truejoint.export.c_structs import Constants, Handle, Record, Struct, Unprintable, kind_of
+from truejoint.export.c_structs import Handle, Record, Struct, Unprintable, kind_of
 from truejoint.export.c_syntax import definitions, tree_of
 from truejoint.export.c_values import (
     AND,
@@ -27,59 +27,29 @@ from truejoint.export.c_values import (
     PRODUCT,
     UNARY,
     Expr,
-    Kind,
     Known,
     Scalar,
-    Style,
     View,
     add,
     join,
     scale,
 )
 
+if TYPE_CHECKING:
+    from truejoint.export.c_printer import Printer
+
 _DOUBLE_EPSILON: Final = "2.220446049250313e-16"
-
-
-class Printed(Protocol):
-    """What a call knows of the function that it calls."""
-
-    name: str
-    parameters: list[Any]
-    written: set[str]
-    has_effect: bool
-
-    @property
-    def result(self) -> Any:
-        """Kind of the result, what is known of it, or None."""
-
-
-class Printing(Protocol):
-    """What expressions ask of the program of which their kernel is a part."""
-
-    style: Style
-    enums: Mapping[type, str]
-    constants: Constants
-    calls: list[tuple[str, Expressions, dict[str, Any]]]
-
-    def function(self, kernel: Any, arguments: Sequence[Any]) -> Printed:
-        """Print a kernel for such arguments, unless that is done."""
-
-    def has_effect(self, text: str) -> bool:
-        """Whether evaluating this text changes anything."""
 
 
 @dataclass(eq=False)
 class Expressions:
     """Expressions of one kernel for arguments of which something is known."""
 
-    printer: Printing
+    printer: Printer
     python: Any  # the kernel
     arguments: Sequence[Any]  # known numbers, expressions, views and handles
-    kinds: dict[str, Kind]  # of local variables, by Python names; grows until a pass finds no more
-    avoid: set[str]  # names at file scope that no local variable may hide; grows too
     body: Body = field(default_factory=list)  # what is printed
     written: set[str] = field(default_factory=set)  # parameters through which it writes
-    again: bool = False  # whether another pass is needed
     name: str = ""  # in C
 
     def __post_init__(self) -> None:
@@ -87,7 +57,6 @@ class Expressions:
         self.tree, self.comments = tree_of(self.python)
         self.out = self.body
         self.env: dict[str, Any] = {}
-        self.globals_used: set[str] = set()
 
     def fail(self, node: ast.AST, why: str) -> Unprintable:
         """Error that says where in the Python."""
@@ -135,7 +104,10 @@ class Expressions:
     def _name(self, node: ast.Name) -> Any:
         if node.id in self.env:
             held = self.env[node.id]
-            return Expr(held.name, held.kind) if isinstance(held, Variable) else held
+            if not isinstance(held, Variable):
+                return held
+            held.is_read = True
+            return Expr(held.name, held.kind)
         return self.constant(node, self.python.__module__, node.id)
 
     def _attribute(self, node: ast.Attribute) -> Any:
@@ -316,13 +288,7 @@ class Expressions:
             bits = values.tobytes()
             if bits == bits[: values.itemsize] * len(values):
                 return Known(values[0].item())
-        self.use(view)
         return Expr(f"{view.text}[{self.style.text(place)}]", view.kind)
-
-    def use(self, view: View) -> None:
-        """Note a name at file scope."""
-        if view.values is not None and isinstance(view.root[0], Struct):
-            self.globals_used.add(view.text)
 
     def place(self, node: ast.Subscript) -> Expr:
         """Element as something that is assigned to."""
@@ -452,7 +418,6 @@ class Expressions:
                 seen.add((value.struct, value.text))
                 text = value.pointer
             elif isinstance(value, View):
-                self.use(value)
                 offset = self.style.text(value.offset)
                 text = value.text if offset == "0" else f"{value.text} + {offset}"
             else:
@@ -469,7 +434,6 @@ class Expressions:
                     else:
                         self.written.add(value.owner)
         self.printer.calls.append((printed.name, self, passed))
-        self.globals_used.add(printed.name)
         text = f"{printed.name}({', '.join(texts)})"
         if printed.result is None or isinstance(printed.result, Known):
             if printed.has_effect:

@@ -17,10 +17,9 @@ from truejoint.export.c_statements import (
     Statement,
     Variable,
     block_lines,
-    names_in,
-    wrapped,
+    without_unread,
 )
-from truejoint.export.c_structs import Handle, Record
+from truejoint.export.c_structs import Handle, Record, Unprintable
 from truejoint.export.c_syntax import assigned, first_use
 from truejoint.export.c_values import ORDER, UNARY, Expr, Kind, Known, Linear, Scalar, View, join
 
@@ -42,7 +41,6 @@ class Function(Expressions):
         self.returns: list[tuple[Statement, Any]] = []
         self.parameters: list[_Parameter] = []
         self.loops: list[ast.For] = []
-        self.local_names: set[str] = set()
         self.declared: set[tuple[int, str]] = set()
         # What is printed, once it is finished.
         self.pointers: dict[str, bool] = {}  # whether it writes through them
@@ -65,18 +63,12 @@ class Function(Expressions):
         last = self.body[-1] if self.body else None
         if isinstance(last, Statement) and last.text == "return":
             self.body.pop()
-        clash = self.local_names & self.globals_used
-        if clash - self.avoid:
-            self.avoid |= clash
-            self.again = True
+        self.finish(without_unread(self.body, set(), self.printer.has_effect))
 
     def _local(self, name: str) -> str:
-        """Name of a local variable, which hides no name that the function uses."""
+        """Name of a local variable in C."""
         name = name.strip("_") or "turn"
-        while name in RESERVED or name in self.avoid:
-            name += "_"
-        self.local_names.add(name)
-        return name
+        return f"{name}_" if name in RESERVED else name
 
     def _parameter(self, name: str, argument: Any, *, is_float: bool) -> Any:
         add, local = self.parameters.append, self._local(name)
@@ -109,11 +101,11 @@ class Function(Expressions):
 
     def finish(self, body: Body) -> None:
         """Make the text of these statements, and keep the parameters (each once) that they use."""
-        used = names_in(body, targets=True)
+        self.text = "\n".join(block_lines(body, self.style, 1))
+        used = set(NAME.findall(self.text))
         by_local = {p.local: p for p in reversed(self.parameters) if p.local in used}
         self.parameters = [p for p in self.parameters if by_local.get(p.local) is p]
         self.pointers = {p.local: p.local in self.written for p in self.parameters if p.is_pointer}
-        self.globals_used &= names_in(body)
         result = self.result
         kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
         self.head = (
@@ -123,24 +115,6 @@ class Function(Expressions):
                 for p in self.parameters
             ),
         )
-        self.text = "\n".join(block_lines(body, self.style, 1))
-
-    def locals_printed(self) -> set[str]:
-        """Names of the parameters and variables that the text still has."""
-        return self.local_names & set(NAME.findall(" ".join([*self.head[1], self.text])))
-
-    def rename(self, name: str, other: str) -> None:
-        """Call something at file scope by another name."""
-        lines = NAME.sub(lambda m: other if m[0] == name else m[0], self.text).splitlines()
-        pads = [
-            line[: len(line) - len(line.lstrip())] for line in lines
-        ]  # a longer name may not fit
-        self.text = "\n".join(
-            new
-            for line, pad in zip(lines, pads, strict=True)
-            for new in wrapped(line.lstrip(), pad)
-        )
-        self.globals_used = self.globals_used - {name} | {other}
 
     @property
     def result(self) -> Any:
@@ -227,16 +201,22 @@ class Function(Expressions):
 
     def set_variable(self, name: str, value: Scalar, variable: Variable | None) -> None:
         """Print an assignment to a variable, which is declared if it is not yet."""
-        kind = join([value.kind, self.kinds.get(name, value.kind)])
-        if self.kinds.get(name) != kind:
-            if name in self.kinds or (variable is not None and variable.kind != kind):
-                self.again = True
-            self.kinds[name] = kind
         declares = variable is None
         if variable is None:
-            self.env[name] = variable = Variable(self._local(name), kind)
+            self.env[name] = variable = Variable(self._local(name), value.kind)
+        self.grow(variable, value.kind)
         variable.assigned += 1
         self.emit(self.converted(value, variable.kind), variable, declares=declares)
+
+    def grow(self, variable: Variable, kind: Kind) -> None:
+        """Let a variable hold numbers of a kind, too, unless it was read as what it was."""
+        kind = join([variable.kind, kind])
+        if variable.is_read and {variable.kind, kind} - {"bool", "int"} and kind != variable.kind:
+            raise Unprintable(
+                f"{self.python.__module__}.{self.python.__name__}: {variable.name} begins as "
+                f"{variable.kind} and becomes {kind}; begin it as a number of that kind"
+            )
+        variable.kind = kind
 
     def converted(self, value: Scalar, kind: Kind) -> str:
         """Text of a value for a variable or element of that kind."""
@@ -256,7 +236,6 @@ class Function(Expressions):
         """View for a name: itself where its place is known, else through a local pointer."""
         if isinstance(view.offset, Known) or view.text == name:
             return view
-        self.use(view)
         local = self._local(name)
         while (id(self.out), local) in self.declared:
             local += "_"
@@ -294,10 +273,8 @@ class Function(Expressions):
             load = ast.copy_location(ast.Name(name, ast.Load()), s.target)
             self.assign(s.target, operate(self.style, s.op, self.value(load), value))
         elif not (isinstance(s.op, ast.BitOr) and value == Known(0)):
-            kind = join([held.kind, value.kind])
-            if kind != held.kind:
-                self.kinds[name] = kind
-                self.again = True
+            held.is_read = True
+            self.grow(held, value.kind)
             held.assigned += 1
             self.emit(self.converted(value, held.kind), held, operator=f"{sign}=")
 
@@ -315,10 +292,7 @@ class Function(Expressions):
                 self.env[name] = Variable(held.text, held.kind, assigned=2)
         for name in names:
             if name not in self.env and first_use(name, rest) == "read":
-                if name not in self.kinds:
-                    self.kinds[name] = "bool"
-                    self.again = True
-                self.env[name] = Variable(self._local(name), self.kinds[name], assigned=2)
+                self.env[name] = Variable(self._local(name), "bool", assigned=2)
                 self.emit("", self.env[name], declares=True)
 
     def inner(self, head: str, body: Sequence[ast.stmt], env: dict[str, Any]) -> tuple[Block, bool]:

@@ -23,7 +23,7 @@ from numba.core.dispatcher import Dispatcher
 from truejoint.export.c_expressions import Expressions
 from truejoint.export.c_function import Function
 from truejoint.export.c_operators import RESERVED
-from truejoint.export.c_statements import pruned, wrapped, wrapped_comment
+from truejoint.export.c_statements import wrapped, wrapped_comment
 from truejoint.export.c_structs import Constants, Handle, Side, Struct
 from truejoint.export.c_values import Expr, Kind, Known, Linear, Style, View
 from truejoint.layout import Memory
@@ -78,11 +78,11 @@ def print_kernels(
     struct = Struct(name, type_, memory, set(inputs))
     sides: tuple[Side, Side] = ("numbers", "memory")
     arguments = [Handle(struct, side, name, is_pointer=True, owner=name) for side in sides]
-    while True:
-        before = sum(len(part.written) for part in struct.walk())
+    while True:  # the first round finds what the kernels change
+        before = [len(part.written) for part in struct.walk()]
         printer = Printer(Style(single), enums or {})
         names = tuple(printer.function(kernel, arguments).name for kernel in kernels)
-        if sum(len(part.written) for part in struct.walk()) == before:
+        if [len(part.written) for part in struct.walk()] == before:
             return printer.program(struct, names, named or {})
 
 
@@ -107,15 +107,8 @@ class Printer:
         return self._done[key]
 
     def _print(self, python: Any, arguments: Sequence[Any]) -> Function:
-        kinds: dict[str, Kind] = {}
-        avoid: set[str] = set()
-        while True:
-            one = Function(self, python, arguments, kinds, avoid)
-            one.run()
-            if not one.again:
-                break
-            self.calls = [call for call in self.calls if call[1] is not one]
-        one.finish(pruned(one.body, self.has_effect))
+        one = Function(self, python, arguments)
+        one.run()
         identity = (python, one.head, one.text)
         if identity in self._bodies:
             one.name = self._bodies[identity].name
@@ -125,8 +118,7 @@ class Printer:
         if any(p is python for p, *_ in self._bodies):
             longer = wanted
         one.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
-        called = one.globals_used & set(self.functions)
-        one.has_effect = bool(one.written) or any(self.functions[n].has_effect for n in called)
+        one.has_effect = bool(one.written) or self.has_effect(one.text)
         self.functions[one.name] = self._bodies[identity] = one
         return one
 
@@ -149,7 +141,6 @@ class Printer:
             used |= fresh
             rest += fresh
         kept = [printed for name, printed in self.functions.items() if name in used]
-        self._unhide(kept, {f.name for f in struct.members()})
         whole = "\n\n".join(self._text(printed) for printed in kept)
         if any(_is_wide(printed) for printed in kept):
             whole = f"{WIDE}\n\n{whole}"
@@ -159,7 +150,7 @@ class Printer:
             for name, value in self.constants.defines.items()
             if name in words
         ]
-        tables = self.constants.tables(set().union(*(p.globals_used for p in kept)))
+        tables = self.constants.tables(words)
         helpers = [text for name, text in _helpers(self.style).items() if name in words]
         return Program(
             "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),
@@ -168,20 +159,6 @@ class Printer:
             "\n\n".join([*helpers, whole]),
             names,
         )
-
-    def _unhide(self, kept: Sequence[Function], fields: set[str]) -> None:
-        """Give arrays another name that a parameter or variable of some function hides.
-
-        Functions around the program name parameters after the `fields` that they set.
-        """
-        hidden = fields.union(*(p.locals_printed() for p in kept))
-        for (struct, f), name in self.constants.arrays.items():
-            if name in hidden:
-                other = self.constants.name(f"{struct.name}_{f.name}", f"{f.name}_of_{struct.name}")
-                self.constants.arrays[struct, f] = other
-                for printed in kept:
-                    if name in printed.globals_used:
-                        printed.rename(name, other)
 
     def _text(self, printed: Function) -> str:
         """Definition of a function, its pointers restricted where no call lets them overlap."""

@@ -1,4 +1,4 @@
-"""Statements of a C function that is being printed, and what of them is of use."""
+"""Statements of a C function that is being printed."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ class Variable:
     is_pointer: bool = False
     assigned: int = 0  # how often it is given a value
     written: bool = False  # of a pointer: whether what it points to is changed
+    is_read: bool = False  # as a number of this kind
 
     def declared(self, style: Style) -> str:
         """Type and name, ``const`` where that holds."""
@@ -114,92 +115,25 @@ def walk(body: Body) -> Iterator[Statement | Block]:
             yield from walk(statement.body)
 
 
-def names_in(body: Body, *, targets: bool = False) -> set[str]:
-    """Names that statements read, and with `targets` those that they assign to."""
-    found: set[str] = set()
-    for statement in walk(body):
+def names_in(body: Body) -> set[str]:
+    """Names that statements read."""
+    texts = (s.head if isinstance(s, Block) else "" if s.comment else s.text for s in walk(body))
+    return set(NAME.findall(" ".join(texts)))
+
+
+def without_unread(body: Body, read: set[str], has_effect: Callable[[str], bool]) -> Body:
+    """Statements without values that nothing reads later; `read` grows, from the end on."""
+    live: Body = []
+    for statement in reversed(body):
         if isinstance(statement, Block):
-            found.update(NAME.findall(statement.head))
-        elif not statement.comment:
-            found.update(NAME.findall(statement.text))
-            if targets and statement.target is not None:
-                found.add(statement.target.name)
-    return found
-
-
-def pruned(body: Body, has_effect: Callable[[str], bool]) -> Body:
-    """Statements without those that only compute what nobody reads."""
-    while True:
-        smaller = _direct(_without(body, names_in(body), has_effect))
-        texts = [[s.head if isinstance(s, Block) else s.text for s in walk(b)]
-                 for b in (smaller, body)]  # fmt: skip
-        if texts[0] == texts[1]:
-            return smaller
-        body = smaller
-
-
-def _direct(body: Body) -> Body:
-    """Statements in which a value that is only copied on at once goes straight to its place."""
-    kept: Body = []
-    for i, statement in enumerate(body):
-        if isinstance(statement, Block):
-            kept.append(Block(statement.head, _direct(statement.body)))
+            if statement.head.startswith("for"):  # the next round may read it
+                read |= names_in(statement.body)
+            inner = without_unread(statement.body, read, has_effect)
+            read.update(NAME.findall(statement.head))
+            live.append(Block(statement.head, inner))
             continue
-        before = kept[-1] if kept else None
-        left = statement.text.rpartition(" = ")[0]
-        if (
-            isinstance(before, Statement)
-            and before.target is not None
-            and not before.target.is_pointer
-            and before.operator == "="
-            and statement.target is None
-            and statement.text.endswith(f"] = {before.target.name}")
-            and before.target.name not in NAME.findall(left)
-            and _is_dead(before.target.name, body[i + 1 :], at_end=before.declares)
-        ):
-            kept.pop()
-            if before.declares:
-                before.target.assigned = 2
-                kept.append(Statement("", before.target, declares=True))
-            statement = Statement(f"{left} = {before.text}")  # noqa: PLW2901  # in its place
-        kept.append(statement)
-    return kept
-
-
-def _is_dead(name: str, rest: Body, *, at_end: bool) -> bool:
-    """Whether statements set a variable again before they read it; `at_end` if none names it."""
-    for statement in rest:
-        if name in names_in([statement], targets=isinstance(statement, Block)):
-            return False
-        target = None if isinstance(statement, Block) else statement
-        if target is not None and target.target is not None and target.target.name == name:
-            return target.operator == "="
-    return at_end
-
-
-def _without(body: Body, used: set[str], has_effect: Callable[[str], bool]) -> Body:
-    kept: Body = []
-    for i, statement in enumerate(body):
-        if isinstance(statement, Block):
-            inner = _without(statement.body, used, has_effect)
-            following = body[i + 1] if i + 1 < len(body) else None
-            stays = (
-                not all(_is_comment(s) for s in inner)
-                or (isinstance(following, Block) and following.head.startswith("else"))
-                or has_effect(statement.head)
-                or statement.head.startswith("else if")
-            )
-            left: Statement | Block = Block(statement.head, inner)
-        else:
-            stays, left = True, statement
-            if statement.target is not None and statement.target.name not in used:
-                stays, left = has_effect(statement.text), Statement(statement.text)
-        if stays:
-            kept.append(left)
-        elif kept and _is_comment(kept[-1]):
-            kept.pop()
-    return kept
-
-
-def _is_comment(statement: Statement | Block) -> bool:
-    return isinstance(statement, Statement) and statement.comment
+        unread = statement.target is not None and statement.target.name not in read
+        if not unread or has_effect(statement.text):
+            live.append(Statement(statement.text) if unread else statement)
+            read |= names_in([statement])
+    return live[::-1]

@@ -29,7 +29,7 @@ class Struct:
     name: str  # of pointers to it
     type: str  # of the C struct
     memory: Memory
-    written: set[str] = field(default_factory=set)  # grows until another pass finds no more
+    written: set[str] = field(default_factory=set)
     parts: dict[str, Struct] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -162,12 +162,12 @@ class Constants:
     def define(self, name: str, value: Any) -> str:
         """Name of a constant number of a module."""
         wanted = name.strip("_").upper()
-        for option in (wanted, *(f"{wanted}_{i}" for i in range(2, 100))):
+        for option in chain((wanted,), (f"{wanted}_{i}" for i in count(2))):
             held = self.defines.setdefault(option, value)
             if held == value and isinstance(held, type(value)):
                 self.names.add(option)
                 return option
-        raise Unprintable(f"{name}: too many constants of this name")
+        raise AssertionError  # there is always another
 
     def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
         """View of a struct's flat memory from a place on, as a part of the array there."""
@@ -182,7 +182,7 @@ class Constants:
         if f.name in struct.written:
             return View(handle.field_text(f.name), offset, shape, kind, root, offset)
         if (struct, f) not in self.arrays:
-            self.arrays[struct, f] = self.name(f.name, f"{struct.name}_{f.name}")
+            self.arrays[struct, f] = f"{struct.type.removesuffix('_state')}_{f.name}"
         values = struct.values(f)
         return View(self.arrays[struct, f], offset, shape, kind, root, offset, values)
 
