@@ -150,9 +150,9 @@ def source_files(
                 f"the compensator is around {', '.join(compensator.corrector.signals)}, but the "
                 f"calibration takes {', '.join(calibration.loop_signals)}; make it around this one"
             )
-    data = decode(*encode(calibration))
-    limits = limits_of(data, range_margin)
     try:
+        data = decode(*encode(calibration))
+        limits = limits_of(data, range_margin)
         memory = fields.pack(data, limits, level)
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None

@@ -242,7 +242,7 @@ def _combination(graph: _Graph, features: str, data: EstimatorData, n_features: 
 
 
 _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]] = {
-    "offset": _offset,
+    "polynomial.offset": _offset,
     "polynomial": _polynomial,
     "network": _network,
     "stack": _combination,
