@@ -210,7 +210,7 @@ class Heard:
             table = np.stack([rows[place][3] for place in own])
             parts = np.split(table, np.cumsum(lengths)[:-1], axis=1)
             fields = dict(zip(self._fields, parts, strict=True))
-            yield self.name, np.array(own), stamps, fields, {"name": names}
+            yield Lot(self.name, np.array(own), stamps, fields, {"name": names})
 
 
 def judge_link(heard: Sequence[Heard], ended: float) -> Finding:

@@ -302,7 +302,7 @@ def test_an_index_that_counts_more_than_a_file_so_long_can_hold_is_none(bag, tmp
     data = bytearray(bag.read_bytes())
     with bag.open("rb") as file:
         file.seek(_index_position(data))
-        records = [(fields[b"op"], at) for _, fields, at, _ in container._ros1_records(file)]
+        records = [(fields[b"op"], at) for fields, at, _ in container._ros1_records(file)]
     last = max(at for op, at in records if op == b"\x06")
     data[last + 4 : last + 8] = b"\xff\xff\xff\xff"  # messages of a topic in that chunk
     path = tmp_path / "boast.bag"

@@ -17,7 +17,7 @@ from truejoint.crtk.messages import (
 )
 from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.join.joining import cover_same_time, join_truth
-from truejoint.recordings.read.bags.fields import STAMP, Fields
+from truejoint.recordings.read.bags.fields import STAMP
 from truejoint.recordings.read.bags.series import Lot, Series, keep_rows
 from truejoint.recordings.read.bags.wiring import HOMED, Wiring
 from truejoint.recordings.read.raven_csv import without_homing
@@ -108,39 +108,43 @@ def _series_of(
     place: str,
 ) -> dict[str, Series]:
     """Columns of the topics of a wiring, by topic."""
-    told = {wiring.state: "measured", wiring.truth: "truth"} | {
+    quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {
         name: crtk_name(name).partition("_")[0] for name in wiring.others
     }
     series = {name: Series(wiring.counts.get(name, 0)) for name in (*wiring.joints, wiring.homed)}
-    for name, places, stamps, fields, texts in lots:
-        _require_numbers(fields, name, wiring, place)
-        if name == wiring.homed:
-            columns = {HOMED: fields[HOMED][:, 0].astype(np.float64)}
-        elif "runlevel" in fields:
-            columns = raven_state_columns(robot, fields, quantities)
-            columns["state/run_level"] = fields["runlevel"][:, 0].astype(np.float64)
+    for lot in lots:
+        _require_numbers(lot, wiring, place)
+        if lot.topic == wiring.homed:
+            columns = {HOMED: lot.fields[HOMED][:, 0].astype(np.float64)}
+        elif "runlevel" in lot.fields:
+            columns = raven_state_columns(robot, lot.fields, quantities)
+            columns["state/run_level"] = lot.fields["runlevel"][:, 0].astype(np.float64)
         else:
-            names = texts.get("name", ())
+            names = lot.texts.get("name", ())
             try:
-                columns = joint_state_columns(robot, told[name], names, fields, wiring.profile)
+                columns = joint_state_columns(
+                    robot, quantity_of[lot.topic], names, lot.fields, wiring.profile
+                )
             except RobotError as error:
-                raise RecordingError(f"{place}: {name}: {error}") from None
-        series[name].add(places, stamps, columns)
+                raise RecordingError(f"{place}: {lot.topic}: {error}") from None
+        series[lot.topic].add(lot.places, lot.stamps, columns)
     return series
 
 
-def _require_numbers(fields: Fields, name: str, wiring: Wiring, place: str) -> None:
+def _require_numbers(lot: Lot, wiring: Wiring, place: str) -> None:
     """Raise RecordingError where a message of a known type has other fields than that type."""
-    if name == wiring.homed:
-        wanted = {HOMED: 1}
-    elif "runlevel" in fields:
-        wanted = {field: _RAVEN_VALUES for field in fields if field not in ("runlevel", STAMP)}
-        wanted["runlevel"] = 1
+    if lot.topic == wiring.homed:
+        least = {HOMED: 1}
+    elif "runlevel" in lot.fields:
+        least = {field: _RAVEN_VALUES for field in lot.fields if field not in ("runlevel", STAMP)}
+        least["runlevel"] = 1
     else:
-        wanted = {"position": 0}
-    for field, least in wanted.items():
-        if field not in fields or fields[field].shape[1] < least:
-            raise RecordingError(f"{place}: {name}: its {field} is not as such a message has it")
+        least = {"position": 0}
+    for field, values in least.items():
+        if field not in lot.fields or lot.fields[field].shape[1] < values:
+            raise RecordingError(
+                f"{place}: {lot.topic}: its {field} is not as such a message has it"
+            )
 
 
 def _with_truth(

@@ -10,14 +10,15 @@ ros2/rosbag2:rosbag2_storage_sqlite3.
 from __future__ import annotations
 
 import bz2
+import io
 import sqlite3
 import struct
 import sys
 import tempfile
-from collections import Counter, defaultdict
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
@@ -43,7 +44,11 @@ _ROWS: Final = 4096  # of a table that are fetched at a time
 _U32: Final = struct.Struct("<I")
 _U64: Final = struct.Struct("<Q")
 _ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
-_MCAP_MESSAGE: Final = struct.Struct("<HIQ")  # channel, sequence, log time
+_ROS1_TOPIC: Final = b"\x07"
+_ROS1_TIME: Final = struct.Struct("<II")  # s and ns
+_MCAP_RECORD: Final = struct.Struct("<BQ")  # what it is, and its length
+_MCAP_SCHEMA, _MCAP_MESSAGE = 0x03, 0x05
+_MCAP_MESSAGE_HEAD: Final = struct.Struct("<HIQ")  # channel, sequence, log time; then publish time
 _LATEST: Final = (1 << 63) - 1  # [ns] that a stamp may be
 _MCAP_CHUNK: Final = struct.Struct("<QQQI")  # first and last time, size unpacked, checksum
 
@@ -118,9 +123,11 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
         head = file.read(len(SQLITE_MAGIC))
         file.seek(0)
         if head.startswith(ROS1_MAGIC):
+            file.seek(len(ROS1_MAGIC))
             yield from _ros1(file, wanted, lost)
         elif head.startswith(MCAP_MAGIC):
-            yield from _mcap(file, wanted, lost)
+            file.seek(len(MCAP_MAGIC))
+            yield from _mcap(file, lost, _McapState(wanted))
         elif head.startswith(SQLITE_MAGIC):
             yield from _sqlite(path, wanted, lost)
         elif head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
@@ -197,12 +204,34 @@ class _ChunkError(Exception):
     """A chunk does not unpack."""
 
 
+class _Pending:
+    """Messages of topics that wait to be given out, a batch a topic."""
+
+    def __init__(self) -> None:
+        self._by_topic: dict[Topic, tuple[list[int], list[bytes]]] = {}
+        self.count = 0
+
+    def add(self, topic: Topic | None, time: int, message: bytes) -> None:
+        """Keep a message that came at `time` [ns], unless its topic is not wanted."""
+        if topic is not None:
+            times, messages = self._by_topic.setdefault(topic, ([], []))
+            times.append(time)
+            messages.append(message)
+            self.count += 1
+
+    def take(self) -> Iterator[Batch]:
+        """Give out what there is."""
+        waiting, self._by_topic, self.count = self._by_topic, {}, 0
+        for topic, (times, messages) in waiting.items():
+            yield topic, times, messages
+
+
 # ---------------------------------------------------------------------------------------- ROS 1
 
 
-def _ros1_fields(header: bytes | memoryview) -> dict[bytes, bytes]:
+def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
     """Fields of a record's header; raises struct.error where it is damaged."""
-    fields, at, header = {}, 0, bytes(header)
+    fields, at = {}, 0
     while at < len(header):
         (size,) = _U32.unpack_from(header, at)
         name, separator, value = header[at + 4 : at + 4 + size].partition(b"=")
@@ -222,10 +251,10 @@ def _ros1_topic(fields: dict[bytes, bytes], data: bytes) -> Topic:
     return Topic(name, kind, text, "ros1")
 
 
-def _ros1_records(file: BinaryIO) -> Iterator[tuple[int, dict[bytes, bytes], int, int]]:
-    """Position, header, and where the data begin and how long they are, of each record of a file.
+def _ros1_records(file: BinaryIO) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
+    """Header of each record of a file, where its data begin and how long they are.
 
-    Ends at the end, or raises struct.error where a record is not whole.
+    The file stands there. Ends at the end, or raises struct.error where a record is not whole.
     """
     at = file.tell()
     while start := file.read(4):
@@ -233,12 +262,9 @@ def _ros1_records(file: BinaryIO) -> Iterator[tuple[int, dict[bytes, bytes], int
         if size > _MOST_HEADER:
             raise struct.error("no header")
         header = file.read(size + 4)
-        fields = _ros1_fields(header[:size])
         (length,) = _U32.unpack_from(header, size)
-        data = at + 4 + size + 4
-        file.seek(data)
-        yield at, fields, data, length
-        at = data + length
+        yield _ros1_fields(header[:size]), at + 8 + size, length
+        at += 8 + size + length
         file.seek(at)
 
 
@@ -251,95 +277,78 @@ def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
         raise _NoIndexError
     end = file.seek(0, 2)
     file.seek(len(ROS1_MAGIC))
-    first: dict[bytes, bytes] = next((fields for _, fields, _, _ in _ros1_records(file)), {})
+    first: dict[bytes, bytes] = next((fields for fields, _, _ in _ros1_records(file)), {})
     (begin,) = _U64.unpack(first.get(b"index_pos", b""))
     if not 0 < begin < end:
         raise _NoIndexError
     file.seek(begin)
     topics: dict[bytes, Topic] = {}
     counts: Counter[bytes] = Counter()
-    for _, fields, at, length in _ros1_records(file):
+    for fields, at, length in _ros1_records(file):
         if at + length > end:
             raise _NoIndexError
         data = file.read(length)
-        if fields.get(b"op") == b"\x07":
+        if fields.get(b"op") == _ROS1_TOPIC:
             topics[fields[b"conn"]] = _ros1_topic(fields, data)
         elif fields.get(b"op") == b"\x06":
             for place in range(0, length, 8):
                 counts[data[place : place + 4]] += _U32.unpack_from(data, place + 4)[0]
     if counts.total() * _ROS1_ENTRY > end:
         raise _NoIndexError
-    found: Counter[Topic] = Counter()
+    by_topic: Counter[Topic] = Counter()
     for key, topic in topics.items():
-        found[topic] += counts[key]
-    return dict(found)
+        by_topic[topic] += counts[key]
+    return dict(by_topic)
 
 
-def _ros1(file: BinaryIO, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
-    end = file.seek(0, 2)
-    file.seek(len(ROS1_MAGIC))
-    topics: dict[bytes, Topic | None] = {}
-    place = file.tell()
+def _ros1_chunk(data: bytes, fields: dict[bytes, bytes], lost: Counter[str]) -> bytes:
+    """Unpack a chunk; empty if that fails, which is counted."""
+    with suppress(_ChunkError):
+        return _unpacked(data, fields.get(b"compression", b"").decode(errors="replace"))
+    lost[DAMAGED] += 1
+    return b""
+
+
+def _ros1(
+    file: BinaryIO,
+    wanted: Wanted,
+    lost: Counter[str],
+    known: dict[bytes, Topic | None] | None = None,
+) -> Iterator[Batch]:
+    """Messages of a file, or of a chunk of one whose topics so far are `known`.
+
+    The last chunk of a bag that was never closed states no length: what should be in it lies in the
+    file itself.
+    """
+    whole, end = file.tell(), file.seek(0, 2)
+    file.seek(whole)
+    topics = {} if known is None else known
+    pending = _Pending()
     try:
-        for place, fields, at, length in _ros1_records(file):
+        for fields, begin, length in _ros1_records(file):
             op = fields.get(b"op")
-            if op == b"\x05":
-                packing = fields.get(b"compression", b"").decode(errors="replace")
-                if at + length > end:
-                    lost[CUT_SHORT] += end - at
-                try:
-                    chunk = _unpacked(file.read(min(length, _MOST_CHUNK)), packing)
-                except _ChunkError:
-                    lost[DAMAGED] += 1
-                    continue
-                yield from _ros1_messages(chunk, topics, wanted, lost)
+            if op == b"\x05" and known is None:
+                yield from pending.take()
+                if begin + length > end:
+                    lost[CUT_SHORT] += end - begin
+                chunk = _ros1_chunk(file.read(min(length, _MOST_CHUNK)), fields, lost)
+                yield from _ros1(io.BytesIO(chunk), wanted, lost, topics)
+            elif begin + length > end:
+                raise struct.error("not whole")
             elif op == b"\x02":
-                # The last chunk of a bag that was never closed states no length: what should be in
-                # it lies behind.
-                file.seek(place)
-                rest = file.read(_MOST_CHUNK)
-                yield from _ros1_messages(rest, topics, wanted, lost)
-                return
-            elif op == b"\x07" and fields[b"conn"] not in topics:
+                topic = topics[fields[b"conn"]]
+                seconds, rest = _ROS1_TIME.unpack(fields[b"time"])
+                if topic is not None:
+                    pending.add(topic, seconds * 1_000_000_000 + rest, file.read(length))
+                if pending.count >= _ROWS:
+                    yield from pending.take()
+            elif op == _ROS1_TOPIC and fields[b"conn"] not in topics:
                 topic = _ros1_topic(fields, file.read(length))
                 topics[fields[b"conn"]] = topic if wanted(topic) else None
+            whole = min(begin + length, end)
     except (struct.error, KeyError):
-        lost[CUT_SHORT] += end - place
-
-
-def _ros1_messages(
-    chunk: bytes, topics: dict[bytes, Topic | None], wanted: Wanted, lost: Counter[str]
-) -> Iterator[Batch]:
-    """Messages in an unpacked chunk."""
-    found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
-    at, end, whole = 0, len(chunk), 0
-    try:
-        while at < end:
-            (size,) = _U32.unpack_from(chunk, at)
-            fields = _ros1_fields(chunk[at + 4 : at + 4 + size])
-            (length,) = _U32.unpack_from(chunk, at + 4 + size)
-            begin = at + 8 + size
-            at = begin + length
-            if at > end:
-                break
-            whole = at
-            key = fields[b"conn"]
-            if fields[b"op"] == b"\x02":
-                topic = topics[key]
-                if topic is not None:
-                    times, messages = found[topic]
-                    seconds, rest = struct.unpack("<II", fields[b"time"])
-                    times.append(seconds * 1_000_000_000 + rest)
-                    messages.append(chunk[begin:at])
-            elif fields[b"op"] == b"\x07" and key not in topics:
-                told = _ros1_topic(fields, chunk[begin:at])
-                topics[key] = told if wanted(told) else None
-    except (struct.error, KeyError):
-        pass
-    if whole < end:
         lost[CUT_SHORT] += end - whole
-    for topic, (times, messages) in found.items():
-        yield topic, times, messages
+    yield from pending.take()
 
 
 def _unpacked(data: bytes, packing: str) -> bytes:
@@ -379,105 +388,79 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     return data[at + 4 : at + 4 + size].decode(errors="replace"), at + 4 + size
 
 
-def _mcap(file: BinaryIO, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
-    end = file.seek(0, 2)
-    at = place = file.seek(len(MCAP_MAGIC))
-    state = _McapState(wanted)
-    while at < end:
-        head = file.read(9)
-        if len(head) < 9:
-            break
-        op, (length,) = head[0], _U64.unpack_from(head, 1)
-        if op in (0x0F, 0x02):  # end of the data
-            return
-        if op in (0x03, 0x04, 0x05, 0x06):
-            data = file.read(min(length, _MOST_CHUNK, end - at))
-            try:
-                if op == 0x06:
-                    yield from state.chunk(data, lost)
-                elif len(data) == length:
-                    yield from state.records([(op, data)])
-            except (struct.error, _ChunkError):
-                lost[DAMAGED] += 1
-        place, at = at, at + 9 + length
-        file.seek(min(at, end))
-    if at != end:  # the last record is not whole
-        lost[CUT_SHORT] += end - (at if at < end else place)
-
-
+@dataclass
 class _McapState:
     """Schemas and channels of a file as far as it was read."""
 
-    def __init__(self, wanted: Wanted) -> None:
-        self._wanted = wanted
-        self._schemas: dict[int, tuple[str, str, str]] = {0: ("", "", "")}
-        self._topics: dict[int, Topic | None] = {}
+    wanted: Wanted
+    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    topics: dict[int, Topic | None] = field(default_factory=dict)
 
-    def chunk(self, data: bytes, lost: Counter[str]) -> Iterator[Batch]:
-        """Messages of a chunk; raises struct.error or _ChunkError if it is damaged."""
-        packing, at = _text(data, _MCAP_CHUNK.size)
-        (size,) = _U64.unpack_from(data, at)
-        records = _unpacked(data[at + 8 : at + 8 + size], packing)
-        yield from self.records(_mcap_records(records, lost))
-
-    def records(self, records: Any) -> Iterator[Batch]:
-        """Messages among records, each an opcode and its bytes."""
-        found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
-        for op, data in records:
-            if op == 0x05:
-                channel, _, time = _MCAP_MESSAGE.unpack_from(data)
-                time = min(time, _LATEST)
-                topic = self._topics.get(channel)
-                if topic is not None:
-                    found[topic][0].append(time)
-                    found[topic][1].append(data[22:])
-            elif op == 0x03:
-                name, at = _text(data, 2)
-                encoding, at = _text(data, at)
-                self._schemas[int.from_bytes(data[:2], "little")] = (
-                    name,
-                    encoding,
-                    _text(data, at)[0],
-                )
-            elif op == 0x04:
-                self._add_channel(data)
-        for topic, (times, messages) in found.items():
-            yield topic, times, messages
-
-    def _add_channel(self, data: bytes) -> None:
-        key, schema = struct.unpack_from("<HH", data)
-        name, at = _text(data, 4)
-        encoding, _ = _text(data, at)
-        kind, language, definition = self._schemas.get(schema, ("", "", ""))
-        topic = Topic(
-            name,
-            kind,
-            definition,
-            "ros1" if encoding == "ros1" else "cdr",
-            "idl" if "idl" in language else "msg",
-        )
-        known = encoding in ("ros1", "cdr")
-        self._topics[key] = topic if known and self._wanted(topic) else None
+    def take(self, op: int, data: bytes, pending: _Pending) -> None:
+        """Take a schema, a channel or a message; raises struct.error if it is damaged."""
+        if op == _MCAP_MESSAGE:
+            channel, _, time = _MCAP_MESSAGE_HEAD.unpack_from(data)
+            message = data[_MCAP_MESSAGE_HEAD.size + 8 :]
+            pending.add(self.topics.get(channel), min(time, _LATEST), message)
+        elif op == _MCAP_SCHEMA:
+            name, at = _text(data, 2)
+            language, at = _text(data, at)
+            self.schemas[int.from_bytes(data[:2], "little")] = name, language, _text(data, at)[0]
+        else:
+            key, schema = struct.unpack_from("<HH", data)
+            name, at = _text(data, 4)
+            encoding = _text(data, at)[0]
+            kind, language, definition = self.schemas.get(schema, ("", "", ""))
+            form: Literal["ros1", "cdr"] = "ros1" if encoding == "ros1" else "cdr"
+            topic = Topic(name, kind, definition, form, "idl" if "idl" in language else "msg")
+            is_readable = encoding in ("ros1", "cdr") and self.wanted(topic)
+            self.topics[key] = topic if is_readable else None
 
 
-def _mcap_records(data: bytes, lost: Counter[str]) -> Iterator[tuple[int, bytes]]:
-    at = 0
-    while at < len(data):
-        if at + 9 > len(data):
+def _mcap(
+    file: BinaryIO, lost: Counter[str], state: _McapState, *, in_chunk: bool = False
+) -> Iterator[Batch]:
+    """Messages of a file, or of the records of a chunk."""
+    at, end = file.tell(), file.seek(0, 2)
+    pending = _Pending()
+    while at + _MCAP_RECORD.size <= end:
+        file.seek(at)
+        op, length = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
+        if op in (0x0F, 0x02):  # end of the data
+            at = end
             break
-        (length,) = _U64.unpack_from(data, at + 1)
-        if at + 9 + length > len(data):
+        begin = at + _MCAP_RECORD.size
+        try:
+            if op == 0x06 and not in_chunk:
+                yield from pending.take()
+                chunk = _mcap_records(file.read(min(length, _MOST_CHUNK, end - begin)))
+                yield from _mcap(io.BytesIO(chunk), lost, state, in_chunk=True)
+            elif op in (_MCAP_SCHEMA, 0x04, _MCAP_MESSAGE) and begin + length <= end:
+                state.take(op, file.read(length), pending)
+        except (struct.error, _ChunkError):
+            lost[DAMAGED] += 1
+        if pending.count >= _ROWS:
+            yield from pending.take()
+        if begin + length > end:
             break
-        yield data[at], data[at + 9 : at + 9 + length]
-        at += 9 + length
-    if at < len(data):
-        lost[CUT_SHORT] += len(data) - at
+        at = begin + length
+    if at < end:  # the last record is not whole
+        lost[CUT_SHORT] += end - at
+    yield from pending.take()
+
+
+def _mcap_records(chunk: bytes) -> bytes:
+    """Unpack the records of a chunk; raises struct.error or _ChunkError if it is damaged."""
+    packing, at = _text(chunk, _MCAP_CHUNK.size)
+    (size,) = _U64.unpack_from(chunk, at)
+    return _unpacked(chunk[at + 8 : at + 8 + size], packing)
 
 
 # --------------------------------------------------------------------------------------- SQLite
 
 
 def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
+    pending = _Pending()
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
         try:
             texts = {}
@@ -500,16 +483,14 @@ def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
                 topics[key] = topic if form == "cdr" and wanted(topic) else None
             rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid")
             while batch := rows.fetchmany(_ROWS):
-                found: dict[Topic, tuple[list[int], list[bytes]]] = defaultdict(lambda: ([], []))
                 for key, time, data in batch:
-                    topic_or_none = topics.get(key)
-                    if not (isinstance(time, int) and isinstance(data, bytes)):
-                        lost[DAMAGED] += topic_or_none is not None
-                    elif topic_or_none is not None:
-                        found[topic_or_none][0].append(time)
-                        found[topic_or_none][1].append(_plain(data))
-                for topic, (times, messages) in found.items():
-                    yield topic, times, messages
+                    if topics.get(key) is None:
+                        continue
+                    if isinstance(time, int) and isinstance(data, bytes):
+                        pending.add(topics[key], time, _plain(data))
+                    else:
+                        lost[DAMAGED] += 1
+                yield from pending.take()
         except (sqlite3.DatabaseError, TypeError, _ChunkError) as error:
             if isinstance(error, sqlite3.OperationalError) and "no such table" in str(error):
                 raise RecordingError(f"{path}: is an SQLite file, but no bag of ROS 2") from None

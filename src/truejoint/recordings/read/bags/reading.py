@@ -175,16 +175,16 @@ def read_topic(
     topics = bag_topics(paths)
     require_topic(paths[0], topics, topic)
     series = Series(topics[topic][1])
-    for _, places, stamps, values, _ in lots_of(paths, {topic: tuple(fields)}, Counter()):
+    for lot in lots_of(paths, {topic: tuple(fields)}, Counter()):
         for name in fields:
-            if name not in values:
+            if name not in lot.fields:
                 raise RecordingError(f"{paths[0]}: {topic}: {name} is no number; give one within")
         flat = {
-            f"{name}[{k}]": values[name][:, k]
+            f"{name}[{k}]": lot.fields[name][:, k]
             for name in fields
-            for k in range(values[name].shape[1])
+            for k in range(lot.fields[name].shape[1])
         }
-        series.add(places, stamps, flat)
+        series.add(lot.places, lot.stamps, flat)
     if not series.count:
         raise RecordingError(f"{paths[0]}: {topic} has no message that can be read")
     stamps, columns = series.joined()

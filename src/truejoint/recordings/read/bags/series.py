@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +101,14 @@ def keep_rows(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
         columns[name] = columns[name][rows]
 
 
-Lot = tuple[str, NDArray[np.int64], NDArray[np.int64], Fields, Mapping[str, tuple[str, ...]]]
-"""Topic, places of messages among all of it and their stamps [ns] (m,), fields and lists of text"""
+class Lot(NamedTuple):
+    """Messages of one topic that have the same layout."""
+
+    topic: str
+    places: NDArray[np.int64]  # (m,), among all messages of the topic
+    stamps: NDArray[np.int64]  # (m,) [ns]
+    fields: Fields  # by name, (m, length)
+    texts: Mapping[str, tuple[str, ...]]  # lists of text, the same in all messages
 
 
 def lots_of(
@@ -118,7 +124,7 @@ def lots_of(
             arrivals = np.array(times, dtype=np.int64)
             for rows, fields, texts in decoders[topic].decode(messages):
                 stamps = np.where(fields[STAMP] == 0, arrivals[rows], fields[STAMP])
-                yield topic.name, count[topic.name] + rows, stamps, fields, texts
+                yield Lot(topic.name, count[topic.name] + rows, stamps, fields, texts)
             count[topic.name] += len(messages)
     for topic, decoder in decoders.items():
         if decoder.damaged:
