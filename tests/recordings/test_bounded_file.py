@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import (
     BoundedFile,
+    Head,
     read_bounded,
-    read_head,
     require_file,
     sha256_of,
 )
@@ -29,7 +29,7 @@ def test_reads_what_was_written_and_hashes_the_unpacked_content(
     content, digest = read_bounded(path)
     assert content == data
     assert digest == sha256_of(path) == hashlib.sha256(data).hexdigest()
-    assert read_head(path, 10) == data[:10]
+    assert Head.of(path, 10).data == data[:10]
 
 
 def test_hash_covers_what_was_not_read_yet(tmp_path: Path) -> None:

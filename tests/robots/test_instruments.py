@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from truejoint.recordings.read import davinci_grasper
+from truejoint.recordings.read.layouts import layouts
 from truejoint.robots import get_robot
 
 
@@ -26,7 +26,9 @@ def test_bros_ratios_are_those_of_its_encoders(
 
 def test_grasper_driver_and_motor_count_the_same_spindle() -> None:
     # 4096 motor counts at 35:1 against 8192 driver counts for the same turn.
-    assert pytest.approx(17.5) == davinci_grasper.DRIVER_COUNT / davinci_grasper.MOTOR_COUNT
+    columns = layouts()["davinci_grasper_umn"][0].columns.columns
+    spindle = columns["motor/jaw"].scale / 35
+    assert columns["driver/jaw"].scale / spindle == pytest.approx(17.5)
 
 
 def test_forceps_reach_covers_the_reference_motions_of_the_paper() -> None:

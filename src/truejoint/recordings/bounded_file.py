@@ -5,7 +5,9 @@ from __future__ import annotations
 import gzip
 import hashlib
 import io
+import re
 import zlib
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -36,11 +38,12 @@ class BoundedFile(io.RawIOBase):
         self._path, self._limit, self._lines = path, limit, lines
         self._taken = self._line = 0
         self._hash = hashlib.sha256()
-        with path.open("rb") as start:
-            self._packed = start.read(2) == b"\x1f\x8b"  # whatever the file is called
+        self._plain = io.FileIO(path)
+        self._packed = self._plain.read(2) == b"\x1f\x8b"  # whatever the file is called
+        self._plain.seek(0)
         if self._packed:
             self._limit = min(limit, most_unpacked(path.stat().st_size))
-        self._file: Any = gzip.GzipFile(path) if self._packed else io.FileIO(path)
+        self._file: Any = gzip.GzipFile(fileobj=self._plain) if self._packed else self._plain
 
     def readable(self) -> bool:
         """Say that it is made for reading."""
@@ -82,6 +85,7 @@ class BoundedFile(io.RawIOBase):
     def close(self) -> None:
         """Close the file."""
         self._file.close()
+        self._plain.close()
         super().close()
 
 
@@ -107,13 +111,51 @@ def read_bounded(path: Path, limit: int = MAX_BINARY_BYTES) -> tuple[bytes, str]
         return data, file.sha256()
 
 
-def read_head(path: Path, size: int = HEAD_BYTES) -> bytes:
-    """First `size` bytes of a file, unpacked."""
-    with (
-        BoundedFile(require_file(path), limit=size + io.DEFAULT_BUFFER_SIZE) as file,
-        io.BufferedReader(file) as buffered,
-    ):
-        return buffered.read(size)
+@dataclass(frozen=True)
+class Head:
+    r"""First bytes of a file, unpacked: read once, and handed to everyone who looks at them.
+
+    Examples
+    --------
+    >>> from truejoint.recordings.bounded_file import Head
+    >>> _ = Path("run.csv").write_text("# a note\nt,measured/jaw\n0,1\n")
+    >>> Head.of(Path("run.csv")).first_line("#")
+    (2, 't,measured/jaw')
+    """
+
+    path: Path
+    data: bytes
+
+    @classmethod
+    def of(cls, path: Path, size: int = HEAD_BYTES) -> Head:
+        """Read the first `size` bytes of a file; raises RecordingError if there is none."""
+        with (
+            BoundedFile(require_file(path), limit=size + io.DEFAULT_BUFFER_SIZE) as file,
+            io.BufferedReader(file) as buffered,
+        ):
+            return cls(path, buffered.read(size))
+
+    @property
+    def is_text(self) -> bool:
+        """Whether there is no byte that text never has."""
+        return b"\0" not in self.data
+
+    def lines(self) -> list[str]:
+        """Lines of a text, the last of which may be cut off."""
+        return re.split("\r\n|\r|\n", self.data.decode("utf-8-sig", errors="replace"))
+
+    def first_line(self, comment: str = "") -> tuple[int, str]:
+        """Find the first line that is neither blank nor a comment: its number, from 1, and text.
+
+        Raises RecordingError if there is none, or the file is no text.
+        """
+        if not self.is_text:
+            raise RecordingError(f"{self.path}: is not a text file; name its format")
+        for number, line in enumerate(self.lines(), start=1):
+            text = line.strip()
+            if text and not (comment and text.startswith(comment)):
+                return number, text
+        raise RecordingError(f"{self.path}: holds no rows")
 
 
 def sha256_of(path: Path) -> str:

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.read.numeric_text import TextLayout, first_line, read_numbers
+from truejoint.recordings.bounded_file import Head
+from truejoint.recordings.read.numeric_text import TextLayout, read_numbers
 
 Refusal = Callable[[Callable[[], object]], str]
 
@@ -120,7 +121,7 @@ def test_unusual_but_right_numbers_are_read(tmp_path: Path) -> None:
 
 def test_a_form_feed_in_a_comment_is_no_line_end(tmp_path: Path) -> None:
     path = write(tmp_path / "t.csv", "# page\fbreak\x1c\nt,a\n1,2\n3,4\n")
-    number, header = first_line(path, "#")
+    number, header = Head.of(path).first_line("#")
     assert (number, header) == (2, "t,a")
     table = read_numbers(path, TextLayout(2, comment="#", skip=number), (0, 1))
     assert np.array_equal(table.values, [[1, 2], [3, 4]])
@@ -145,4 +146,4 @@ def test_a_binary_file_has_no_first_line(tmp_path: Path) -> None:
     path = tmp_path / "t.bin"
     path.write_bytes(b"\x00\x01\x02")
     with pytest.raises(RecordingError, match="not a text file"):
-        first_line(path)
+        Head.of(path).first_line()

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 import scipy.io
@@ -147,3 +149,20 @@ def test_any_file_in_a_folder_is_a_recording_or_says_why_not(
         options = {"column_map": mapping} if mapped else {}
         with suppress(RecordingError):
             assert read_recordings(path, robot="bros", **options)
+
+
+def count_opens(path: Path, **options: Any) -> int:
+    """How often a file is opened while it is read."""
+    opened: list[str] = []
+    sys.addaudithook(lambda event, about: opened.append(str(about[0])) if event == "open" else None)
+    read_recordings(path, **options)
+    return opened.count(str(path))
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_the_head_of_a_text_is_read_once(
+    recording_of: Callable[..., Recording], tmp_path: Path, packed: bool
+) -> None:
+    path = tmp_path / f"run.csv{'.gz' if packed else ''}"
+    recording_of("davinci_grasper").table.to_csv(path, index=False)
+    assert count_opens(path, robot="davinci_grasper") <= 2

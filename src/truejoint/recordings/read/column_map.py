@@ -1,16 +1,20 @@
-"""How the columns of somebody's CSV file become those of a recording."""
+"""Which columns of somebody's file are those of a recording."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
+from truejoint import schema
 from truejoint.errors import RecordingError
 from truejoint.toml_file import read_toml
 from truejoint.units import SI_UNITS
+
+_LARGEST: Final = 1e30  # scale or offset
+_Number = Annotated[float, schema.Bounds(-_LARGEST, _LARGEST)]
 
 
 @dataclass(frozen=True)
@@ -26,6 +30,13 @@ class MappedColumn:
     scale : float
         Multiplies the number in the file before its unit counts, for instance 360/8192 with
         ``deg`` for an encoder of 8192 counts a turn.
+    offset : float
+        Added to that, in the same unit.
+
+    Raises
+    ------
+    RecordingError
+        If the scale is 0.
 
     Examples
     --------
@@ -33,14 +44,21 @@ class MappedColumn:
     1.0
     """
 
-    column: str | int
-    unit: str = ""
-    scale: float = 1.0
+    SHORT: ClassVar = "column"
+
+    column: str | Annotated[int, schema.Bounds(0)]
+    unit: Annotated[str, schema.Choice(("", *SI_UNITS))] = ""
+    scale: _Number = 1.0
+    offset: _Number = 0.0
+
+    def __post_init__(self) -> None:
+        if self.scale == 0.0:
+            raise RecordingError("scale is 0; want a number other than 0")
 
 
 @dataclass(frozen=True)
 class ColumnMap:
-    """Columns of a recording by name, and what else a CSV file does not say.
+    """Columns of a recording by name, and what else a file does not say.
 
     Attributes
     ----------
@@ -50,12 +68,17 @@ class ColumnMap:
         As in `truejoint.robots.get_robot`, a robot file beside the map's own file; empty where the
         caller states them.
     delimiter : str
-        Between two numbers; empty to find out, blank for any white space.
+        Between two numbers; empty to detect it, blank for any white space.
     comment : str
         A line that begins with it is passed over.
     rate : float
-        Of a file without time stamps [Hz]; 0 where ``t`` is among the columns, or the caller states
-        it.
+        Sampling rate of a file without time stamps [Hz], ``rate_hz`` in a file; 0 where ``t`` is
+        among the columns, or the caller states it.
+
+    Raises
+    ------
+    RecordingError
+        If there are both time stamps and a rate.
 
     Examples
     --------
@@ -66,9 +89,13 @@ class ColumnMap:
     columns: Mapping[str, MappedColumn]
     robot: str = ""
     arm: str = ""
-    delimiter: str = ""
-    comment: str = "#"
-    rate: float = 0.0
+    delimiter: Literal["", ",", ";", "\t", " "] = ""
+    comment: Annotated[str, schema.Length(0, 1)] = "#"
+    rate: Annotated[float, schema.Bounds(0.0, 1e9), schema.Key("rate_hz")] = 0.0
+
+    def __post_init__(self) -> None:
+        if "t" in self.columns and self.rate > 0:
+            raise RecordingError("gives 't' and rate_hz; a rate is for files without stamps")
 
 
 MapSource = str | os.PathLike[str] | Mapping[str, Any] | ColumnMap
@@ -82,7 +109,7 @@ def read_column_map(source: MapSource) -> ColumnMap:
     source : path-like or mapping or ColumnMap
         Keys ``robot``, ``arm``, ``delimiter``, ``comment``, ``rate_hz`` (all optional) and the
         table ``columns``: name in the recording to the name or position of the file's column, or
-        to a table with ``column``, ``unit`` and ``scale``.
+        to a table with ``column``, ``unit``, ``scale`` and ``offset``.
 
     Raises
     ------
@@ -99,65 +126,9 @@ def read_column_map(source: MapSource) -> ColumnMap:
     if isinstance(source, ColumnMap):
         return source
     if isinstance(source, Mapping):
-        return _parse(source, "column map")
+        return schema.read(ColumnMap, source, "column map", RecordingError)
     path = Path(source)
-    mapping = _parse(read_toml(path, RecordingError), str(path))
+    mapping = schema.read(ColumnMap, read_toml(path, RecordingError), str(path), RecordingError)
     if not mapping.robot.endswith(".toml"):
         return mapping
     return replace(mapping, robot=str(path.parent / mapping.robot))
-
-
-_MOST: Final = 1e30  # in size, of a scale
-_TEXTS: Final = ("robot", "arm", "delimiter", "comment")
-
-
-def _parse(values: Mapping[str, Any], name: str) -> ColumnMap:
-    _check_keys(name, values, (*_TEXTS, "rate_hz", "columns"))
-    columns, rate = values.get("columns"), values.get("rate_hz", 0.0)
-    if not _is_number(rate) or not 0 <= rate <= 1e9:
-        raise RecordingError(f"{name}: rate_hz is {rate!r:.40}; want a number above 0")
-    if not isinstance(columns, Mapping):
-        raise RecordingError(f"{name}: needs a table 'columns' that says what is in which column")
-    if "t" in columns and rate > 0:
-        raise RecordingError(f"{name}: gives 't' and rate_hz; a rate is for files without stamps")
-    texts = {key: values[key] for key in _TEXTS if key in values}
-    for key, text in texts.items():
-        if not isinstance(text, str) or (key == "comment" and len(text) > 1):
-            raise RecordingError(f"{name}: {key} is {text!r}; want text, one character at most")
-    delimiter = texts.get("delimiter", "")
-    if delimiter not in ("", ",", ";", "\t", " "):
-        raise RecordingError(
-            f"{name}: delimiter is {delimiter!r}; want comma, semicolon, tab or blank"
-        )
-    mapped = {str(k): _column(f"{name}: {k!r}", v) for k, v in columns.items()}
-    return ColumnMap(mapped, **texts, rate=float(rate))
-
-
-def _column(name: str, value: Any) -> MappedColumn:
-    if isinstance(value, str | int) and not isinstance(value, bool):
-        value = {"column": value}
-    if not isinstance(value, Mapping) or "column" not in value:
-        raise RecordingError(f"{name} is {value!r}; want a column's name, position or table")
-    _check_keys(name, value, ("column", "unit", "scale"))
-    column, unit, scale = value["column"], value.get("unit", ""), value.get("scale", 1.0)
-    if isinstance(column, bool) or not isinstance(column, str | int):
-        raise RecordingError(f"{name}: column is {column!r:.40}; want a name or a position")
-    if isinstance(column, int) and column < 0:
-        raise RecordingError(f"{name}: column is {column!s:.40}; positions count from 0")
-    if unit and unit not in SI_UNITS:
-        raise RecordingError(f"{name}: unit {unit!r} is not known; use {', '.join(SI_UNITS)}")
-    if not _is_number(scale) or not 0 < abs(scale) <= _MOST:
-        raise RecordingError(
-            f"{name}: scale is {scale!r:.40}; want a number other than 0, at most {_MOST:g}"
-        )
-    return MappedColumn(column, unit, float(scale))
-
-
-def _check_keys(name: str, values: Mapping[str, Any], known: Sequence[str]) -> None:
-    for key in values:
-        if key not in known:
-            raise RecordingError(f"{name}: key {key!r} is not known; use {', '.join(known)}")
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)

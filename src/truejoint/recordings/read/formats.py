@@ -31,6 +31,8 @@ class Format:
         Names of the keyword arguments that `read` takes.
     folder : bool
         The recording is, or may be, a folder.
+    reads_head : bool
+        `read` takes ``head``, the first bytes of the file, where they were read before.
 
     Examples
     --------
@@ -43,20 +45,37 @@ class Format:
     read: Callable[..., Recording | list[Recording]]
     options: tuple[str, ...] = ()
     folder: bool = False
+    reads_head: bool = False
 
 
 def _own(
-    name: str, summary: str, reader: str, options: tuple[str, ...] = (), *, folder: bool = False
+    name: str,
+    summary: str,
+    reader: str,
+    options: tuple[str, ...] = (),
+    *,
+    folder: bool = False,
+    **stated: str,
 ) -> Format:
     """Layout whose reader, a function of a module of this package, is imported when called."""
 
     def read(*given: Any, **named: Any) -> Recording:
-        found: Recording = resolve_name(f"truejoint.recordings.{reader}")(*given, **named)
+        found: Recording = resolve_name(f"truejoint.recordings.{reader}")(*given, **named, **stated)
         return found
 
-    return Format(name, summary, read, options, folder)
+    return Format(name, summary, read, options, folder, reads_head=reader in _READ_HEAD)
 
 
+def _public(name: str, summary: str, *, folder: bool = False) -> Format:
+    """Layout of a public data set."""
+    return _own(name, summary, _LAYOUTS, folder=folder, layout=name)
+
+
+_MAPPED_FILE: Final = "read.mapped:read"
+_LAYOUTS: Final = "read.layouts:read"
+_RAVEN_240: Final = "read.raven_csv:read_240"
+_RAVEN_252: Final = "read.raven_csv:read_252"
+_READ_HEAD: Final = (_MAPPED_FILE, _LAYOUTS, _RAVEN_240, _RAVEN_252)
 _MAPPED: Final = ("robot", "arm", "column_map", "rate")
 _TRUTH: Final = ("arm", "truth_unit")
 _BAG: Final = ("robot", "arm", "profile", "state", "truth", "quantities", "offset")
@@ -64,22 +83,17 @@ FORMATS: Final[Mapping[str, Format]] = {
     entry.name: entry
     for entry in (
         _own("parquet", "what truejoint writes", "table.parquet:read_parquet"),
-        _own("csv", "header, or column map", "read.mapped:read", _MAPPED),
-        _own("arrays", ".npy or .mat with a column map", "read.mapped:read", _MAPPED),
+        _own("csv", "header, or column map", _MAPPED_FILE, _MAPPED),
+        _own("arrays", ".npy or .mat with a column map", _MAPPED_FILE, _MAPPED),
         _own("arrows", "what a recorder was stopped in", "table.stream_file:read_stream_file"),
         _own("bag", "ROS 1 and ROS 2 bags", "read.bags.reading:read_bag", _BAG, folder=True),
-        _own("raven_csv_240", "RAVEN-II state", "read.raven_csv:read_240", ("arm",)),
-        _own(
-            "raven_csv_252",
-            "RAVEN-II state with external encoders",
-            "read.raven_csv:read_252",
-            _TRUTH,
-        ),
-        _own("davinci_grasper_umn", "da Vinci grasper bench", "read.davinci_grasper:read"),
-        _own("dvrk_psm_berkeley", "dVRK PSM, .npy folder", "read.dvrk_berkeley:read", folder=True),
-        _own("bros_dual_encoder", "two-joint haptic arm, .mat", "read.double_encoder:read_bros"),
-        _own("kuka_kr300_dual_encoder", "KUKA KR300, .mat", "read.double_encoder:read_kuka"),
-        _own("kflex_tendon_sheath", "K-FLEX bending joint", "read.kflex:read"),
+        _own("raven_csv_240", "RAVEN-II state", _RAVEN_240, ("arm",)),
+        _own("raven_csv_252", "RAVEN-II state with external encoders", _RAVEN_252, _TRUTH),
+        _public("davinci_grasper_umn", "da Vinci grasper bench"),
+        _public("dvrk_psm_berkeley", "dVRK PSM, .npy folder", folder=True),
+        _public("bros_dual_encoder", "two-joint haptic arm, .mat"),
+        _public("kuka_kr300_dual_encoder", "KUKA KR300, .mat"),
+        _public("kflex_tendon_sheath", "K-FLEX bending joint"),
     )
 }
 """Every layout of truejoint's own by name."""

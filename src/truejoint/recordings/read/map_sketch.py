@@ -6,14 +6,15 @@ import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.bounded_file import read_bounded, read_head, require_file
+from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
 from truejoint.recordings.read.mapped import arrays_of
-from truejoint.recordings.read.numeric_text import first_line, is_number, split_fields
+from truejoint.recordings.read.numeric_text import is_number, likely_delimiter, split_fields
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import default_unit
 from truejoint.robots import Robot, get_robot
@@ -97,14 +98,14 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
 
 def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
     """Name or position of each column of a file, and what stands in its first row."""
-    head = read_head(require_file(path))
-    if head.startswith(PARQUET_MAGIC):
+    head = Head.of(path)
+    if head.data.startswith(PARQUET_MAGIC):
         raise RecordingError(f"{path}: is a Parquet file, which needs no column map")
-    if head.startswith(NPY_MAGIC):
+    if head.data.startswith(NPY_MAGIC):
         array, _ = read_npy(path)
         row = array.reshape(len(array) if array.ndim else 1, -1)[0]
         yield from ((k, f"{value:g}") for k, value in enumerate(row.tolist()))
-    elif b"\0" in head:
+    elif not head.is_text:
         data, _ = read_bounded(path)
         for name, value in arrays_of(read_mat(data, str(path))).items():
             signals = value if value.shape[1] > value.shape[0] else value.T
@@ -112,17 +113,18 @@ def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
                 first = f"{signal[0]:g}, {signal.size} values" if signal.size else "empty"
                 yield name if len(signals) == 1 else f"{name}[{k}]", first
     else:
-        number, line = first_line(path, "#")
-        delimiter = next((d for d in ",;\t" if d in line), " ")
+        number, line = head.first_line("#")
+        delimiter = likely_delimiter(line)
         fields = split_fields(line, delimiter)
         if all(map(is_number, fields)):
-            yield from ((k, field) for k, field in enumerate(fields))
+            yield from enumerate(fields)
             return
-        lines = head.decode("utf-8-sig", errors="replace").splitlines()[number : number + 1]
-        values = dict(enumerate(split_fields(lines[0], delimiter) if lines else []))
-        for k, field in enumerate(fields):
-            unique, example = field and fields.count(field) == 1, values.get(k, "")
-            yield field if unique else k, example if is_number(example) else ""
+        below = split_fields("".join(head.lines()[number : number + 1]), delimiter)
+        for k, (field, example) in enumerate(
+            zip_longest(fields, below[: len(fields)], fillvalue="")
+        ):
+            is_unique = field and fields.count(field) == 1
+            yield field if is_unique else k, example if is_number(example) else ""
 
 
 def _words(name: str | int) -> list[str]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
 from numbers import Real
 from pathlib import Path
 from typing import Final
@@ -13,7 +14,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
-from truejoint.recordings.bounded_file import read_bounded, read_head
+from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, MatValue, read_mat, read_npy
 from truejoint.recordings.read.column_map import (
     ColumnMap,
@@ -23,8 +24,8 @@ from truejoint.recordings.read.column_map import (
 )
 from truejoint.recordings.read.numeric_text import (
     TextLayout,
-    first_line,
     is_number,
+    likely_delimiter,
     read_numbers,
     split_fields,
 )
@@ -47,15 +48,16 @@ def read(
     arm: str = "",
     column_map: MapSource | None = None,
     rate: float = 0.0,
+    head: Head | None = None,
 ) -> list[Recording]:
     """Read a text file of columns, or arrays: .npy with a row a sample, MATLAB with a signal a row.
 
     Without a map the first line of a text must name columns, in SI units; arrays need a map. In a
     MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
-    holds several signals. Any file may be in gzip. `robot` and `arm` overrule those of the column
-    map, `rate` [Hz] stands in for time stamps.
+    holds several signals; a star stands for any letters. Any file may be in gzip. `robot` and `arm`
+    overrule those of the column map, `rate` [Hz] stands in for time stamps.
     """
-    table = _read(path, robot, arm, column_map, rate, "measured")
+    table = _read(path, robot, arm, column_map, rate, "measured", head)
     return recordings_of_file(
         path, table.robot, table.columns, table.units, sha256=table.sha256, dropped=table.dropped
     )
@@ -79,14 +81,13 @@ def read_truth(
     >>> list(read_truth("encoder.csv", robot="davinci_grasper").columns)
     ['truth/jaw']
     """
-    path = Path(path)
-    columns = dict(_read(path, robot, arm, column_map, rate, "truth").columns)
+    columns = dict(_read(Path(path), robot, arm, column_map, rate, "truth").columns)
     t = columns.pop("t")
     return Stream(t, {name: v for name, v in columns.items() if name.startswith("truth/")})
 
 
 @dataclass(frozen=True)
-class _Table:
+class Table:
     """Columns (n,) in SI units, and what else a file tells."""
 
     robot: Robot
@@ -103,70 +104,98 @@ def _read(
     column_map: MapSource | None,
     rate: float,
     needed: str,
-) -> _Table:
+    head: Head | None = None,
+) -> Table:
     """Columns of a file, of which one must be of the quantity `needed`."""
-    head, incomplete = read_head(path), 0
-    if b"\0" not in head:
-        mapping, use, layout = read_header(path, column_map, rate)
-        machine = _robot(path, mapping, robot, arm, needed)
-        table = read_numbers(path, layout, list(use.values()), list(use.values()))
-        columns = dict(zip(use, table.values.T, strict=True))
-        digest, incomplete = table.sha256, table.incomplete
-    elif column_map is None:
+    head = head or Head.of(path)
+    if head.is_text:
+        header = read_header(head, column_map, rate)
+        machine = _robot(path, header.columns, robot, arm, needed)
+        return _read_text(header, machine, may_miss=True)
+    if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
-    else:
-        mapping = _timed(path, read_column_map(column_map), rate)
-        machine = _robot(path, mapping, robot, arm, needed)
-        columns, digest = _arrays(path, mapping, head)
-    columns, units = _in_si(path, mapping, machine, columns)
-    truth = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
-    dropped = {
-        "last line cut short": incomplete,
-        "truth: value missing": int(np.any(truth, axis=0).sum()),
-    }
-    return _Table(machine, columns, units, digest, dropped)
+    columns = _timed(path, read_column_map(column_map), rate)
+    return _read_arrays(path, columns, _robot(path, columns, robot, arm, needed), head)
 
 
-def _arrays(path: Path, mapping: ColumnMap, head: bytes) -> tuple[dict[str, Array], str]:
-    """Columns of a file of arrays, and its SHA-256."""
-    if head.startswith(NPY_MAGIC):
+def read_table(
+    path: Path, columns: ColumnMap, head: Head | None = None, *, folder: bool = False
+) -> Table:
+    """Read columns that a layout tells, of which no value but the last line's may be missing."""
+    machine = get_robot(columns.robot, columns.arm)
+    if folder:
+        return _read_arrays(path, columns, machine)
+    head = head or Head.of(path)
+    if head.is_text:
+        return _read_text(read_header(head, columns), machine)
+    return _read_arrays(path, columns, machine, head)
+
+
+def _read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table:
+    use = [*header.positions.values()]
+    table = read_numbers(header.path, header.layout, use, use if may_miss else ())
+    columns = dict(zip(header.positions, table.values.T, strict=True))
+    return _in_si(header.path, header.columns, robot, columns, table.sha256, table.incomplete)
+
+
+def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None = None) -> Table:
+    """Columns of a file of arrays, or of a folder of .npy files."""
+    if head is not None and head.data.startswith(NPY_MAGIC):
         array, digest = read_npy(path)
         table = array.reshape(len(array) if array.ndim else 1, -1)
-        use = _positions(path, mapping, None, table.shape[1])
-        return {name: table[:, k] for name, k in use.items()}, digest
-    data, digest = read_bounded(path)
-    variables = read_mat(data, str(path))
-    names = {name: str(mapped.column) for name, mapped in mapping.columns.items()}
+        use = _positions(path, columns, None, table.shape[1])
+        return _in_si(path, columns, robot, {name: table[:, k] for name, k in use.items()}, digest)
+    variables: dict[str, Array] = {}
+    if head is None:
+        for name in array_names(columns):
+            array, digest = read_npy(path / f"{name}.npy")
+            variables[name] = array.reshape(len(array) if array.ndim else 1, -1).T
+    else:
+        data, digest = read_bounded(path)
+        variables = arrays_of(read_mat(data, str(path)))
+    names = {name: str(mapped.column) for name, mapped in columns.columns.items()}
     rows = _signal(path, variables, names["t"]).size if "t" in names else 0
-    return {k: _signal(path, variables, name, rows) for k, name in names.items()}, digest
+    signals = {ours: _signal(path, variables, name, rows) for ours, name in names.items()}
+    return _in_si(path, columns, robot, signals, digest)
 
 
-def read_header(
-    path: Path, column_map: MapSource | None = None, rate: float = 0.0
-) -> tuple[ColumnMap, dict[str, int], TextLayout]:
-    """Map of a text file's columns, where each of its columns stands, and how the numbers stand.
+def array_names(columns: ColumnMap) -> tuple[str, ...]:
+    """Names of the arrays that a map takes its columns from, each once."""
+    names = (str(mapped.column).partition("[")[0] for mapped in columns.columns.values())
+    return tuple(dict.fromkeys(names))
+
+
+@dataclass(frozen=True)
+class Header:
+    """What stands in the columns of a text file, where, and how the numbers stand."""
+
+    path: Path
+    columns: ColumnMap
+    positions: Mapping[str, int]
+    layout: TextLayout
+
+
+def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0.0) -> Header:
+    """Find the columns of a text file.
 
     Raises RecordingError if a mapped column is not there, or nothing says what the columns are.
     """
     mapping = read_column_map(column_map) if column_map is not None else None
-    number, line = first_line(path, mapping.comment if mapping else "#")
-    guess = next((d for d in ",;\t" if d in line), " ")
-    delimiter = (mapping.delimiter if mapping else "") or guess
+    number, line = head.first_line(mapping.comment if mapping else "#")
+    delimiter = (mapping.delimiter if mapping else "") or likely_delimiter(line)
     fields = split_fields(line, delimiter)
-    header = None if all(is_number(field) for field in fields) else fields
+    names = None if all(is_number(field) for field in fields) else fields
     if mapping is None:
-        if header is None:
+        if names is None:
             raise RecordingError(
-                f"{path}: has no header that names t and <quantity>/<joint> columns; {MAP_ADVICE}"
+                f"{head.path}: has no header that names t and <quantity>/<joint> columns; "
+                f"{MAP_ADVICE}"
             )
-        mapping = ColumnMap({name: MappedColumn(name) for name in header})
-    mapping = _timed(path, mapping, rate)
-    use = _positions(path, mapping, header, len(fields))
-    return (
-        mapping,
-        use,
-        TextLayout(len(fields), delimiter, mapping.comment, number if header else 0),
-    )
+        mapping = ColumnMap({name: MappedColumn(name) for name in names})
+    mapping = _timed(head.path, mapping, rate)
+    positions = _positions(head.path, mapping, names, len(fields))
+    layout = TextLayout(len(fields), delimiter, mapping.comment, number if names else 0)
+    return Header(head.path, mapping, positions, layout)
 
 
 def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
@@ -185,21 +214,24 @@ def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
 
 def arrays_of(variables: Mapping[str, MatValue]) -> dict[str, Array]:
     """Arrays of a MATLAB file by ``variable`` or ``struct.field``."""
-    found: dict[str, Array] = {}
+    arrays: dict[str, Array] = {}
     for name, value in variables.items():
-        inner = {f"{name}.{k}": v for k, v in value.items()} if isinstance(value, dict) else None
-        found |= {name: value} if inner is None else inner  # type: ignore[dict-item]
-    return found
+        if isinstance(value, dict):
+            arrays |= {f"{name}.{field}": array for field, array in value.items()}
+        else:
+            arrays[name] = value
+    return arrays
 
 
-def _signal(path: Path, variables: Mapping[str, MatValue], name: str, rows: int = 0) -> Array:
-    """One signal of a MATLAB file, along the side of `rows` samples, else the longer one."""
-    variable = name.partition("[")[0]
-    arrays = arrays_of(variables)
+def _signal(path: Path, arrays: Mapping[str, Array], name: str, rows: int = 0) -> Array:
+    """One signal among arrays, along the side of `rows` samples, else the longer one."""
+    stated, _, _ = name.partition("[")
+    fitting = [array for array in arrays if fnmatchcase(array, stated)] if "*" in stated else []
+    variable = fitting[0] if len(fitting) == 1 else stated
+    name = variable + name[len(stated) :]
     value = arrays.get(variable)
     if value is None or not value.size:
-        known = ", ".join(arrays)[:300]
-        raise RecordingError(f"{path}: no signal {name!r}; the file has {known}")
+        raise RecordingError(f"{path}: no signal {name!r}; the file has {', '.join(arrays)[:300]}")
     along = value.shape[1] == rows if rows in value.shape else value.shape[1] > value.shape[0]
     signals = value if along else value.T
     names = [variable] if len(signals) == 1 else [f"{variable}[{k}]" for k in range(len(signals))]
@@ -240,11 +272,16 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) ->
 
 
 def _in_si(
-    path: Path, mapping: ColumnMap, robot: Robot, found: Mapping[str, Array]
-) -> tuple[dict[str, Array], dict[str, str]]:
-    """Columns in SI units with their stamps, and the unit of each but those."""
+    path: Path,
+    mapping: ColumnMap,
+    robot: Robot,
+    numbers: Mapping[str, Array],
+    sha256: str,
+    incomplete: int = 0,
+) -> Table:
+    """Columns in SI units with their stamps, the unit of each but those, and what is missing."""
     columns, units = {}, {}
-    for name, values in found.items():
+    for name, values in numbers.items():
         mapped = mapping.columns[name]
         expected = "s" if name == "t" else default_unit(name, robot)
         units[name], factor = SI_UNITS[mapped.unit] if mapped.unit else (expected, 1.0)
@@ -255,10 +292,16 @@ def _in_si(
             )
         with np.errstate(over="ignore"):  # an infinite one is refused in its row
             columns[name] = values * (mapped.scale * factor)
+            if mapped.offset:
+                columns[name] += mapped.offset * factor
     units.pop("t", None)
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
-    return columns, units
+    missing = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
+    dropped = {"last line cut short": incomplete}
+    if missing:
+        dropped["truth: value missing"] = int(np.any(missing, axis=0).sum())
+    return Table(robot, columns, units, sha256, dropped)
 
 
 def _positions(

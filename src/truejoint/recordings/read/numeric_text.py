@@ -19,7 +19,6 @@ from truejoint.recordings.bounded_file import (
     MAX_LINE_BYTES,
     MAX_VALUES,
     BoundedFile,
-    read_head,
     require_file,
 )
 
@@ -81,21 +80,9 @@ def read_numbers(
     return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)
 
 
-def first_line(path: Path, comment: str = "") -> tuple[int, str]:
-    """Find the first line that is neither blank nor a comment: its number, from 1, and its text."""
-    head = read_head(path)
-    if b"\0" in head:
-        raise RecordingError(f"{path}: is not a text file; name its format")
-    for number, line in enumerate(_lines(head), start=1):
-        text = line.strip()
-        if text and not (comment and text.startswith(comment)):
-            return number, text
-    raise RecordingError(f"{path}: holds no rows")
-
-
-def count_fields(path: Path) -> int:
-    """How many numbers, between commas, stand in the first line of a file without a header."""
-    return len(split_fields(first_line(path)[1], ","))
+def likely_delimiter(line: str) -> str:
+    """Comma, semicolon or tab, whichever stands in a line; else blank, for any white space."""
+    return next((delimiter for delimiter in ",;\t" if delimiter in line), " ")
 
 
 def split_fields(line: str, delimiter: str) -> list[str]:

@@ -21,11 +21,12 @@ import numpy as np
 from truejoint.array_types import Array, Mask
 from truejoint.crtk.messages import RAVEN_FIELDS, RUN_LEVELS
 from truejoint.errors import RecordingError
+from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.numeric_text import (
     NumericTable,
     TextLayout,
-    count_fields,
     read_numbers,
+    split_fields,
 )
 from truejoint.recordings.table.recording import (
     Recording,
@@ -86,7 +87,7 @@ _FROZEN_TIME: Final = 1.0
 _FROZEN_TRAVEL: Final = (math.radians(5.0), math.radians(5.0), 0.005)
 
 
-def read_240(path: Path, arm: str = "left") -> list[Recording]:
+def read_240(path: Path, arm: str = "left", head: Head | None = None) -> list[Recording]:
     """Read the robot's state, 240 columns, no header, no truth; text or gzip.
 
     Every field of the state, for the `arm`: of its 8 channels ``measured``, ``velocity``,
@@ -97,10 +98,12 @@ def read_240(path: Path, arm: str = "left") -> list[Recording]:
     Rows recorded while homing are left out and counted.
     """
     robot = get_robot("raven2", arm)
-    return _recording(path, robot, _read(path, robot, STATE_COLUMNS), {}, {})
+    return _recording(path, robot, _read(head or Head.of(path), robot, STATE_COLUMNS), {}, {})
 
 
-def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> list[Recording]:
+def read_252(
+    path: Path, arm: str = "left", truth_unit: str = "rad_m", head: Head | None = None
+) -> list[Recording]:
     """Read a training file of the arm that carries external encoders, 252 columns.
 
     As `read_240`, ``crtk``, the joint state that CRTK publishes [rad, m], and ``truth`` of
@@ -115,7 +118,9 @@ def read_252(path: Path, arm: str = "left", truth_unit: str = "rad_m") -> list[R
         )
     robot = get_robot("raven2", arm)
     crtk = {f"crtk/{joint}": CRTK + k for k, joint in enumerate(robot.joint_names)}
-    table = _read(path, robot, TRAINING_COLUMNS, STATE_START, (*crtk.values(), *EXTERNAL))
+    table = _read(
+        head or Head.of(path), robot, TRAINING_COLUMNS, STATE_START, (*crtk.values(), *EXTERNAL)
+    )
     raw = table.values[:, -len(EXTERNAL) :]
     # The positioning joints are the first channels, right behind the time.
     measured = table.values[:, 1 : 1 + len(EXTERNAL)] * _DEG
@@ -174,17 +179,17 @@ def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
 
 
 def _read(
-    path: Path, robot: Robot, columns: int, start: int = 0, others: tuple[int, ...] = ()
+    head: Head, robot: Robot, columns: int, start: int = 0, others: tuple[int, ...] = ()
 ) -> NumericTable:
     """Columns of `_state_columns`, which begin at `start`, then the `others`; any may be empty."""
-    found = count_fields(path)
-    if found != columns:
+    count = len(split_fields(head.first_line()[1], ","))
+    if count != columns:
         raise RecordingError(
-            f"{path}: {found} columns, expected {columns}; the RAVEN layouts have "
+            f"{head.path}: {count} columns, expected {columns}; the RAVEN layouts have "
             f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
         )
     use = [*(start + column for column, _ in _state_columns(robot).values()), *others]
-    return read_numbers(path, TextLayout(columns), use, use)
+    return read_numbers(head.path, TextLayout(columns), use, use)
 
 
 def _recording(

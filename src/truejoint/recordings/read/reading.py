@@ -9,13 +9,12 @@ from pathlib import Path
 from typing import Any, Final
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.bounded_file import read_head, require_file
-from truejoint.recordings.read import davinci_grasper, dvrk_berkeley, kflex, mapped, raven_csv
-from truejoint.recordings.read.array_files import VERSION5_MARK
+from truejoint.recordings.bounded_file import Head, require_file
+from truejoint.recordings.read import layouts, mapped, raven_csv
 from truejoint.recordings.read.bags.container import is_bag
 from truejoint.recordings.read.column_map import MapSource
 from truejoint.recordings.read.formats import FORMATS, format_names, get_format
-from truejoint.recordings.read.numeric_text import first_line, is_number, split_fields
+from truejoint.recordings.read.numeric_text import is_number, split_fields
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import Recording, as_recordings
 from truejoint.recordings.table.stream_file import SUFFIX, TOPICS_SUFFIX
@@ -85,7 +84,8 @@ def read_recordings(
     source = Path(path)
     if not source.exists():
         raise RecordingError(f"{source}: there is no such file or folder; check the path")
-    name = format or detect_format(source, with_map="column_map" in context)
+    head = None if format or source.is_dir() else Head.of(source)
+    name = format or _detect(source, head, with_map="column_map" in context)
     entry = get_format(name)
     about: dict[str, Any] = {key: context.pop(key) for key in PROVENANCE_OPTIONS if key in context}
     wrong = [key for key in context if key not in entry.options]
@@ -95,6 +95,8 @@ def read_recordings(
     if not entry.folder:
         require_file(source)
     try:
+        if entry.reads_head:
+            context["head"] = head
         found = as_recordings(entry.read(source, **context))
     except RecordingError as error:
         # The rules of a recording name it as its provenance does; a person wants the path.
@@ -129,12 +131,13 @@ def why_no_recording(
     One that is damaged counts as a recording: reading it says so.
     """
     try:
-        name = detect_format(path, with_map=column_map is not None)
+        head = None if path.is_dir() else Head.of(path)
+        name = _detect(path, head, with_map=column_map is not None)
         if path.name.endswith(TOPICS_SUFFIX):
             return "holds the topics of another recording"
-        if name == "csv":
-            mapping, _, _ = mapped.read_header(path, column_map, rate=0.0)
-            if not any(column.startswith("measured/") for column in mapping.columns):
+        if name == "csv" and head is not None:
+            header = mapped.read_header(head, column_map)
+            if not any(column.startswith("measured/") for column in header.columns.columns):
                 return "no 'measured/<joint>' column"
     except RecordingError as error:
         return str(error).removeprefix(f"{path}: ")
@@ -142,9 +145,7 @@ def why_no_recording(
     return f"is {name}, not {format}" if own and name != format else ""
 
 
-def detect_format(  # noqa: PLR0911  # one for each layout
-    path: str | os.PathLike[str], *, with_map: bool = False
-) -> str:
+def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
     """Name of the layout that a file or folder has.
 
     Parameters
@@ -165,36 +166,35 @@ def detect_format(  # noqa: PLR0911  # one for each layout
     'parquet'
     """
     source = Path(path)
-    if source.is_dir():
+    return _detect(source, None if source.is_dir() else Head.of(source), with_map=with_map)
+
+
+def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
+    """Name of the layout of a file that begins with `head`, or of a folder."""
+    if head is None:
         if is_bag(source, b""):
             return "bag"
-        if all((source / name).is_file() for name in dvrk_berkeley.FILES):
-            return "dvrk_psm_berkeley"
-        raise _unknown(source, f"a folder without {', '.join(dvrk_berkeley.FILES)}")
-    head = read_head(require_file(source))
+        if name := layouts.folder_format(source):
+            return name
+        raise _unknown(source, "a folder that is neither a bag nor one of .npy files known here")
     binary = {
-        "bag": is_bag(source, head),
-        "parquet": head.startswith(PARQUET_MAGIC),
+        "bag": is_bag(source, head.data),
+        "parquet": head.data.startswith(PARQUET_MAGIC),
         "arrows": source.suffix == SUFFIX,
     }
     if any(binary.values()):
         return next(name for name, fits in binary.items() if fits)
     if with_map:
-        return "arrays" if b"\0" in head else "csv"
-    if head.startswith(VERSION5_MARK):
-        return "kuka_kr300_dual_encoder"
-    # A version 4 MAT file starts with a number below 5000 and five rows named data_<k>.
-    if head[20:25] == b"data_":
-        return "bros_dual_encoder"
-    if b"\0" in head:
+        return "csv" if head.is_text else "arrays"
+    if name := layouts.detect_marked(head.data):
+        return name
+    if not head.is_text:
         raise _unknown(source, "not text and of no known binary layout")
-    return _detect_text(source, head.decode("utf-8-sig", errors="replace"))
+    return _detect_text(source, head)
 
 
-def _detect_text(source: Path, head: str) -> str:
-    if head.startswith("%") and davinci_grasper.HEADER_MARK in head:
-        return "davinci_grasper_umn"
-    line = first_line(source, "#")[1]
+def _detect_text(source: Path, head: Head) -> str:
+    line = head.first_line("#")[1]
     fields = split_fields(line, ",")
     if not all(is_number(field) for field in fields):
         names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
@@ -204,9 +204,9 @@ def _detect_text(source: Path, head: str) -> str:
     count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
     if count in ravens:
         return f"raven_csv_{count}"
-    if count in kflex.LAYOUTS:
-        return "kflex_tendon_sheath"
-    counts = ", ".join(map(str, (*ravens, *kflex.LAYOUTS)))
+    if name := layouts.detect_fields(count):
+        return name
+    counts = ", ".join(map(str, (*ravens, *layouts.known_counts())))
     raise _unknown(
         source, f"{count} columns without a header, expected {counts}; {mapped.MAP_ADVICE}"
     )

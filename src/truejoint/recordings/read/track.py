@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
-from truejoint.recordings.bounded_file import read_head, require_file
+from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.bags.container import is_bag
 from truejoint.recordings.read.bags.reading import bag_topics, read_topic
 from truejoint.recordings.read.numeric_text import (
     TextLayout,
-    first_line,
     is_number,
+    likely_delimiter,
     read_numbers,
     split_fields,
 )
@@ -199,14 +199,14 @@ def read_track(
     source = sources[0]
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
-    head = b"" if source.is_dir() else read_head(require_file(source))
-    if len(sources) > 1 or is_bag(source, head):
+    head = Head(source, b"") if source.is_dir() else Head.of(source)
+    if len(sources) > 1 or is_bag(source, head.data):
         if unit != "m":
             raise RecordingError(f"{source}: a bag's points are in m; leave the unit out")
         return _read_bags(sources, topic)
     if topic:
         raise RecordingError(f"{source}: is no bag, so it has no topic; leave {topic!r} out")
-    names, columns = (_parquet if head.startswith(PARQUET_MAGIC) else _text)(source)
+    names, columns = _parquet(source) if head.data.startswith(PARQUET_MAGIC) else _text(head)
     return Track.of_readings(
         columns[0],
         np.column_stack(columns[1:4]) * UNITS[unit],
@@ -228,15 +228,15 @@ def _wanted(source: Path, header: Sequence[str]) -> list[str]:
     return needed + turns
 
 
-def _text(source: Path) -> tuple[list[str], list[Array]]:
-    number, line = first_line(source, "#")
-    delimiter = next((d for d in ",;\t" if d in line), " ")
+def _text(head: Head) -> tuple[list[str], list[Array]]:
+    number, line = head.first_line("#")
+    delimiter = likely_delimiter(line)
     header = split_fields(line, delimiter)
     if all(map(is_number, header)):
         header = [f"column {k + 1} without a name" for k in range(len(header))]
-    names = _wanted(source, header)
+    names = _wanted(head.path, header)
     use = [header.index(name) for name in names]
-    table = read_numbers(source, TextLayout(len(header), delimiter, "#", number), use, use)
+    table = read_numbers(head.path, TextLayout(len(header), delimiter, "#", number), use, use)
     return names, [*table.values.T]
 
 
