@@ -20,13 +20,23 @@ def bag(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_session_goes_to_a_bag_and_back(call: Call, session: Path, bag: Path, tmp_path: Path):
-    made = call("bag", session / "random.parquet", "-o", bag)
+    made = call("export", session / "random.parquet", "--to", "bag", "-o", bag)
     assert made.code == 0, made.err
     assert "/ravenstate" in made.out
     listed = call("extract", bag)
     assert "/ext_jpos  sensor_msgs/JointState" in listed.out
     output = tmp_path / "again.parquet"
-    told = call("extract", bag, "-o", output, "--load-grams", "200", "--homing-id", "x", "--json")
+    told = call(
+        "extract",
+        bag,
+        "-o",
+        output,
+        "--metadata",
+        "load_grams=200",
+        "--metadata",
+        "homing_id=x",
+        "--json",
+    )
     assert told.code == 0, told.err
     assert json.loads(told.out)["homing_id"] == "x"
     again, before = read_recording(output), read_recording(session / "random.parquet")
@@ -53,29 +63,32 @@ def test_the_doctor_says_a_line_for_each_verdict(call: Call, session: Path, bag:
         assert told.code == 0, told.out
         assert len(told.out.splitlines()) == 14
         assert "effort sign: net work of the efforts" in told.out
-    swapped = call("doctor", bag, "--arm", "right", "--json")
+    swapped = call("doctor", bag, "--robot", "raven2:right", "--json")
     assert swapped.code == 1
-    levels = {v["name"]: v["level"] for v in json.loads(swapped.out)["verdicts"]}
-    assert levels["arm"] == "fail"
+    findings = json.loads(swapped.out)["findings"]
+    assert "arm" in {finding["heading"] for finding in findings if finding["level"] == "fail"}
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (("extract", "none.bag"), "no such file"),
-        (("extract", "none.bag", "--robot", "raven2"), "no --out"),
-        (("extract", "none.bag", "--offset-s", "0"), "no --out"),
-        (("extract", "none.bag", "--near-s", "0"), "no --out"),
+        (("extract", "none.bag", "--robot", "raven2"), "without --out the topics are listed"),
+        (("extract", "none.bag", "--offset-s", "0"), "without --out the topics are listed"),
+        (("extract", "none.bag", "--near-s", "0"), "without --out the topics are listed"),
         (
             ("extract", "none.bag", "-o", "a.parquet", "--near-s", "1", "--offset-s", "1"),
             "give one of the two",
         ),
-        (("extract", "{csv}", "-o", "a.parquet"), "is no bag"),
+        (("extract", "{csv}", "-o", "a.parquet", "--state", "/x"), "is no bag"),
         (
             ("doctor", "{parquet}", "--truth", "/x"),
             "is no bag, so it has neither profile nor topics",
         ),
-        (("bag", "{parquet}", "-o", "a.zip"), "call it .bag for ROS 1 or .mcap for ROS 2"),
+        (
+            ("export", "{parquet}", "--to", "bag", "-o", "a.zip"),
+            "call it .bag for ROS 1 or .mcap for ROS 2",
+        ),
     ],
 )
 def test_mistakes_are_one_line(call: Call, session: Path, words: tuple[str, ...], said: str):

@@ -10,7 +10,7 @@ from tests.runtime.registered import model, wrist
 from tests.synthetic import build_recording
 
 from truejoint.calibration import read_calibration, write_calibration
-from truejoint.cli.wanted import Wanted
+from truejoint.cli.fit_options import FitOptions
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording, write_parquet
 
@@ -56,7 +56,7 @@ def test_a_chosen_model_is_a_prior_and_its_choice_is_told_once(call: Call, tmp_p
         write_parquet(build_recording(900, seed), path)
     prior, changed = tmp_path / "prior.st", tmp_path / "changed.st"
     assert call("calibrate", paths[0], "-e", "auto", "-o", prior, "--accept", "unit").code == 0
-    done = call("calibrate", paths[1], "--prior", prior, "-o", changed, "--accept", "unit")
+    done = call("adapt", prior, paths[1], "-o", changed, "--accept", "unit")
     assert done.code == 0, done.err
     assert "left out (share" not in done.out
     assert "prior" in read_calibration(changed).metadata
@@ -74,7 +74,7 @@ def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions,
 def test_what_is_re_zeroed_is_an_interval(call: Call, tmp_path):
     done = call("calibrate", "x.parquet", "--interval-rezero-s", "5", "-o", tmp_path / "m.st")
     assert (done.code, done.out) == (2, "")
-    assert "--interval-rezero-s is of an interval; give --interval, too" in done.err
+    assert "--interval-rezero-s needs --interval" in done.err
 
 
 def test_columns_that_check_are_chosen(call: Call, tmp_path):
@@ -98,7 +98,7 @@ def test_columns_that_check_are_chosen(call: Call, tmp_path):
     [("hybrid", None), ("linear", [GRASPER]), ("auto", [GRASPER]), (None, [GRASPER])],
 )
 def test_features_that_suit_a_data_set_do_not_replace_an_estimators_own(name, features):
-    assert Wanted(estimator=name).suited_to(GRASPER).features == features
+    assert FitOptions(estimator=name).suited_to(GRASPER).features == features
 
 
 def test_a_setting_needs_an_estimator(call: Call, sessions, tmp_path):

@@ -48,15 +48,15 @@ def test_a_model_that_holds_is_code_0(call, model, pieces):
 def test_a_model_that_no_longer_holds_is_code_1_and_can_be_rezeroed(call, model, pieces, tmp_path):
     mended = tmp_path / "mended.safetensors"
     test = pieces / "homed_again.parquet"
-    said = call("check", model, test, "--rezero", mended, "--json")
+    said = call("check", model, test, "--json")
     assert said.code == 1
     found = json.loads(said.out)
     assert found["holds"] is False
     assert [joint["holds"] for joint in found["joints"]] == [True, False, True]
     assert found["joints"][1]["offset"] == pytest.approx(0.1, abs=0.02)
-    assert found["rezeroed"] == str(mended)
+    assert call("rezero", model, test, "-o", mended).code == 0
     assert call("check", mended, test).code == 0
-    again = call("check", model, test, "--rezero", mended)
+    again = call("rezero", model, test, "-o", mended)
     assert again.code == 2
     assert "exists already" in again.err
 
@@ -72,16 +72,14 @@ def test_two_calibrations_are_compared_without_truth(call, model, pieces, tmp_pa
     assert said.code == 0, said.err
     assert all(joint["difference"] == 0.0 for joint in json.loads(said.out)["joints"])
     wrong = tmp_path / "wrong.safetensors"
-    call("check", model, pieces / "homed_again.parquet", "--rezero", wrong)
+    call("rezero", model, pieces / "homed_again.parquet", "-o", wrong)
     differ = call("check", model, pieces / "p9.parquet", "--against", wrong)
     assert differ.code == 1
     assert "differ by more than both state" in " ".join(differ.out.split())
 
 
 def test_wrong_calls_are_code_2_and_one_line(call, model, pieces, tmp_path):
-    both = ["--rezero", tmp_path / "r", "--against", model]
     for arguments, said in (
-        ([model, pieces / "p9.parquet", *both], "give one of the two"),
         ([model, pieces / "p9.parquet", "--level", "95"], "takes at least 19"),
         ([model, pieces / "*.parquet"], "takes one at a time"),
         ([tmp_path / "no.st", pieces / "p9.parquet"], "no.st"),

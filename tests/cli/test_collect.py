@@ -6,7 +6,7 @@ import re
 import numpy as np
 import pytest
 
-from truejoint.cli import inputs
+from truejoint.cli import recording_options
 from truejoint.crtk import SimulatedBackend, TruthBlock
 from truejoint.motion import Trajectory, read_trajectory, write_trajectory
 from truejoint.recordings import joint_encoders, read_parquet, read_recorded_topics
@@ -104,7 +104,9 @@ def test_a_recording_is_replayed(call, motion, tmp_path):
     replayed = call("collect", recorded, "--robot", "forceps", "-o", again, "--seed", 3)
     assert replayed.code == 0, replayed.err
     first, second = read_parquet(recorded), read_parquet(again / "jaw.parquet")
-    followed = inputs.read_trajectory(recorded).positions[:, 0]  # what was measured is hardly off
+    followed = recording_options.read_trajectory(recorded).positions[
+        :, 0
+    ]  # what was measured is hardly off
     np.testing.assert_array_equal(followed, first.column("setpoint/jaw"))
     t = np.linspace(1.0, 10.0, 80)
     wanted = np.interp(t, first.column("t"), first.column("setpoint/jaw"))

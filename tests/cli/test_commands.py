@@ -169,7 +169,7 @@ def test_settings_reach_the_estimator(call: Call, session: Path, tmp_path: Path)
 def test_data_sets_are_listed(call: Call) -> None:
     names = {entry["name"] for entry in json.loads(call("datasets", "--json").out)["datasets"]}
     assert "davinci_grasper_umn" in names
-    shown = json.loads(call("datasets", "show", "dvrk_psm_berkeley", "--json").out)
+    shown = json.loads(call("show", "dvrk_psm_berkeley", "--json").out)
     assert shown["upstream"].startswith("BerkeleyAutomation/dvrkCalibration @ ")
 
 
@@ -260,7 +260,7 @@ def test_nothing_is_overwritten_unasked(call: Call, session: Path) -> None:
 def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path) -> None:
     model = session / "next.st"
     made = call(
-        "calibrate", session / "random.parquet", "--prior", session / "m.st",
+        "adapt", session / "m.st", session / "random.parquet",
         "--reference", session / "zigzag.parquet", "-o", model,
     )  # fmt: skip
     assert made.code == 0, made.err
@@ -268,7 +268,7 @@ def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path
     assert [Path(one).name for one in read.metadata["prior"]["reference"]] == ["zigzag.parquet"]
     assert read.estimator == "linear"
     assert read.metadata["prior"]["robot"] == "raven2 (left arm)"
-    assert "--prior" in read.metadata["command"]
+    assert "truejoint adapt" in read.metadata["command"]
     model.unlink()
 
 
@@ -285,8 +285,17 @@ def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path
         ["calibrate", "davinci_grasper_umn", "--split", "nothing", "-o", "m.st"],
         ["calibrate", "x.parquet", "--part", "0.7:0.2", "-o", "m.st"],
         ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
-        ["calibrate", "x.parquet", "--prior", "m.st", "-e", "linear", "-o", "new.st"],
-        ["calibrate", "x.parquet", "--reference", "x.parquet", "-o", "m.st"],
+        ["adapt", "m.st", "x.parquet", "--interval", "cross", "-o", "new.st"],
+        ["adapt", "m.st", "x.parquet", "--weights-mm", "9", "--reference", "x", "-o", "new.st"],
+        ["calibrate", "x.parquet", "--metadata", "load=3", "-o", "m.st"],
+        ["calibrate", "x.parquet", "--metadata", "rate_hz=fast", "-o", "m.st"],
+        ["calibrate", "x.parquet", "--metadata", "session=a", "--metadata", "session=b", "-o", "m"],
+        ["trajectory", "random", "--sparsity", "1/2", "-o", "r.csv"],
+        ["trajectory", "spiral", "-o", "s.csv"],
+        ["rezero", "m.st", "-o", "n.st"],
+        ["rezero", "m.st", "x.parquet", "--touches", "t.csv", "-o", "n.st"],
+        ["export", "x.parquet", "--to", "bag", "--compensate", "-o", "x.bag"],
+        ["export", "m.st", "--to", "c", "--profile", "raven2", "-o", "c"],
         ["trajectory", "designed", "--minutes", "0", "-o", "d.csv"],
         ["study", "efficiency", "--jobs", "2", "--cluster", "tcp://127.0.0.1:9"],
         ["nothing"],
@@ -296,7 +305,7 @@ def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path
         ["export", "m.st", "-o", "c"],
         ["export", "m.st", "-o", "c", "--to", "rust"],
         ["evaluate", "m.st", "x.parquet", "--window-s", "long"],
-        ["datasets", "show"],
+        ["show"],
         ["demo", "--sed", "3"],
     ],
     ids=" ".join,
@@ -315,8 +324,8 @@ def test_wrong_calls_are_exit_code_2(
 @pytest.mark.parametrize(
     ("arguments", "command"),
     [
-        (["trajectory", "random", "--seed"], "trajectory random"),
-        (["forceps", "sweep", "--seed"], "study"),
+        (["trajectory", "random", "--seed"], "trajectory"),
+        (["node", "simulate", "--seed"], "node simulate"),
         (["--debug", "show", "--robot"], "show"),
     ],
 )
@@ -334,7 +343,7 @@ def test_an_option_without_its_value_is_told_with_its_command(
 def test_no_words_are_answered_with_the_help(call: Call, arguments: list[str]) -> None:
     result = call(*arguments)
     assert result.code == 2
-    assert "Commands" in result.out
+    assert "Calibrate and judge" in result.out
     assert not result.err
 
 
@@ -364,7 +373,7 @@ def test_a_file_that_does_not_say_is_of_the_robot_of_the_model(
     path, other = tmp_path / "run.csv", tmp_path / "other.toml"
     recording.table.to_csv(path, index=False)
     assert call(command, session / "m.st", path).code in {0, 1}
-    right = call(command, session / "m.st", path, "--arm", "right")
+    right = call(command, session / "m.st", path, "--robot", "raven2:right")
     assert right.code == 2
     assert "is of raven2 (right arm)" in right.err
     lines = ['robot = "dvrk_psm"', "[columns]"]

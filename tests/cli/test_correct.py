@@ -64,7 +64,7 @@ def test_rows_of_another_homing_stay_as_measured_and_fail(
     call: Call, session: Path, tmp_path: Path
 ) -> None:
     arguments = ["correct", session / "m.st", session / "random.parquet", "-o"]
-    result = call(*arguments, tmp_path / "a.csv", "--homing-id", "tomorrow")
+    result = call(*arguments, tmp_path / "a.csv", "--metadata", "homing_id=tomorrow")
     assert result.code == 1
     assert "HOMED_AGAIN: the model is for homing seed 0, homing 1" in result.err
     found = pd.read_csv(tmp_path / "a.csv")

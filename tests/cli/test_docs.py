@@ -10,7 +10,6 @@ from typing import Any
 
 import pytest
 
-from truejoint.cli.app import _spelt_out
 from truejoint.cli.commands import built
 
 ROOT = Path(__file__).parents[2]
@@ -30,7 +29,7 @@ def shown(text: str) -> Iterator[str]:
 def unknown(line: str) -> list[str]:
     """Words of a command that it does not know."""
     command: Any = built()
-    words = _spelt_out(shlex.split(line)[1:])
+    words = shlex.split(line)[1:]
     while words and hasattr(command, "commands"):
         name = words.pop(0)
         if name not in command.commands:
@@ -49,7 +48,7 @@ def test_commands_of_the_docs_are_known(page: Path) -> None:
 
 def test_what_is_no_command_or_option_is_found() -> None:
     assert unknown("truejoint calibrat run.csv") == ["calibrat"]
-    assert unknown("truejoint calibrate run.csv --feture a -o m.st [--arm left]") == ["--feture"]
+    assert unknown("truejoint calibrate run.csv --feture a -o m.st [--robot left]") == ["--feture"]
 
 
 def anchors(text: str) -> set[str]:

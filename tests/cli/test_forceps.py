@@ -44,7 +44,7 @@ def laboratory(tmp_path_factory) -> Path:
 def test_weights_and_homings_of_a_laboratory(call: Call, laboratory: Path) -> None:
     model, loads, table = (laboratory / name for name in ("jaw.st", "loads.st", "table.csv"))
     hung = [laboratory / f"hung_{way}.parquet" for way in ("along", "opposing")]
-    said = call("forceps", "stiffness", model, *hung, "--arm-mm", ARM, "-o", loads, "--json")
+    said = call("adapt", model, *hung, "--weights-mm", ARM, "-o", loads, "--json")
     assert said.code == 0
     found = json.loads(said.out)
     assert found["drive_stiffness"] == pytest.approx(9.45e3, rel=0.06)
@@ -61,7 +61,7 @@ def test_weights_and_homings_of_a_laboratory(call: Call, laboratory: Path) -> No
 
     for name, shift in (("off", SHIFT), ("same", 0.0)):
         cycle, today = laboratory / f"{name}.parquet", laboratory / f"today_{name}.st"
-        said = call("forceps", "zero", loads, cycle, "-o", today, "--json")
+        said = call("rezero", loads, cycle, "--motor", loads, "-o", today, "--json")
         assert said.code == 0
         zero = json.loads(said.out)
         assert zero["shift"] == pytest.approx(shift, abs=3.0 * zero["deviation"])
@@ -79,16 +79,17 @@ def test_weights_and_homings_of_a_laboratory(call: Call, laboratory: Path) -> No
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("stiffness", "same.parquet", "--arm-mm", "10"), "its weight is not stated"),
-        (("stiffness", "hung_along.parquet", "--arm-mm", "-1"), "it must be above 0"),
-        (("stiffness", "hung_along.parquet", "--arm-mm", "40"), "hang a lighter one"),
-        (("zero", "hung_along.parquet"), "turns round 0 times"),
+        (("adapt", "same.parquet", "--weights-mm", "10"), "its weight is not stated"),
+        (("adapt", "hung_along.parquet", "--weights-mm", "-1"), "it must be above 0"),
+        (("adapt", "hung_along.parquet", "--weights-mm", "40"), "hang a lighter one"),
+        (("rezero", "hung_along.parquet", "--motor", "{model}"), "turns round 0 times"),
     ],
 )
 def test_what_tells_nothing_is_one_line(call: Call, laboratory: Path, words, message) -> None:
     command, recording, *rest = words
     out, model = laboratory / "never.st", laboratory / "jaw.st"
-    result = call("forceps", command, model, laboratory / recording, *rest, "-o", out)
+    rest = [word.format(model=model) for word in rest]
+    result = call(command, model, laboratory / recording, *rest, "-o", out)
     assert result.code == 2
     assert message in result.err
     assert "Traceback" not in result.err

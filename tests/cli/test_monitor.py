@@ -49,7 +49,7 @@ def test_a_simulated_arm_follows_a_trajectory(call: Call, tmp_path: Path) -> Non
     [
         (["--model", "none.st"], "none.st: cannot be read"),
         (["{run}", "--seed", "1"], "--follow, --twin and --seed are for a simulated arm"),
-        (["--rate-hz", "3"], "options on what files do not say need a recording"),
+        (["--metadata", "rate_hz=3"], "--columns and --metadata need a recording"),
         (["--robot", "bros"], "bros"),
         (["none.csv"], "none.csv: no such file"),
     ],

@@ -10,7 +10,7 @@ import pytest
 from tests.cli.conftest import Call
 
 import truejoint
-from truejoint.cli.wanted import configured
+from truejoint.cli.fit_options import configured
 from truejoint.errors import CalibrationError
 
 
@@ -33,9 +33,9 @@ def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
         (["-e", "rich_play", "--set", "leading=many"], "'many' is no whole number"),
         (["-e", "rich_play", "--set", "leading=-1"], "leading is -1"),
         (["--robot", "raven"], "did you mean 'raven2'?"),
-        (["--robot", "raven2", "--arm", "middle"], "no arm"),
+        (["--robot", "raven2:middle"], "no arm"),
         (["--robot", "raven2", "--joint", "elbw"], "did you mean 'elbow'?"),
-        (["--format", "parket"], "did you mean 'parquet'?"),
+        (["--metadata", "format=parket"], "did you mean 'parquet'?"),
         (["--feature", "play(measured/elbow, x)"], "'x' is not a number"),
         (["--test", "davinci_graspr_umn"], "did you mean 'davinci_grasper_umn'?"),
         (["--interval", "kflex_tendon_sheath:nothing"], "no recording fits"),

@@ -45,7 +45,7 @@ def test_points_become_truth(call: Call, session: Path, tmp_path: Path):
     bare.assign(t=bare["t"] + before.provenance.start).to_csv(tmp_path / "robot.csv", index=False)
     known = tmp_path / "tracker.toml"
     known.write_text(REGISTRATION)
-    words = ["track", tmp_path / "robot.csv", points, "--robot", "raven2", "--arm", "left"]
+    words = ["extract", tmp_path / "robot.csv", "--tracker", points, "--robot", "raven2:left"]
     words += ["--unit", "mm", "-o", output, "--offset-s", "0"]
     told = call(*words)
     assert told.code == 2
@@ -57,7 +57,7 @@ def test_points_become_truth(call: Call, session: Path, tmp_path: Path):
     assert "truth of a tracker, points.csv" in tracked.provenance.notes
     told = call(*words, "--registration", known, "--force", "--json")
     assert told.code == 0, told.err
-    assert json.loads(told.out)["joints"] == list(robot.positioning)
+    assert json.loads(told.out)["tracker"]["joints"] == list(robot.positioning)
     assert call(*words, "--registration", known).code == 2
     told = call(*words, "--near-s", "1")
     assert "give one of the two" in told.err

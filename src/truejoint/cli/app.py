@@ -36,7 +36,7 @@ def main() -> None:
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # the last resort
         code, message = _outcome(error)
         if debug and (message or code == INTERRUPTED):
-            import traceback  # noqa: PLC0415
+            import traceback
 
             traceback.print_exc()
     finally:
@@ -44,7 +44,7 @@ def main() -> None:
     if stopped.asked or code == INTERRUPTED:
         code, message = INTERRUPTED, "stopped"
     if message:
-        from truejoint.cli.console import err, one_line  # noqa: PLC0415
+        from truejoint.cli.console import err, one_line
 
         with suppress(OSError):  # nobody reads it, or it goes to a full disk
             err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
@@ -54,22 +54,12 @@ def main() -> None:
 
 def _run(stopped: _Stop) -> int:
     """Exit code of the command."""
-    from truejoint.cli.commands import built  # noqa: PLC0415  # once Ctrl-C is looked after
+    from truejoint.cli.commands import built  # once Ctrl-C is looked after
 
     stopped.interrupts()
-    code = built()(_spelt_out(sys.argv[1:]), prog_name="truejoint", standalone_mode=False)
+    code = built()(sys.argv[1:], prog_name="truejoint", standalone_mode=False)
     sys.stdout.flush()  # a full disk shall be told here, not by the interpreter
     return int(code or 0)
-
-
-def _spelt_out(arguments: list[str]) -> list[str]:
-    """Arguments with ``forceps sweep`` as ``study forceps-sweep``, and so for its other studies."""
-    if arguments[:1] != ["forceps"]:
-        return arguments
-    from truejoint.studies.catalogue import STUDIES  # noqa: PLC0415  # for this word alone
-
-    name = "-".join(arguments[:2])
-    return ["study", name, *arguments[2:]] if name in STUDIES else arguments
 
 
 class _Stop:
@@ -109,10 +99,10 @@ class _Stop:
 
 def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one for each kind
     """Exit code and message of what a command raised."""
-    import typer  # noqa: PLC0415
+    import typer
 
-    from truejoint.errors import TruejointError  # noqa: PLC0415
-    from truejoint.files import reason  # noqa: PLC0415
+    from truejoint.errors import TruejointError
+    from truejoint.files import reason
 
     # Words that are no option, command or value; typer does not export it.
     usage_error: Any = typer.BadParameter.__base__
@@ -142,10 +132,10 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
 
 def _command_of(arguments: list[str]) -> str:
     """Command that a line begins with: of an option without its value, nothing else says which."""
-    from truejoint.cli.commands import built  # noqa: PLC0415  # once Ctrl-C is looked after
+    from truejoint.cli.commands import built  # once Ctrl-C is looked after
 
     words, command = ["truejoint"], built()
-    for word in _spelt_out(arguments):
+    for word in arguments:
         command = getattr(command, "commands", {}).get(word)
         if command is None:
             break

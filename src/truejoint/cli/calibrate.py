@@ -11,6 +11,7 @@ import typer
 
 import truejoint
 from truejoint.cli import options
+from truejoint.cli.check_options import Accept, check_names, checked, say_failed
 from truejoint.cli.console import (
     command_line,
     out,
@@ -19,116 +20,123 @@ from truejoint.cli.console import (
     result_json,
     say,
 )
-from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_model_target, only_dataset, takes
-from truejoint.cli.touched import Seen, calibrate_touched
-from truejoint.cli.wanted import Prior, Unfitted, Wanted
+from truejoint.cli.fit_options import FitOptions, Unfitted
+from truejoint.cli.recording_options import Files, check_model_target, only_dataset
 from truejoint.errors import CalibrationError
 from truejoint.units import display_unit
 
+CHECK_FAILED: Final = 1
 _CROSS: Final = "cross"  # in place of recordings for an interval
 
 
 @dataclass(frozen=True)
-class Stated:
-    """What the file is to say of its accuracy, and of what recordings, an option each."""
+class Accuracy:
+    """Accuracy that the model file is to state, an option each."""
 
     test: Annotated[
         list[str] | None,
-        options.recordings("--test", "Recording to judge on; the accuracy goes into the file."),
+        options.recordings("--test", "Recording to judge on; the file states the accuracy there."),
     ] = None
     interval: Annotated[
         list[str] | None,
         options.recordings(
             "--interval",
-            "Recording that the fit does not see, to state how far off positions may be: 9 "
-            "or more for 90 %, each after a homing of its own if that is to hold after any homing. "
-            "Or 'cross': state it from those that are fitted to, each left out of one fit.",
+            "Recording for the confidence interval, which the fit does not see: 9 or more for "
+            "90 %, each after its own homing if the interval is to hold after any homing. 'cross' "
+            "estimates the interval from the training recordings by cross-validation.",
         ),
     ] = None
     interval_rezero_s: Annotated[
         float,
-        typer.Option(help="State it for motions that begin with so much truth to re-zero from."),
+        typer.Option(
+            help="State the interval for motions re-zeroed from this much truth at their start [s]."
+        ),
     ] = 0.0
 
     def __post_init__(self) -> None:
         if self.interval_rezero_s and not self.interval:
-            raise CalibrationError("--interval-rezero-s is of an interval; give --interval, too")
+            raise CalibrationError("--interval-rezero-s needs --interval")
 
     @property
     def is_cross(self) -> bool:
-        """Whether the interval is made of the recordings that are fitted to."""
+        """Whether the interval comes from the training recordings."""
         return self.interval == [_CROSS]
 
     @property
-    def unseen(self) -> list[str]:
-        """Recordings for the interval alone."""
-        return [] if self.is_cross else self.interval or []
+    def names(self) -> tuple[list[str], list[str]]:
+        """Recordings to judge on, and those for the interval alone."""
+        return self.test or [], [] if self.is_cross else self.interval or []
 
 
-@takes(wanted=Wanted, prior=Prior, stated=Stated, files=Files, seen=Seen)
+@options.takes(how=FitOptions, accuracy=Accuracy, files=Files)
 def calibrate(
     recordings: options.Recordings,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
     *,
-    wanted: Wanted,
-    prior: Prior,
-    stated: Stated,
+    how: FitOptions,
+    accuracy: Accuracy,
     accept: Accept = None,
     part: options.Part = None,
     split: options.Split = None,
     force: options.Force = False,
     as_json: options.Json = False,
     files: Files,
-    seen: Seen,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""
     check_model_target(output, force)
-    if seen.is_given:
-        beside = (prior.reference, accept, part, split)
-        if any(beside) or (wanted, stated) != (Wanted(), Stated()):
-            raise CalibrationError("touches or shots say what is fitted; leave out other options")
-        calibrate_touched(
-            recordings, seen, prior.prior, output, files, force=force, as_json=as_json
-        )
-        return
-    accepted = check_names(accept)
+    check_names(accept)
     dataset = only_dataset(recordings)
-    unfitted = wanted.unfitted(dataset)
-    changed = prior.read(wanted, is_cross=stated.is_cross)
-    wanted = wanted.suited_to(dataset)
-    how = wanted.how()
+    unfitted = how.unfitted(dataset)
+    suited = how.suited_to(dataset).arguments()
     read_training = files.find(
-        recordings, part=part, split=split, held_out=False, joints=wanted.joints or [],
-        inputs=how["features"],
+        recordings, part=part, split=split, held_out=False, joints=how.joints or [],
+        inputs=suited["features"],
     )  # fmt: skip
-    others = (stated.test or [], stated.unseen, prior.reference or [])
-    read_others = [files.find(names) for names in others]
-    training, (testing, unseen, before) = read_training(), (read() for read in read_others)
-    check = checked(training, accepted, joints=wanted.joints)
+    read_others = [files.find(names) for names in accuracy.names]
+    training, (testing, unseen) = read_training(), (read() for read in read_others)
+    check = checked_or_exit(training, accept, how.joints, as_json=as_json)
+    if accuracy.is_cross:
+        suited["rezero"] = accuracy.interval_rezero_s
+    fitted = fit(training, unfitted, **suited, is_cross=accuracy.is_cross)
+    fitted = with_accuracy(fitted, unseen, testing, accuracy.interval_rezero_s)
+    finish(fitted, check, output, force=force, as_json=as_json)
+
+
+def checked_or_exit(
+    training: Sequence[truejoint.Recording],
+    accept: Sequence[str] | None,
+    joints: Sequence[str] | None,
+    *,
+    as_json: bool,
+) -> truejoint.recordings.DataCheck:
+    """Check the data to fit to; ends the command where the check fails."""
+    check = checked(training, check_names(accept), joints=joints)
     say_failed(check)
     if check.failed:
         if as_json:
             result_json({"model": None, "check": check.to_dict()})
         raise typer.Exit(CHECK_FAILED)
-    how |= {"rezero": stated.interval_rezero_s} if stated.is_cross else {}
-    fitted = (
-        fit(training, unfitted, **how, is_cross=stated.is_cross)
-        if changed is None
-        else truejoint.calibration.adapted(
-            changed, training, reference=before, fit_rate=wanted.fit_rate_hz
-        ).with_metadata(command=command_line())
-    )
-    went_on = sorted({finding.name for finding in check.findings if finding.level == "fail"})
-    fitted = fitted.with_metadata(accepted=went_on)
-    fitted = with_accuracy(fitted, unseen, testing, stated.interval_rezero_s)
+    return check
+
+
+def finish(
+    fitted: truejoint.Calibration,
+    check: truejoint.recordings.DataCheck,
+    output: Path,
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write a calibration and describe it."""
+    overridden = sorted({finding.name for finding in check.findings if finding.level == "fail"})
+    fitted = fitted.with_metadata(accepted=overridden)
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
-    else:
-        if "choice" in fitted.metadata:
-            print_choice(fitted)
-        out.print(f"{output}: {fitted}", soft_wrap=True)
+        return
+    if "choice" in fitted.metadata:
+        print_choice(fitted)
+    out.print(f"{output}: {fitted}", soft_wrap=True)
 
 
 def fit(
@@ -179,32 +187,32 @@ def with_accuracy(
 
 def print_choice(fitted: truejoint.Calibration) -> None:
     """Print what an automatic choice tried: RMSE on what was left out, and what was chosen."""
-    told = fitted.metadata["choice"]
+    choice = fitted.metadata["choice"]
     units = [display_unit(fitted.units[f"measured/{joint}"]) for joint in fitted.joints]
-    shown = list(zip(fitted.joints, units, strict=True))
+    columns = list(zip(fitted.joints, units, strict=True))
 
     def row(name: str, of: Mapping[str, Any]) -> list[str]:
         rmse, weights = of.get("rmse", {}), of.get("weights", {})
         cells = [
             (f"{rmse[joint] * unit.scale:.3g}" if rmse else "-")
             + (f" ({weights[joint]:.0%})" if weights.get(joint) else "")
-            for joint, unit in shown
+            for joint, unit in columns
         ]
         ratio = f"{of['ratio']:.2f}" if "ratio" in of else "-"
         took = f"{of['seconds']:.1f}" if "seconds" in of else ""
         n_features = str(len(of.get("features", ())) or "")
         return [name, n_features, ratio, *cells, took, of.get("note", "")]
 
-    rows = [row(one["estimator"], one) for one in told["tried"]]
-    rows.append(row("chosen", told["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
-    header = ["estimator", "features", f"to {told['reference']}"]
-    header += [f"{joint} [{unit.name}]" for joint, unit in shown]
-    if told["not_in_all"]:
-        say(f"not in every recording, so not learnt of: {', '.join(told['not_in_all'])}")
-    title = f"RMSE on {len(told['left_out'])} parts left out (share in what is chosen)"
+    rows = [row(one["estimator"], one) for one in choice["tried"]]
+    rows.append(row("chosen", choice["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
+    header = ["estimator", "features", f"to {choice['reference']}"]
+    header += [f"{joint} [{unit.name}]" for joint, unit in columns]
+    if choice["not_in_all"]:
+        say(f"not in every recording, so not learnt of: {', '.join(choice['not_in_all'])}")
+    title = f"RMSE on {len(choice['left_out'])} parts left out (share in what is chosen)"
     print_table([*header, "time [s]", "note"], rows, title=title)
-    if "zero" in told:
-        say(zeros_in_words(told["zero"]))
+    if "zero" in choice:
+        say(zeros_in_words(choice["zero"]))
 
 
 def zeros_in_words(judged: Mapping[str, Any]) -> str:

@@ -9,10 +9,9 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
+from truejoint.cli.check_options import CHECK_FAILED
 from truejoint.cli.console import out, print_table, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED
-from truejoint.cli.inputs import Files, check_model_target, takes_files
-from truejoint.errors import RecordingError
+from truejoint.cli.recording_options import Files, takes_files
 from truejoint.units import with_unit
 
 _ADVICE = {
@@ -39,10 +38,6 @@ def check(
             autocompletion=complete.recordings,
         ),
     ],
-    rezero: Annotated[
-        Path | None,
-        typer.Option(help="Write the model again with its offset moved to this truth."),
-    ] = None,
     against: Annotated[
         Path | None,
         typer.Option(
@@ -52,19 +47,14 @@ def check(
     ] = None,
     level_percent: options.Level = None,
     part: options.Part = None,
-    force: options.Force = False,
     as_json: options.Json = False,
     *,
     files: Files,
 ) -> None:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
-    from truejoint.calibration.interval import LEVEL  # noqa: PLC0415  # needs NumPy
+    from truejoint.calibration.interval import LEVEL
 
     level = options.share(level_percent)
-    if rezero is not None:
-        check_model_target(rezero, force)
-        if against is not None:
-            raise RecordingError("--rezero needs a truth, --against has none; give one of the two")
     calibration = truejoint.read_calibration(model)
     other = None if against is None else truejoint.read_calibration(against)
     if level is not None or calibration.interval is not None:
@@ -80,10 +70,7 @@ def check(
     else:
         with progress("Comparing with the truth"):
             result = truejoint.runtime.check_calibration(calibration, loaded, level)
-        if rezero is not None:
-            moved = truejoint.calibration.rezeroed(calibration, loaded)
-            truejoint.write_calibration(moved, rezero, overwrite=force)
-        _report_check(calibration, result, rezero, as_json)
+        _report_check(calibration, result, as_json)
         holds = result.holds
     if holds is False:
         raise typer.Exit(CHECK_FAILED)
@@ -92,11 +79,10 @@ def check(
 def _report_check(
     calibration: truejoint.Calibration,
     result: truejoint.runtime.CalibrationCheck,
-    written: Path | None,
     as_json: bool,
 ) -> None:
     if as_json:
-        result_json({**result.to_dict(), "rezeroed": None if written is None else str(written)})
+        result_json(result.to_dict())
         return
     rows = []
     for joint in result.joints:
@@ -112,8 +98,6 @@ def _report_check(
     out.print(_verdict(result), style=_COLOURS[result.holds])
     for name in result.to_dict()["reasons"]:
         say(f"monitor: {_ADVICE[name]}")
-    if written is not None:
-        out.print(f"{written}: re-zeroed to this truth")
 
 
 def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
@@ -127,8 +111,8 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
         return f"The {stated} holds: most readings lie inside it in every joint."
     worst = ", ".join(joint.joint for joint in result.joints if joint.holds is False)
     return (
-        f"The {stated} no longer holds in {worst}: most readings lie outside it. Re-zero "
-        "(--rezero), or calibrate anew where much is left after re-zeroing."
+        f"The {stated} no longer holds in {worst}: most readings lie outside it. Re-zero it "
+        "(`truejoint rezero`), or calibrate anew where much is left after re-zeroing."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,20 +14,18 @@ import typer
 import truejoint
 from truejoint.cli import complete
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.inputs import read_trajectory, say_dropped, takes
-from truejoint.cli.options import Arm as ArmOption
-from truejoint.cli.options import Force, Json, RobotName, Seed
+from truejoint.cli.options import Force, Json, RobotName, Seed, robot_and_arm, takes
+from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
     from truejoint.motion.follow import Steering
     from truejoint.recordings.joint_encoders import JointEncoders
     from truejoint.recordings.recorder import TruthSource
     from truejoint.recordings.table.stream_file import StreamSize
+
 
 _REZERO: Final = 10.0  # of random motion [s]
 _LEG: Final = 30.0  # [s], after which it is asked whether that is enough
@@ -170,7 +169,7 @@ class Loop:
         truth: TruthSource | None,
     ) -> truejoint.runtime.Compensator | None:
         """Close the loop around a homed arm."""
-        from truejoint.runtime.compensator import LAG  # noqa: PLC0415  # not for help
+        from truejoint.runtime.compensator import LAG
 
         lag = LAG if self.lag_s is None else self.lag_s
         if model is not None:
@@ -184,7 +183,6 @@ class Simulated:
     """The simulated arm, an option each."""
 
     robot: RobotName = DEFAULT
-    arm: ArmOption = ""
     seed: Seed = 0
     load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0
     twin: Annotated[
@@ -206,7 +204,7 @@ class Simulated:
     def switched_on(self) -> truejoint.crtk.Arm:
         """Give the arm, not homed."""
         made = truejoint.simulation.make_twin(
-            self.robot, self.arm, parameters=self.twin, seed=self.seed, load=self.load
+            *robot_and_arm(self.robot), parameters=self.twin, seed=self.seed, load=self.load
         )
         crtk = truejoint.crtk
         return crtk.Arm((crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made))
@@ -363,7 +361,7 @@ def _parse_topics(texts: list[str]) -> dict[str, float]:
 
 def _encoders(device: truejoint.crtk.Arm, port: str) -> JointEncoders:
     """Joint encoders on a serial port, stamped by the arm's clock."""
-    from truejoint.recordings.joint_encoders import JointEncoders  # noqa: PLC0415
+    from truejoint.recordings.joint_encoders import JointEncoders
 
     return JointEncoders(port, device.robot.encoders, clock=lambda: device.time)
 
@@ -414,14 +412,14 @@ def _to_record(
     force: bool,
 ) -> list[tuple[truejoint.motion.Trajectory, Path]]:
     """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
+    from truejoint.recordings.recorder import topics_beside
+
     pairs = [(path, output / f"{path.stem}.parquet") for path in trajectories]
     if resume:
         done = [target for _, target in pairs if _is_recorded(target)]
         for target in done:
             say(f"{target}: recorded already")
         pairs = [(path, target) for path, target in pairs if target not in done]
-    from truejoint.recordings.recorder import topics_beside  # noqa: PLC0415  # not for help
-
     loaded = [(read_trajectory(path), target) for path, target in pairs]
     targets = [target for _, target in pairs]
     for target in targets:

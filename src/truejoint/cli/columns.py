@@ -20,9 +20,12 @@ def columns(
     ],
     robot: Annotated[
         str,
-        typer.Option(help="Robot, for the names of its joints.", autocompletion=complete.robots),
+        typer.Option(
+            metavar="ROBOT[:ARM]",
+            help="Robot, for the names of its joints.",
+            autocompletion=complete.robots,
+        ),
     ] = "",
-    arm: options.Arm = "",
     output: Annotated[
         Path | None, typer.Option("--out", "-o", help="TOML file to write; default: print it.")
     ] = None,
@@ -34,7 +37,7 @@ def columns(
     """
     if output is not None:
         check_target(output, overwrite=force)
-    text = truejoint.recordings.sketch_column_map(path, robot, arm) + "\n"
+    text = truejoint.recordings.sketch_column_map(path, *options.robot_and_arm(robot)) + "\n"
     if output is None:
         out.print(text, end="", soft_wrap=True)
     else:

@@ -10,10 +10,10 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
+from truejoint.cli.check_options import CHECK_FAILED
 from truejoint.cli.console import command_line, out, progress, result_json
-from truejoint.cli.data import CHECK_FAILED
 from truejoint.cli.evaluate import show_verdict
-from truejoint.cli.inputs import Files, check_page_target, parse_tolerances, takes_files
+from truejoint.cli.recording_options import Files, check_page_target, parse_tolerances, takes_files
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError
 from truejoint.units import with_unit
@@ -78,7 +78,7 @@ def compare(
 
 def _by_title(paths: Sequence[str]) -> dict[str, truejoint.Calibration]:
     """Read models; one called as another, or as one of the table's own rows, goes by its path."""
-    from truejoint.evaluation.results import BASELINES  # noqa: PLC0415  # not for help
+    from truejoint.evaluation.results import BASELINES
 
     stems = [Path(path).stem for path in paths]
     return {

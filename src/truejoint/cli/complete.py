@@ -14,28 +14,20 @@ import typer
 import truejoint
 from truejoint.errors import TruejointError
 from truejoint.estimators import registry
-from truejoint.robots.catalogue import DEFAULT
 
 
 def robots() -> list[str]:
-    """Names of robots."""
-    return list(truejoint.robots.robot_names())
+    """Names of robots, and of their arms as ``ROBOT:ARM``."""
+    names = truejoint.robots.robot_names()
+    arms = [f"{name}:{arm}" for name in names for arm in truejoint.robots.arm_names(name)]
+    return [*names, *arms]
 
 
-def arms(context: typer.Context) -> list[str]:
-    """List the arms of the robot, or else of the model, that the command line names."""
-    robot = context.params.get("robot")
-    if robot is None and "model" in context.params:
-        robot = _model_file(context)[0].get("robot", {}).get("name")
-    try:
-        return list(truejoint.robots.arm_names(robot or DEFAULT))
-    except TruejointError:
-        return []
-
-
-def formats() -> list[str]:
-    """Names of file formats."""
-    return list(truejoint.recordings.format_names())
+def metadata() -> list[str]:
+    """Keys of ``--metadata``, as ``KEY=``; readers as ``format=NAME``."""
+    keys = ("homing_id", "load_grams", "session", "rate_hz", "truth_unit")
+    formats = truejoint.recordings.format_names()
+    return [*(f"{key}=" for key in keys), *(f"format={name}" for name in formats)]
 
 
 def topics() -> list[str]:
@@ -129,7 +121,7 @@ def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:
 
 def _model_file(context: typer.Context) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Header and arrays of the model file that the command line names; empty if unreadable."""
-    from truejoint.calibration.model_file import read_model_file  # noqa: PLC0415  # needs NumPy
+    from truejoint.calibration.model_file import read_model_file  # needs NumPy
 
     try:
         return read_model_file(context.params.get("model") or context.args[0])
@@ -141,7 +133,7 @@ def _header(path: Path) -> list[str]:
     """Columns of a Parquet or CSV file; empty where it cannot be read."""
     try:
         if path.suffix == ".parquet":
-            from pyarrow.parquet import read_schema  # noqa: PLC0415  # not for the other words
+            from pyarrow.parquet import read_schema  # not for the other words
 
             return list(read_schema(path).names)
         with path.open(encoding="utf-8") as file:
@@ -152,6 +144,6 @@ def _header(path: Path) -> list[str]:
 
 def message_profiles() -> list[tuple[str, str]]:
     """How robots' messages differ from CRTK, by name."""
-    from truejoint.crtk.messages import PROFILES  # noqa: PLC0415  # imports NumPy
+    from truejoint.crtk.messages import PROFILES  # imports NumPy
 
     return [(name, profile.summary) for name, profile in PROFILES.items()]

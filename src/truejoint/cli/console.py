@@ -67,7 +67,7 @@ class _Console:
 
     @cached_property
     def _made(self) -> Console:
-        from rich.console import Console  # noqa: PLC0415
+        from rich.console import Console
 
         class SafeConsole(Console):
             """Console whose every piece of text is `printable`."""
@@ -122,7 +122,7 @@ def progress(description: str) -> Iterator[Progress]:
     """
     began, description = time.monotonic(), one_line(description)
     if err.is_terminal:
-        from rich import progress as rich  # noqa: PLC0415  # not for help
+        from rich import progress as rich  # not for help
 
         columns = rich.Progress.get_default_columns()[1:]
         what = rich.TextColumn("{task.description}", markup=False)
@@ -156,7 +156,7 @@ def print_table(
     header: Sequence[str], rows: Iterable[Sequence[str]], *, title: str | None = None
 ) -> None:
     """Print a table: texts in the first column, numbers in the others."""
-    from rich.table import Table  # noqa: PLC0415
+    from rich.table import Table
 
     table = Table(title=title and one_line(title), title_justify="left")
     for name in header:
@@ -168,7 +168,7 @@ def print_table(
 
 def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     """Print a name and a text in each line."""
-    from rich.table import Table  # noqa: PLC0415
+    from rich.table import Table
 
     table = Table(show_header=False, title=title, title_justify="left")
     for name, text in facts:

@@ -10,14 +10,15 @@ import typer
 
 import truejoint
 from truejoint.cli import options
+from truejoint.cli.check_options import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.console import print_table, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, takes_files
+from truejoint.cli.recording_options import Files, takes_files
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 # Fewer corrected rows than this share of a recording, and the model is not for it.
 _LEAST_CORRECTED = 0.5
@@ -84,7 +85,8 @@ def correct(
         if any("HOMED_AGAIN" in name for counts in found for name in counts["flagged"]):
             say(
                 f"HOMED_AGAIN: the model is for homing {known}: re-zero it after this one "
-                "(--rezero-s, or truejoint check --rezero), or state --homing-id if it is the same"
+                "(--rezero-s, or `truejoint rezero`), or state --metadata homing_id=... if it is "
+                "the same"
             )
     say_failed(check)
     flagged = any(counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in found)
@@ -99,11 +101,11 @@ def correct_rows(
 
     An estimator that works on whole recordings only has no such kernel; nothing is judged then.
     """
-    import numpy as np  # noqa: PLC0415  # not for help
-    import pandas as pd  # noqa: PLC0415
+    import numpy as np
+    import pandas as pd
 
-    from truejoint.recordings.table.recording import EPOCH  # noqa: PLC0415
-    from truejoint.runtime.corrector import corrector_for  # noqa: PLC0415
+    from truejoint.recordings.table.recording import EPOCH
+    from truejoint.runtime.corrector import corrector_for
 
     start = recording.provenance.start
     t = recording.t + (start if start > EPOCH else 0.0)  # as the file had them, since 1970
@@ -147,7 +149,7 @@ def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
 
 def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bool) -> None:
     """One table: of several recordings each row says of which it is."""
-    import pandas as pd  # noqa: PLC0415  # not for help
+    import pandas as pd
 
     whole = tables[0]
     if len(tables) > 1:

@@ -12,16 +12,15 @@ import typer
 
 import truejoint
 from truejoint.cli.calibrate import fit
+from truejoint.cli.check_options import CHECK_FAILED, checked
 from truejoint.cli.collect import record
 from truejoint.cli.console import out, print_table, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED, checked
 from truejoint.cli.evaluate import report_evaluation
+from truejoint.cli.fit_options import configured
 from truejoint.cli.options import Force, Json, Seed
-from truejoint.cli.wanted import configured
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
 from truejoint.files import check_folder
-from truejoint.recordings import datasets
 from truejoint.units import display_unit
 
 # Three zig-zags between which all joints move; peng2024 judges each direction alone (II-E).
@@ -87,7 +86,7 @@ def demo(
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
     checks = {"training": checked(training, (), joints=models[0].joints)}
     report_evaluation(whole, folder / "report.html", checks, training, force=True)
-    say(f"8. The same on a real robot: {datasets.DATASETS[REAL].title}")
+    say(f"8. The same on a real robot: {truejoint.recordings.datasets.DATASETS[REAL].title}")
     real = on_a_real_robot()
     if as_json:
         result_json(
@@ -110,7 +109,8 @@ def demo(
         if isinstance(real, str):
             out.print(f"\nNo real recording: {real}")
         else:
-            out.print(f"\n{datasets.DATASETS[REAL].title}: five lines of Python in README")
+            title = truejoint.recordings.datasets.DATASETS[REAL].title
+            out.print(f"\n{title}: five lines of Python in README")
             out.print(truejoint.evaluation.score_table(real))
     if not whole.verdict.passed:
         raise typer.Exit(CHECK_FAILED)
@@ -186,14 +186,18 @@ def on_a_real_robot() -> truejoint.evaluation.Evaluation | str:
     """Calibrate one recording of a real robot and judge another, or say why not."""
     try:
         try:
-            training, test = datasets.read_dataset(REAL)
+            training, test = truejoint.recordings.datasets.read_dataset(REAL)
         except RecordingError:
-            with progress(f"   Fetching {datasets.DATASETS[REAL].size / 1e6:.0f} MB") as done:
-                datasets.fetch(REAL, progress=done)
-            training, test = datasets.read_dataset(REAL)
+            with progress(
+                f"   Fetching {truejoint.recordings.datasets.DATASETS[REAL].size / 1e6:.0f} MB"
+            ) as done:
+                truejoint.recordings.datasets.fetch(REAL, progress=done)
+            training, test = truejoint.recordings.datasets.read_dataset(REAL)
     except RecordingError as error:
         return str(error)
-    model = truejoint.calibrate(training, "linear", features=datasets.DATASETS[REAL].features)
+    model = truejoint.calibrate(
+        training, "linear", features=truejoint.recordings.datasets.DATASETS[REAL].features
+    )
     return truejoint.evaluate(model, test)
 
 

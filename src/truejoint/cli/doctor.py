@@ -10,9 +10,9 @@ import typer
 
 import truejoint
 from truejoint.cli import complete, options
-from truejoint.cli.bags import Profile
+from truejoint.cli.check_options import CHECK_FAILED
 from truejoint.cli.console import out, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED
+from truejoint.cli.node import as_node
 from truejoint.errors import RecordingError
 
 _COLOURS = {"good": "green", "info": "", "warn": "yellow", "fail": "red"}
@@ -32,8 +32,7 @@ def doctor(
         ),
     ],
     robot: options.FilesRobot = None,
-    arm: options.FilesArm = "",
-    profile: Profile = "",
+    profile: options.Profile = "",
     state: Annotated[str, typer.Option(help="Topic of the measured joints; default: found.")] = "",
     truth: Annotated[str, typer.Option(help="Topic of joint sensors; default: found.")] = "",
     seconds: Annotated[
@@ -52,22 +51,21 @@ def doctor(
 ) -> None:
     """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
     sets = truejoint.recordings
+    name, arm = options.robot_and_arm(robot or "")
     wiring = {"profile": profile, "state": state, "truth": truth}
     if files == [Path(_LIVE)] and not files[0].exists():
-        diagnosis = _listen(robot or "", arm, wiring, seconds or _SECONDS, ros or 1)
+        diagnosis = _listen(name, arm, wiring, seconds or _SECONDS, ros or 1)
     elif seconds is not None or ros is not None:
         raise RecordingError("--seconds and --ros are for `truejoint doctor live`")
     elif len(files) > 1 or sets.detect_format(files[0]) == "bag":
         with progress(f"Examining {', '.join(path.name for path in files)}"):
-            recording = sets.read_bag(
-                files, robot or "", arm, profile=profile, state=state, truth=truth
-            )
+            recording = sets.read_bag(files, name, arm, profile=profile, state=state, truth=truth)
             diagnosis = sets.diagnose(recording, sets.read_other_arm(files, recording))
     elif any(wiring.values()):
         raise RecordingError(f"{files[0]}: is no bag, so it has neither profile nor topics")
     else:
-        told = {"robot": robot, "arm": arm or None}
-        given = {key: value for key, value in told.items() if value is not None}
+        stated = {"robot": name, "arm": arm}
+        given = {key: value for key, value in stated.items() if value}
         with progress(f"Examining {files[0].name}"):
             diagnosis = sets.diagnose(truejoint.read_recording(files[0], **given))
     if as_json:
@@ -84,8 +82,7 @@ def _listen(
     robot: str, arm: str, wiring: dict[str, str], seconds: float, ros: int
 ) -> truejoint.recordings.DataCheck:
     """Judge what is said on an arm's topics for some seconds, or until Ctrl-C."""
-    from truejoint.cli.node import as_node  # noqa: PLC0415  # not for a recording
-    from truejoint.recordings.judge.live import LiveLink  # noqa: PLC0415
+    from truejoint.recordings.judge.live import LiveLink
 
     with as_node("truejoint_doctor", ros) as transport:
         link = LiveLink(transport, robot, arm, **wiring)

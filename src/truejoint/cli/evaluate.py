@@ -10,9 +10,9 @@ import typer
 
 import truejoint
 from truejoint.cli import options
+from truejoint.cli.check_options import CHECK_FAILED, Accept, check_names, checked, say_failed
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.data import CHECK_FAILED, Accept, check_names, checked, say_failed
-from truejoint.cli.inputs import Files, check_page_target, parse_tolerances, takes_files
+from truejoint.cli.recording_options import Files, check_page_target, parse_tolerances, takes_files
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.files import check_folder
 

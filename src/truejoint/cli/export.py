@@ -1,94 +1,123 @@
-"""`truejoint export`: write a calibration as C99 source or as an ONNX graph."""
+"""`truejoint export`: C99, ONNX or a ROS package of a calibration, a bag of a recording."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import out, result_json
+from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.recording_options import Files, takes_files
 from truejoint.errors import ExportError
-from truejoint.files import check_folder
-
-if TYPE_CHECKING:
-    from truejoint.calibration import Calibration
-    from truejoint.runtime import Compensator
+from truejoint.files import check_folder, check_target
 
 
+@takes_files
 def export(
-    model: options.Model,
-    kind: Annotated[Literal["c", "onnx", "ros"], typer.Option("--to", help="What to write.")],
-    folder: Annotated[Path, typer.Option("--out", "-o", help="Folder to write into.")],
+    name: Annotated[
+        str,
+        typer.Argument(metavar="MODEL|RECORDING", help="Model file; with --to bag a recording."),
+    ],
+    kind: Annotated[
+        Literal["c", "onnx", "ros", "bag"], typer.Option("--to", help="What to write.")
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder to write into; a bag is a file: .bag for ROS 1, .mcap for ROS 2.",
+        ),
+    ],
     precision: Annotated[
-        Literal["double", "float"], typer.Option(help="Of the numbers.")
+        Literal["double", "float"], typer.Option(help="Precision of the numbers.")
     ] = "double",
     prefix: Annotated[
         str | None,
         typer.Option(
-            help="Beginning of file names, and of the names in C; default: robot and arm."
+            help="Beginning of file names and of the names in C (default: robot and arm)."
         ),
     ] = None,
     level_percent: options.Level = None,
     range_margin: Annotated[
         float | None,
         typer.Option(
-            help="Share of its trained range by which a feature may lie outside, 0 to 1; not ONNX. "
-            "Default: that of `Corrector`."
+            help="Share of its trained range by which a feature may lie outside, 0 to 1; not ONNX "
+            "(default: that of `Corrector`)."
         ),
     ] = None,
     compensate: Annotated[
         bool,
         typer.Option(
             "--compensate",
-            help="Also write the compensator, which puts the joints where they are wanted; C only.",
+            help="Also write the compensator, which moves the joints to their targets; C only.",
         ),
     ] = False,
+    profile: options.Profile = "",
     force: options.Force = False,
     as_json: options.Json = False,
+    *,
+    files: Files,
 ) -> None:
-    """Write a calibration as C99 (--to c), a ROS package (--to ros) or an ONNX graph (--to onnx).
+    """Write a calibration as C99 (c), a ROS package (ros) or an ONNX graph (onnx).
 
-    The C source does all that `Corrector` does, and comes with test vectors and a main that
-    checks it; the package, of catkin and ament, is a node around it. The ONNX graph holds the
-    regressor alone: it checks nothing and remembers nothing.
+    The C source does all that `Corrector` does, with test vectors and a main that checks it; the
+    package, for catkin and ament, is a node around it. The ONNX graph holds the regressor alone.
+    With --to bag, write a recording as a ROS bag of CRTK's topics.
     """
     stated = {"level": options.share(level_percent), "range_margin": range_margin}
-    given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    if kind == "bag":
+        if given or compensate or prefix is not None or precision != "double":
+            raise ExportError("--to bag takes --profile and metadata; leave other options out")
+        _write_bag(name, output, profile, files, force=force, as_json=as_json)
+        return
+    if profile or files != Files():
+        raise ExportError("--profile, --robot, --columns and --metadata are for --to bag")
     if compensate and kind != "c":
-        raise ExportError("--compensate is for --to c; ROS packages and ONNX graphs have no loop")
+        raise ExportError("--compensate works only with --to c")
     if kind == "onnx" and given:
-        raise ExportError(
-            "--level and --range-margin are for --to c and ros; an ONNX graph has no interval and "
-            "no checks"
-        )
-    check_folder(folder, error=ExportError)
-    calibration = truejoint.read_calibration(model)
+        raise ExportError("--level and --range-margin work only with --to c and --to ros")
+    check_folder(output, error=ExportError)
+    calibration = truejoint.read_calibration(name)
     if compensate:
         given["compensator"] = _compensator(calibration)
-    paths = _written(calibration, kind, folder, prefix, precision, given, overwrite=force)
+    paths = _written(calibration, kind, output, prefix, precision, given, overwrite=force)
     if as_json:
         result_json({"files": [str(path) for path in paths]})
         return
     for path in paths:
         out.print(str(path), soft_wrap=True)
     if kind != "onnx":
-        from truejoint.export import check_command  # noqa: PLC0415  # compiles
-
-        out.print(f"check it:  {check_command(paths)}", soft_wrap=True)
+        out.print(f"check it:  {truejoint.export.check_command(paths)}", soft_wrap=True)
 
 
-def _compensator(calibration: Calibration) -> Compensator:
+def _write_bag(
+    name: str, output: Path, profile: str, files: Files, *, force: bool, as_json: bool
+) -> None:
+    check_target(output, overwrite=force)
+    recording = files.one(name)
+    with progress(f"Writing {output}"):
+        truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
+    if as_json:
+        result_json({"files": [str(output)]})
+        return
+    topics = ", ".join(truejoint.recordings.bag_topics(output))
+    out.print(f"{output}: {len(recording)} rows as {topics}")
+
+
+def _compensator(calibration: truejoint.calibration.Calibration) -> truejoint.runtime.Compensator:
     robot = truejoint.get_robot(calibration.robot, calibration.arm)
     corrector = truejoint.runtime.Corrector(calibration.without_redundant())
     return truejoint.runtime.Compensator(corrector, robot)
 
 
 def _written(
-    calibration: Calibration,
+    calibration: truejoint.calibration.Calibration,
     kind: Literal["c", "onnx", "ros"],
     folder: Path,
     prefix: str | None,
@@ -98,14 +127,19 @@ def _written(
     overwrite: bool,
 ) -> Sequence[Path]:
     """Files that were written; `given` is what `export_c` and `export_ros` take besides."""
-    from truejoint import export  # noqa: PLC0415  # compiles
-    from truejoint.export.c_source import check_prefix  # noqa: PLC0415
+    from truejoint.export.c_source import check_prefix
 
     if kind == "onnx":
-        name = check_prefix(export.default_prefix(calibration) if prefix is None else prefix)
+        name = check_prefix(
+            truejoint.export.default_prefix(calibration) if prefix is None else prefix
+        )
         path = folder / f"{name}.onnx"
-        return (export.export_onnx(calibration, path, precision=precision, overwrite=overwrite),)
-    write = export.export_c if kind == "c" else export.export_ros
+        return (
+            truejoint.export.export_onnx(
+                calibration, path, precision=precision, overwrite=overwrite
+            ),
+        )
+    write = truejoint.export.export_c if kind == "c" else truejoint.export.export_ros
     return write(
         calibration, folder, prefix=prefix, precision=precision, overwrite=overwrite, **given
     )

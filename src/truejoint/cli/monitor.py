@@ -14,7 +14,7 @@ import typer
 import truejoint
 from truejoint.cli import complete
 from truejoint.cli.console import out, say
-from truejoint.cli.inputs import Files, read_trajectory, takes_files
+from truejoint.cli.recording_options import Files, read_trajectory, takes_files
 from truejoint.errors import TruejointError
 from truejoint.robots.catalogue import DEFAULT
 
@@ -69,11 +69,11 @@ def monitor(
                 raise TruejointError("--follow, --twin and --seed are for a simulated arm")
             _show_recording(recording, calibration, files, host, port)
         else:
-            if files != Files(robot=files.robot, arm=files.arm):
-                raise TruejointError("options on what files do not say need a recording")
+            if files != Files(robot=files.robot):
+                raise TruejointError("--columns and --metadata need a recording")
             motions = None if follow is None else [read_trajectory(follow)]
             made = truejoint.simulation.make_twin(
-                files.robot or DEFAULT, files.arm, parameters=twin or "nominal", seed=seed or 0
+                files.robot_name or DEFAULT, files.arm, parameters=twin or "nominal", seed=seed or 0
             )
             _show_arm(made, motions, calibration, host, port)
     except KeyboardInterrupt:

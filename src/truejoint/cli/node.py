@@ -9,14 +9,14 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.bags import Profile
 from truejoint.cli.console import command_line, out, say
+from truejoint.cli.recording_options import Origin
 from truejoint.errors import RosError, TruejointError, unknown
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
@@ -25,11 +25,6 @@ from truejoint.toml_file import read_toml
 if TYPE_CHECKING:
     from truejoint.crtk.ros import Transport
 
-app = typer.Typer(
-    name="node",
-    no_args_is_help=True,
-    help="Correct, simulate or record an arm on the topics of a running ROS (docs/ros.md).",
-)
 
 _LOOK: Final = 0.2  # [s] between two looks at whether to end
 _MENDED: Final = "raven2_mended"
@@ -66,12 +61,9 @@ Seconds = Annotated[
 ]
 
 
-@app.command(
-    epilog="Example: `truejoint node correct left_arm.safetensors --profile raven2_mended`"
-)
 def correct(
     model: options.Model,
-    profile: Profile = "",
+    profile: options.Profile = "",
     namespace: Namespace = "",
     level_percent: options.Level = None,
     homing_id: Annotated[
@@ -85,17 +77,19 @@ def correct(
 
     In <namespace>/corrected: measured_js, half_width and status; once a second /diagnostics.
     """
+    from truejoint.runtime.node import CorrectorNode
+
     del parameters  # taken already
     with as_node("truejoint_correct", ros) as transport:
-        from truejoint.runtime.corrector import Corrector  # noqa: PLC0415  # compiles
-        from truejoint.runtime.node import CorrectorNode  # noqa: PLC0415
-
         calibration = truejoint.read_calibration(model)
         robot = truejoint.get_robot(calibration.robot, calibration.arm)
         choices = [calibration]
         if calibration.redundant:
             choices.append(calibration.without_redundant())
-        correctors = [Corrector(choice, level=options.share(level_percent)) for choice in choices]
+        correctors = [
+            truejoint.runtime.Corrector(choice, level=options.share(level_percent))
+            for choice in choices
+        ]
         node = CorrectorNode(
             transport, correctors, robot, profile, namespace=namespace,
             homing_id=homing_id, say=say,
@@ -105,10 +99,8 @@ def correct(
         out.print(f"{node.received} messages, {node.corrected} corrected")
 
 
-@app.command(epilog="Example: `truejoint node simulate --robot raven2 --homed`")
 def simulate(
     robot: options.RobotName = DEFAULT,
-    arm: options.Arm = "",
     seed: options.Seed = 0,
     twin: Annotated[
         str, typer.Option(help="Specimen, such as peng2024, or a TOML file with its parameters.")
@@ -130,37 +122,33 @@ def simulate(
     parameters: Parameters = None,
 ) -> None:
     """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
+    from truejoint.crtk.server import ArmServer
+
     del parameters
     made = truejoint.simulation.make_twin(
-        robot, arm, parameters=twin, seed=seed, load=load_grams / 1e3
+        *options.robot_and_arm(robot), parameters=twin, seed=seed, load=load_grams / 1e3
     )
     if quirks and made.robot.name != DEFAULT:
         raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
     profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""
-    with as_node("truejoint_simulate", ros) as transport:
-        from truejoint.crtk.server import ArmServer  # noqa: PLC0415
-
-        with truejoint.crtk.Arm(truejoint.crtk.PacedBackend(made, homed=homed)) as device:
-            server = ArmServer(device, transport, profile, namespace=namespace, rate=rate_hz)
-            with server:
-                say(f"{device.robot.title}, simulated, on {', '.join(server.topics)}")
-                _wait(transport, seconds)
+    backend = truejoint.crtk.PacedBackend(made, homed=homed)
+    with as_node("truejoint_simulate", ros) as transport, truejoint.crtk.Arm(backend) as device:
+        server = ArmServer(device, transport, profile, namespace=namespace, rate=rate_hz)
+        with server:
+            say(f"{device.robot.title}, simulated, on {', '.join(server.topics)}")
+            _wait(transport, seconds)
 
 
-@app.command(epilog="Example: `truejoint node record left.parquet --profile raven2 --seconds 600`")
 def record(
     output: Annotated[Path, typer.Argument(metavar="OUT", help="Parquet file to write.")],
     robot: options.RobotName = DEFAULT,
-    arm: options.Arm = "",
-    profile: Profile = "",
+    profile: options.Profile = "",
     namespace: Namespace = "",
     truth: Annotated[
         str, typer.Option(help="Topic of joint sensors, for instance /ext_jpos.")
     ] = "",
     state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 100.0,
-    homing_id: options.HomingId = None,
-    load_grams: options.LoadGrams = None,
-    session: options.Session = None,
+    metadata: options.Metadata = None,
     seconds: Seconds = math.inf,
     ros: Ros = 1,
     force: options.Force = False,
@@ -169,21 +157,21 @@ def record(
     """Record what an arm reports while others move it; it is only looked at."""
     del parameters
     check_target(output, overwrite=force)
+    about: dict[str, Any] = {"session": output.stem, "load": math.nan}
+    about |= Origin(metadata=metadata).stated()
     with as_node("truejoint_record", ros) as transport:
-        from truejoint.crtk.backends.ros import RosBackend  # noqa: PLC0415
-
-        found = truejoint.get_robot(robot, arm)
-        backend = RosBackend(transport, found, profile, namespace=namespace, truth=truth)
+        target = options.get_robot(robot)
+        backend = truejoint.crtk.RosBackend(
+            transport, target, profile, namespace=namespace, truth=truth
+        )
         with truejoint.crtk.Arm(backend, controls=False) as device:
             recorder = truejoint.recordings.Recorder(
                 device, state_rate=state_rate_hz, path=output, overwrite=force,
-                session=session or output.stem, homing_id=homing_id,
-                load=math.nan if load_grams is None else load_grams / 1e3,
-                command=command_line(),
+                command=command_line(), **about,
             )  # fmt: skip
             with recorder, suppress(KeyboardInterrupt):
                 if not device.operating_state().is_homed:
-                    say(f"waiting for {found.title} to be homed")
+                    say(f"waiting for {target.title} to be homed")
                 _wait(transport, seconds, lambda: _listen(device))
         if recorder.written is None:
             raise RosError(f"{output}: fewer than two states came in time; is the arm homed?")
@@ -192,7 +180,7 @@ def record(
 
 def _listen(arm: truejoint.crtk.Arm) -> None:
     """Raise CommandRefused if a homed arm does not report."""
-    from truejoint.crtk.protocol import SILENCE  # noqa: PLC0415
+    from truejoint.crtk.protocol import SILENCE
 
     if arm.operating_state().is_homed:
         arm.measured_js(SILENCE)
@@ -201,7 +189,7 @@ def _listen(arm: truejoint.crtk.Arm) -> None:
 @contextmanager
 def as_node(name: str, ros: int) -> Iterator[Transport]:
     """Be a node of ROS meanwhile; what parts of it have to say goes to the person."""
-    from truejoint.crtk.ros import open_transport  # noqa: PLC0415
+    from truejoint.crtk.ros import open_transport
 
     transport = open_transport(ros, name)
     before = signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends as Ctrl-C does

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from functools import wraps
+from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
+import truejoint
 from truejoint.cli import complete
 from truejoint.errors import CommandRefused
 
 RobotName = Annotated[
     str,
     typer.Option(
-        "--robot", help="Robot model, or a robot file (.toml).", autocompletion=complete.robots
-    ),
-]
-Arm = Annotated[
-    str,
-    typer.Option(
-        "--arm", help="Which arm; default: the robot's first.", autocompletion=complete.arms
+        "--robot",
+        metavar="ROBOT[:ARM]",
+        help="Robot model or robot file (.toml), and which arm of it, as raven2:right "
+        "(default: its first arm).",
+        autocompletion=complete.robots,
     ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
 Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same seed, same result.")]
 
-TouchSd = Annotated[
-    float, typer.Option(min=1e-3, help="How far off its dimple a tip rests, per axis [mm].")
-]
 Model = Annotated[
     Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
 ]
@@ -40,10 +40,6 @@ Level = Annotated[
         autocompletion=complete.levels,
     ),
 ]
-DatasetName = Annotated[
-    str,
-    typer.Argument(metavar="NAME", help="Name of the data set.", autocompletion=complete.datasets),
-]
 
 
 def share(percent: float | None) -> float | None:
@@ -53,6 +49,17 @@ def share(percent: float | None) -> float | None:
     if not 0.0 < percent < 100.0:
         raise CommandRefused(f"--level {percent:g}: give a probability between 0 and 100 %, as 90")
     return percent / 100.0
+
+
+def robot_and_arm(text: str) -> tuple[str, str]:
+    """Split ``"raven2:right"`` into robot and arm; the arm is empty where none is named."""
+    name, separator, arm = text.rpartition(":")
+    return (name, arm) if separator else (text, "")
+
+
+def get_robot(text: str) -> truejoint.robots.Robot:
+    """Look up the robot arm of ``"raven2:right"``; raises RobotError if there is none."""
+    return truejoint.get_robot(*robot_and_arm(text))
 
 
 def recordings(name: str, help: str) -> Any:  # noqa: A002  # as typer calls it
@@ -70,55 +77,43 @@ Recordings = Annotated[
     ),
 ]
 
-RobotFile = Annotated[
-    str,
-    typer.Argument(
-        metavar="ROBOT",
-        help="Recording of the robot, without truth, or its bag.",
-        autocompletion=complete.recordings,
-    ),
-]
-OutRecording = Annotated[Path, typer.Option("--out", "-o", help="Recording to write, .parquet.")]
 
-
-def _of_files(name: str, help: str, **more: Any) -> Any:  # noqa: A002
-    """Option that says what recordings' files do not say themselves."""
-    return typer.Option(name, help=help, rich_help_panel="What files do not say", **more)
-
-
-Format = Annotated[
-    str | None,
-    _of_files(
-        "--format",
-        "Reader by name; default: found from the file.",
-        autocompletion=complete.formats,
-    ),
-]
+_OVERRIDES: Final = "Metadata overrides"
 Columns = Annotated[
     Path | None,
-    _of_files("--columns", "TOML file that names a file's columns; see `truejoint columns`."),
+    typer.Option(
+        "--columns",
+        help="Column map (.toml) of the file; `truejoint columns` writes one.",
+        rich_help_panel=_OVERRIDES,
+    ),
 ]
 FilesRobot = Annotated[
     str | None,
-    _of_files("--robot", "For files that do not say it.", autocompletion=complete.robots),
+    typer.Option(
+        "--robot",
+        metavar="ROBOT[:ARM]",
+        help="Robot, if the file does not name it, and which arm, as raven2:right.",
+        rich_help_panel=_OVERRIDES,
+        autocompletion=complete.robots,
+    ),
 ]
-FilesArm = Annotated[
-    str,
-    _of_files("--arm", "Which arm; default: the robot's first.", autocompletion=complete.arms),
+Metadata = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--metadata",
+        metavar="KEY=VALUE",
+        help="What the file does not say; once for each: homing_id, load_grams, session, format, "
+        "rate_hz (of rows without stamps), truth_unit (rad_m, deg_m, deg_mm or ravenstate).",
+        rich_help_panel=_OVERRIDES,
+        autocompletion=complete.metadata,
+    ),
 ]
-RateHz = Annotated[
-    float | None, _of_files("--rate-hz", "Rate of the rows of a file without time stamps [Hz].")
-]
-TruthUnit = Annotated[
-    str | None,
-    _of_files("--truth-unit", "Of RAVEN's external encoders: rad_m, deg_m, deg_mm, ravenstate."),
-]
-HomingId = Annotated[
-    str | None, _of_files("--homing-id", "Name of the homing that the positions refer to.")
-]
-LoadGrams = Annotated[float | None, _of_files("--load-grams", "Mass hung on the tool [g].")]
-Session = Annotated[
-    str | None, _of_files("--session", "Name of what was recorded in one go; default: the file's.")
+FitRateHz = Annotated[
+    float | None,
+    typer.Option(
+        "--fit-rate-hz",
+        help="Fit to rows at most at this rate [Hz]; features with a memory still see every row.",
+    ),
 ]
 Part = Annotated[
     str | None,
@@ -135,6 +130,14 @@ Split = Annotated[
         help="Recommended split of a public data set: calibrate takes its training side, "
         "evaluate its held-out side.",
         autocompletion=complete.splits,
+    ),
+]
+Profile = Annotated[
+    str,
+    typer.Option(
+        "--profile",
+        help="How the robot's messages differ from CRTK (default: the robot's own profile).",
+        autocompletion=complete.message_profiles,
     ),
 ]
 Tolerance = Annotated[
@@ -154,3 +157,31 @@ JudgedAfter = Annotated[
         help="Re-zero on so much truth at the start of each recording, and judge the rest [s].",
     ),
 ]
+
+
+def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Give a command the options that are the fields of dataclasses; it takes each by its name.
+
+    In the help they stand where the dataclass does among the command's own.
+    """
+
+    def decorate(command: Callable[..., None]) -> Callable[..., None]:
+        own = inspect.signature(command, eval_str=True).parameters
+        of = {name: inspect.signature(kind, eval_str=True).parameters
+              for name, kind in groups.items()}  # fmt: skip
+
+        @wraps(command)
+        def run(**given: Any) -> None:
+            made = {
+                name: groups[name](**{field: given.pop(field) for field in fields})
+                for name, fields in of.items()
+            }
+            command(**given, **made)
+
+        taken = (of[name].values() if name in of else [p] for name, p in own.items())
+        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in chain(*taken)]
+        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+        run.__annotations__ = {p.name: p.annotation for p in parameters}
+        return run
+
+    return decorate

@@ -1,144 +1,162 @@
-"""`truejoint bolt` and `truejoint rezero`: re-zero a calibration by touching a bolted block."""
+"""`truejoint rezero`: re-zero a calibration by truth, by touches or by its motors."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 import truejoint
-from truejoint.cli import options
-from truejoint.cli.console import out, print_table, result_json, say
-from truejoint.cli.inputs import Files, check_model_target, takes
-from truejoint.files import check_target
+from truejoint.cli import complete, options
+from truejoint.cli.bolt import say_left_out, touch_facts
+from truejoint.cli.console import out, print_table, progress, result_json
+from truejoint.cli.recording_options import Files, check_model_target
+from truejoint.errors import CalibrationError
 from truejoint.units import with_unit
-
-if TYPE_CHECKING:
-    from truejoint.tip.fit import TipFit
-    from truejoint.tip.rests import Touches
 
 
 @dataclass(frozen=True)
-class Touching:
-    """What was touched, and what the arm did meanwhile."""
+class Source:
+    """Where the zero comes from, an option each; the truth in a recording by default."""
 
+    seconds: Annotated[
+        float | None,
+        typer.Option(min=0.0, help="Use the first seconds of the truth only [s] (default: all)."),
+    ] = None
     touches: Annotated[
-        Path,
-        typer.Option(metavar="FILE", help="CSV file of touches, t,dimple, as `touch` writes it."),
-    ]
-    recording: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Touches of a bolted block, in place of truth (.csv)."),
+    ] = None
+    bolted: Annotated[
+        Path | None,
+        typer.Option(help="Pose of that block, as `touch bolt` writes it; with --touches."),
+    ] = None
+    touch_sd_mm: Annotated[
+        float | None,
+        typer.Option(min=1e-3, help="Standard deviation of a touch, per axis [mm] (default 0.2)."),
+    ] = None
+    motor: Annotated[
         Path | None,
         typer.Option(
-            help="What the arm did meanwhile; default: the .parquet file beside the touches."
+            metavar="MODEL",
+            help="Find the zero of a jaw's reset encoder by its motor, without truth: a model of "
+            "ukf_friction made of the same motion, which may be MODEL itself.",
         ),
     ] = None
-    touch_sd_mm: options.TouchSd = 0.2
 
-    def read(
-        self, model: Path, files: Files
-    ) -> tuple[truejoint.Calibration, truejoint.Recording, Touches]:
-        """Read the model, the recording and the touches."""
-        from truejoint.tip.files import read_touches  # noqa: PLC0415  # NumPy
+    def __post_init__(self) -> None:
+        if (self.touches is None) != (self.bolted is None):
+            raise CalibrationError("--touches and --bolted belong together: give both, or neither")
+        if self.touches is None and self.touch_sd_mm is not None:
+            raise CalibrationError("--touch-sd-mm is for --touches; leave it out")
+        if self.motor is not None and self.touches is not None:
+            raise CalibrationError("--touches and --motor each give the zero; give one of the two")
+        if self.seconds is not None and (self.touches or self.motor):
+            raise CalibrationError("--seconds is for the truth in a recording; leave it out")
 
-        calibration, made = truejoint.read_calibration(model), read_touches(self.touches)
-        name = str(self.recording or self.touches.with_suffix(".parquet"))
-        return calibration, files.one(name, model=calibration), made
-
-    @property
-    def touch_sd(self) -> float:
-        """How far off its dimple a tip rests [m]."""
-        return self.touch_sd_mm / 1e3
-
-
-@takes(files=Files, touching=Touching)
-def bolt(
-    model: options.Model,
-    plate: Annotated[
-        Path, typer.Option("--plate", help="Plate file of the block, as `plate` writes it.")
-    ],
-    output: Annotated[Path, typer.Option("--out", "-o", help="Pose file to write (.toml).")],
-    force: options.Force = False,
-    as_json: options.Json = False,
-    *,
-    files: Files,
-    touching: Touching,
-) -> None:
-    """Find where a bolted block stands, on the day of the full calibration."""
-    from truejoint.tip.files import read_block, write_pose  # noqa: PLC0415  # NumPy
-    from truejoint.tip.touch import find_block  # noqa: PLC0415
-
-    check_target(output, overwrite=force)
-    block = read_block(plate)
-    calibration, whole, made = touching.read(model, files)
-    pose, found = find_block(calibration, whole, made, block, touch_sd=touching.touch_sd)
-    write_pose(pose, output, overwrite=force)
-    sd = found.sd
-    facts = {
-        "turn_sd": sd[:3].tolist(), "shift_sd": sd[3:6].tolist(), "scale": pose.scale,
-        "scale_sd": pose.scale_sd, **touch_facts(found, made),
-    }  # fmt: skip
-    if as_json:
-        result_json({"pose": str(output), **facts})
-        return
-    turn, shift = with_unit(float(sd[:3].max()), "rad"), with_unit(float(sd[3:6].max()), "m")
-    out.print(f"{output}: {pose.title}, within {turn} and {shift} (one deviation)")
-    if abs(pose.scale / block.scale - 1.0) > 3.0 * pose.scale_sd:
-        off = 100.0 * (pose.scale / block.scale - 1.0)
-        say(f"the print is {off:+.2f} % of what its file says: measure it, and enter measured_mm")
-    say_left_out(found, made)
+    def recording(self, name: str | None) -> str:
+        """Name of the recording; raises CalibrationError if there is none."""
+        if name is None and self.touches is None:
+            raise CalibrationError("name the recording to re-zero from, or give --touches")
+        return name or str((self.touches or Path()).with_suffix(".parquet"))
 
 
-@takes(files=Files, touching=Touching)
+@options.takes(source=Source, files=Files)
 def rezero(
     model: options.Model,
-    bolted: Annotated[
-        Path, typer.Option("--bolted", help="Pose of the block, as `bolt` writes it.")
-    ],
+    recording: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[RECORDING]",
+            help="Recording after the homing: with brief truth; or, with --motor, whole unloaded "
+            "cycles about zero. With --touches, what the arm did meanwhile (default: the .parquet "
+            "file beside them).",
+            autocompletion=complete.recordings,
+        ),
+    ] = None,
+    *,
     output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    source: Source,
     force: options.Force = False,
     as_json: options.Json = False,
-    *,
     files: Files,
-    touching: Touching,
 ) -> None:
-    """Re-zero a calibration by touching a bolted block: after a homing, or hours of work."""
-    from truejoint.tip.files import read_pose  # noqa: PLC0415  # NumPy
-    from truejoint.tip.touch import rezeroed_by_touch  # noqa: PLC0415
+    """Re-zero a calibration after a homing or hours of work, and write it.
+
+    One of three sources gives the zero: truth in RECORDING, touches of a bolted block
+    (--touches, --bolted), or a jaw's motor (--motor).
+    """
+    from truejoint.tip.block import TOUCH_SD
 
     check_model_target(output, force)
-    pose = read_pose(bolted)
-    calibration, whole, made = touching.read(model, files)
-    again, found = rezeroed_by_touch(calibration, whole, made, pose, touch_sd=touching.touch_sd)
+    calibration = truejoint.read_calibration(model)
+    name = source.recording(recording)
+    if source.touches is not None and source.bolted is not None:
+        pose = truejoint.tip.read_pose(source.bolted)
+        made = truejoint.tip.read_touches(source.touches)
+        loaded = files.one(name, model=calibration)
+        sd = TOUCH_SD if source.touch_sd_mm is None else source.touch_sd_mm / 1e3
+        again, fit = truejoint.tip.rezeroed_by_touch(calibration, loaded, made, pose, touch_sd=sd)
+        _finish(again, output, touch_facts(fit, made), force=force, as_json=as_json)
+        if not as_json:
+            say_left_out(fit, made)
+            out.print(f"{output}: re-zeroed by {len(made)} touches of {pose.title}")
+        return
+    loaded = files.one(name, model=calibration)
+    if source.motor is not None:
+        by = None if source.motor == model else truejoint.read_calibration(source.motor)
+        _by_motor(calibration, loaded, by, output, force=force, as_json=as_json)
+    else:
+        duration = math.inf if source.seconds is None else source.seconds
+        again = truejoint.calibration.rezeroed(calibration, loaded, duration)
+        _finish(again, output, {}, force=force, as_json=as_json)
+        if not as_json:
+            out.print(f"{output}: re-zeroed by the truth of {name}")
+
+
+def _by_motor(
+    calibration: truejoint.Calibration,
+    cycles: truejoint.Recording,
+    by: truejoint.Calibration | None,
+    output: Path,
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    with progress("Comparing both sides of the cable"):
+        again, zero = truejoint.calibration.encoder_rezeroed(calibration, cycles, by)
+    truejoint.write_calibration(again, output, overwrite=force)
+    if as_json:
+        result_json({"model": str(output), **vars(zero), "correction": zero.correction})
+        return
+    shift, sd = (with_unit(value, "m") for value in (zero.shift, zero.deviation))
+    out.print(f"x2 reads too much by {shift} ± {sd}")
+    done = "taken off" if zero.correction else "left alone: it is within its own deviation"
+    out.print(f"{output}: {done}")
+
+
+def _finish(
+    again: truejoint.Calibration,
+    output: Path,
+    beside: dict[str, Any],
+    *,
+    force: bool,
+    as_json: bool,
+) -> None:
+    """Write the calibration and tell its zero."""
     truejoint.write_calibration(again, output, overwrite=force)
     facts = again.metadata["rezeroed"]
     if as_json:
-        result_json({"model": str(output), **facts, **touch_facts(found, made)})
+        result_json({"model": str(output), **facts, **beside})
         return
-    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
+    units = [again.units[f"measured/{joint}"] for joint in again.joints]
+    deviations = facts["sd"] or [None] * len(units)
+    values = zip(again.joints, units, facts["offset"], deviations, strict=True)
     rows = [
-        (joint, with_unit(offset, unit), f"± {with_unit(sd, unit)}")
-        for joint, unit, offset, sd in zip(
-            calibration.joints, units, facts["offset"], facts["sd"], strict=True
-        )
+        (joint, with_unit(offset, unit), "-" if sd is None else f"± {with_unit(sd, unit)}")
+        for joint, unit, offset, sd in values
     ]
-    print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {calibration.title}, now")
-    say_left_out(found, made)
-    out.print(f"{output}: re-zeroed by {len(made)} touches of {pose.title}")
-
-
-def touch_facts(found: TipFit, made: Touches) -> dict[str, Any]:
-    """Say what a fit to touches says of itself, as plain values."""
-    rms = (found.residual[~found.left_out] ** 2).sum(axis=1).mean() ** 0.5
-    left = [made.dimple[i] for i in found.left_out.nonzero()[0]]
-    return {"touches": len(made), "left_out": left, "residual_rms": float(rms)}
-
-
-def say_left_out(found: TipFit, made: Touches, what: str = "touches") -> None:
-    """Print how well touches, or `what` they are, fit, and say which were left out."""
-    facts = touch_facts(found, made)
-    out.print(f"{len(made)} {what}, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
-    for i in found.left_out.nonzero()[0]:
-        off = with_unit(float((found.residual[i] ** 2).sum() ** 0.5), "m")
-        say(f"left out: {made.kind} {made.dimple[i]} at {made.t[i]:.1f} s, {off} off: {made.doubt}")
+    print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {again.title}, now")

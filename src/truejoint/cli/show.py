@@ -1,20 +1,23 @@
-"""`truejoint show`: what a model file or a recording is and holds."""
+"""`truejoint show`: describe a model file, a recording, a data set or a trajectory."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Final
 
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
-from truejoint.cli.console import print_facts, print_table, result_json, shortened
+from truejoint.cli import complete, datasets, options
+from truejoint.cli.console import out, print_facts, print_table, result_json, shortened
 from truejoint.cli.correct import accepted_homings
-from truejoint.cli.inputs import Files, takes_files
+from truejoint.cli.recording_options import Files, takes_files
+from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
+
+_LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajectories
 
 
 @takes_files
@@ -22,9 +25,9 @@ def show(
     name: Annotated[
         str,
         typer.Argument(
-            metavar="FILE",
-            help="Model file, recording, corrected table (.parquet), or NAME:PATTERN of a public "
-            "data set.",
+            metavar="FILE|NAME",
+            help="Model file, recording, corrected table (.parquet), trajectory (.csv), public "
+            "data set, or NAME:PATTERN of its recordings.",
             autocompletion=complete.recordings,
         ),
     ],
@@ -32,27 +35,92 @@ def show(
     *,
     files: Files,
 ) -> None:
-    """Say what a model file or a recording is, what it holds and where it comes from."""
-    if is_model(Path(name)):
-        shown = [model_facts(Path(name))]
-    elif _is_corrected(Path(name)):
-        shown = [_corrected_facts(Path(name))]
-    else:
-        shown = [recording_facts(recording) for recording in files.find([name])()]
-    if as_json:
-        result_json({"shown": [{**facts, "columns": columns} for facts, columns in shown]})
+    """Say what a file or a data set is, what it holds and where it comes from."""
+    from truejoint.recordings.datasets import DATASETS
+    from truejoint.recordings.table.parquet import is_corrected
+
+    path = Path(name)
+    if name in DATASETS and not path.exists():
+        _show_dataset(name, as_json=as_json)
         return
-    for facts, columns in shown:
-        found = facts.pop("identified", {})
+    if files == Files(robot=files.robot) and _is_trajectory(path):
+        arm = options.get_robot(files.robot or DEFAULT)
+        tell_trajectory(truejoint.motion.read_trajectory(path), arm, as_json=as_json)
+        return
+    if is_model(path):
+        described = [model_facts(path)]
+    elif path.suffix == ".parquet" and path.is_file() and is_corrected(path):
+        described = [_corrected_facts(path)]
+    else:
+        described = [recording_facts(recording) for recording in files.find([name])()]
+    if as_json:
+        result_json({"shown": [{**facts, "columns": columns} for facts, columns in described]})
+        return
+    for facts, columns in described:
+        identified = facts.pop("identified", {})
         print_facts(name, _texts(facts))
-        if found:
+        if identified:
             rows = [
                 [key, unit, f"{value:.4g}", f"{deviation:.2g}"]
-                for key, (value, deviation, unit) in found.items()
+                for key, (value, deviation, unit) in identified.items()
             ]
             print_table(("identified", "unit", "value", "deviation"), rows)
         header = ("column", "unit", "lowest", "highest", "missing")
         print_table(header, [_column_texts(column) for column in columns])
+
+
+def _is_trajectory(path: Path) -> bool:
+    """Whether a file begins as our trajectories do, or with the laboratory's three numbers."""
+    if path.suffix != ".csv" or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        first = file.readline(1000)
+    try:
+        return first.startswith(b"# truejoint trajectory") or len(
+            [float(field) for field in first.split(b",")]
+        ) == len(_LABORATORY)
+    except ValueError:
+        return False
+
+
+def _show_dataset(name: str, *, as_json: bool) -> None:
+    from truejoint.recordings.datasets import get_dataset
+
+    dataset = get_dataset(name)
+    facts = datasets.dataset_facts(dataset)
+    if as_json:
+        result_json(facts)
+        return
+    texts = {
+        key: "\n".join(map(str, value)) if isinstance(value, list) else str(value)
+        for key, value in facts.items()
+    }
+    print_facts(dataset.title, texts.items())
+
+
+def tell_trajectory(
+    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot, *, as_json: bool
+) -> None:
+    """Print range, path length and duration of a trajectory."""
+    q = trajectory.positions
+    ranges = {
+        "lower": q.min(axis=0),
+        "upper": q.max(axis=0),
+        "path_length": abs(q[1:] - q[:-1]).sum(axis=0),
+    }
+    duration = truejoint.motion.nominal_duration(trajectory, robot)
+    if as_json:
+        result = {"name": trajectory.name, "joints": list(trajectory.joints)}
+        plain = {name: values.tolist() for name, values in ranges.items()}
+        result_json({**result, **plain, "duration": duration})
+        return
+    header = ("joint", "from", "to", "path", "unit")
+    rows = []
+    for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
+        unit = display_unit(robot.joint(name).unit)
+        rows.append((name, *(f"{value * unit.scale:.2f}" for value in values), unit.name))
+    print_table(header, rows, title=trajectory.name)
+    out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}")
 
 
 def is_model(path: Path) -> bool:
@@ -61,14 +129,6 @@ def is_model(path: Path) -> bool:
         return False
     with path.open("rb") as file:
         return file.read(9)[8:] == b"{"
-
-
-def _is_corrected(path: Path) -> bool:
-    if path.suffix != ".parquet" or not path.is_file():
-        return False
-    from truejoint.recordings.table.parquet import is_corrected  # noqa: PLC0415  # not for help
-
-    return is_corrected(path)
 
 
 def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -85,7 +145,7 @@ def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell what a model is, and the signals of a sample in order with their trained ranges."""
-    from truejoint.recordings.bounded_file import sha256_of  # noqa: PLC0415  # not for help
+    from truejoint.recordings.bounded_file import sha256_of
 
     model = truejoint.read_calibration(path)
     ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)

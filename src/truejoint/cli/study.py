@@ -78,7 +78,7 @@ def study(
     if several and options:
         raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
     where = _where(jobs, cluster)
-    from truejoint.studies import overview  # noqa: PLC0415  # a list needs no arithmetic
+    from truejoint.studies import overview
 
     made, failed = {}, []
     for study in studies:
@@ -122,7 +122,7 @@ def _made(
     study: Study, settings: Settings, target: Path, where: Mapping[str, Any], *, force: bool
 ) -> StudyResult:
     """Run a study where it is to be computed, and write what it leaves."""
-    from truejoint.studies import page, runner  # noqa: PLC0415  # a list needs no arithmetic
+    from truejoint.studies import page, runner
 
     check_folder(target, error=StudyError)
     if not force:

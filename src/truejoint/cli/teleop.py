@@ -17,11 +17,11 @@ import typer
 
 import truejoint
 from truejoint.cli.console import command_line, out, say
-from truejoint.cli.options import Arm as ArmOption
-from truejoint.cli.options import Force, RobotName, Seed
+from truejoint.cli.options import Force, RobotName, Seed, robot_and_arm
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.files import check_target, read_small, write_atomically
 from truejoint.robots.catalogue import DEFAULT
+from truejoint.units import display_unit
 
 if TYPE_CHECKING:
     from truejoint.motion.gamepad import Gamepad
@@ -40,7 +40,6 @@ Events = list[tuple[float, str, "Event"]]
 
 def teleop(
     robot: RobotName = DEFAULT,
-    arm: ArmOption = "",
     seed: Seed = 0,
     record: Annotated[
         Path | None, typer.Option(help="Also record the arm, to a Parquet file.")
@@ -60,6 +59,8 @@ def teleop(
 
     Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends.
     """
+    from truejoint.motion.teleoperation import Teleoperation
+
     for target in (record, save_keys):
         if target is not None:
             check_target(target, overwrite=force)
@@ -68,9 +69,7 @@ def teleop(
         raise CommandRefused("--keys replays keys alone; leave --gamepad out")
     if told is None and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
-    from truejoint.motion.teleoperation import Teleoperation  # noqa: PLC0415  # needs NumPy
-
-    twin = truejoint.simulation.make_twin(robot, arm, seed=seed)
+    twin = truejoint.simulation.make_twin(*robot_and_arm(robot), seed=seed)
     with ExitStack() as stack:
         device = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(twin)))
         device.enable()
@@ -112,16 +111,16 @@ def _tells(events: Events) -> bool:
 
 
 def _pad(operator: Teleoperation) -> Gamepad:
-    from truejoint.motion.gamepad import Gamepad  # noqa: PLC0415
+    from truejoint.motion.gamepad import Gamepad
 
     return Gamepad(operator)
 
 
 def _from_terminal(operator: Teleoperation, pad: Gamepad | None) -> Events:
     """Tell the keys that are pressed and what a gamepad tells, showing what they do."""
-    from rich.live import Live  # noqa: PLC0415
+    from rich.live import Live
 
-    from truejoint.motion.teleoperation import key_events  # noqa: PLC0415
+    from truejoint.motion.teleoperation import key_events
 
     events: Events = []
     start, drawn, tells = time.monotonic(), -1.0, False
@@ -146,12 +145,11 @@ def _from_terminal(operator: Teleoperation, pad: Gamepad | None) -> Events:
 
 def _picture(operator: Teleoperation) -> Any:
     """Key map, positions and what is held."""
-    from rich.console import Group  # noqa: PLC0415
-    from rich.table import Table  # noqa: PLC0415
-    from rich.text import Text  # noqa: PLC0415
+    from rich.console import Group
+    from rich.table import Table
+    from rich.text import Text
 
-    from truejoint.motion.teleoperation import FASTER, LEAVE, SLOWER  # noqa: PLC0415
-    from truejoint.units import display_unit  # noqa: PLC0415
+    from truejoint.motion.teleoperation import FASTER, LEAVE, SLOWER
 
     arm, pairs = operator.jog.arm, list(operator.keys.values())
     state = arm.measured_js(1.0)
@@ -178,8 +176,8 @@ def _raw_terminal() -> Iterator[Any]:
     to end is as if the key to leave had been pressed, and raises KeyboardInterrupt at the end: an
     exception out of the handler would be lost where Python ignores it.
     """
-    import termios  # noqa: PLC0415  # no such thing on Windows
-    import tty  # noqa: PLC0415
+    import termios  # no such thing on Windows
+    import tty
 
     descriptor = sys.stdin.fileno()
     signals: list[int] = []

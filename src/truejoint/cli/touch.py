@@ -1,4 +1,4 @@
-"""`truejoint touch`: take an arm's tip into the dimples of a block that tell most."""
+"""`truejoint touch run`: take an arm's tip into the dimples of a block that tell most."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ import truejoint
 from truejoint.cli import complete, options
 from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, print_table, say
-from truejoint.cli.inputs import takes
+from truejoint.cli.options import takes
 from truejoint.cli.show import is_model
-from truejoint.cli.touched import prior_calibrations
+from truejoint.cli.touch_calibrate import prior_calibrations
 from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.files import check_target, write_atomically
 from truejoint.units import shown
@@ -39,10 +39,10 @@ _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
 class Aim:
     """What touches are for, an option each."""
 
-    plate: Annotated[
+    block: Annotated[
         Path | None,
         typer.Option(
-            help="Plate file: touches that find where the block stands or, without a model, "
+            help="Block file: touches that find where the block stands or, without a model, "
             "calibrate the arm."
         ),
     ] = None
@@ -57,12 +57,11 @@ class Aim:
             "arms, by which touches are judged.",
         ),
     ] = None
-    side: options.Arm = ""
 
     def task(self, arm: str, model: Path | None) -> Task:
         """Task of the touches; refuse what does not go together."""
-        from truejoint.tip.files import read_block, read_pose  # noqa: PLC0415  # NumPy
-        from truejoint.tip.guide import (  # noqa: PLC0415
+        from truejoint.tip.files import read_block, read_pose
+        from truejoint.tip.guide import (
             design_pose,
             finding_block,
             learning,
@@ -70,45 +69,46 @@ class Aim:
         )
 
         if model is None:
-            if self.plate is None or self.bolted is not None:
+            if self.block is None or self.bolted is not None:
                 raise CommandRefused(
-                    f"touch of {arm}, without a model, takes --plate, and calibrates; to re-zero "
+                    f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero "
                     "or to find a block give the model file"
                 )
-            robot, block = truejoint.get_robot(arm, self.side), read_block(self.plate)
+            robot, block = options.get_robot(arm), read_block(self.block)
             priors = [] if self.prior is None else prior_calibrations(self.prior)
             return learning(robot, design_pose(block, robot), priors)
-        if (self.plate is None) == (self.bolted is None):
+        if (self.block is None) == (self.bolted is None):
             raise CommandRefused(
-                "touch takes --plate, to find a block, or --bolted, to re-zero by one"
+                "touch run takes --block, to find where it stands, or --bolted, to re-zero by it"
             )
-        if self.prior is not None or self.side:
-            raise CommandRefused("--prior and --arm are of an arm without a model; leave them out")
+        if self.prior is not None:
+            raise CommandRefused("--prior is for an arm without a model; leave it out")
         calibration = truejoint.read_calibration(model)
         robot = truejoint.get_robot(calibration.robot, calibration.arm)
         if self.bolted is not None:
             return rezeroing(calibration, read_pose(self.bolted))
-        return finding_block(calibration, design_pose(read_block(self.plate or Path()), robot))
+        return finding_block(calibration, design_pose(read_block(self.block or Path()), robot))
 
     def following(self, arm: str, model: Path | None, output: Path) -> str:
         """Command that takes what was touched."""
         if self.bolted is not None:
             words = ["rezero", arm, "--touches", output, "--bolted", self.bolted]
         elif model is not None:
-            words = ["bolt", arm, "--touches", output, "--plate", self.plate]
+            words = ["touch", "bolt", arm, "--touches", output, "--block", self.block]
         else:
             known = [] if self.prior is None else ["--prior", self.prior]
             recording = output.with_suffix(".parquet")
-            words = ["calibrate", recording, "--touches", output, "--plate", self.plate, *known]
+            seen = ["--touches", output, "--block", self.block]
+            words = ["touch", "calibrate", recording, *seen, *known]
         return shlex.join(str(word) for word in words)
 
 
 @takes(aim=Aim)
-def touch(
+def run(
     arm: Annotated[
         str,
         typer.Argument(
-            metavar="MODEL|ROBOT",
+            metavar="MODEL|ROBOT[:ARM]",
             help="Model file of the arm; of an arm without one, the name of its robot or a robot "
             "file.",
             autocompletion=complete.robots,
@@ -151,7 +151,8 @@ def touch(
     From the fourth touch on each is compared with what the others say, and one that does not fit is
     asked for once more.
     """
-    is_robot = Path(arm).suffix in {"", ".toml"} and not is_model(Path(arm))
+    name = Path(options.robot_and_arm(arm)[0])
+    is_robot = name.suffix in {"", ".toml"} and not is_model(Path(arm))
     model = None if is_robot else Path(arm)
     task = aim.task(arm, model)
     guide = _guide(task, touches or (_MANY if aim.bolted is None else _FEW), seed)
@@ -170,7 +171,7 @@ def touch(
 
 def _guide(task: Task, count: int, seed: int) -> Guide:
     """Plan so many touches; refuses fewer than the task takes."""
-    from truejoint.tip.guide import Guide  # noqa: PLC0415  # NumPy
+    from truejoint.tip.guide import Guide
 
     if count < task.fewest:
         raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
@@ -249,8 +250,8 @@ def _print_plan(guide: Guide) -> None:
 @contextmanager
 def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm of a twin, homed, and a hand that steers it to a block at `pose`."""
-    from truejoint.calibration.compatibility import check_robot  # noqa: PLC0415  # NumPy
-    from truejoint.motion.touching import SimulatedHand  # noqa: PLC0415
+    from truejoint.calibration.compatibility import check_robot
+    from truejoint.motion.touching import SimulatedHand
 
     with truejoint.crtk.simulated_arm(pose.robot, pose.arm, parameters=twin, seed=seed) as device:
         check_robot((pose.robot, pose.arm), device.robot)
@@ -271,8 +272,8 @@ def _by_hand(
     robot: truejoint.robots.Robot, namespace: str, ros: int
 ) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm that others steer over ROS, and a person who says when its tip is seated."""
-    from truejoint.cli.node import as_node  # noqa: PLC0415
-    from truejoint.crtk.backends.ros import RosBackend  # noqa: PLC0415
+    from truejoint.cli.node import as_node
+    from truejoint.crtk.backends.ros import RosBackend
 
     with as_node("truejoint_touch", ros) as transport:
         backend = RosBackend(transport, robot, namespace=namespace)

@@ -31,8 +31,8 @@ DIAGNOSTICS: Final = "diagnostic_msgs/DiagnosticArray"
 _OK, _WARN, _ERROR, _STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
 _ADVICE: Final = {
     Status.NOT_HOMED: "home the robot, or start the node that publishes operating_state",
-    Status.HOMED_AGAIN: "re-zero the model after this homing (truejoint check --rezero), or state "
-    "--homing-id if its positions refer to the same one",
+    Status.HOMED_AGAIN: "re-zero the model after this homing (truejoint rezero), or state "
+    "--metadata homing_id=if its positions refer to the same one",
     Status.ZERO_SUSPECT: "a measured position has jumped: home the robot again",
 }
 

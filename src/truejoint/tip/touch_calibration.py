@@ -292,7 +292,7 @@ def _check_spread(
     if extent[2] < _FLAT * extent[0] and not is_flat_fine:
         raise CalibrationError(
             f"{source}: all {seen.what} lie in one plane, which leaves slopes and a turn open; "
-            "touch stairs (truejoint plate), or give a prior (--prior)"
+            "touch stairs (truejoint touch block), or give a prior (--prior)"
         )
     for joint, rising in zip(terms.joints, (plays < 0.0).mean(axis=(0, 2)), strict=True):
         if not _SIDED <= rising <= 1.0 - _SIDED:

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import glob
-import inspect
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import wraps
-from itertools import chain
+from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
-
-import typer
+from typing import Any, ClassVar, Final, TypeAlias
 
 import truejoint
 from truejoint.cli import options
@@ -24,31 +20,70 @@ from truejoint.units import display_unit
 Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 
+_NUMBERS: Final = ("load_grams", "rate_hz")
+_OF_RECORDING: Final = ("homing_id", "load_grams", "session")
+_OF_FILE: Final = ("format", "rate_hz", "truth_unit")
+
+
+def parse_metadata(texts: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
+    """Read ``KEY=VALUE`` texts; raises RecordingError for an unknown key or a value of no kind."""
+    values: dict[str, Any] = {}
+    for text in texts:
+        key, separator, value = text.partition("=")
+        if not separator or key not in keys:
+            raise RecordingError(f"--metadata {text!r:.60}: {unknown('key', key, keys)}")
+        if key in values:
+            raise RecordingError(f"--metadata {key}: was given before; give it once")
+        values[key] = value
+        if key in _NUMBERS:
+            with suppress(ValueError):
+                values[key] = float(value)
+            if values[key] is value:
+                raise RecordingError(f"--metadata {text!r:.60}: {value!r:.40} is no number")
+    return values
+
+
 @dataclass(frozen=True)
 class Origin:
-    """What a person says of where recordings are from, an option each."""
+    """Robot and metadata of recordings, an option each."""
 
     robot: options.FilesRobot = None
-    arm: options.FilesArm = ""
-    homing_id: options.HomingId = None
-    load_grams: options.LoadGrams = None
-    session: options.Session = None
+    metadata: options.Metadata = None
+
+    _KEYS: ClassVar[tuple[str, ...]] = _OF_RECORDING
+
+    @cached_property
+    def overrides(self) -> dict[str, Any]:
+        """Values of ``--metadata`` by key; raises RecordingError as `parse_metadata`."""
+        return parse_metadata(self.metadata or [], self._KEYS)
+
+    @property
+    def robot_name(self) -> str:
+        """Name or file of the robot; empty where the files name it."""
+        return options.robot_and_arm(self.robot or "")[0]
+
+    @property
+    def arm(self) -> str:
+        """Name of the arm; empty for the robot's default."""
+        return options.robot_and_arm(self.robot or "")[1]
 
     def stated(self) -> dict[str, Any]:
-        """Fields of a `Provenance` that are said here, but for the arm."""
-        load = None if self.load_grams is None else self.load_grams / 1000.0
-        about = {"homing_id": self.homing_id, "load": load, "session": self.session}
-        return {key: value for key, value in about.items() if value is not None}
+        """Fields of a `Provenance` that the options state, but for the arm."""
+        values: dict[str, Any] = {
+            key: value for key, value in self.overrides.items() if key in _OF_RECORDING
+        }
+        if "load_grams" in values:
+            values["load"] = values.pop("load_grams") / 1000.0
+        return values
 
 
 @dataclass(frozen=True)
 class Files(Origin):
-    """What a person says of recordings whose files do not say it themselves, an option each."""
+    """How recordings are read whose files do not say it themselves, an option each."""
 
-    format: options.Format = None
     columns: options.Columns = None
-    rate_hz: options.RateHz = None
-    truth_unit: options.TruthUnit = None
+
+    _KEYS: ClassVar[tuple[str, ...]] = (*_OF_RECORDING, *_OF_FILE)
 
     def find(
         self,
@@ -69,6 +104,8 @@ class Files(Origin):
         lacks one of these, or a signal of the `inputs`. Robot and arm are those of the `model`
         where neither a person nor a file says them.
         """
+        from truejoint.calibration.compatibility import check_columns
+
         self._check()
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -76,13 +113,11 @@ class Files(Origin):
             raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
         readers = [self._reader(name, joints, model) for name in names]
         if self.robot is not None:
-            truejoint.get_robot(self.robot, self.arm).index(list(joints))
+            options.get_robot(self.robot).index(list(joints))
         if split is not None:
             return self._split_side(only_dataset(names), split, held_out)
 
         def read() -> list[truejoint.Recording]:
-            from truejoint.calibration.compatibility import check_columns  # noqa: PLC0415  # imports much
-
             recordings: list[truejoint.Recording] = []
             what = names[0] if len(names) == 1 else f"{len(names)} recordings"
             with progress(f"Reading {what}") as done:
@@ -112,10 +147,10 @@ class Files(Origin):
 
     def _check(self) -> None:
         if self.robot is not None:
-            truejoint.get_robot(self.robot, self.arm)
-        known = truejoint.recordings.format_names()
-        if self.format is not None and self.format not in known:
-            raise RecordingError(unknown("format", self.format, known))
+            options.get_robot(self.robot)
+        names, kind = truejoint.recordings.format_names(), self.overrides.get("format")
+        if kind is not None and kind not in names:
+            raise RecordingError(unknown("format", kind, names))
 
     def _reader(
         self, name: str, joints: Sequence[str], model: truejoint.Calibration | None
@@ -142,11 +177,11 @@ class Files(Origin):
 
     def _without_strangers(self, name: str, paths: Sequence[Path]) -> list[Path]:
         """Those of the paths that nobody named one by one which are recordings; tell the others."""
-        from truejoint.recordings.read import reading  # noqa: PLC0415  # needs NumPy
+        from truejoint.recordings.read import reading
 
         kept = []
         for path in paths:
-            reason = reading.why_no_recording(path, self.format, self.columns)
+            reason = reading.why_no_recording(path, self.overrides.get("format"), self.columns)
             if reason:
                 say(f"  {path}: left out: {reason}")
             else:
@@ -157,13 +192,14 @@ class Files(Origin):
 
     def _read(self, path: Path, model: truejoint.Calibration | None) -> list[truejoint.Recording]:
         sets = truejoint.recordings
-        kind = self.format or sets.detect_format(path, with_map=self.columns is not None)
+        with_map = self.columns is not None
+        kind = self.overrides.get("format") or sets.detect_format(path, with_map=with_map)
         context = {
-            "robot": self.robot,
+            "robot": self.robot_name or None,
             "arm": self.arm or None,
             "column_map": self.columns,
-            "rate": self.rate_hz,
-            "truth_unit": self.truth_unit,
+            "rate": self.overrides.get("rate_hz"),
+            "truth_unit": self.overrides.get("truth_unit"),
         }
         given = {key: value for key, value in context.items() if value is not None}
         stated = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
@@ -177,17 +213,17 @@ class Files(Origin):
         return found
 
     def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
-        from truejoint.recordings.read.reading import state  # noqa: PLC0415  # needs NumPy
+        from truejoint.recordings.read import reading
 
-        return state(recordings, self.stated())
+        return reading.state(recordings, self.stated())
 
     def _split_side(self, dataset: str | None, name: str, held_out: bool) -> Read:
+        from truejoint.evaluation.splits import split_sides
+
         if dataset is None:
             raise RecordingError(
                 f"--split {name!r} is for one public data set by name; use --part for files"
             )
-        from truejoint.evaluation.splits import split_sides  # noqa: PLC0415  # needs NumPy
-
         sets = truejoint.recordings.datasets
         about = sets.get_dataset(dataset)
         sides = about.split(name)
@@ -201,57 +237,7 @@ class Files(Origin):
         return read
 
 
-@dataclass(frozen=True)
-class Clocks:
-    """What a person says of the offset of the truth's clock from the robot's, an option each."""
-
-    near_s: Annotated[
-        float | None,
-        typer.Option(help="About how large the offset is, where the motion repeats itself [s]."),
-    ] = None
-    offset_s: Annotated[
-        float | None,
-        typer.Option(
-            help="What to add to the stamps of the truth to have the robot's [s]; 0 on one clock. "
-            "Default: found by the motion that both saw; of topics in bags only where their stamps "
-            "have too little in common."
-        ),
-    ] = None
-
-    def __post_init__(self) -> None:
-        if self.near_s is not None and self.offset_s is not None:
-            raise RecordingError("--near-s and --offset-s: give one of the two")
-
-
-def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options that are the fields of dataclasses; it takes each by its name.
-
-    In the help they stand where the dataclass does among the command's own.
-    """
-
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = inspect.signature(command, eval_str=True).parameters
-        of = {name: inspect.signature(kind, eval_str=True).parameters
-              for name, kind in groups.items()}  # fmt: skip
-
-        @wraps(command)
-        def run(**given: Any) -> None:
-            made = {
-                name: groups[name](**{field: given.pop(field) for field in fields})
-                for name, fields in of.items()
-            }
-            command(**given, **made)
-
-        taken = (of[name].values() if name in of else [p] for name, p in own.items())
-        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in chain(*taken)]
-        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {p.name: p.annotation for p in parameters}
-        return run
-
-    return decorate
-
-
-takes_files = takes(files=Files)
+takes_files = options.takes(files=Files)
 """Give a command the options that `Files` has; it takes them together as `files`."""
 
 
@@ -312,17 +298,17 @@ def _replayed(path: Path) -> truejoint.motion.Trajectory:
 
 def check_model_target(path: Path, force: bool) -> None:
     """Refuse, before anything long is done, a path at which no model file can be written."""
-    from truejoint.calibration.model_file import check_name  # noqa: PLC0415  # needs NumPy
+    from truejoint.calibration import model_file
 
-    check_target(check_name(path), overwrite=force)
+    check_target(model_file.check_name(path), overwrite=force)
 
 
 def check_page_target(path: Path | None, force: bool) -> None:
     """Refuse, before anything long is done, a path at which no page can be written, if any."""
-    if path is not None:
-        from truejoint.evaluation.report.page import check_name  # noqa: PLC0415  # needs NumPy
+    from truejoint.evaluation.report import page
 
-        check_target(check_name(path), overwrite=force)
+    if path is not None:
+        check_target(page.check_name(path), overwrite=force)
 
 
 def parse_part(text: str) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""`truejoint plate`: a block with dimples to print and touch, sized for a robot."""
+"""`truejoint touch block`: a block with dimples to print and touch, sized for a robot."""
 
 from __future__ import annotations
 
@@ -15,31 +15,33 @@ from truejoint.errors import CalibrationError
 from truejoint.files import write_all_atomically
 
 
-def plate(
+def block(
     robot: Annotated[
         str,
         typer.Argument(
-            metavar="ROBOT", help="Robot model, or a robot file.", autocompletion=complete.robots
+            metavar="ROBOT[:ARM]",
+            help="Robot model or robot file, and which arm of it.",
+            autocompletion=complete.robots,
         ),
     ],
     output: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for plate.stl, plate.svg and plate.toml.")
+        Path, typer.Option("--out", "-o", help="Folder for block.stl, block.svg and block.toml.")
     ] = Path(),
-    arm: options.Arm = "",
     force: options.Force = False,
     as_json: options.Json = False,
 ) -> None:
     """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
-    from truejoint.tip.block_shape import block_stl, block_svg, design_block  # noqa: PLC0415
-    from truejoint.tip.files import block_text  # noqa: PLC0415  # NumPy
+    from truejoint.tip.files import block_text
 
-    shape = design_block(truejoint.get_robot(robot, arm))
+    shape = truejoint.tip.design_block(options.get_robot(robot))
     made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
     files = {
-        output / "plate.stl": partial(Path.write_bytes, data=block_stl(shape)),
-        output / "plate.svg": partial(Path.write_text, data=block_svg(shape), encoding="utf-8"),
-        output / "plate.toml": partial(Path.write_text, data=block_text(made), encoding="utf-8"),
+        output / "block.stl": partial(Path.write_bytes, data=truejoint.tip.block_stl(shape)),
+        output / "block.svg": partial(
+            Path.write_text, data=truejoint.tip.block_svg(shape), encoding="utf-8"
+        ),
+        output / "block.toml": partial(Path.write_text, data=block_text(made), encoding="utf-8"),
     }
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size
@@ -58,4 +60,4 @@ def plate(
         f"Stand it so that {' and '.join(stands)} from the base's origin, the dimples looking "
         "against the tool's way in."
     )
-    say("print it at 100 %, measure along x, and enter measured_mm in plate.toml")
+    say("print it at 100 %, measure along x, and enter measured_mm in block.toml")

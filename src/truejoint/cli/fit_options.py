@@ -1,11 +1,10 @@
-"""What `truejoint calibrate` is to fit, of the words of its command line."""
+"""Options of `truejoint calibrate` that say what is fitted, and the estimator they name."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Annotated, Any, Final, Literal, TypeAlias
 
 import typer
@@ -22,8 +21,8 @@ _NONE: Final = "none"  # in place of redundant columns
 
 
 @dataclass(frozen=True)
-class Wanted:
-    """What is to be fitted, and how, an option each."""
+class FitOptions:
+    """Estimator, features and joints to fit, an option each."""
 
     estimator: Annotated[
         str | None,
@@ -78,10 +77,7 @@ class Wanted:
             autocompletion=complete.features,
         ),
     ] = None
-    fit_rate_hz: Annotated[
-        float | None,
-        typer.Option(help="Fit to rows at most at this rate [Hz]; features still see every row."),
-    ] = None
+    fit_rate_hz: options.FitRateHz = None
     zero: Annotated[
         Literal["shared", "recording", "homing"] | None,
         typer.Option(
@@ -92,7 +88,7 @@ class Wanted:
     ] = None
     seed: options.Seed = 0
 
-    def suited_to(self, dataset: str | None) -> Wanted:
+    def suited_to(self, dataset: str | None) -> FitOptions:
         """Take for what is not said what suits a public data set, if it is of one.
 
         An estimator that takes features of its own keeps these.
@@ -125,7 +121,7 @@ class Wanted:
         chosen = (sets[text].features if text in sets else (text,) for text in self.features)
         return truejoint.features.FeatureSet.parse(feature for part in chosen for feature in part)
 
-    def how(self) -> dict[str, Any]:
+    def arguments(self) -> dict[str, Any]:
         """Arguments of `truejoint.calibrate` beside recordings and estimator."""
         return {
             "features": self.inputs(),
@@ -136,50 +132,6 @@ class Wanted:
             "random_state": self.seed,
             "zero": self.zero,
         }
-
-
-@dataclass(frozen=True)
-class Prior:
-    """Calibration that is changed in place of a new one, an option each."""
-
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="Calibration of another day, tool or arm of the robot, by linear, poly2, "
-            "poly2_ridge or rich_play, to be changed as far as a minute of recording says, or, "
-            "whatever it is by, its zero as far as a few seconds do: estimator, features, joints "
-            "and target are its own. With --touches or --points: an older model of this arm by any "
-            "estimator, or a folder of three or more of other arms.",
-        ),
-    ] = None
-    reference: Annotated[
-        list[str] | None,
-        options.recordings(
-            "--reference",
-            "With --prior: recording that it was made from. What it leaves there is its own "
-            "shortcoming and no change; ten seconds of the same motion are enough then.",
-        ),
-    ] = None
-
-    def read(self, wanted: Wanted, *, is_cross: bool) -> truejoint.Calibration | None:
-        """Read it, if there is one.
-
-        Raises CalibrationError where any of what is its own was given beside it, or a reference
-        without one.
-        """
-        if self.prior is None:
-            if self.reference:
-                raise CalibrationError(
-                    "--reference: it is that of a prior; give --prior MODEL, too"
-                )
-            return None
-        if is_cross or replace(wanted, fit_rate_hz=None) != Wanted():
-            raise CalibrationError(
-                "--prior: estimator, features, joints, target, redundant columns and zero are the "
-                "prior's, and it takes no --interval cross and no --seed; leave these options out"
-            )
-        return truejoint.read_calibration(self.prior)
 
 
 def choice(

@@ -90,8 +90,8 @@ def test_what_files_do_not_say_is_stated(call: Call, tmp_path: Path) -> None:
     motion(rows=800).drop(columns="t").to_csv(tmp_path / "run.csv", index=False)
     result = call(
         "calibrate", tmp_path / "run.csv", "-e", "linear", "-o", tmp_path / "m.st", "--json",
-        "--robot", "davinci_grasper", "--rate-hz", "100", "--homing-id", "noon",
-        "--load-grams", "250", "--session", "A",
+        "--robot", "davinci_grasper", "--metadata", "rate_hz=100", "--metadata", "homing_id=noon",
+        "--metadata", "load_grams=250", "--metadata", "session=A",
     )  # fmt: skip
     assert result.code == 0, result.err
     metadata = json.loads(result.out)["metadata"]
@@ -105,7 +105,7 @@ def test_a_clock_that_restarts_makes_sessions(call: Call, tmp_path: Path) -> Non
     pd.concat([motion(0), motion(1)]).to_csv(tmp_path / "run.csv", index=False)
     result = call(
         "calibrate", tmp_path / "run.csv", "-e", "linear", "-o", tmp_path / "m.st",
-        "--robot", "davinci_grasper", "--session", "A",
+        "--robot", "davinci_grasper", "--metadata", "session=A",
     )  # fmt: skip
     assert result.code == 0, result.err
     assert "run.csv: its clock restarts: read as 2 recordings" in result.err
@@ -143,20 +143,20 @@ def test_a_robots_file_is_joined_with_that_of_its_sensors(call: Call, tmp_path: 
         '"truth/jaw" = { column = "deg", unit = "deg" }\n'
     )
     arguments = [
-        tmp_path / "robot.csv", tmp_path / "encoder.csv", "--robot", "davinci_grasper",
+        tmp_path / "robot.csv", "--truth", tmp_path / "encoder.csv", "--robot", "davinci_grasper",
         "--truth-columns", tmp_path / "map.toml", "-o", tmp_path / "run.parquet",
     ]  # fmt: skip
-    result = call("join", *arguments, "--json")
+    result = call("extract", *arguments, "--json")
     assert result.code == 0, result.err
     found = json.loads(result.out)
     assert found["offset"]["seconds"] == pytest.approx(7.25, abs=0.01)
     assert found["offset"]["sd"] < 0.02
     joined = read_recording(tmp_path / "run.parquet")
     assert np.abs(joined.column("truth/jaw") - table["truth/jaw"]).max() < 0.01
-    stated = call("join", *arguments, "--force", "--offset-s", "7.25")
+    stated = call("extract", *arguments, "--force", "--offset-s", "7.25")
     assert "7.25 s behind (as stated)" in " ".join(stated.out.split())
-    assert call("join", *arguments, "--force", "--offset-s", "7", "--near-s", "7").code == 2
-    assert call("join", *arguments).code == 2
+    assert call("extract", *arguments, "--force", "--offset-s", "7", "--near-s", "7").code == 2
+    assert call("extract", *arguments).code == 2
 
 
 def test_a_map_is_written_to_start_from(call: Call, tmp_path: Path) -> None:

@@ -1,0 +1,249 @@
+"""`truejoint extract`: one recording of the bags or files of a session, with their truth."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.recording_options import Files, say_dropped
+from truejoint.errors import RecordingError
+from truejoint.files import check_ending, check_target
+
+if TYPE_CHECKING:
+    from truejoint.crtk.messages import RAVEN_FIELDS
+
+
+_MANY: Final = 0.05  # stray readings, as a share of all
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Source of the truth, an option each."""
+
+    truth: Annotated[
+        str,
+        typer.Option(
+            help="Joint sensors: their topic, or a file with t and truth/<joint> (default: the "
+            "topic is found in the bags)."
+        ),
+    ] = ""
+    truth_columns: Annotated[
+        Path | None,
+        typer.Option(help="Column map (.toml) of the file that --truth names."),
+    ] = None
+    tracker: Annotated[
+        str,
+        typer.Option(
+            help="Tracker or camera that saw the tool: its topic, or a CSV or Parquet file with "
+            "t, x, y, z[, qx, qy, qz, qw] (default with --registration: the topic is found by "
+            "type)."
+        ),
+    ] = ""
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="TOML file with what is known of the tracker (docs/tracker.md)."),
+    ] = None
+    unit: Annotated[
+        str, typer.Option(help="Unit of the points in a tracker's file: m, cm, mm or um.")
+    ] = "m"
+    joint: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Joint that the tracker gives the truth of; once for each (default: the joints "
+            "that place the tool)."
+        ),
+    ] = None
+    near_s: Annotated[
+        float | None,
+        typer.Option(help="Rough offset of the clocks, where the motion repeats itself [s]."),
+    ] = None
+    offset_s: Annotated[
+        float | None,
+        typer.Option(
+            help="Time to add to the stamps of the truth [s]; 0 on one clock (default: estimated "
+            "from the motion; for topics of bags only if their stamps hardly overlap)."
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.truth_columns is not None and not self.is_file:
+            raise RecordingError("--truth-columns needs --truth FILE, the file that it maps")
+        if self.truth and self.is_tracked:
+            raise RecordingError("--truth and --tracker both give the truth; give one")
+        if self.near_s is not None and self.offset_s is not None:
+            raise RecordingError("--near-s and --offset-s: give one of the two")
+
+    @property
+    def is_file(self) -> bool:
+        """Whether joint sensors are in a file of their own."""
+        return bool(self.truth) and Path(self.truth).exists()
+
+    @property
+    def is_tracked(self) -> bool:
+        """Whether a tracker gives the truth."""
+        return bool(self.tracker or self.registration)
+
+    @property
+    def topic(self) -> str | None:
+        """Topic of joint sensors, empty where it is to be found, None where there is none."""
+        return None if self.is_file or self.is_tracked else self.truth
+
+    def track(self, bags: Sequence[Path]) -> truejoint.recordings.Track | None:
+        """Read what the tracker saw, of its file or of the bags; None where there is none."""
+        if not self.is_tracked:
+            return None
+        if self.tracker and Path(self.tracker).exists():
+            return truejoint.recordings.read_track(Path(self.tracker), "", self.unit)
+        if not bags:
+            raise RecordingError(
+                f"--tracker {self.tracker!r:.60}: no such file, and no bag has such a topic"
+            )
+        return truejoint.recordings.read_track(bags, self.tracker)
+
+    def joined(
+        self, recording: truejoint.Recording, track: truejoint.recordings.Track | None
+    ) -> tuple[truejoint.Recording, dict[str, Any], list[str]]:
+        """Give a recording its truth; with facts for JSON and lines for a person."""
+        if track is not None:
+            recording, registered = self._with_tracked_truth(recording, track)
+            lines = [f"{label:12} {text}" for label, text in registered.summary().items()]
+            return recording, {"tracker": registered.to_dict()}, lines
+        if not self.is_file:
+            return recording, {}, []
+        robot = recording.robot
+        stream = truejoint.recordings.read_truth(
+            self.truth, robot.name, robot.arm, self.truth_columns
+        )
+        with progress("Estimating the offset of the clocks"):
+            recording, clock = truejoint.recordings.join_truth(
+                recording, stream, self.offset_s, near=self.near_s
+            )
+        offset: dict[str, Any] = {"seconds": clock.seconds}
+        how = "as stated"
+        if clock.joints:
+            offset |= {"sd": clock.sd, "joints": list(clock.joints)}
+            how = f"± {clock.sd:.2g} s, by the motion of {', '.join(clock.joints)}"
+        return recording, {"offset": offset}, [f"The clock of the truth is {clock} behind ({how})"]
+
+    def _with_tracked_truth(
+        self, recording: truejoint.Recording, track: truejoint.recordings.Track
+    ) -> tuple[truejoint.Recording, truejoint.tip.Registered]:
+        known = None
+        if self.registration is not None:
+            known = truejoint.tip.read_registration(self.registration, recording.robot)
+        with progress("Registering the tracker and solving for the joints"):
+            recording, registered = truejoint.tip.tracked_truth(
+                recording, track, known, self.joint or (), offset=self.offset_s, near=self.near_s
+            )
+        for stretch in registered.stretches:
+            say(f"warn: left out, {stretch}")
+        share = registered.strays / (registered.strays + registered.readings)
+        if share > _MANY:
+            say(
+                f"warn: {100 * share:.0f} % of the readings fit no place of the marker and were "
+                "left out; is its view clear?"
+            )
+        return recording, registered
+
+
+@options.takes(truth=Truth, files=Files)
+def extract(
+    names: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="BAG|RECORDING",
+            help="All bags of one session (.bag, .mcap, .db3, folder), or the robot's file.",
+            autocompletion=complete.recordings,
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", help="Recording to write, .parquet; default: list the topics."),
+    ] = None,
+    *,
+    profile: options.Profile = "",
+    state: Annotated[str, typer.Option(help="Topic of the measured joints; default: found.")] = "",
+    truth: Truth,
+    quantity: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="More of RAVEN's state, for instance motor; once for each.",
+            autocompletion=lambda: [*RAVEN_FIELDS],
+        ),
+    ] = None,
+    files: Files,
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Make one recording of the bags or files of a session, or list the topics of bags.
+
+    The truth comes from a topic of the bags, from a file of joint sensors (--truth), or from a
+    tracker that saw the tool (--tracker, --registration).
+    """
+    from truejoint.crtk.messages import USUAL_QUANTITIES
+
+    if output is None:
+        if (truth, files) != (Truth(), Files()) or any((profile, state, quantity, force)):
+            raise RecordingError("without --out the topics are listed, which takes --json alone")
+        _list_topics(names, as_json=as_json)
+        return
+    check_ending(output, ".parquet", "a recording", RecordingError)
+    check_target(output, overwrite=force)
+    if len(names) > 1 or _is_bag(names[0], files):
+        with progress(f"Reading {len(names)} bag{'s'[: len(names) != 1]}"):
+            track = truth.track(names)
+            recording = truejoint.recordings.read_bag(
+                names, files.robot_name, files.arm, profile=profile, state=state,
+                truth=truth.topic, quantities=(*USUAL_QUANTITIES, *(quantity or ())),
+                offset=truth.offset_s, near=truth.near_s,
+            )  # fmt: skip
+    elif any((profile, state, quantity, truth.topic)):
+        raise RecordingError(f"{names[0]}: is no bag, so it has neither a profile nor topics")
+    else:
+        track = truth.track([])
+        recording = files.one(str(names[0]))
+    recording, facts, lines = truth.joined(recording, track)
+    provenance = replace(recording.provenance, command=command_line(), **files.stated())
+    recording = replace(recording, provenance=provenance)
+    truejoint.write_parquet(recording, output, overwrite=force)
+    say_dropped(recording)
+    joints = recording.joints_of("truth")
+    columns = [f"truth/{joint}" for joint in joints]
+    known = int(recording.table[columns].notna().all(axis=1).sum()) if joints else 0
+    if as_json:
+        result_json(
+            {
+                "recording": str(output), "rows": len(recording), "rows_with_truth": known,
+                **recording.provenance.to_dict(), **facts,
+            }
+        )  # fmt: skip
+        return
+    for line in lines:
+        out.print(line, soft_wrap=True)
+    out.print(
+        f"{output}: {len(recording)} rows over {recording.duration:.1f} s, {known} with truth of "
+        f"{', '.join(joints) or 'no joint'}"
+    )
+
+
+def _is_bag(path: Path, files: Files) -> bool:
+    if files.columns is not None:
+        return False
+    kind = files.overrides.get("format") or truejoint.recordings.detect_format(path)
+    return bool(kind == "bag")
+
+
+def _list_topics(bags: list[Path], *, as_json: bool) -> None:
+    topics = truejoint.recordings.bag_topics(bags)
+    if as_json:
+        result_json({n: {"type": kind, "messages": c} for n, (kind, c) in topics.items()})
+        return
+    for name, (kind, count) in sorted(topics.items()):
+        out.print(f"{name}  {kind}  {count}", soft_wrap=True)

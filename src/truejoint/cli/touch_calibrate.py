@@ -1,0 +1,153 @@
+"""`truejoint touch calibrate`: by touches of a block, or single shots of a tracker at rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import truejoint
+from truejoint.cli import complete, options
+from truejoint.cli.bolt import say_left_out
+from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.recording_options import Files, check_model_target, check_page_target
+from truejoint.cli.show import is_model
+from truejoint.errors import CalibrationError
+from truejoint.units import with_unit
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """What was touched or shot, an option each."""
+
+    touches: Annotated[
+        Path | None, typer.Option(help="Touches of a block (docs/touch.md).", metavar="FILE")
+    ] = None
+    block: Annotated[
+        Path | None, typer.Option(help="Block file, as `touch block` writes it; with --touches.")
+    ] = None
+    points: Annotated[
+        Path | None,
+        typer.Option(help="Single shots of a tracker at rest: t,x_mm,y_mm,z_mm.", metavar="FILE"),
+    ] = None
+    registration: Annotated[
+        Path | None,
+        typer.Option(help="TOML file with what is known of the tracker; with --points."),
+    ] = None
+    touch_sd_mm: Annotated[
+        float | None,
+        typer.Option(
+            help="Standard deviation of a touch or a shot, per axis [mm] (default 0.2 and 0.25).",
+            min=1e-3,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if (self.touches is None) == (self.points is None):
+            raise CalibrationError("give --touches with --block, or --points; one of the two")
+        if (self.touches is None) != (self.block is None):
+            raise CalibrationError("--touches and --block belong together: give both, or neither")
+        if self.points is None and self.registration is not None:
+            raise CalibrationError("--registration describes a tracker: give it with --points")
+
+
+@options.takes(sightings=Sightings, files=Files)
+def calibrate(
+    recording: Annotated[
+        str,
+        typer.Argument(
+            metavar="RECORDING",
+            help="What the arm did meanwhile.",
+            autocompletion=complete.recordings,
+        ),
+    ],
+    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    *,
+    sightings: Sightings,
+    prior: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MODEL|DIR",
+            help="Older model of this arm, or a folder with models of three or more other arms.",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None,
+        typer.Option(
+            help="Page to write: errors before and after, and what was not seen.", metavar="HTML"
+        ),
+    ] = None,
+    files: Files,
+    force: options.Force = False,
+    as_json: options.Json = False,
+) -> None:
+    """Calibrate an arm without joint sensors, and say what the touches could not determine."""
+    from truejoint.evaluation.report.touches import write_touch_report
+
+    check_model_target(output, force)
+    check_page_target(report, force)
+    fit = _fitting(sightings, [] if prior is None else prior_calibrations(prior))
+    whole = files.one(recording)
+    with progress("Fitting joints and frame"):
+        fitted, touch_report = fit(whole)
+    command = command_line()
+    fitted = fitted.with_metadata(command=command)
+    truejoint.write_calibration(fitted, output, overwrite=force)
+    if report is not None:
+        write_touch_report(fitted, touch_report, report, command=command, overwrite=force)
+    if as_json:
+        result_json({"model": str(output), "metadata": fitted.metadata})
+        return
+    facts = fitted.metadata["touch"]
+    say_left_out(touch_report.fit, touch_report.rests, facts["what"])
+    near = with_unit(touch_report.left_out_error, "m")
+    sd = with_unit(touch_report.left_out_sd, "m")
+    out.print(
+        f"{output}: the tip is within {near} ± {sd} (RMS) in the {facts['frame']}'s frame, by "
+        f"{facts['what']} left out in turn",
+        soft_wrap=True,
+    )
+    for text in touch_report.not_seen:
+        out.print(f"  {text}", soft_wrap=True)
+
+
+def prior_calibrations(prior: Path) -> list[truejoint.Calibration]:
+    """Read the model file, or all those in a folder; raises CalibrationError if there are none."""
+    if not prior.is_dir():
+        return [truejoint.read_calibration(prior)]
+    paths = [path for path in sorted(prior.iterdir()) if is_model(path)]
+    if not paths:
+        raise CalibrationError(f"{prior}: no model file is in this folder; `calibrate` writes them")
+    for path in paths:
+        say(f"  prior: {path.name}")
+    return [truejoint.read_calibration(path) for path in paths]
+
+
+def _fitting(
+    sightings: Sightings, priors: Sequence[truejoint.Calibration]
+) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, truejoint.tip.TouchReport]]:
+    """Read what was touched or shot, and give what fits a recording to it."""
+    from truejoint.tip.block import TOUCH_SD
+    from truejoint.tip.rests import SHOT_SD
+
+    tip = truejoint.tip
+    sd = None if sightings.touch_sd_mm is None else sightings.touch_sd_mm / 1e3
+    if sightings.touches is not None and sightings.block is not None:
+        touches, block = tip.read_touches(sightings.touches), tip.read_block(sightings.block)
+        return lambda whole: tip.calibrate_by_touch(
+            whole, touches, block, touch_sd=sd or TOUCH_SD, priors=priors
+        )
+    shots = tip.read_shots(sightings.points or Path())
+
+    def fit(whole: truejoint.Recording) -> tuple[truejoint.Calibration, truejoint.tip.TouchReport]:
+        registration = None
+        if sightings.registration is not None:
+            registration = tip.read_registration(sightings.registration, whole.robot)
+        return tip.calibrate_by_points(
+            whole, shots, registration, shot_sd=sd or SHOT_SD, priors=priors
+        )
+
+    return fit
