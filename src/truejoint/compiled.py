@@ -4,9 +4,11 @@
 from __future__ import annotations
 
 import hashlib
+import importlib
 import logging
 import math
 import re
+import sys
 from collections import namedtuple
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -71,6 +73,22 @@ def _as_called(kernel: Any, context: Any) -> Any:
     return types.Dispatcher(getattr(kernel, "part", kernel))
 
 
+@cache
+def _take_blas_for_granted() -> None:
+    """Let numba import scipy's BLAS when a kernel first calls it, not to see whether it is there.
+
+    The first kernel that is loaded makes numba look, which takes longer than loading a model: a
+    control loop needs none of it.
+    """
+    blas = "scipy.linalg.cython_blas"
+    if blas not in sys.modules:
+        sys.modules[blas] = ModuleType(blas)
+        try:
+            importlib.import_module("numba.np.arraymath")
+        finally:
+            del sys.modules[blas]
+
+
 class _KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
     """Machine code on disk, made anew when anything has changed that went into it.
 
@@ -84,6 +102,7 @@ class _KernelCache(FunctionCache):  # type: ignore[misc]  # numba has no types
         _content(kernel.__code__.co_filename)  # what has been imported, whoever edits it later
 
     def load_overload(self, signature: Any, target: Any) -> Any:
+        _take_blas_for_granted()
         # Not when it is declared: it may call what its module declares further down.
         self._cache_file._source_stamp = self._own_stamp, _ingredients(self._py_func)
         return super().load_overload(signature, target)

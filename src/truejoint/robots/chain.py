@@ -9,7 +9,6 @@ from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, local_matrix
@@ -75,6 +74,8 @@ class SerialChain:
         tool can tell; of several solutions one near the seed. Raises RobotError if `pose` is not
         rigid or no solution is found.
         """
+        from scipy.spatial.transform import Rotation  # noqa: PLC0415  # a control loop needs none
+
         target, (rows, _) = rigid(pose), self._rows(seed)
         joint: Array = rows[0].copy()
         for _step in range(_STEPS):

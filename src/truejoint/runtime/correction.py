@@ -64,6 +64,35 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
 
 
 @compiled
+def correct_rows(
+    numbers: Integers,
+    memory: Array,
+    t: Array,
+    samples: Array,
+    position: Array,
+    half_width: Array,
+    status: Integers,
+    starts: Integers,
+    beside: Array,
+) -> None:
+    """Correct rows one after the other, as the loop would.
+
+    The rows are stamps `t` (n,) [s] and `samples` (n, n_signals). `position` and `half_width`
+    (n, n_joints) and `status` (n,) receive what is put out, `beside` (n, k, 2) the two numbers that
+    stand at each of `starts` (k,) in the memory.
+    """
+    n_signals, n_joints = numbers[at.N_SIGNALS], numbers[at.N_JOINTS]
+    for i in range(t.shape[0]):
+        memory[at.T] = t[i]
+        copy(samples[i], vector(memory, numbers[at.SAMPLE], n_signals), n_signals)
+        status[i] = correct_sample(numbers, memory)
+        copy(vector(memory, numbers[at.POSITION], n_joints), position[i], n_joints)
+        copy(vector(memory, numbers[at.HALF_WIDTH], n_joints), half_width[i], n_joints)
+        for k in range(starts.shape[0]):
+            copy(vector(memory, starts[k], 2), beside[i, k], 2)
+
+
+@compiled
 def pass_through(numbers: Integers, memory: Array) -> None:
     """Put out the measured position as it is, of unknown accuracy."""
     for j in range(numbers[at.N_JOINTS]):

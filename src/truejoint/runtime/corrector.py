@@ -29,6 +29,7 @@ from truejoint.runtime import fields as at
 from truejoint.runtime.correction import (
     accept_offset,
     acknowledge,
+    correct_rows,
     correct_sample,
     forget,
     tell_homing,
@@ -291,15 +292,16 @@ class Corrector(Summarised):
         t = np.array(recording.t)
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         position, half_width = np.empty((2, len(t), len(self.joints)))
-        status = np.empty(len(t), dtype=np.int64)
-        beside = {name: np.empty((len(t), 2)) for name in self.beside}
-        for i in range(len(t)):
-            status[i] = self.step(t[i], samples[i])
-            position[i], half_width[i] = self.position, self.half_width
-            for name, rows in beside.items():
-                rows[i] = self.beside[name]
+        status, beside = np.empty(len(t), np.int64), np.empty((len(t), len(self.beside), 2))
+        first = self._memory.ctypes.data
+        starts = [(view.ctypes.data - first) // view.itemsize for view in self.beside.values()]
+        places = np.array(starts, dtype=np.int64)
+        correct_rows(
+            self._numbers, self._memory, t, samples, position, half_width, status, places, beside
+        )
         self.release()
-        return CorrectionTrace(t, position, half_width, status, beside)
+        named = {name: beside[:, k] for k, name in enumerate(self.beside)}
+        return CorrectionTrace(t, position, half_width, status, named)
 
     def warm_up(self) -> None:
         """Compile what is not compiled yet; `step` finds everything ready."""

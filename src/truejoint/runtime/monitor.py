@@ -29,10 +29,11 @@ from truejoint.calibration.efforts import (
 )
 from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.calibration.interval import inverse_span, range_excess
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.products import weighted
 from truejoint.features.feature_set import FeatureState
+from truejoint.features.kernels import feature_row
 from truejoint.layout import Layout, refuse_copy
 
 if TYPE_CHECKING:
@@ -224,10 +225,12 @@ class Monitor:
         self.measures: Array = self._packed.view("measures")
         self._levels: Integers = self._packed.view("levels")
         self._per_span = inverse_span(calibration.lower, calibration.upper)
+        self._stamp, self._sample = np.zeros(1), np.zeros((1, len(signals)))
+        self._graded = np.zeros((1, N_MEASURES), np.int64), np.zeros((1, N_MEASURES))
         self._row = np.zeros(len(calibration.feature_set))
         self.reset()
         # Compile, then forget.
-        self._advance(1.0, np.zeros(len(signals)))
+        self._watch(self._stamp, self._sample, *self._graded)
         self.innovation(1.0, 1)
         self.reset()
 
@@ -284,7 +287,9 @@ class Monitor:
                 f"sample has shape {values.shape}; it must hold the {n} signals "
                 f"{', '.join(signals[:n])}"
             )
-        return int(self._advance(float(t), values[:n]))
+        self._stamp[0], self._sample[0] = t, values[:n]
+        self._watch(self._stamp, self._sample, *self._graded)
+        return int(self._levels.max())
 
     def innovation(self, squared: float, degrees: int) -> int:
         """Take the normalised innovation squared of a filter's update; returns the `Alarm`.
@@ -303,23 +308,61 @@ class Monitor:
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in signals]))
         levels = np.empty((len(t), N_MEASURES), dtype=np.int64)
         measures = np.empty(levels.shape)
-        for i in range(len(t)):
-            self._advance(t[i], samples[i])
-            levels[i], measures[i] = self._levels, self.measures
+        self._watch(t, samples, levels, measures)
         return MonitorTrace(t, levels.max(axis=1), _bits(levels), measures)
 
-    def _advance(self, t: float, values: Array) -> int:
-        calibration = self._calibration
-        if not acceptable(self._numbers, self._memory, t, values):
-            return int(self._levels.max())
-        calibration.feature_set.step(self._features, t, values, calibration.gap_limit, self._row)
-        excess = range_excess(self._row, calibration.lower, calibration.upper, self._per_span)
-        return int(watch(self._numbers, self._memory, t, values, excess))
+    def _watch(self, t: Array, samples: Array, levels: Integers, measures: Array) -> None:
+        """Take rows one after the other; `levels` and `measures` (n, 5) receive what each says."""
+        calibration, features = self._calibration, self._features
+        watch_rows(
+            self._numbers, self._memory, *calibration.feature_set.program, calibration.gap_limit,
+            features.memory, features.clock, self._row, calibration.lower, calibration.upper,
+            self._per_span, t, samples, levels, measures,
+        )  # fmt: skip
 
 
 def _bits(levels: Integers) -> Integers:
     """`Reason` bits of the measures above their threshold, of their levels (..., 5)."""
     return np.asarray((levels > 0) @ (1 << np.arange(N_MEASURES)))
+
+
+@compiled
+def watch_rows(
+    numbers: Integers,
+    memory: Array,
+    operation: Integers,
+    source: Integers,
+    parameter: Array,
+    slot: Integers,
+    gap_limit: float,
+    feature_memory: Array,
+    clock: Array,
+    features: Array,
+    lower: Array,
+    upper: Array,
+    per_span: Array,
+    t: Array,
+    samples: Array,
+    levels: Integers,
+    measures: Array,
+) -> None:
+    """Watch rows of stamps `t` (n,) [s] and `samples` (n, n_signals), one after the other.
+
+    The `features` (k,) are those of `feature_row`; `lower`, `upper` and `per_span` (k,) are their
+    trained range and its inverse length. `levels` and `measures` (n, 5) receive what stands after
+    each row.
+    """
+    for i in range(t.shape[0]):
+        if acceptable(numbers, memory, t[i], samples[i]):
+            feature_row(
+                operation, source, parameter, slot, gap_limit, t[i], samples[i], feature_memory,
+                clock, features,
+            )  # fmt: skip
+            excess = range_excess(features, lower, upper, per_span)
+            watch(numbers, memory, t[i], samples[i], excess)
+        copy(vector(memory, numbers[MEASURES], N_MEASURES), measures[i], N_MEASURES)
+        for k in range(N_MEASURES):
+            levels[i, k] = numbers[numbers[LEVELS] + k]
 
 
 @compiled
