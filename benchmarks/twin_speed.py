@@ -15,8 +15,7 @@ import time
 import numpy as np
 
 from truejoint.simulation import make_twin
-from truejoint.simulation.wrist.constants import SUBSTEPS
-from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.wrist.parameters import SUBSTEPS, WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.wrist import motions
 

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, arm_names, get_robot, robot_names
+from truejoint.robots import Robot, arm_names, get_robot, robot_names, robot_of
+from truejoint.robots.forceps import Forceps
 
 ARMS = [(name, "") for name in robot_names()] + [
     ("raven2", "left"),
@@ -81,6 +82,23 @@ def test_every_name_of_an_arm_is_one_of_the_robot(name: str) -> None:
 
 def test_a_robot_that_is_not_known_has_no_arms() -> None:
     assert arm_names("nothing") == ()
+
+
+def test_a_robot_that_a_file_carries_is_the_one_of_its_name() -> None:
+    values = get_robot("raven2", "right").to_dict()
+    assert robot_of(values, "a recording") is get_robot("raven2", "right")
+    other = {**values, "name": "mine"}
+    assert robot_of(other, "a recording").to_dict()["name"] == "mine"
+    with pytest.raises(RobotError, match="no robot called 'mine'"):
+        get_robot("mine")
+    forceps = get_robot("forceps").to_dict()
+    forceps["mechanism"] = {"jaw_radius": 6e-3}
+    del forceps["transmission"]
+    held = robot_of(forceps, "a recording")
+    assert Forceps.of(held.mechanism).jaw_radius == 6e-3
+    assert held.joints == get_robot("forceps").joints
+    with pytest.raises(RobotError, match=r"^a recording: 'joints' is missing"):
+        robot_of({"name": "raven2"}, "a recording")
 
 
 def test_psm_without_a_name_is_not_taken_for_a_named_one() -> None:

@@ -2,6 +2,7 @@ from .catalogue import adopt_robot as adopt_robot
 from .catalogue import arm_names as arm_names
 from .catalogue import get_robot as get_robot
 from .catalogue import robot_names as robot_names
+from .catalogue import robot_of as robot_of
 from .parts import Joint as Joint
 from .parts import Kinematics as Kinematics
 from .parts import Transmission as Transmission

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import cache
 from importlib.resources import as_file, files
 from pathlib import Path
@@ -104,6 +105,34 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
     if (known, wanted) in _described:
         return _described[known, wanted][1]
     return _build(known, wanted)
+
+
+def robot_of(values: Mapping[str, Any], source: str) -> Robot:
+    """Robot that a file carries by `Robot.to_dict`; no name is made known by it.
+
+    A robot of `robot_names` is the one that `get_robot` gives, whose kinematics may be code, with
+    the cables that the file states.
+
+    Raises
+    ------
+    RobotError
+        If the description breaks a rule.
+
+    Examples
+    --------
+    >>> robot_of(get_robot("bros").to_dict(), "a recording") is get_robot("bros")
+    True
+    """
+    from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
+
+    robot = Robot.from_dict(values, source)
+    if robot.name not in robot_names():
+        return robot
+    original = get_robot(robot.name, robot.arm)
+    stated = robot.to_dict().get("mechanism")
+    if stated is None or stated == original.to_dict().get("mechanism"):
+        return original
+    return replace(original, mechanism=robot.mechanism, transmission=robot.transmission)
 
 
 def adopt_robot(values: Mapping[str, Any], source: str) -> None:

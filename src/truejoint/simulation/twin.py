@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Final, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -112,6 +112,80 @@ class Twin(Protocol):
 
     def saved(self) -> Callable[[], None]:
         """Note all that `run` changes; what is returned takes the twin back there."""
+
+
+class BaseTwin:
+    """What twins do alike: load, time, home, idle, saving, and refusing a plant that diverged.
+
+    A twin calls this constructor first, and counts its set-points in `_ticks`.
+    """
+
+    MAX_LOAD: ClassVar[float]
+    """Heaviest load [kg]."""
+    _NOTED: ClassVar[tuple[str, ...]]
+    """Attributes that `run` changes."""
+
+    def __init__(self, robot: Robot, seed: int) -> None:
+        self.robot: Final[Robot] = robot
+        self.seed: Final = checked_seed(seed)
+        self.homing_count = 0
+        self._load = 0.0
+        self._ticks = 0
+
+    @property
+    def load(self) -> float:
+        """Mass that hangs on the tool [kg]; TruejointError beyond `MAX_LOAD`."""
+        return self._load
+
+    @load.setter
+    def load(self, mass: float) -> None:
+        self._load = checked_load(mass, self.MAX_LOAD)
+
+    @property
+    def time(self) -> float:
+        """Time since the robot was switched on [s]."""
+        return self._ticks * SETPOINT_DT
+
+    def homing(self) -> Generator[TwinOutput]:
+        """Register the encoders anew and go to the home pose, in pieces."""
+        raise NotImplementedError
+
+    def home(self) -> TwinOutput:
+        """Give all of `homing` in one piece."""
+        return TwinOutput.whole(list(self.homing()))
+
+    def idle(self, duration: float) -> None:
+        """Let `duration` [s] pass with the motors held; raises TruejointError if it is no time."""
+        self._ticks += checked_ticks(duration)
+
+    def saved(self) -> Callable[[], None]:
+        """Note all that `run` changes; what is returned takes the twin back there."""
+        return noted(self, self._NOTED, self._streams())
+
+    def _streams(self) -> Sequence[np.random.Generator]:
+        """Random streams of the sensors."""
+        raise NotImplementedError
+
+    def _times(self, rows: int) -> Array:
+        """Give times (rows + 1,) [s]: now, and those of the next set-points."""
+        return np.arange(self._ticks, self._ticks + rows + 1, dtype=np.float64) * SETPOINT_DT
+
+    def _check_finite(self, log: Array, t: Array, step: str) -> None:
+        """Refuse a plant whose rows (n, k) at times (n,) left the finite numbers."""
+        if not np.isfinite(log).all():
+            row = int(np.argmax(~np.isfinite(log).all(axis=1)))
+            raise TruejointError(
+                f"the simulated {self.robot.name} diverged at {t[row]:.3f} s; its parameters or "
+                f"the force at the tip are beyond what {step} can follow"
+            )
+
+
+def shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
+    """Return what a caller's function gave; TruejointError where it has another shape."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.shape != shape:
+        raise TruejointError(f"{name} gave shape {array.shape}; want {shape}, a row for each time")
+    return array
 
 
 def glide(start: Array, end: Array, duration: float) -> Array:

@@ -6,8 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_ivp
 
-from truejoint.simulation.forceps.constants import plant_constants
-from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, eigenfrequencies
+from truejoint.simulation.forceps.parameters import (
+    DT,
+    ForcepsParameters,
+    eigenfrequencies,
+    plant_constants,
+)
 from truejoint.simulation.forceps.plant import (
     N_HISTORY,
     WHEEL,

@@ -167,7 +167,7 @@ def test_a_load_test_is_the_same_behind_the_twin():
     torque = run.extra["truth_load/jaw"][1:]
     np.testing.assert_allclose(out.extra["truth_load/jaw"], torque, atol=1e-9)
     twin.tip_force = lambda t: np.zeros(3)
-    with pytest.raises(TruejointError, match=r"tip_force gave shape \(3,\) for times \(6,\)"):
+    with pytest.raises(TruejointError, match=r"tip_force gave shape \(3,\); want \(6,\)"):
         twin.run(np.zeros((5, 1)))
     for force in (1e300, math.nan):
         twin.tip_force = lambda t, force=force: np.full(t.shape, force)

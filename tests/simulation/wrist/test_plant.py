@@ -8,8 +8,7 @@ from scipy.integrate import solve_ivp
 
 from truejoint.robots import get_robot
 from truejoint.robots.cable_mechanism import CableMechanism
-from truejoint.simulation.wrist.constants import plant_constants
-from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.plant import (
     advance,
     at_rest,

@@ -9,7 +9,7 @@ from truejoint.errors import CommandRefused, RobotError, TruejointError
 from truejoint.robots import catalogue
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import FAMILIES, family_of, population
-from truejoint.simulation.wrist.twin import MAX_LOAD, WristTwin
+from truejoint.simulation.wrist.twin import WristTwin
 
 
 def path(rows=300):
@@ -119,7 +119,6 @@ def test_what_cannot_be_is_refused():
         twin.run(np.zeros((10, 3)))
     with pytest.raises(RobotError, match="bros states no cables"):
         WristTwin(robot="bros")
-    assert MAX_LOAD == 0.3
 
 
 def test_a_larger_population_begins_with_the_smaller_one():

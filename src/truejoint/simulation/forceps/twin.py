@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import replace
 from typing import ClassVar, Final
 
@@ -12,23 +12,14 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused, TruejointError
-from truejoint.robots import Robot, get_robot
+from truejoint.robots import get_robot
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
-from truejoint.simulation.forceps.constants import plant_constants
 from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
-from truejoint.simulation.forceps.parameters import DT, ForcepsParameters
+from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, plant_constants
 from truejoint.simulation.forceps.plant import advance, settled
 from truejoint.simulation.forceps.sensors import Sensors, ZeroShift
-from truejoint.simulation.twin import (
-    TwinOutput,
-    checked_load,
-    checked_seed,
-    checked_ticks,
-    glide,
-    hold,
-    noted,
-)
+from truejoint.simulation.twin import BaseTwin, TwinOutput, glide, hold, shaped
 from truejoint.units import GRAVITY
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
@@ -38,7 +29,7 @@ _HOMING_SPEED: Final = math.radians(15.0)  # [rad/s] of the jaw, the paper's own
 _NO_SHIFT: Final = ZeroShift()
 
 
-class ForcepsTwin:
+class ForcepsTwin(BaseTwin):
     """Digital twin of the one-jaw forceps of yan2020; a `truejoint.simulation.Twin`.
 
     The paper's forceps measures no motor torque, so `effort` is empty; the encoders on its
@@ -53,6 +44,10 @@ class ForcepsTwin:
     """
 
     PARAMETERS: ClassVar[type[ForcepsParameters]] = ForcepsParameters
+    MAX_LOAD: ClassVar[float] = MAX_MASS
+    _NOTED: ClassVar[tuple[str, ...]] = (
+        "_state", "_motor", "_ticks", "_command", "_reading", "_exact",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -64,42 +59,20 @@ class ForcepsTwin:
     ) -> None:
         self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
         cables = self.parameters.mechanism.mechanism()
-        self.robot: Final[Robot] = replace(
-            get_robot("forceps", arm), mechanism=cables, transmission=None
-        )
-        self.seed: Final = checked_seed(seed)
+        robot = replace(get_robot("forceps", arm), mechanism=cables, transmission=None)
+        super().__init__(robot, seed)
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None
         self.line_angle = 0.0
-        self.homing_count = 0
         self._constants = plant_constants(self.parameters)
         self._state, self._motor = settled(self._constants, _PER_SETPOINT, SETTLING)
         self._sensors = Sensors(self.parameters, seed)
         self._zero = _NO_SHIFT
-        self._ticks = 0
         self._command = 0.0
         self._reading = 0.0  # of the motor's encoder, at the latest row
         # Where the exact motor, x1, x2 and jaw were when the encoders were last set to zero.
         self._exact = self._advance(np.zeros(1), np.zeros(1), _PER_SETPOINT)[0, :4]
         self._origin = self._exact
-
-    @property
-    def load(self) -> float:
-        """Mass that hangs on the jaw's tip [kg]."""
-        return self._load
-
-    @load.setter
-    def load(self, mass: float) -> None:
-        self._load = checked_load(mass, MAX_MASS)
-
-    @property
-    def time(self) -> float:
-        """Time since the forceps was switched on [s]."""
-        return self._ticks * SETPOINT_DT
-
-    def home(self) -> TwinOutput:
-        """Give all of `homing` in one piece."""
-        return TwinOutput.whole(list(self.homing()))
 
     def homing(self) -> Generator[TwinOutput]:
         """Turn the motor to its limit switch and set the cables' encoders to zero there.
@@ -125,15 +98,10 @@ class ForcepsTwin:
         """
         angles = checked_rows(self.robot, setpoint, "run")[:, 0]
         _check_stops(self.parameters, angles)
-        t = np.arange(self._ticks, self._ticks + len(angles) + 1, dtype=np.float64) * SETPOINT_DT
+        t = self._times(len(angles))
         force = np.full(t.shape, -GRAVITY * self._load)
         if self.tip_force is not None:
-            pushed = np.asarray(self.tip_force(t), dtype=np.float64)
-            if pushed.shape != t.shape:
-                raise TruejointError(
-                    f"tip_force gave shape {pushed.shape} for times {t.shape}; give one a time"
-                )
-            force += pushed
+            force += shaped(self.tip_force(t), t.shape, "tip_force")
         log = self._advance(np.concatenate([[self._command], angles]), force, _PER_SETPOINT)
         output = self._output(log[1:], t[1:], angles, SETPOINT_DT)
         if len(angles):
@@ -142,14 +110,8 @@ class ForcepsTwin:
         self._ticks += len(angles)
         return output
 
-    def idle(self, duration: float) -> None:
-        """Let `duration` [s] pass with the motor held; raises TruejointError if it is no time."""
-        self._ticks += checked_ticks(duration)
-
-    def saved(self) -> Callable[[], None]:
-        """Note all that `run` changes; what is returned takes the twin back there."""
-        names = ("_state", "_motor", "_ticks", "_command", "_reading", "_exact")
-        return noted(self, names, self._sensors.streams)
+    def _streams(self) -> Sequence[np.random.Generator]:
+        return self._sensors.streams
 
     def _advance(self, angles: Array, force: Array, log_every: int) -> Array:
         """Rows (m, 7) of the plant along jaw angles (n,) [rad], the first one before it moves."""
@@ -159,12 +121,7 @@ class ForcepsTwin:
 
     def _output(self, log: Array, t: Array, setpoint: Array, dt: float) -> TwinOutput:
         """Read the sensors at the plant's rows, `dt` [s] apart."""
-        if not np.isfinite(log).all():
-            row = int(np.argmax(~np.isfinite(log).all(axis=1)))
-            raise TruejointError(
-                f"the simulated forceps diverged at {t[row]:.3f} s; its parameters or the force "
-                "at the tip are beyond what a step of 0.1 ms can follow"
-            )
+        self._check_finite(log, t, "a step of 0.1 ms")
         p, exact = self.parameters, (log[:, :4] - self._origin).T
         motor, drive, reset, reference = self._sensors.read(exact, self._zero)
         cables = {"cable/drive": (p.drive_encoder, drive), "cable/reset": (p.reset_encoder, reset)}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Generator, Iterator, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-from truejoint.robots import Robot, get_robot
+from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES, TruthBlock
 from truejoint.robots.joint_rows import checked_rows, in_grains
 from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
@@ -19,17 +19,13 @@ from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.plant import POSITIONING, build_plant, build_state
 from truejoint.simulation.twin import (
+    BaseTwin,
     TwinOutput,
     checked_load,
-    checked_seed,
     checked_ticks,
     glide,
     hold,
-    noted,
 )
-
-MAX_LOAD: Final = 2.0
-"""Heaviest load that the arm carries [kg]; the shoulder's motor gives up a little above."""
 
 # Share of a step that a time stamp may be late or early by.
 _LATEST: Final = 0.45
@@ -40,7 +36,7 @@ _SEARCH_LIMIT: Final = 25.0  # s
 _SEARCH_PIECE: Final = 500  # rows
 
 
-class Raven2Twin:
+class Raven2Twin(BaseTwin):
     """Digital twin of one RAVEN-II arm; a `truejoint.simulation.Twin`.
 
     State arrays have one column per channel of the robot's state message (shoulder, elbow,
@@ -72,6 +68,8 @@ class Raven2Twin:
     """
 
     PARAMETERS: ClassVar[type[Raven2Parameters]] = Raven2Parameters
+    MAX_LOAD: ClassVar[float] = 2.0  # the shoulder's motor gives up a little above
+    _NOTED: ClassVar[tuple[str, ...]] = ("_state",)
 
     def __init__(
         self,
@@ -81,10 +79,8 @@ class Raven2Twin:
         seed: int = 0,
         load: float = 0.0,
     ) -> None:
-        self.seed: Final = checked_seed(seed)
         self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
-        self.robot: Final[Robot] = get_robot("raven2", arm)
-        self.homing_count = 0
+        super().__init__(get_robot("raven2", arm), seed)
         self._drives = drives("right" if self.robot.arm == "right" else "left")
         self._plant = build_plant(self.parameters, self.robot)
         streams = (np.random.default_rng([seed, part]) for part in range(3))
@@ -92,7 +88,7 @@ class Raven2Twin:
         span = (self.robot.upper - self.robot.lower)[:POSITIONING]
         spread = _LEFT_SPREAD * span * self._rng.uniform(-1.0, 1.0, POSITIONING)
         pose = self.robot.home[:POSITIONING] + spread
-        self._state = build_state(self._plant, pose, seed, checked_load(load, MAX_LOAD))
+        self._state = build_state(self._plant, pose, seed, checked_load(load, self.MAX_LOAD))
         stops = [drive.hard_stop for drive in self._drives[:POSITIONING]]
         self._nominal_stop = np.concatenate([stops, self.robot.home[POSITIONING:]])
 
@@ -113,7 +109,7 @@ class Raven2Twin:
 
     @load.setter
     def load(self, mass: float) -> None:
-        self._state.slow[kernel.LOAD] = checked_load(mass, MAX_LOAD)
+        self._state.slow[kernel.LOAD] = checked_load(mass, self.MAX_LOAD)
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow joint positions (n, 7) [rad, insertion m], one row a millisecond.
@@ -122,10 +118,6 @@ class Raven2Twin:
         CommandRefused if the shape is wrong or a value is not finite.
         """
         return self._advance(checked_rows(self.robot, setpoint, "run"))
-
-    def home(self) -> TwinOutput:
-        """Give all of `homing` in one piece."""
-        return TwinOutput.whole(list(self.homing()))
 
     def homing(self) -> Generator[TwinOutput]:
         """Find the hard stops, register both kinds of encoder there, go to the home pose.
@@ -169,9 +161,8 @@ class Raven2Twin:
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
 
-    def saved(self) -> Callable[[], None]:
-        """Note all that `run` changes; what is returned takes the twin back there."""
-        return noted(self, ("_state",), (self._stamp_rng,))
+    def _streams(self) -> Sequence[np.random.Generator]:
+        return (self._stamp_rng,)
 
     def _search_stops(self) -> Iterator[TwinOutput]:
         """Move to the hard stops and settle there; the encoders are not touched."""

@@ -1,4 +1,4 @@
-"""Parameters of an instrument's cables: a commented TOML file in, a checked frozen value out."""
+"""Parameters of an instrument's cables, and the arrays that its compiled dynamics read."""
 
 from __future__ import annotations
 
@@ -7,6 +7,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
+import numpy as np
+
+from truejoint.array_types import Array, Integers
+from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.schema import Bounds
 from truejoint.simulation.parameter_file import Parameters
 
@@ -113,3 +118,195 @@ class WristParameters(Parameters):
     motor: Motor
     sensors: Sensors
     homing: Homing
+
+
+SUBSTEPS: Final = 4  # of the integrator in a set-point's period: 4 kHz
+
+
+class ContactLaw(NamedTuple):
+    """Friction of a pin for `maxwell_slip`, which takes its level apart."""
+
+    presliding: float
+    viscous: float
+    stribeck_ratio: float
+    stribeck_velocity: float
+
+
+class PlantConstants(NamedTuple):
+    """C cables of N nodes at most, J joints, M motors."""
+
+    dt: float  # [s] of a step
+    motor_of: Integers  # (C,), -1 where a cable ends at a spring
+    capstan: Array  # (C,) [m] that a cable gets per radian of its motor, with its sign
+    n_moved: Integers  # (C,) joints that a cable turns, which the next four list first
+    moved: Integers  # (C, J)
+    moments: Array  # (C, J) [m/rad]
+    sine: Array  # (C, J) [m] of an eccentric pulley's part in sin of a joint
+    cosine: Array  # (C, J) [m] and in cos - 1
+    n_nodes: Integers  # (C,)
+    stiffness: Array  # (C, N + 1) [N/m] of the segments
+    slack: Array  # (C, N + 1) [m] of stretch at pretension
+    ratio: Array  # (C, N) of the tensions before and behind, at the zeros
+    wrap_joint: Integers  # (C, N), -1 where no joint changes it
+    wrap_slope: Array  # (C, N) mu, with the sign in which the joint adds to it
+    inertia: Array  # (J,) [kg m2]
+    damping: Array  # (J,) [Nm s/rad]
+    friction: Array  # (J,) [Nm] constant
+    per_tension: Array  # (J,) [m] friction per tension on the pin
+    presliding: float  # [rad]
+    is_maxwell_slip: bool
+    law: ContactLaw
+    opening: Array  # (J,) of the jaws, per joint; zeros where nothing meets
+    contact: Array  # (2,) stiffness [Nm/rad], damping [Nm s/rad]
+    lowest: Array  # (J,) [rad] where a joint meets its stops,
+    highest: Array  # (J,)
+    stop: Array  # (2,) which have this stiffness [Nm/rad] and damping [Nm s/rad]
+    n_motors: int
+    motor_step: Array  # (2, 2): how far angle and speed are off, a step later
+    motor_lag: float  # [s] by which a motor follows a ramp
+    coulomb: float  # [Nm] of every motor
+    motor_viscous: float  # [Nm s/rad]
+    motor_presliding: float  # [rad]
+
+
+class Drawn(NamedTuple):
+    """What of one instrument's sensors strays; (M,) each, tensions (C,)."""
+
+    effort_gain: Array
+    tension_gain: Array
+    tension_offset: Array
+    motor_zero: Array  # [rad]
+
+
+def plant_constants(
+    p: WristParameters,
+    mechanism: CableMechanism,
+    substeps: int = SUBSTEPS,
+    limits: tuple[Array, Array] | None = None,
+) -> tuple[PlantConstants, Drawn]:
+    """Constants of one instrument, its single parts drawn with ``variation.seed``.
+
+    Its joints meet stops beyond `limits`, lower and upper (n_joints,) [rad], where they have any.
+    """
+    cables, motors = mechanism.cables, tuple(mechanism.motors)
+    unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
+    lower, upper = unbounded if limits is None else limits
+    parts, drawn = _drawn(p, mechanism)
+    side = np.sign(mechanism.moments)
+    moved = np.argsort(side == 0.0, axis=1, kind="stable")
+    stiffness = _stiffness(p, mechanism, parts.stiffness)
+    wrap_joint, wrap, slope = _wraps(p, mechanism)
+    eccentric = side * parts.eccentricity
+    pins = list(mechanism.pins.values())
+    radii = mechanism.radii * parts.capstan
+    met = mechanism.contact
+    dt = SETPOINT_DT / substeps
+    f = p.joint_friction
+    constants = PlantConstants(
+        dt=dt,
+        motor_of=np.array([motors.index(c.motor) if c.motor else -1 for c in cables]),
+        capstan=np.array(
+            [c.sign * radii[motors.index(c.motor)] if c.motor else 0.0 for c in cables]
+        ),
+        n_moved=np.count_nonzero(side, axis=1),
+        moved=moved,
+        moments=np.take_along_axis(mechanism.moments * parts.groove, moved, 1),
+        sine=np.take_along_axis(eccentric * np.cos(parts.phase), moved, 1),
+        cosine=np.take_along_axis(eccentric * np.sin(parts.phase), moved, 1),
+        n_nodes=np.array([len(cable.nodes) for cable in cables]),
+        stiffness=stiffness,
+        slack=p.cables.pretension / stiffness,
+        ratio=np.exp(wrap),
+        wrap_joint=wrap_joint,
+        wrap_slope=slope,
+        inertia=np.array([pin.inertia for pin in pins]),
+        damping=np.full(len(pins), f.viscous),
+        friction=f.constant * np.array([pin.friction for pin in pins]),
+        per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
+        presliding=f.presliding,
+        is_maxwell_slip=f.law == MAXWELL_SLIP,
+        law=ContactLaw(f.presliding, 0.0, 1.0, 1.0),
+        opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
+        lowest=lower - p.stops.beyond,
+        highest=upper + p.stops.beyond,
+        stop=np.array([p.stops.stiffness, p.stops.damping]),
+        contact=np.zeros(2) if met is None else np.array([met.stiffness, met.damping]),
+        n_motors=len(motors),
+        motor_step=_motor_step(p, dt),
+        motor_lag=p.motor.lag,
+        coulomb=p.motor.coulomb,
+        motor_viscous=p.motor.viscous,
+        motor_presliding=p.motor.presliding,
+    )
+    return constants, drawn
+
+
+class _Parts(NamedTuple):
+    """What of one instrument's cables and pulleys strays; C cables, J joints, M motors."""
+
+    groove: Array  # (C, J) of the nominal moment
+    capstan: Array  # (M,) of the nominal radius
+    eccentricity: Array  # (C, J) [m]
+    phase: Array  # (C, J) [rad]
+    stiffness: Array  # (C,) [N/m] of a whole cable
+
+
+def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[_Parts, Drawn]:
+    """Draw an instrument's parts and sensors, always in this order."""
+    v, rng = p.variation, np.random.default_rng(p.variation.seed)
+    cables, motors = mechanism.cables, tuple(mechanism.motors)
+    n_cables, n_motors = len(cables), len(motors)
+    # The two cables of a loop lie in the same grooves, so that their radii are one draw a motor.
+    loop = np.array([motors.index(c.motor) if c.motor else n_motors + n
+                     for n, c in enumerate(cables)])  # fmt: skip
+    shape = int(loop.max()) + 1, len(mechanism.joint_names)
+    groove = 1.0 + v.moment * rng.standard_normal(shape)
+    capstan = 1.0 + v.capstan * rng.standard_normal(n_motors)
+    size = v.eccentricity * np.abs(rng.standard_normal(shape))
+    phase = rng.uniform(-math.pi, math.pi, shape)
+    whole = p.cables.stiffness * (1.0 + v.stiffness * rng.standard_normal(n_cables))
+    sensors = Drawn(
+        p.sensors.effort_gain * rng.standard_normal(n_motors),
+        p.sensors.tension_gain * rng.standard_normal(n_cables),
+        p.sensors.tension_offset * rng.standard_normal(n_cables),
+        p.homing.assembly * rng.standard_normal(n_motors),
+    )
+    return _Parts(groove[loop], capstan, size[loop], phase[loop], whole), sensors
+
+
+def _stiffness(p: WristParameters, mechanism: CableMechanism, whole: Array) -> Array:
+    """Stiffness (C, N + 1) [N/m] of segments, of cables that have `whole` (C,) [N/m]; ones else."""
+    cables = mechanism.cables
+    stiffness = np.ones((len(cables), 1 + max(len(cable.nodes) for cable in cables)))
+    for c, cable in enumerate(cables):
+        shares = np.array(cable.segments)
+        shares[1:-1] *= p.cables.shaft_compliance
+        compliance = shares / (shares.sum() * whole[c])
+        if cable.spring:
+            compliance[0] += 1.0 / cable.spring
+        stiffness[c, : len(compliance)] = 1.0 / compliance
+    return stiffness
+
+
+def _wraps(p: WristParameters, mechanism: CableMechanism) -> tuple[Integers, Array, Array]:
+    """Joint at each node of each cable (C, N), -1 for none, its mu times wrap, and mu as signed."""
+    cables, joints = mechanism.cables, mechanism.joint_names
+    side = np.sign(mechanism.moments)
+    shape = len(cables), max(len(cable.nodes) for cable in cables)
+    joint_of, wrap, slope = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
+    for c, cable in enumerate(cables):
+        for n, node in enumerate(cable.nodes):
+            mu = p.cables.wrist_friction if node.joint else p.cables.guide_friction
+            wrap[c, n] = mu * node.wrap
+            if node.joint:
+                joint_of[c, n] = joints.index(node.joint)
+                slope[c, n] = -mu * side[c, joint_of[c, n]]
+    return joint_of, wrap, slope
+
+
+def _motor_step(p: WristParameters, dt: float) -> Array:
+    """Transition (2, 2) over `dt` of ``e'' = -w**2 e - 2 z w e'``, exact."""
+    from scipy.linalg import expm  # noqa: PLC0415  # takes longer to import than the rest
+
+    w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
+    return np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]) * dt))

@@ -14,16 +14,20 @@ in place, so that a motion may be cut anywhere.
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from llvmlite import ir  # type: ignore[import-untyped]
+from numba import types
+from numba.extending import intrinsic
+from numba.np.arrayobj import make_array
 
 from truejoint.array_types import Array
-from truejoint.compiled import borrow, compiled, inlined
+from truejoint.compiled import compiled, inlined
 from truejoint.mechanics import dahl, solve
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.simulation.friction import N_ELEMENTS, guide_travel, maxwell_slip
-from truejoint.simulation.wrist.constants import PlantConstants
+from truejoint.simulation.wrist.parameters import PlantConstants
 
 _SWEEPS = 3  # over the nodes of a cable
 _NUDGE = 1e-7  # [rad] over which the slope of Maxwell slip is found
@@ -308,75 +312,23 @@ def write_row(row: int, grip: float, c: PlantConstants, s: State, w: Work, log: 
     log.grip[row] = grip
 
 
-@inlined
-def lent(c: PlantConstants) -> PlantConstants:
-    """Lend the arrays of constants, whose references would be counted at every use of one."""
-    return PlantConstants(
-        c.dt,
-        borrow(c.motor_of),
-        borrow(c.capstan),
-        borrow(c.n_moved),
-        borrow(c.moved),
-        borrow(c.moments),
-        borrow(c.sine),
-        borrow(c.cosine),
-        borrow(c.n_nodes),
-        borrow(c.stiffness),
-        borrow(c.slack),
-        borrow(c.ratio),
-        borrow(c.wrap_joint),
-        borrow(c.wrap_slope),
-        borrow(c.inertia),
-        borrow(c.damping),
-        borrow(c.friction),
-        borrow(c.per_tension),
-        c.presliding,
-        c.is_maxwell_slip,
-        c.law,
-        borrow(c.opening),
-        borrow(c.contact),
-        borrow(c.lowest),
-        borrow(c.highest),
-        borrow(c.stop),
-        c.n_motors,
-        borrow(c.motor_step),
-        c.motor_lag,
-        c.coulomb,
-        c.motor_viscous,
-        c.motor_presliding,
-    )
+@intrinsic
+def lend(_typing: Any, fields: Any) -> Any:
+    """Lend a named tuple's arrays without their reference counts, which every use would change."""
 
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        kind, members = signature.args[0], []
+        for k, member in enumerate(kind):
+            value = builder.extract_value(args[0], k)
+            if isinstance(member, types.Array):
+                array = make_array(member)(context, builder, value)
+                array.meminfo = ir.Constant(array.meminfo.type, None)
+                array.parent = ir.Constant(array.parent.type, None)
+                value = array._getvalue()
+            members.append(value)
+        return context.make_tuple(builder, kind, members)
 
-@inlined
-def lent_state(s: State) -> State:
-    """Lend the arrays of a state."""
-    return State(
-        borrow(s.nodes),
-        borrow(s.joint),
-        borrow(s.speed),
-        borrow(s.friction),
-        borrow(s.stuck),
-        borrow(s.motor),
-        borrow(s.motor_speed),
-        borrow(s.motor_friction),
-    )
-
-
-@inlined
-def lent_work(w: Work) -> Work:
-    """Lend the arrays of a step's work."""
-    return Work(
-        borrow(w.matrix),
-        borrow(w.right),
-        borrow(w.level),
-        borrow(w.sine),
-        borrow(w.cosine),
-        borrow(w.arm),
-        borrow(w.pull),
-        borrow(w.slid),
-        borrow(w.ratio),
-        borrow(w.first),
-    )
+    return fields(fields), generate
 
 
 @compiled
@@ -409,7 +361,7 @@ def advance(
         Steps of the constants' `dt` in a period.
     log : Log
     """
-    c, s, w = lent(constants), lent_state(state), lent_work(work)
+    c, s, w = lend(constants), lend(state), lend(work)
     n = s.joint.shape[0]
     for row in range(goal.shape[0] - 1):
         grip = 0.0

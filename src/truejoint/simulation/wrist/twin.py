@@ -3,40 +3,28 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from typing import ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.errors import CommandRefused, RobotError, TruejointError
-from truejoint.robots import Robot, get_robot
+from truejoint.errors import CommandRefused, RobotError
+from truejoint.robots import get_robot
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
-from truejoint.simulation.twin import (
-    TwinOutput,
-    checked_load,
-    checked_seed,
-    checked_ticks,
-    glide,
-    hold,
-    noted,
-)
-from truejoint.simulation.wrist.constants import SUBSTEPS, plant_constants
-from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.twin import BaseTwin, TwinOutput, checked_load, glide, hold, shaped
+from truejoint.simulation.wrist.parameters import SUBSTEPS, WristParameters, plant_constants
 from truejoint.simulation.wrist.plant import advance, at_rest, empty_log, new_work
 from truejoint.units import GRAVITY
-
-MAX_LOAD: Final = 0.3
-"""Heaviest load that hangs on the tip [kg]; cables go slack above."""
 
 _SETTLING: Final = 0.5  # [s] at rest
 _HOMING_SPEED: Final = math.radians(30.0)  # [rad/s]
 _BEYOND: Final = 0.2  # [rad] that a set-point may lie beyond a limit, where a loop asks for it
 
 
-class WristTwin:
+class WristTwin(BaseTwin):
     """Digital twin of an instrument's wrist, or of any robot that states its cables.
 
     A `truejoint.simulation.Twin`. What it measures are motors and their efforts; the measured
@@ -62,6 +50,10 @@ class WristTwin:
     """
 
     PARAMETERS: ClassVar[type[WristParameters]] = WristParameters
+    MAX_LOAD: ClassVar[float] = 0.3  # cables go slack above
+    _NOTED: ClassVar[tuple[str, ...]] = (
+        "_state", "_work", "_ticks", "_command", "_goal", "_reading",
+    )  # fmt: skip
 
     def __init__(
         self,
@@ -74,19 +66,18 @@ class WristTwin:
         substeps: int = SUBSTEPS,
     ) -> None:
         self.parameters: Final = WristParameters.read() if parameters is None else parameters
-        self.robot: Final[Robot] = get_robot(robot, arm)
-        mechanism, transmission = self.robot.mechanism, self.robot.transmission
+        model = get_robot(robot, arm)
+        mechanism, transmission = model.mechanism, model.transmission
         if mechanism is None or transmission is None:
-            raise RobotError(f"{self.robot.title} states no cables; add [mechanism]")
+            raise RobotError(f"{model.title} states no cables; add [mechanism]")
         self._transmission = transmission
         self._cable_names = tuple(cable.name for cable in mechanism.cables)
         self._arms = {name: mechanism.row(arm) for name, arm in mechanism.arms.items()}
         self._meets = mechanism.contact is not None
-        self.seed: Final = checked_seed(seed)
+        super().__init__(model, seed)
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None
         self.held: Callable[[Array], Array] | None = None
-        self.homing_count = 0
         self._substeps = substeps
         self._constants, self._drawn = plant_constants(
             self.parameters, mechanism, substeps, (self.robot.lower, self.robot.upper)
@@ -97,7 +88,6 @@ class WristTwin:
         streams = np.random.SeedSequence(seed).spawn(len(names))
         self._noise = {n: np.random.default_rng(s) for n, s in zip(names, streams, strict=True)}
         self._zero = self._registered()
-        self._ticks = 0
         self._command = np.zeros(len(self.robot.joints))
         self._goal = self._zero.copy()  # of the motors, where they stand
         self._state.motor[:] = self._goal
@@ -105,31 +95,21 @@ class WristTwin:
 
     @property
     def load(self) -> float:
-        """Mass that hangs on the tip [kg]."""
+        """Mass that hangs on the tip [kg]; RobotError where no arm is stated that it pulls at."""
         return self._load
 
     @load.setter
     def load(self, mass: float) -> None:
-        mass = checked_load(mass, MAX_LOAD)
-        if mass and not self._arms:
+        if checked_load(mass, self.MAX_LOAD) and not self._arms:
             raise RobotError(
                 f"{self.robot.title} states no arm that a load pulls at; add [mechanism.arms]"
             )
-        self._load = mass
-
-    @property
-    def time(self) -> float:
-        """Time since the instrument was switched on [s]."""
-        return self._ticks * SETPOINT_DT
+        self._load = float(mass)
 
     @property
     def commanded(self) -> Array:
         """Joint angles (n_joints,) [rad] of the latest set-point."""
         return self._command
-
-    def home(self) -> TwinOutput:
-        """Give all of `homing` in one piece."""
-        return TwinOutput.whole(list(self.homing()))
 
     def homing(self) -> Generator[TwinOutput]:
         """Go to the zeros, engage the instrument there anew, and go to the home pose.
@@ -155,7 +135,7 @@ class WristTwin:
         """
         joints = checked_rows(self.robot, setpoint, "run")
         self._check_limits(joints)
-        t = np.arange(self._ticks, self._ticks + len(joints) + 1, dtype=np.float64) * SETPOINT_DT
+        t = self._times(len(joints))
         goal = self._transmission.motor_from_joint(joints) + self._zero
         goal = np.ascontiguousarray(np.vstack([self._goal, goal]))
         force, held = self._acting(t)
@@ -166,12 +146,7 @@ class WristTwin:
             np.ascontiguousarray(force @ arms), held,
             self._substeps, log,
         )  # fmt: skip
-        if not np.isfinite(log.joint).all():
-            row = int(np.argmax(~np.isfinite(log.joint).all(axis=1)))
-            raise TruejointError(
-                f"the simulated wrist diverged at {t[1 + row]:.3f} s; its parameters or the force "
-                "at the tip are beyond what its step can follow"
-            )
+        self._check_finite(log.joint, t[1:], "its step")
         motor = log.motor - self._zero + self._white("motor", log.motor.shape, "motor_noise")
         before = np.vstack([self._reading, motor])
         speed = np.diff(before, axis=0) / SETPOINT_DT
@@ -195,14 +170,8 @@ class WristTwin:
             joint=log.joint,
         )
 
-    def idle(self, duration: float) -> None:
-        """Let `duration` [s] pass with the motors held; raises TruejointError if it is no time."""
-        self._ticks += checked_ticks(duration)
-
-    def saved(self) -> Callable[[], None]:
-        """Note all that `run` changes; what is returned takes the twin back there."""
-        names = ("_state", "_work", "_ticks", "_command", "_goal", "_reading")
-        return noted(self, names, tuple(self._noise.values()))
+    def _streams(self) -> Sequence[np.random.Generator]:
+        return tuple(self._noise.values())
 
     def _registered(self) -> Array:
         """Zeros (n_motors,) [rad] of an engagement: the assembly's, and its own error."""
@@ -222,14 +191,14 @@ class WristTwin:
         if self._arms:
             force[:, 0] = -GRAVITY * self._load
         if self.tip_force is not None:
-            force += _shaped(self.tip_force(t), force.shape, "tip_force")
+            force += shaped(self.tip_force(t), force.shape, "tip_force")
         held = np.zeros(len(t))
         if self.held is not None:
             if not self._meets:
                 raise RobotError(
                     f"{self.robot.title} states no jaws that hold; add [mechanism.contact]"
                 )
-            held = _shaped(self.held(t), held.shape, "held")
+            held = shaped(self.held(t), held.shape, "held")
         return force, np.ascontiguousarray(held)
 
     def _white(self, stream: str, shape: tuple[int, ...], noise: str) -> Array:
@@ -273,10 +242,3 @@ class WristTwin:
                 f"limits are {math.degrees(joint.lower):.1f} and {math.degrees(joint.upper):.1f} "
                 "deg: scale it down"
             )
-
-
-def _shaped(values: ArrayLike, shape: tuple[int, ...], name: str) -> Array:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != shape:
-        raise TruejointError(f"{name} gave shape {array.shape}; want {shape}, a row for each time")
-    return array

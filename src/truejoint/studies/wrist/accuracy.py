@@ -23,8 +23,7 @@ from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_s
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
 from truejoint.robots.wrist.instruments import JOINTS
-from truejoint.simulation.wrist.constants import plant_constants
-from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.study import (
