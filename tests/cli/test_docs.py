@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shlex
 from collections.abc import Iterator
@@ -44,6 +45,16 @@ def unknown(line: str) -> list[str]:
 def test_commands_of_the_docs_are_known(page: Path) -> None:
     wrong = {line: found for line in shown(page.read_text("utf-8")) if (found := unknown(line))}
     assert not wrong
+
+
+def test_the_page_of_commands_is_that_of_the_command_line() -> None:
+    path = ROOT / "docs" / "commands.py"
+    spec = importlib.util.spec_from_file_location("commands_page", path)
+    assert spec and spec.loader
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    text = (ROOT / "docs" / "commands.md").read_text("utf-8")
+    assert text == module.page(), "run: python docs/commands.py"
 
 
 def test_what_is_no_command_or_option_is_found() -> None:
