@@ -28,7 +28,7 @@ def spelt(parameter: Any) -> str:
 
 
 def page() -> str:
-    """The whole page."""
+    """Write out the whole page."""
     lines = [
         "# Commands", "",
         "`python docs/commands.py` writes this page from the command line itself.", "",

@@ -50,7 +50,8 @@ def test_commands_of_the_docs_are_known(page: Path) -> None:
 def test_the_page_of_commands_is_that_of_the_command_line() -> None:
     path = ROOT / "docs" / "commands.py"
     spec = importlib.util.spec_from_file_location("commands_page", path)
-    assert spec and spec.loader
+    assert spec is not None
+    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     text = (ROOT / "docs" / "commands.md").read_text("utf-8")
