@@ -19,7 +19,7 @@ BENCHMARKS = (
     "filter_speed", "corrector_speed", "exported_c_speed", "step_speed", "bag_extraction",
     "speed_training", "beyond_chance", "clock_offset", "histories", "beginnings", "sensor_floors",
     "raven_estimators", "grasper", "tracker", "wrist_tool", "moved_zeros",
-    "told_mechanism", "play_widths", "data_check", "training_outliers", "staleness",
+    "told_mechanism", "data_check", "training_outliers", "staleness",
     "lab_recordings", "automatic_choice", "interval_coverage", "faults", "disk_faults",
     "effort_monitor", "touch", "monitor", "soak", "paced_loop", "ros_node",
 )  # fmt: skip

@@ -28,7 +28,7 @@ from truejoint import calibrate
 from truejoint.calibration import Calibration
 from truejoint.calibration.own_zeros import ZeroOf
 from truejoint.calibration.zero import find_zero, zeroed
-from truejoint.estimators import RichPlay
+from truejoint.estimators import Plays
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.robots import get_robot
@@ -50,8 +50,8 @@ BY_HAND = 2.5
 RULE = "ridge on plays, motor too"
 """At one posture nothing tells apart what goes with the jaw from what goes with its motor: a model
 for other postures is given both, and a ridge shares between them what either would explain."""
-PLAYS = RichPlay(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
-METHODS: dict[str, tuple[str | RichPlay, list[str], ZeroOf]] = {
+PLAYS = Plays(plays=(0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5), time_constants=(0.05, 0.5))
+METHODS: dict[str, tuple[str | Plays, list[str], ZeroOf]] = {
     "linear": ("linear", ["measured/jaw", "effort/jaw"], "recording"),
     "linear in play operators": (
         "linear",
@@ -242,7 +242,7 @@ def held_out() -> None:
 
 
 def fitted(
-    recordings: Sequence[Recording], estimator: str | RichPlay, features: list[str], zero: ZeroOf
+    recordings: Sequence[Recording], estimator: str | Plays, features: list[str], zero: ZeroOf
 ) -> Calibration:
     """Calibrate with a zero for each file, as the files have."""
     model = calibrate(recordings, estimator, features=features, zero=zero, fit_rate=FIT_RATE)

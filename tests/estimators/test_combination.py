@@ -22,9 +22,9 @@ from truejoint.estimators import (
     JawFilter,
     LinearRegressor,
     NeuralNetwork,
+    Plays,
     PolynomialRegressor,
     RecurrentNetwork,
-    RichPlay,
     get_estimator,
 )
 from truejoint.estimators.family import EstimatorData
@@ -209,7 +209,7 @@ def test_names_stay_where_nothing_else_is_known_of_their_members():
 
 def test_what_a_physical_filter_leaves_is_learnt_from_its_features():
     training = [grasper_recording(seed) for seed in range(3)]
-    both = calibrate(training, Combination((ElasticJointFilter(elements=2), RichPlay())))
+    both = calibrate(training, Combination((ElasticJointFilter(elements=2), Plays())))
     assert both.target == "position"
     physical, learnt = both.model.members_
     assert both.feature_set.names == physical.family.inputs(physical.model_params())

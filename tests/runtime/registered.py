@@ -13,7 +13,7 @@ from tests.estimators.test_elastic_joint import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import ModelFileError
-from truejoint.estimators import RichPlay, registry
+from truejoint.estimators import Plays, registry
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.estimators.registry import estimator_names
@@ -28,7 +28,7 @@ from truejoint.studies.wrist import motions
 
 from . import streams
 
-FEW_PLAYS = RichPlay(
+FEW_PLAYS = Plays(
     plays=(0.01, 0.1), time_constants=(0.02,), leading=1, squared=0, pairs=()
 )  # fmt: skip
 

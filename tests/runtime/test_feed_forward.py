@@ -7,7 +7,7 @@ import pytest
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CommandRefused
-from truejoint.estimators import RichPlay
+from truejoint.estimators import Plays
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 from truejoint.runtime import Compensator, Corrector, FeedForward
@@ -39,7 +39,7 @@ def recording(seconds=80.0):
 @pytest.fixture(scope="module")
 def model():
     half_range = 0.5 * np.ptp(recording().column("measured/jaw"))
-    plays = RichPlay(plays=(WIDTH / half_range,), pairs=())
+    plays = Plays(plays=(WIDTH / half_range,), pairs=())
     return calibrate(recording(), plays, features=["measured/jaw"], joints=["jaw"])
 
 

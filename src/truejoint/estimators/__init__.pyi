@@ -4,6 +4,7 @@ from .cables.learn import CableFilter as CableFilter
 from .gp.learn import GaussianProcess as GaussianProcess
 from .jaw.learn import CableLeastSquares as CableLeastSquares
 from .jaw.learn import JawFilter as JawFilter
+from .jaw_load.gated_plays import GatedPlays as GatedPlays
 from .jaw_load.learn import FrictionFilter as FrictionFilter
 from .jaw_load.learn import Stiffness as Stiffness
 from .jaw_load.stiffness import EncoderZero as EncoderZero
@@ -14,9 +15,8 @@ from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .network.learn import NeuralNetwork as NeuralNetwork
 from .network.sequence import RecurrentNetwork as RecurrentNetwork
 from .network.sequence import TemporalConvolution as TemporalConvolution
-from .plays.jaw_plays import GatedPlay as GatedPlay
-from .plays.jaw_plays import Play as Play
-from .plays.learn import RichPlay as RichPlay
+from .plays.jaw_plays import JawPlays as JawPlays
+from .plays.learn import Plays as Plays
 from .polynomial.learn import FixedOffset as FixedOffset
 from .polynomial.learn import LinearRegressor as LinearRegressor
 from .polynomial.learn import PolynomialRegressor as PolynomialRegressor

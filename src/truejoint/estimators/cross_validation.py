@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.estimators.base import standardisation
 
 PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
@@ -42,7 +43,10 @@ class PenalisedFit:
 
 
 def cross_validated(
-    products: Array, weights: Sequence[Array], progress: Callable[[float], None] | None = None
+    products: Array,
+    weights: Sequence[Array],
+    progress: Callable[[float], None] | None = None,
+    penalties: Sequence[float] = PENALTIES,
 ) -> PenalisedFit:
     """Fit with the penalty, and the weights of terms, that err least on blocks left out in turn.
 
@@ -55,6 +59,8 @@ def cross_validated(
         penalised more, by its square; 0 leaves the term out.
     progress : callable, optional
         Called with the fraction done, 0 to 1.
+    penalties : sequence of float
+        What is tried; one alone is taken.
 
     Examples
     --------
@@ -65,17 +71,17 @@ def cross_validated(
     array([0., 3., 0.])
     """
     n_outputs = products.shape[1] - 1 - len(weights[0])
-    errors = np.empty((len(weights), len(PENALTIES), n_outputs))
+    errors = np.empty((len(weights), len(penalties), n_outputs))
     for number, own in enumerate(weights):
-        errors[number] = _errors(products, own, n_outputs)
+        errors[number] = _errors(products, own, n_outputs, penalties)
         if progress is not None:
             progress((number + 1) / len(weights))
     flat = errors.reshape(-1, n_outputs)
     chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
     whole = products.sum(axis=0)
-    fits = [_solutions(whole, own, n_outputs) for own in weights]
+    fits = [_solutions(whole, own, n_outputs, penalties) for own in weights]
     columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
-    return PenalisedFit(np.array(columns).T, np.array(PENALTIES)[penalty], chosen, flat.min(axis=0))
+    return PenalisedFit(np.array(columns).T, np.array(penalties)[penalty], chosen, flat.min(axis=0))
 
 
 def penalised(products: Array, weights: Array, penalty: float) -> Array:
@@ -91,6 +97,19 @@ def penalised(products: Array, weights: Array, penalty: float) -> Array:
     array([0., 2.])
     """
     return np.asarray(_solutions(products, weights, 1, (penalty,))[0, :, 0])
+
+
+def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
+    """Ridge regression on standardised columns (n, k): weights (k,) of the columns, and constant.
+
+    The constant is not penalised.
+    """
+    mean, inverse = standardisation(columns)
+    scaled = (columns - mean) * inverse
+    constant = float(y.mean())
+    left = scaled.T @ scaled / len(y) + penalty * np.eye(scaled.shape[1])
+    weights = np.linalg.solve(left, scaled.T @ (y - constant) / len(y)) * inverse
+    return np.asarray(weights), constant - float(weights @ mean)
 
 
 def _solutions(
@@ -119,12 +138,12 @@ def _solutions(
     return found
 
 
-def _errors(products: Array, weights: Array, n_outputs: int) -> Array:
+def _errors(products: Array, weights: Array, n_outputs: int, penalties: Sequence[float]) -> Array:
     """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
-    total = np.zeros((len(PENALTIES), n_outputs))
+    total = np.zeros((len(penalties), n_outputs))
     whole = products.sum(axis=0)
     for own in products:
-        for at, found in enumerate(_solutions(whole - own, weights, n_outputs)):
+        for at, found in enumerate(_solutions(whole - own, weights, n_outputs, penalties)):
             left = np.vstack([-found, np.eye(n_outputs)])
             total[at] += np.sum(left * (own @ left), axis=0)
     return total

@@ -46,11 +46,11 @@ Its epochs are those of the few thousand rows of a choice; over a million they w
 
 def _plays(learner: str, *, couple: bool = False, turn: bool = False) -> Preset:
     params = {"learner": learner, "couple": couple, "turn": turn}
-    return Preset("plays.learn.RichPlay", "plays.run", params, {})
+    return Preset("plays.learn.Plays", "plays.run", params, {})
 
 
-def _jaw_plays(*displacements: str) -> Preset:
-    return Preset("plays.jaw_plays.Play", "plays.jaw_bank", {"displacements": displacements})
+def _jaw_plays(*signals: str) -> Preset:
+    return Preset("plays.jaw_plays.JawPlays", "plays.jaw_bank", {"signals": signals})
 
 
 def _least_squares(*, intercept: bool = False, compensated: bool = False) -> Preset:
@@ -83,12 +83,12 @@ PRESETS: Final[dict[str, Preset]] = {
     "lsm_compensated": _least_squares(compensated=True),
     "ukf": Preset("jaw.learn.JawFilter", "jaw.run", {"compensated": False}),
     "ukf_compensated": Preset("jaw.learn.JawFilter", "jaw.run", {"compensated": True}),
-    "play_motor": _jaw_plays("motor"),
-    "play_drive": _jaw_plays("drive"),
-    "play_reset": _jaw_plays("reset"),
-    "play_both": _jaw_plays("reset", "motor"),
-    "play_cables": _jaw_plays("reset", "drive"),
-    "play_gated": Preset("plays.jaw_plays.GatedPlay", "plays.gated_rows"),
+    "play_motor": _jaw_plays("motor/jaw"),
+    "play_drive": _jaw_plays("cable/drive"),
+    "play_reset": _jaw_plays("cable/reset"),
+    "play_both": _jaw_plays("motor/jaw", "cable/reset"),
+    "play_cables": _jaw_plays("cable/drive", "cable/reset"),
+    "play_gated": Preset("jaw_load.gated_plays.GatedPlays", "jaw_load.gated"),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
     "hybrid": Preset("motor_side.hybrid.ElasticJointHybrid", "motor_side.hybrid_rows", {}, {}),

@@ -110,7 +110,7 @@ def test_what_the_recording_says_of_the_mechanism_reaches_the_estimator(pair):
     X = np.column_stack([recording.column("motor/jaw"), recording.column("cable/reset")])
     said = calibrate(stating(), get_estimator("ukf").set_params(gear_ratio=40.0)).model
     assert np.array_equal(told.evaluate(X), said.evaluate(X))
-    stubborn = get_estimator("play_both").set_params(gear_ratio=30.0)
+    stubborn = get_estimator("ukf").set_params(gear_ratio=30.0)
     assert calibrate(stating(gear_ratio=40.0), stubborn).model.gear_ratio == 30.0
     with pytest.raises(CalibrationError, match="2 different mechanisms"):
         calibrate([stating(gear_ratio=40.0), recording], "ukf")

@@ -14,9 +14,9 @@ from truejoint.estimators.cables import hybrid_rows as cable_hybrid
 from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, CableStates, states
 from truejoint.estimators.family import EstimatorData, Family, Params
-from truejoint.estimators.plays.learn import RichPlay
+from truejoint.estimators.plays.learn import Plays
 
-WRIST_PLAYS: Final = RichPlay(
+WRIST_PLAYS: Final = Plays(
     plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
     time_constants=(0.02, 0.1),
     leading=1,
@@ -71,8 +71,8 @@ class CableHybrid(CableFilter):
         The states are those of the filter.
         """
         filtered, bank = cable_hybrid.parts(self.arrays_)
-        data = EstimatorData(RichPlay.family.name, self._bank, bank)
-        plays = RichPlay.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
+        data = EstimatorData(Plays.family.name, self._bank, bank)
+        plays = Plays.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
         return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
@@ -92,9 +92,7 @@ class CableHybrid(CableFilter):
         return cable_hybrid.joined(filtered, plays.arrays_)
 
 
-def _told(
-    plays: RichPlay, found: CableStates, X: Array, dt: Array, parameters: Array
-) -> CableStates:
+def _told(plays: Plays, found: CableStates, X: Array, dt: Array, parameters: Array) -> CableStates:
     """Give what plays make of what the filter `found`; its deviations stay."""
     seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
     told = plays.evaluate(seen, dt)
@@ -102,7 +100,7 @@ def _told(
     return replace(found, angle=angle, load=told[:, r.N :])
 
 
-def _unseen(plays: RichPlay, left: Array, wanted: Array) -> Array:
+def _unseen(plays: Plays, left: Array, wanted: Array) -> Array:
     """By how much squares of errors (4, 3) are larger on blocks that plays were not fitted to.
 
     Of joints and loads they leave `left` (n, 6), and were fitted to `wanted` (n, 6); rows as of

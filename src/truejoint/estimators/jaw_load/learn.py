@@ -14,13 +14,13 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
+from truejoint.estimators.cross_validation import ridge
 from truejoint.estimators.family import Family
 from truejoint.estimators.filtered import run_histories
 from truejoint.estimators.jaw.base import MechanismEstimator, median_dt
 from truejoint.estimators.jaw_load import run as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
-from truejoint.estimators.plays.jaw_bank import bank_columns
-from truejoint.estimators.plays.jaw_plays import ridge
+from truejoint.estimators.plays.run import follow_rows
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
 _PENALTY: Final = 1e-5
@@ -191,6 +191,7 @@ class FrictionFilter(MechanismEstimator):
 
     def _columns(self, X: Array, dt: Array, scale: float) -> Array:
         """Powers of ``x2`` and deflections of the elements (n, k)."""
-        columns, widths = np.empty((len(X), DEGREE + len(self.widths))), np.array(self.widths)
-        bank_columns(dt, np.ascontiguousarray(X[:, 1]), scale, widths, columns)
-        return columns
+        bent, reset = np.empty((len(X), len(self.widths))), np.ascontiguousarray(X[:, 1])
+        follow_rows(dt, reset, np.array(self.widths), bent)
+        powers = np.cumprod(np.tile((scale * reset)[:, None], DEGREE), axis=1)
+        return np.hstack([powers, bent])

@@ -12,7 +12,7 @@ from scipy.optimize import least_squares
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
-from truejoint.estimators.cross_validation import blocks, cross_validated, levels
+from truejoint.estimators.cross_validation import blocks, cross_validated, levels, ridge
 from truejoint.estimators.family import Family, Params
 from truejoint.estimators.filtered import histories, run_histories
 from truejoint.estimators.jaw import base as jaw
@@ -29,8 +29,7 @@ from truejoint.estimators.motor_side.run import (
     output_terms,
     terms,
 )
-from truejoint.estimators.plays.jaw_bank import bank_columns
-from truejoint.estimators.plays.jaw_plays import ridge
+from truejoint.estimators.plays.run import follow_rows
 from truejoint.filters import UnscentedFilter
 
 LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque
@@ -229,7 +228,7 @@ class Motion:
     def deflections(self, widths: Array) -> Array:
         """Deflections (n, m) of friction elements that start in the middle of each history."""
         out = np.empty((len(self.angle), len(widths)))
-        bank_columns(self.dt, self.angle, 1.0, widths, out)
+        follow_rows(self.dt, self.angle, widths, out)
         return out
 
     def pick(self, rows: Integers) -> Motion:

@@ -49,7 +49,7 @@ _GAIN: Final = 0.05  # share of the error on blocks left out that plays which gr
 
 
 @dataclass(eq=False, repr=False)
-class RichPlay(JointRegressor):
+class Plays(JointRegressor):
     """A model on plays and low-passes of every feature: for joints whose error has a history.
 
     Half-widths are shares of half the range that a feature has in training, so nothing is to be
@@ -115,7 +115,7 @@ class RichPlay(JointRegressor):
     Examples
     --------
     >>> x = np.sin(np.arange(3000.0) / 200.0)[:, None]
-    >>> slack = RichPlay().fit(x, np.sign(np.gradient(x[:, 0])))
+    >>> slack = Plays().fit(x, np.sign(np.gradient(x[:, 0])))
     >>> bool(slack.score(x, np.sign(np.gradient(x[:, 0]))) > 0.9)
     True
     """
@@ -173,7 +173,7 @@ class RichPlay(JointRegressor):
             )
         for name, wanted in (("positions", "couple"), ("shares", "couple"), ("turns", "turn")):
             given = getattr(self, name)
-            if given and given != getattr(RichPlay, name) and not getattr(self, wanted):
+            if given and given != getattr(Plays, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
@@ -254,10 +254,7 @@ class RichPlay(JointRegressor):
         known = np.flatnonzero(self._known(y))
         kept = np.zeros(len(X), dtype=bool)
         kept[known[:: -(-len(known) // int(self.rows))]] = True
-        low, high = X[known].min(axis=0), X[known].max(axis=0)
-        varies = ~constant_columns(X[known])
-        inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
-        arrays = {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
+        arrays = feature_scales(X[known])
         self.pairs_, self.coupled_ = self._asked(), self._joined(X.shape[1])
         params = self.model_params()
         if self.coupled_:
@@ -347,6 +344,14 @@ class RichPlay(JointRegressor):
             n = min(trees.max_iter, _FEWER_TREES)
             trees.set_params(max_leaf_nodes=_LEAVES // 2, max_iter=n)
         return Combination((ridge, trees), None, self.random_state)
+
+
+def feature_scales(X: Array) -> Arrays:
+    """Middle and inverse half range (k,) of each feature in rows `X` (n, k); 0 for a constant."""
+    low, high = X.min(axis=0), X.max(axis=0)
+    varies = ~constant_columns(X)
+    inverse = np.divide(2.0, high - low, out=np.zeros(len(low)), where=varies)
+    return {"centre": 0.5 * (low + high), "inverse_half_range": inverse}
 
 
 def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:

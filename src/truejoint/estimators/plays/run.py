@@ -181,6 +181,19 @@ def play_bank_row(
 
 
 @compiled
+def follow_rows(dt: Array, values: Array, widths: Array, out: Array) -> None:
+    """How far `values` (n,) stand in the dead band of each play (k,), from -1 to 1: `out` (n, k).
+
+    Where a history starts, with `dt` (n,) 0, every play is in the middle of its band.
+    """
+    for j in range(widths.shape[0]):
+        output = 0.0
+        for i in range(values.shape[0]):
+            output = play(widths[j], dt[i] == 0.0, values[i], output)
+            out[i, j] = (values[i] - output) / widths[j]
+
+
+@compiled
 def _expand_rows(
     numbers: Integers, memory: Array, dt: Array, X: Array, kept: Mask, out: Array
 ) -> None:
@@ -199,6 +212,13 @@ def expand_rows(
     out = np.empty((int(kept.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
     _expand_rows(memory.numbers, memory.memory, dt, X, kept, out)
     return out[:-1]
+
+
+BARE: Final[Params] = {
+    "time_constants": (), "pairs": (), "growing": (1.0,), "coupled": (), "shares": (1.0,),
+    "turns": (),
+}  # fmt: skip
+"""Parameters of a bank of plays alone."""
 
 
 def n_seen(params: Params, n_features: int) -> int:
@@ -229,7 +249,8 @@ def check_turns(turns: Sequence[Sequence[float]], n_features: int) -> None:
         )
 
 
-def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    """Shapes of what is learnt, the model's among them; raises CalibrationError."""
     ((data, _),) = members(params, {})
     family, k = find_family(data.family), n_seen(params, n_features)
     family.check_params(data.params)
@@ -252,7 +273,8 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
     }
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
+def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
+    """Memory of the plays and of the model of what is seen."""
     ((data, _),) = members(params, arrays)
     family = find_family(data.family)
     model = family.memory(data, n_seen(params, n_features), n_outputs)
@@ -350,8 +372,8 @@ FAMILY: Final = Family(
             "one model: family, its parameters and no outputs",
         ),
     },
-    shapes=_shapes,
-    pack=_pack,
+    shapes=shapes,
+    pack=pack,
     row=play_bank_row,
     remembers=True,
 )

@@ -10,8 +10,14 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.estimators.base import Arrays, Progress, scaling
-from truejoint.estimators.cross_validation import PenalisedFit, blocks, cross_validated, penalised
-from truejoint.estimators.family import Family, Params, Rule, one_of
+from truejoint.estimators.cross_validation import (
+    PENALTIES,
+    PenalisedFit,
+    blocks,
+    cross_validated,
+    penalised,
+)
+from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
 from truejoint.estimators.polynomial import interactions
 from truejoint.estimators.polynomial.learn import TermsRegressor, polynomial_design
 
@@ -44,6 +50,10 @@ class Ridge(TermsRegressor):
         Features that are multiplied, `first` or more; by default as many as `first`.
     squared : int, optional
         Of the features, by whose squares they are multiplied too; by default none.
+    by_squares : int, optional
+        Features that squares multiply; by default as many as `crossed`.
+    penalty : float, optional
+        On the squared coefficients of terms of variance 1; by default cross-validated.
     trimmed : bool
         Whether it is fitted again without rows in which it errs by more than six standard
         deviations (by the median's size), where these are a twentieth at most. They are left to
@@ -67,11 +77,15 @@ class Ridge(TermsRegressor):
     """
 
     family: ClassVar[Family] = interactions.FAMILY
-    training: ClassVar[Mapping[str, Rule]] = {"trimmed": one_of(False, True)}
+    training: ClassVar[Mapping[str, Rule]] = {
+        "trimmed": one_of(False, True), "penalty": optional(number(0.0, 1e12))
+    }  # fmt: skip
     first: int | None = None
     crossed: int | None = None
     squared: int = 0
     trimmed: bool = False
+    by_squares: int | None = None
+    penalty: float | None = None
 
     def model_params(self) -> Params:
         """Parameters of the family: by default, the numbers for what it is fitted to."""
@@ -79,7 +93,9 @@ class Ridge(TermsRegressor):
         usual = k if k * (k + 1) // 2 <= MOST_PRODUCTS else 0
         first = usual if self.first is None else self.first
         crossed = first if self.crossed is None else self.crossed
-        return {"first": first, "crossed": crossed, "squared": self.squared}
+        by_squares = crossed if self.by_squares is None else self.by_squares
+        sizes = {"first": first, "crossed": crossed, "squared": self.squared}
+        return {**sizes, "by_squares": by_squares if self.squared else 0}
 
     def minimum_rows(self, n_features: int) -> int:
         """Two rows for each input, which the penalty makes enough."""
@@ -89,6 +105,10 @@ class Ridge(TermsRegressor):
         """Features that each term multiplies (n_terms, 2), or 3 where there are `squared`."""
         return interactions.interaction_factors(n_features, **self.model_params())
 
+    @property
+    def _penalties(self) -> tuple[float, ...]:
+        return PENALTIES if self.penalty is None else (float(self.penalty),)
+
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         factors = self.factors(X.shape[1])
         scales = scaling(X, y)
@@ -97,9 +117,9 @@ class Ridge(TermsRegressor):
         targets = (y - scales["target_mean"]) / scales["target_scale"]
         products = np.array([_products(scaled[b], targets[b], factors) for b in blocks(dt)])
         is_product = factors[:, 1] < X.shape[1]
-        shares = SHARES if is_product.any() else SHARES[-1:]
+        shares = SHARES if is_product.any() and self.penalty is None else SHARES[-1:]
         weights = [np.where(is_product, share, 1.0) for share in shares]
-        found = cross_validated(products, weights, progress)
+        found = cross_validated(products, weights, progress, self._penalties)
         self.shares_, self.penalties_ = np.array(shares)[found.weights], found.penalties
         self.errors_ = np.sqrt(np.maximum(found.errors, 0.0) / len(X))
         table = found.coefficients

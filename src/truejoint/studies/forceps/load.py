@@ -141,7 +141,7 @@ def _paper_filter(
 ) -> dict[str, float]:
     """How the covariance of yan2020's filter stands to its errors (NEES) and innovations (NIS)."""
     recording = settled(record(plant, motion, seed=2 * seed))
-    model = cast("JawFilter", calibrate(recording, JawFilter("output")).model)
+    model = cast("JawFilter", calibrate(recording, JawFilter(compensated=True)).model)
     X, dt = signals(run)
     known = np.isfinite(run.column("truth/jaw"))
     states = model.states(X, dt)

@@ -15,8 +15,8 @@ from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
-from truejoint.estimators.plays.jaw_bank import DISPLACEMENTS
-from truejoint.estimators.plays.jaw_plays import GatedPlay, Play
+from truejoint.estimators.jaw_load.gated_plays import GatedPlays
+from truejoint.estimators.plays.jaw_plays import JawPlays
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
@@ -39,7 +39,6 @@ LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
 """What the estimate is made of, by name; the motor's encoder is there anyhow."""
 NOISE: Final = 0.1
 """Jitter of a cable's encoder, in its resolutions, as the nominal one has it."""
-_NAMES: Final = {path: name for name, path in DISPLACEMENTS.items()}
 _COLOURS: Final = dict(
     zip(LAYOUTS, ("0.5", "tab:orange", "tab:olive", "tab:green", "tab:blue"), strict=True)
 )
@@ -157,7 +156,7 @@ def measure(
         if not design.encoders and (resolution, homing) != (resolutions[0], homings[0]):
             continue  # nothing that these change
         zero = ZeroShift.drawn(homing, number)
-        estimator = fitted(layout, sensed(taught, resolution, ZeroShift(), number), plant)
+        estimator = fitted(layout, sensed(taught, resolution, ZeroShift(), number))
         unloaded = rms(estimator, layout, sensed(verified, resolution, zero, number), -math.inf)
         loaded = [
             rms(estimator, layout, sensed(one, resolution, zero, number), test.phases["IV"][0])
@@ -167,14 +166,11 @@ def measure(
     return PartResult(found)
 
 
-def fitted(layout: str, recording: Recording, plant: ForcepsParameters) -> JointRegressor:
+def fitted(layout: str, recording: Recording) -> JointRegressor:
     """Plays on what a layout measures, fitted to the rows of a recording with a truth."""
-    mechanism, gated = plant.mechanism, layout == "motor+x2"
-    chosen = {"displacements": tuple(_NAMES[name] for name in reversed(LAYOUTS[layout]))}
-    told = {"gear_ratio": mechanism.gear_ratio, "wheel_radius": mechanism.wheel_radius}
-    kind: Any = GatedPlay if gated else Play
+    gated = layout == "motor+x2"
     X, dt = rows(layout, recording)
-    estimator: JointRegressor = kind(**told, **({} if gated else chosen))
+    estimator = GatedPlays() if gated else JawPlays(signals=LAYOUTS[layout])
     return estimator.fit(X, recording.column("truth/jaw"), dt=dt)
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators import RichPlay
+from truejoint.estimators import Plays
 from truejoint.estimators.plays.coupled_rows import coupled_play_rows
 from truejoint.estimators.plays.coupling import identify_coupling
 from truejoint.robots import get_robot
@@ -39,7 +39,7 @@ def test_coupled_plays_know_on_other_motion_what_plays_of_each_joint_do_not():
     (wanted, left), (other, unseen) = wrist(0), wrist(1)
     dt = np.full(len(wanted), 0.4)
     errors = [
-        np.std(unseen - RichPlay(couple=own).fit(wanted, left, dt=dt).predict(other, dt), axis=0)
+        np.std(unseen - Plays(couple=own).fit(wanted, left, dt=dt).predict(other, dt), axis=0)
         for own in (True, False)
     ]
     assert (errors[0][:2] < 0.5 * errors[1][:2]).all()
@@ -49,16 +49,16 @@ def test_coupled_plays_know_on_other_motion_what_plays_of_each_joint_do_not():
 def test_positions_are_those_that_are_measured():
     names = ("effort/a", "measured/a", "lowpass(measured/a, 0.1)", "measured/b")
     told = names, get_robot("raven2"), ("elbow",)
-    assert RichPlay(couple=True).for_features(*told).positions == (1, 3)
-    assert RichPlay(positions=(0, 2)).for_features(*told).positions == (0, 2)
-    assert RichPlay().for_features(*told).positions is None
+    assert Plays(couple=True).for_features(*told).positions == (1, 3)
+    assert Plays(positions=(0, 2)).for_features(*told).positions == (0, 2)
+    assert Plays().for_features(*told).positions is None
 
 
 def test_other_features_are_not_coupled_and_count_all_the_same():
     wanted, left = wrist(0, 800)
     load = np.sin(np.arange(800) / 50.0)
     left = left + 0.3 * load[:, None]
-    model = RichPlay(couple=True, positions=(1, 2, 3)).fit(np.column_stack([load, wanted]), left)
+    model = Plays(couple=True, positions=(1, 2, 3)).fit(np.column_stack([load, wanted]), left)
     assert model.coupled_ == (1, 2, 3)
     assert model.coupling_.shape == (3, 3)
     assert model.score(np.column_stack([load, wanted]), left) > 0.95
@@ -78,4 +78,4 @@ def test_other_features_are_not_coupled_and_count_all_the_same():
 def test_what_cannot_be_coupled_is_refused(how, joints, said):
     X = np.random.default_rng(0).normal(size=(1200, joints))
     with pytest.raises(CalibrationError, match=said):
-        RichPlay(**{"learner": "trees", "couple": True, **how}).fit(X, X[:, 0])
+        Plays(**{"learner": "trees", "couple": True, **how}).fit(X, X[:, 0])

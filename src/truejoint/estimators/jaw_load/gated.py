@@ -1,34 +1,37 @@
 """Plays on both sides while they agree, on the reset cable alone under a load.
 
-While the motor stands, what the two sides come to differ by is a load's doing, or friction's that a
-load has turned round. So what is believed of the difference may then fall, and not grow.
+While the motor stands, a difference between the two sides that changes is a load's doing, or that
+of friction which a load has turned round. So what is believed of the difference may then fall, and
+not grow.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from math import sqrt
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, vector
 from truejoint.estimators.family import POSITIVE, Family, Params, Shape, only_joint
-from truejoint.estimators.jaw.signals import MECHANISM_RULES, MOTOR, RESET, stand
-from truejoint.estimators.plays import jaw_bank as play
+from truejoint.estimators.jaw.signals import MOTOR, RESET, stand
+from truejoint.estimators.plays import run as plays
+from truejoint.estimators.plays.jaw_bank import WIDTHS_RULE, bank
+from truejoint.estimators.plays.run import play_bank_row
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 LAYOUT: Final = Layout()
 GATE: Final = LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
-CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle, agreement or not [rad]")
 MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation while both sides agree [rad]")
 ALONE: Final = LAYOUT.scalar("alone", "standard deviation of the reset cable's own estimate [rad]")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
-GEARED: Final = LAYOUT.scalar("geared", "displacement of the drive cable per motor angle [m/rad]")
+GEARED: Final = LAYOUT.scalar("geared", "motion of the reset cable per motor angle [m/rad]")
 BELIEVED: Final = LAYOUT.scalar("believed", "of what both sides differed by at the last row [rad]")
 HOLD: Final = LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide")
-MOTOR_HOLD: Final = LAYOUT.array("motor_hold", "the same of the drive cable, by the motor")
+MOTOR_HOLD: Final = LAYOUT.array("motor_hold", "the same of the motor, geared")
+ESTIMATE: Final = LAYOUT.array("estimate", "of one side [rad]")
 RESET_PART: Final = LAYOUT.part("reset", "estimate from the reset cable")
 BOTH_PART: Final = LAYOUT.part("both", "estimate from both sides")
 
@@ -36,11 +39,12 @@ DOUBT: Final = 0.5
 """Share of what both sides differ by, and is believed, that may be a load's doing. It was chosen on
 eighty virtual forceps of a mixed population; docs/forceps.md judges it on others."""
 
-_SIDES: Final = {"reset": ("reset",), "both": ("reset", "motor")}
+SIDES: Final[Mapping[str, int]] = {"reset": 1, "both": 2}
+"""Number of features of each estimate, the last ones."""
 
 
 @compiled
-def gated_play_row(
+def gated_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the reset cable, corrected by both sides as far as the two agree.
@@ -50,21 +54,26 @@ def gated_play_row(
     jaw unseen.
     """
     fresh = dt == 0.0
-    own, state = part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART)
-    reset = play.weigh_banks(own, state, fresh, x)
-    own, state = part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART)
-    both = play.weigh_banks(own, state, fresh, x)
-    difference = both - reset
+    estimate = vector(memory, numbers[ESTIMATE], 1)
+    bank_numbers, state = (
+        part_numbers(numbers, RESET_PART),
+        part_memory(numbers, memory, RESET_PART),
+    )
+    play_bank_row(bank_numbers, state, dt, vector(x, 1, 1), estimate, half_width)
+    reset = estimate[0]
+    bank_numbers, state = part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART)
+    play_bank_row(bank_numbers, state, dt, x, estimate, half_width)
+    difference = estimate[0] - reset
     believed = redescending(difference, memory[GATE])
     motor_stands = stand(dt, x[0] * memory[GEARED], vector(memory, numbers[MOTOR_HOLD], 2)) >= 1.0
     if motor_stands and not fresh:
         believed = no_more(believed, memory[BELIEVED])
     memory[BELIEVED] = believed
-    out[0] = reset + believed + memory[CONSTANT]
+    out[0] = reset + believed
     standing = stand(dt, x[1], vector(memory, numbers[HOLD], 2))
     if memory[DEVIATIONS] > 0.0:
-        left = 1.0 - believed / difference if believed != difference else 0.0
-        alone = memory[ALONE] ** 2 * (left**2 + standing**2)
+        doubted = 1.0 - believed / difference if believed != difference else 0.0
+        alone = memory[ALONE] ** 2 * (doubted**2 + standing**2)
         variance = memory[MISFIT] ** 2 + (DOUBT * believed) ** 2 + alone
         half_width[0] = memory[DEVIATIONS] * sqrt(variance)
 
@@ -86,47 +95,38 @@ def redescending(difference: float, gate: float) -> float:
     return difference * (2.0 * gate - size) / size
 
 
-def side_params(params: Params, side: str) -> dict[str, Any]:
-    """Parameters of one of the two estimates, ``"reset"`` or ``"both"``."""
-    return {
-        "displacements": _SIDES[side], "degree": play.POWERS, "reset_widths": play.RESET_WIDTHS,
-        "drive_widths": play.DRIVE_WIDTHS, "penalty": 1e-5,
-        **{name: params[name] for name in ("gear_ratio", "wheel_radius")},
-    }  # fmt: skip
-
-
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
-    shapes: dict[str, Shape] = {"gate": (1,), "constant": (1,), "misfit": (2,)}
-    for side in _SIDES:
-        own = play.FAMILY.shapes(side_params(params, side), 1, 1)
-        shapes |= {f"{side}_{name}": shape for name, shape in own.items()}
-    return only_joint("plays.gated_rows", shapes, n_outputs)
+    shapes: dict[str, Shape] = {"gate": (1,), "misfit": (2,)}
+    for side, k in SIDES.items():
+        learnt = plays.shapes(bank(tuple(params["plays"]), k), k, 1)
+        shapes |= {f"{side}/{name}": shape for name, shape in learnt.items()}
+    return only_joint("jaw_load.gated", shapes, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    both = side_params(params, "both")
+    def part(side: str, k: int) -> Memory:
+        learnt = {n.removeprefix(f"{side}/"): a for n, a in arrays.items() if n.startswith(side)}
+        return plays.pack(bank(tuple(params["plays"]), k), learnt, k, 1)
 
-    def part(side: str) -> Memory:
-        own = {k.removeprefix(f"{side}_"): a for k, a in arrays.items() if k.startswith(side)}
-        return play.pack_banks(side_params(params, side), own, {"motor": 0, "reset": 1})
-
+    motor, reset = arrays["both/inverse_half_range"]
     return LAYOUT.pack(
-        gate=arrays["gate"][0], constant=arrays["constant"][0], misfit=arrays["misfit"][0],
-        alone=arrays["misfit"][1], deviations=0.0, hold=np.zeros(2), motor_hold=np.zeros(2),
-        geared=play.bank_factors(both)[both["displacements"].index("motor")], believed=0.0,
-        reset=part("reset"), both=part("both"),
-    )  # fmt: skip
+        gate=arrays["gate"][0],
+        misfit=arrays["misfit"][0],
+        alone=arrays["misfit"][1],
+        geared=motor / reset if reset > 0.0 else 0.0,
+        hold=np.zeros(2),
+        motor_hold=np.zeros(2),
+        estimate=np.zeros(1),
+        **{side: part(side, k) for side, k in SIDES.items()},
+    )
 
 
 FAMILY: Final = Family(
-    "plays.gated_rows",
-    rules={
-        **dict.fromkeys(("gate", "smallest_gate"), POSITIVE),
-        **{name: MECHANISM_RULES[name] for name in ("gear_ratio", "wheel_radius")},
-    },
+    "jaw_load.gated",
+    rules={**dict.fromkeys(("gate", "smallest_gate"), POSITIVE), "plays": WIDTHS_RULE},
     shapes=_shapes,
     pack=_pack,
-    row=gated_play_row,
+    row=gated_row,
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position", "error"),

@@ -8,7 +8,7 @@ from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor, RichPlay
+from truejoint.estimators import LinearRegressor, Plays
 from truejoint.estimators.cross_validation import blocks
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.learn import capstan_turns, loaded_pairs
@@ -104,11 +104,11 @@ def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
     zigzag = np.interp(np.linspace(0.0, 24.0, 3000), range(25), 0.4 * (-1.0) ** np.arange(25))
     rows = np.column_stack([zigzag, np.linspace(-0.4, 0.4, 3000)])
     other = np.random.default_rng(0).uniform(-0.4, 0.4, (500, 2))
-    model = RichPlay(turn=True, turns=((11.0, 0.0), (1.5, 10.0)))
+    model = Plays(turn=True, turns=((11.0, 0.0), (1.5, 10.0)))
     fresh = np.zeros(500)
     left, without = (
         np.std(m.fit(rows, eccentric(rows)).predict(other, fresh) - eccentric(other))
-        for m in (model, RichPlay(leading=2))
+        for m in (model, Plays(leading=2))
     )
     assert left < 0.3 * without  # the plays of which explain the zig-zag alone
 
@@ -116,7 +116,7 @@ def test_capstans_that_run_out_are_known_on_motion_that_was_not_trained():
 def test_products_of_positions_that_turn_capstans_are_seen_behind_an_effort_too():
     random = np.random.default_rng(0)
     q, effort = random.uniform(-0.4, 0.4, (800, 2)), random.normal(size=(800, 1))
-    model = RichPlay(turn=True, turns=((0.0, 11.0, 0.0), (0.0, 1.5, 10.0)))
+    model = Plays(turn=True, turns=((0.0, 11.0, 0.0), (0.0, 1.5, 10.0)))
     model.fit(np.hstack([effort, q])[:400], eccentric(q[:400]))
     left = model.predict(np.hstack([effort, q])[400:], np.zeros(400)) - eccentric(q[400:])
     assert np.std(left) < 1e-3  # of 6e-3 that are squares of positions
@@ -125,7 +125,7 @@ def test_products_of_positions_that_turn_capstans_are_seen_behind_an_effort_too(
 @pytest.mark.parametrize("turns", [None, ()])
 def test_where_capstans_are_not_known_it_says_what_to_do(turns):
     with pytest.raises(CalibrationError, match="run_out must know how capstans turn; take a robot"):
-        RichPlay(turn=True, turns=turns).fit(*slack())
+        Plays(turn=True, turns=turns).fit(*slack())
 
 
 def test_positions_are_paired_with_their_efforts_or_those_of_cables():
@@ -150,9 +150,9 @@ def test_growing_plays_know_a_loop_whose_width_grows_where_products_do_not():
             last = min(max(last, x - half), x + half)
             y[i] = last
         loops.append(y)
-    model = RichPlay(pairs=((0, 1),))
+    model = Plays(pairs=((0, 1),))
     left, without = (
-        np.std(loops[1] - m.fit(rows[0], loops[0]).predict(rows[1])) for m in (model, RichPlay())
+        np.std(loops[1] - m.fit(rows[0], loops[0]).predict(rows[1])) for m in (model, Plays())
     )
     assert left < 0.7 * without
     assert model.pairs_ == ((0, 1),)
@@ -161,7 +161,7 @@ def test_growing_plays_know_a_loop_whose_width_grows_where_products_do_not():
 def test_growing_plays_that_tell_nothing_are_left_out():
     (X, _), rng = slack(0), np.random.default_rng(0)
     y = 0.2 * X[:, 0] + 0.05 * rng.normal(size=len(X))
-    model, plain = RichPlay(pairs=((0, 1),)).fit(X, y), RichPlay().fit(X, y)
+    model, plain = Plays(pairs=((0, 1),)).fit(X, y), Plays().fit(X, y)
     assert model.pairs_ == ()
     assert model.predict(X).tobytes() == plain.predict(X).tobytes()
 
@@ -173,14 +173,14 @@ def test_a_recording_that_is_hidden_changes_no_blocks_of_the_ridge(monkeypatch, 
     dt = np.where(np.arange(2000) % (2000 // histories) == 0, 0.0, 0.02)
     y = np.where(np.arange(2000) >= 1600, np.nan, y)
     monkeypatch.setattr(ridge, "blocks", lambda own: told.append(own) or blocks(own))
-    RichPlay().fit(X, y, dt=dt)
+    Plays().fit(X, y, dt=dt)
     assert (told[0].size, (told[0] == 0.0).sum()) == (1600, seen)
 
 
 def test_it_knows_a_loop_whose_width_grows_with_the_load():
     (X, y), (X_new, y_new) = slack(0), slack(1)
     linear = LinearRegressor().fit(X, y)
-    rich = RichPlay().fit(X, y)
+    rich = Plays().fit(X, y)
     left, before = (np.std(y_new - m.predict(X_new)) for m in (rich, linear))
     assert left < 0.5 * before
 
@@ -192,7 +192,7 @@ def test_trees_learn_what_the_ridge_before_them_is_not_fitted_to():
     burst = y.copy()
     burst[far] += 3.0
     elsewhere = np.setdiff1d(np.arange(len(X)), far)
-    model = RichPlay("trees").fit(X, burst)
+    model = Plays("trees").fit(X, burst)
     left = model.predict(X) - burst
     assert np.std(left[far]) < 0.3
     ridge, _ = model.model_.members_
@@ -203,18 +203,18 @@ def test_trees_learn_what_the_ridge_before_them_is_not_fitted_to():
 def test_what_never_changes_is_not_learnt_of():
     X, y = slack()
     constant = np.column_stack([X, np.full(len(X), 3.0)])
-    model = RichPlay().fit(constant, y)
+    model = Plays().fit(constant, y)
     moved = constant + np.array([0.0, 0.0, 5.0])
     np.testing.assert_array_equal(model.predict(moved), model.predict(constant))
 
 
 def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
     X, y = slack()
-    few = RichPlay(rows=500).fit(X, y)
+    few = Plays(rows=500).fit(X, y)
     known = np.where(np.arange(len(y)) % 4 == 0, y, np.nan)
     low_high = known.copy()
     low_high[[X[:, 0].argmin(), X[:, 0].argmax()]] = np.nan
-    again = RichPlay().fit(X, known)
+    again = Plays().fit(X, known)
     np.testing.assert_allclose(few.predict(X), again.predict(X), atol=0.02)
 
 
@@ -238,8 +238,8 @@ def test_rows_beyond_the_most_are_left_out_of_the_fit_alone():
     ],
 )
 def test_a_wrong_parameter_is_refused(how, said):
-    fitted = RichPlay().fit(*slack(n=600))
-    for model in (RichPlay(**how), fitted.set_params(**how)):
+    fitted = Plays().fit(*slack(n=600))
+    for model in (Plays(**how), fitted.set_params(**how)):
         with pytest.raises(CalibrationError, match=said):
             model.fit(*slack(n=600))
 
@@ -248,12 +248,12 @@ def test_a_gaussian_process_knows_which_way_the_joint_goes():
     t = np.arange(0.0, 40.0, 0.02)
     q = np.sin(1.3 * t)[:, None]
     late = 0.05 * np.cos(1.3 * t) * (1.0 + q[:, 0])
-    model = RichPlay(learner="gaussian_process").fit(q[:1500], late[:1500], dt=np.full(1500, 0.02))
+    model = Plays(learner="gaussian_process").fit(q[:1500], late[:1500], dt=np.full(1500, 0.02))
     assert model.name == "gp_lowpass"
     left = late[1500:] - model.predict(q[1500:], np.full(500, 0.02))
     assert np.std(left[50:]) < 0.1 * np.std(late)
     with pytest.raises(CalibrationError, match="a Gaussian process has none"):
-        RichPlay(learner="gaussian_process", leading=1).fit(q, late)
+        Plays(learner="gaussian_process", leading=1).fit(q, late)
 
 
 def test_too_few_rows_are_refused():
@@ -262,15 +262,15 @@ def test_too_few_rows_are_refused():
 
 
 def test_a_model_with_a_memory_of_its_own_is_refused():
-    model = RichPlay().fit(*slack(n=600))
+    model = Plays().fit(*slack(n=600))
     params = dict(model.model_params())
-    params["members"] = (("plays", dict(RichPlay().model_params()), ()),)
+    params["members"] = (("plays", dict(Plays().model_params()), ()),)
     with pytest.raises(CalibrationError, match="it must be one without a memory"):
         play_bank.FAMILY.shapes(params, 2, 1)
 
 
 def test_a_model_for_some_outputs_alone_is_refused():
-    params = dict(RichPlay().fit(*slack(n=600)).model_params())
+    params = dict(Plays().fit(*slack(n=600)).model_params())
     params["members"] = tuple((*member[:2], (0,)) for member in params["members"])
     with pytest.raises(CalibrationError, match="its parameters and no outputs"):
         play_bank.FAMILY.check_params(params)
@@ -280,8 +280,8 @@ def test_products_with_the_first_features_and_their_squares_alone():
     rng = np.random.default_rng(3)
     X = np.column_stack([np.sin(np.arange(2000) * r) for r in (0.011, 0.017)])
     y = X[:, 1] * X[:, 0] ** 2 + 0.1 * rng.normal(size=len(X)) * 0.01
-    plain = RichPlay(leading=1).fit(X, y)
-    cubic = RichPlay(leading=1, squared=1).fit(X, y)
+    plain = Plays(leading=1).fit(X, y)
+    cubic = Plays(leading=1, squared=1).fit(X, y)
     assert np.std(y - cubic.predict(X)) < 0.2 * np.std(y - plain.predict(X))
     assert cubic.arrays_["0/coef"].shape[0] == 24 + 24 + 24  # all seen, by the first, by its square
 
@@ -297,4 +297,4 @@ def test_products_with_the_first_features_and_their_squares_alone():
 def test_products_that_cannot_be_are_refused(given, told):
     X = np.random.default_rng(0).normal(size=(600, 9))
     with pytest.raises(CalibrationError, match=told):
-        RichPlay(**given).fit(X, X[:, 0])
+        Plays(**given).fit(X, X[:, 0])
