@@ -142,7 +142,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             ),
             "fast set-points a second; a twin runs at 1000 Hz",
         ),
-        (lambda model: truejoint.crtk.FaultyBackend("raven2", []), "not a Backend; it lacks robot"),
+        (lambda model: truejoint.crtk.Arm("raven2"), "not a Backend; it lacks robot"),
         (lambda model: truejoint.crtk.time_law([[0.0], [1.0]], [0.0]), "a speed above 0"),
         (lambda model: truejoint.crtk.TimeLaw([0, 0], [[1], [2]]), "times (n,) that rise"),
         (lambda model: truejoint.simulation.make_twin("raven2", parameters={}), "not a path"),

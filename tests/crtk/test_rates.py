@@ -8,8 +8,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from tests.conftest import LaggingBackend
+from tests.crtk.faulty_backend import Fault, FaultyBackend
 
-from truejoint.crtk import Arm, Fault, FaultyBackend, Grasper, PacedBackend
+from truejoint.crtk import Arm, Grasper, PacedBackend
 from truejoint.crtk.arm import BRAKING
 from truejoint.errors import MotionStopped, RobotError
 from truejoint.motion import Jog, Trajectory, follow, workspace_of

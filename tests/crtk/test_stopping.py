@@ -7,8 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.conftest import LaggingBackend
+from tests.crtk.faulty_backend import Fault, FaultyBackend
 
-from truejoint.crtk import Arm, Fault, FaultyBackend, Motion, SimulatedBackend, simulated_arm
+from truejoint.crtk import Arm, Motion, SimulatedBackend, simulated_arm
 from truejoint.crtk.arm import BRAKING
 from truejoint.errors import CommandRefused, MotionStopped
 from truejoint.simulation import make_twin

@@ -14,11 +14,12 @@ import numpy as np
 import pytest
 import viser
 from benchmarks import chromium
+from tests.crtk.faulty_backend import Fault, FaultyBackend
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 from websockets.typing import Subprotocol
 
-from truejoint.crtk import Arm, Fault, FaultyBackend
+from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
 from truejoint.monitor import ArmPage, RecordingPage, pages
 from truejoint.monitor.page import is_own_page

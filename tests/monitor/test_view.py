@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.crtk.faulty_backend import Fault, FaultyBackend
 
-from truejoint.crtk import Fault, FaultyBackend
 from truejoint.crtk.arm import Arm
 from truejoint.monitor import view
 from truejoint.monitor.samples import Samples

@@ -132,7 +132,7 @@ def test_the_laboratorys_layout_holds_its_three_joints_only(tmp_path):
         write_trajectory(random_motion(ROBOT, 2.0), tmp_path / "t.csv", layout="lab")
 
 
-GOOD = '# truejoint trajectory {"format": 1, "name": "x", "units": {"a": "rad"}, "meta": {}}\n'
+GOOD = '# truejoint trajectory {"format": 2, "name": "x", "units": {"a": "rad"}, "meta": {}}\n'
 
 
 @pytest.mark.parametrize(
@@ -148,11 +148,11 @@ GOOD = '# truejoint trajectory {"format": 1, "name": "x", "units": {"a": "rad"},
         ("0.1,nan,0.3\n0.1,0.2,0.3\n", "elbow is nan in row 0"),
         ("# truejoint trajectory {\n", "first line is damaged"),
         (f'# truejoint trajectory {{"format": {"9" * 5000}}}\n', "first line is damaged"),
-        ("# truejoint trajectory []\n", "first line must hold"),
-        ("# truejoint trajectory {}\n", "first line must hold format, name, units, meta"),
-        (GOOD.replace('"format": 1', '"format": 3'), "format 3 is none of 1 to 2"),
-        (GOOD.replace('"format": 1', '"format": 0'), "format 0 is none of 1 to 2"),
-        (GOOD.replace('"format": 1', '"format": 2') + "a\n1.0\n", "does not match its hash"),
+        ("# truejoint trajectory []\n", r"first line is \[\]; want a table"),
+        ("# truejoint trajectory {}\n", "first line: 'format' is missing"),
+        (GOOD.replace('"format": 2', '"format": 3'), "format is 3; want a whole number"),
+        (GOOD.replace('"format": 2', '"format": 1'), "format is 1; want a whole number"),
+        (GOOD.replace('"x"', '"x", "sha256": "0"') + "a\n1.0\n", "does not match its hash"),
         (GOOD.replace("rad", "deg") + "a\n1\n2\n", "must be 'rad' or 'm'"),
         (GOOD + "b\n1\n2\n", "do not match the joints"),
         (GOOD, "do not match the joints"),
@@ -217,7 +217,7 @@ def test_a_changed_bit_changes_no_value(tmp_path):
                 assert (after.units, after.name) == (before.units, before.name)
 
 
-def test_one_from_before_there_were_hashes_is_read_and_says_so(tmp_path):
+def test_one_without_a_hash_is_read_and_says_so(tmp_path):
     path = tmp_path / "t.csv"
     path.write_text(GOOD + "a\n1.0\n2.0\n")
     assert "without a content hash" in read_trajectory(path).meta["notes"]

@@ -1,7 +1,6 @@
 """An arm that speaks CRTK's names, over interchangeable back ends."""
 
 from truejoint.crtk.arm import Arm
-from truejoint.crtk.backends.faulty import Fault, FaultyBackend
 from truejoint.crtk.backends.paced import LoopTiming, PacedBackend
 from truejoint.crtk.backends.ros import RosBackend
 from truejoint.crtk.backends.simulated import SimulatedBackend, simulated_arm
@@ -21,8 +20,6 @@ __all__ = [
     "TOPICS",
     "Arm",
     "Backend",
-    "Fault",
-    "FaultyBackend",
     "Grasper",
     "JointState",
     "Listener",

@@ -106,21 +106,21 @@ class Arm:
         self._controls = controls
         self.rate, self.grain = checked_backend(backend)
         self.robot: Final[Robot] = backend.robot
-        self._joint_channels = [self.robot.channels.index(n) for n in self.robot.joint_names]
+        self._joint_channels = self.robot.joint_channels
         self._subscriptions: list[Subscription] = []
         self._watchers: list[Callable[[OperatingState], None]] = []
-        self._telling = threading.RLock()  # of who watches
+        self._watchers_lock = threading.RLock()  # of who watches
         self._latest: StateBlock | None = None
         self._before: StateBlock | None = None  # the latest
         self._lock = threading.RLock()  # of what follows
         self._motion: Motion | None = None
-        self._driver = 0  # thread that drives the motion
-        self._asked = ""  # to stop it: a state command, or hold
-        self._sent: Array | None = None  # last two set-points (2, n_joints) of this controller
+        self._motion_thread = 0  # thread that drives the motion
+        self._stop_command = ""  # to stop it: a state command, or hold
+        self._last_setpoints: Array | None = None  # two (2, n_joints) of this controller
         self._goal: Array | None = None
         self._stamps = np.empty(0)  # of the latest messages [s]
-        self._jump = ""  # of a position that was reported during a motion
-        self._unheard = 0.0  # [s] of set-points that were sent since the latest message
+        self._jump_reported = ""  # of a position that was reported during a motion
+        self._unreported_s = 0.0  # [s] of set-points that were sent since the latest message
         backend.connect(self._on_block)
         _OPEN.add(self)
 
@@ -172,7 +172,7 @@ class Arm:
             if stops:
                 self._stop(motion, known, limit)
             else:
-                self._sent, self._jump, self._unheard = None, "", 0.0
+                self._last_setpoints, self._jump_reported, self._unreported_s = None, "", 0.0
                 if command == "home":  # what comes next is no step from here
                     self._latest = self._before = None
                 self._backend.state_command(known, limit)
@@ -371,7 +371,7 @@ class Arm:
             raise CommandRefused(
                 f"wait refused: {duration!r:.40} s; give a duration of 0 s or more"
             )
-        if self._driver == threading.get_ident():
+        if self._motion_thread == threading.get_ident():
             raise CommandRefused("wait refused: a subscriber must not block; return first")
         end, motion = self.time + duration, self._motion
         while motion is not None and motion.is_busy() and self.time < end:
@@ -421,7 +421,7 @@ class Arm:
         if not self._watchers:
             return
         # In turn, else an older state could be told after a newer one; of a silent robot's nothing.
-        with self._telling, suppress(TruejointError):
+        with self._watchers_lock, suppress(TruejointError):
             now = self.operating_state()
             for callback in tuple(self._watchers):
                 callback(now)
@@ -433,10 +433,10 @@ class Arm:
             if self._motion is not None and before is not None:
                 rows = np.vstack([before.measured[-1:], block.measured])
                 rows = rows[:, self._joint_channels]
-                self._jump = self._jump or jump_of(self.robot, self.rate, t, rows)
+                self._jump_reported = self._jump_reported or jump_of(self.robot, self.rate, t, rows)
             self._stamps = t[-JITTER:]
             # In this order: who reads the one before first never gets the same one twice.
-            self._latest, self._before, self._unheard = block, before, 0.0
+            self._latest, self._before, self._unreported_s = block, before, 0.0
         broken: BaseException | None = None
         for subscription in tuple(self._subscriptions):
             try:
@@ -482,9 +482,9 @@ class Arm:
 
     def _latest_setpoints(self) -> Array:
         """Last two (2, n_joints) [rad or m], the same twice where none was sent."""
-        if self._sent is None:
+        if self._last_setpoints is None:
             return np.tile(self.setpoint_js(np.inf).position, (2, 1))
-        return self._sent
+        return self._last_setpoints
 
     def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
         caps = move_speed(self.robot, speed, command)
@@ -511,7 +511,7 @@ class Arm:
         self._check_control(command)
         with self._lock:
             check_ready(self.operating_state(), command)
-            self._asked = ""
+            self._stop_command = ""
             self._motion = motion = Motion(command, duration, self._stop)
         if self._is_stretch(duration):
             self._tell_watchers()
@@ -528,27 +528,27 @@ class Arm:
         Unless it `waits` for the last set-point, the next may be sent before that is executed: one
         who streams single ones at the robot's own pace has no time to lose.
         """
-        self._driver = threading.get_ident()
+        self._motion_thread = threading.get_ident()
         error: BaseException | None = None
         try:
             for rows in pieces:
                 self._send(motion, rows)
-                if self._asked:
+                if self._stop_command:
                     break
-            if waits and not self._asked:
+            if waits and not self._stop_command:
                 self._backend.flush()
         except BaseException as caught:  # noqa: BLE001  # whatever it is, the arm stops
             error = caught
-            self._asked = self._asked or "pause"
+            self._stop_command = self._stop_command or "pause"
         try:
-            if self._asked:
+            if self._stop_command:
                 stopped = self._stand(motion)
                 error = error or stopped
         except BaseException as caught:  # noqa: BLE001  # who waits must hear of it
             error = error or caught
         finally:
             with self._lock:
-                self._motion, self._driver = None, 0
+                self._motion, self._motion_thread = None, 0
             motion.ended(error)
             if self._is_stretch(motion.duration) or error is not None:
                 self._tell_watchers()
@@ -560,7 +560,7 @@ class Arm:
     def _send(self, motion: Motion, rows: Array) -> None:
         """Send set-points, in pieces as long as subscribers want blocks, until asked to stop."""
         path, taken = np.vstack([self._latest_setpoints(), rows]), 0
-        while taken < len(rows) and not self._asked:
+        while taken < len(rows) and not self._stop_command:
             state = self._backend.operating_state()
             if not state.is_ready:  # the robot itself, or another program, has stopped it
                 raise motion.stopped(state.state, state.t)
@@ -568,24 +568,25 @@ class Arm:
             every = min((s.every for s in tuple(self._subscriptions)), default=_STRETCH)
             size = max(round(min(max(every, self.grain), _STRETCH) * self.rate), 1)
             piece = rows[taken : taken + size]
-            self._sent = path[taken + len(piece) :][:2]  # where it is should a subscriber raise
-            done = self._backend.servo_jp(piece, lambda: not self._asked)
+            # Before they are sent: a subscriber may raise meanwhile.
+            self._last_setpoints = path[taken + len(piece) :][:2]
+            done = self._backend.servo_jp(piece, lambda: not self._stop_command)
             taken += done
-            self._sent = path[taken : taken + 2]
+            self._last_setpoints = path[taken : taken + 2]
             motion.elapsed += done / self.rate
-            self._unheard += done / self.rate
+            self._unreported_s += done / self.rate
 
     def _check_reports(self, motion: Motion, t: float) -> None:
         """Raise MotionStopped where positions jump, or none came for `SILENCE`."""
-        if self._jump:
-            raise motion.stopped(self._jump, t)
+        if self._jump_reported:
+            raise motion.stopped(self._jump_reported, t)
         silent = 0.0 if self._latest is None else t - float(self._latest.t[-1])
-        if silent > SILENCE and self._unheard > SILENCE:
+        if silent > SILENCE and self._unreported_s > SILENCE:
             raise motion.stopped(f"no state message for {silent:.1f} s; does it report?", t)
 
     def _stand(self, motion: Motion) -> MotionStopped:
         """Brake and carry out what stops the motion; gives the error that says so."""
-        asked = self._asked
+        asked = self._stop_command
         with suppress(Exception):  # whatever keeps it from braking, it can still be paused
             self._brake()
         state = self._backend.operating_state()
@@ -597,9 +598,9 @@ class Arm:
 
     def _brake(self) -> None:
         """Bring the set-point to rest along the way that it went."""
-        if self._sent is None or not self._backend.operating_state().is_ready:
+        if self._last_setpoints is None or not self._backend.operating_state().is_ready:
             return
-        step, start = self._sent[1] - self._sent[0], self._sent[1]
+        step, start = self._last_setpoints[1] - self._last_setpoints[0], self._last_setpoints[1]
         if not step.any():
             return
         n = max(int(BRAKING * self.rate), 1)
@@ -608,20 +609,20 @@ class Arm:
         rows = np.clip(rows, self.robot.lower, self.robot.upper)
         self._backend.servo_jp(rows, lambda: True)
         self._backend.flush()
-        self._sent = rows[-1:].repeat(2, axis=0)
+        self._last_setpoints = rows[-1:].repeat(2, axis=0)
 
     def _ask(self, motion: Motion | None, command: str) -> bool:
         """Ask a motion to stop, without waiting; whether it is under way."""
         with self._lock:
             running = motion is not None and motion is self._motion
             if running:
-                self._asked = command
+                self._stop_command = command
         return running
 
     def _stop(self, motion: Motion | None, command: str, timeout: float = TIMEOUT) -> None:
         """Stop a motion, or the arm if there is none, by a state command or by holding."""
         running = self._ask(motion, command)
-        if running and self._driver == threading.get_ident():
+        if running and self._motion_thread == threading.get_ident():
             return  # from a subscriber: the motion ends when it returns
         if motion is not None and running:
             motion.over.wait(timeout)

@@ -234,11 +234,9 @@ class ArmServer:
 
     def _publish_state(self, block: StateBlock, t: float) -> None:
         self._publish_operating_state(t)
-        robot, channels = self._arm.robot, self._arm.robot.channels
-        joints = [channels.index(name) for name in robot.joint_names]
-        columns = block.columns()
+        robot, columns = self._arm.robot, block.columns()
         if self._is_read("setpoint_js"):  # first, so that whoever joins the two has both
-            setpoint = block.setpoint[0, joints]
+            setpoint = block.setpoint[0, robot.joint_channels]
             if self._profile.no_setpoint:  # it has the last increment, which is nearly nothing
                 setpoint = np.zeros_like(setpoint)
             self._publish(
@@ -247,7 +245,7 @@ class ArmServer:
         if self._is_read("measured_js"):
             self._publish_joints("measured_js", t, "measured", columns)
         if self._is_read("measured_cp"):
-            self._publish_pose(t, block.measured[0, joints])
+            self._publish_pose(t, block.measured[0, robot.joint_channels])
         if self._is_read("ravenstate"):
             levels = "stopped", "pedal up", "pedal down"
             state = self._arm.operating_state()

@@ -61,7 +61,7 @@ def topic_columns(robot: Robot, topic: str, block: StateBlock) -> dict[str, Arra
     >>> list(topic_columns(arm.robot, "measured_cp", block))
     ['x', 'y', 'z', 'qx', 'qy', 'qz', 'qw']
     """
-    joints = [robot.channels.index(name) for name in robot.joint_names]
+    joints = robot.joint_channels
     quantity, _, kind = topic.partition("_")
     position = (block.measured if quantity == "measured" else block.setpoint)[:, joints]
     if kind == "js":
@@ -89,7 +89,7 @@ def joint_efforts(robot: Robot, block: StateBlock) -> Array:
     """Efforts (n, n_joints) on the joints themselves [Nm or N]; (n, 0) where none are stated."""
     if not block.effort.shape[1]:
         return np.empty((len(block.t), 0))
-    efforts = block.effort[:, [robot.channels.index(name) for name in robot.joint_names]]
+    efforts = block.effort[:, robot.joint_channels]
     if robot.transmission is not None and robot.effort == "motor":
         efforts = robot.transmission.joint_effort(efforts)
     return efforts

@@ -155,7 +155,7 @@ class LiveSamples:
             calibration.check_robot(robot)
         self.robot: Final = robot
         self.corrector: Final = None if calibration is None else Corrector(calibration)
-        self._channels = [robot.channels.index(name) for name in robot.joint_names]
+        self._channels = robot.joint_channels
         names = robot.joint_names
         self._effort_units = tuple(default_unit(f"effort/{name}", robot) for name in names)
         self._period = 0.0 if calibration is None else _sample_period(calibration)

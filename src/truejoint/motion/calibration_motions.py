@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from numbers import Integral, Real
-from typing import Any, Final, Protocol
+from typing import Any, Final
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -328,26 +329,26 @@ def _travelled(times: Array, knots: Sequence[float], swings: Sequence[_Swing]) -
     return positions
 
 
-class _Swing(Protocol):
-    """Way of a joint from rest to rest over `distance` [rad or m]."""
-
-    def __init__(self, distance: float, peak: float, crawl: float) -> None: ...
-
-    @property
-    def duration(self) -> float:
-        """[s]."""
-
-    def travelled(self, t: Array) -> Array:
-        """Way (n,) [rad or m] after `t` (n,) [s] within the duration."""
-
-
 @dataclass(frozen=True)
-class _Cosine:
-    """Half a period of a cosine of peak speed `peak`."""
+class _Swing(ABC):
+    """Way of a joint from rest to rest over `distance` [rad or m], at most at speed `peak`."""
 
     distance: float
     peak: float
     crawl: float
+
+    @property
+    @abstractmethod
+    def duration(self) -> float:
+        """[s]."""
+
+    @abstractmethod
+    def travelled(self, t: Array) -> Array:
+        """Way (n,) [rad or m] after `t` (n,) [s] within the duration."""
+
+
+class _Cosine(_Swing):
+    """Half a period of a cosine."""
 
     @property
     def duration(self) -> float:
@@ -357,17 +358,12 @@ class _Cosine:
         return self.distance * (1.0 - np.cos(np.pi * t / self.duration)) / 2.0
 
 
-@dataclass(frozen=True)
-class _Laboratory:
+class _Laboratory(_Swing):
     """Constant speed `peak` between a ramp and an approach in proportion to what is left.
 
     Without the ramp, what is left of the way is a straight line, an exponential and a straight
     line of time; the ramp, a speed that grows with time, is a parabola in that time.
     """
-
-    distance: float
-    peak: float
-    crawl: float
 
     @property
     def ends(self) -> tuple[float, float, float]:

@@ -7,11 +7,12 @@ import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
 
+from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import TrajectoryError, words
 from truejoint.files import (
@@ -22,9 +23,10 @@ from truejoint.files import (
     write_atomically,
 )
 from truejoint.motion.trajectory import Trajectory, as_trajectory
+from truejoint.schema import Bounds
 
 _MARK: Final = "# truejoint trajectory "
-_FORMAT: Final = 2  # format 1 has no hash
+_FORMAT: Final = 2
 _LAB_JOINTS: Final = ("shoulder", "elbow", "insertion")
 _LAB_UNITS: Final = ("rad", "rad", "m")
 # A day at 50 Hz of seven joints is below both.
@@ -114,8 +116,7 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
     ------
     TrajectoryError
         If the file is missing, too large, damaged, edited (its content differs from its hash) or
-        of another layout. One from before there were hashes is read, and its ``meta["notes"]``
-        say so.
+        of another layout. One without a hash is read, and its ``meta["notes"]`` say so.
 
     Examples
     --------
@@ -143,46 +144,46 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def _read_own(path: Path, first: str, second: str) -> Trajectory:
-    header = _parse_header(first)
+    plain = _plain_header(first)
+    header = schema.read(_Header, plain, "its first line", TrajectoryError)
     columns = second.strip().split(",")
     if len(columns) > _MAX_COLUMNS:
         raise TrajectoryError(f"{len(columns)} columns; at most {_MAX_COLUMNS}")
-    units: Mapping[str, str] = header["units"]
     timed = columns[0] == "t"
     joints = tuple(columns[1:] if timed else columns)
-    if list(joints) != list(units):
+    if joints != tuple(header.units):
         raise TrajectoryError(
-            f"columns {columns} do not match the joints {list(units)} of its first line"
+            f"columns {columns} do not match the joints {list(header.units)} of its first line"
         )
-    values = _read_numbers(path, len(columns), skip=2)
-    digest = header.pop("sha256", None)
-    if digest is None and header["format"] == 1:
-        notes = filter(None, (str(header["meta"].get("notes", "")), UNHASHED))
-        header["meta"] = header["meta"] | {"notes": "; ".join(notes)}
-    elif not is_as_written(digest, header, {"rows": values}):
+    values, meta = _read_numbers(path, len(columns), skip=2), header.meta
+    stated = {key: value for key, value in plain.items() if key != "sha256"}
+    if not header.sha256:
+        notes = filter(None, (str(meta.get("notes", "")), UNHASHED))
+        meta = {**meta, "notes": "; ".join(notes)}
+    elif not is_as_written(header.sha256, stated, {"rows": values}):
         raise TrajectoryError(
             "its content does not match its hash; get the file again, or, if it was edited on "
-            'purpose, write "format": 1 into its first line and take "sha256" out'
+            'purpose, take "sha256" out of its first line'
         )
     times, positions = (values[:, 0], values[:, 1:]) if timed else (None, values)
-    kinds = tuple(units.values())
-    return Trajectory(joints, kinds, positions, times, header["name"], header["meta"])
+    return Trajectory(joints, tuple(header.units.values()), positions, times, header.name, meta)
 
 
-def _parse_header(first: str) -> dict[str, Any]:
+class _Header(NamedTuple):
+    """First line of a file, after its mark."""
+
+    format: Annotated[int, Bounds(_FORMAT, _FORMAT)]
+    name: str
+    units: Mapping[str, str]
+    meta: Mapping[str, Any]
+    sha256: str = ""
+
+
+def _plain_header(first: str) -> Any:
     try:
-        header = json.loads(first.removeprefix(_MARK))
+        return json.loads(first.removeprefix(_MARK))
     except (ValueError, RecursionError):
         raise TrajectoryError("its first line is damaged; get the file again") from None
-    kinds = {"format": int, "name": str, "units": dict, "meta": dict}
-    known = header if isinstance(header, dict) else {}
-    if not all(isinstance(known.get(key), kind) for key, kind in kinds.items()):
-        raise TrajectoryError(f"its first line must hold {', '.join(kinds)}")
-    if not 1 <= known["format"] <= _FORMAT:
-        raise TrajectoryError(
-            f"format {known['format']!s:.20} is none of 1 to {_FORMAT}; update truejoint"
-        )
-    return known
 
 
 def _read_lab(path: Path, first: str) -> Trajectory:

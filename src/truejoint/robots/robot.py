@@ -206,6 +206,11 @@ class Robot(Summarised):
         return tuple(joint.name for joint in self.joints)
 
     @property
+    def joint_channels(self) -> list[int]:
+        """Position of each joint among the channels."""
+        return [self.channels.index(name) for name in self.joint_names]
+
+    @property
     def unused_channels(self) -> tuple[str, ...]:
         """Channels of the state message that belong to no joint."""
         return tuple(name for name in self.channels if name not in self.joint_names)

@@ -86,8 +86,8 @@ def test_a_homing_stops_with_the_piece_in_which_a_pause_is_asked_for(backend):
             if backend.twin.time > 1.0 and not begun.is_set():
                 begun.set()
                 end = time.monotonic() + 20.0
-                while backend._queue.acquire(blocking=False):  # until who pauses waits
-                    backend._queue.release()
+                while backend._entry_lock.acquire(blocking=False):  # until who pauses waits
+                    backend._entry_lock.release()
                     assert time.monotonic() < end
             yield piece
 

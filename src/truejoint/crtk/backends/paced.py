@@ -178,8 +178,8 @@ class PacedBackend(SimulatedBackend):
 
     def _pass(self) -> None:
         """One period: a set-point if there is one, else hold; or stand on the brakes."""
-        self._give_way()
-        with self._turn():
+        self._let_others_in()
+        with self._advancing_twin():
             if self._state.is_busy:
                 return  # homing lets the time pass itself
             output = self._go_on() if self._state.is_ready else self._stand(self.period)

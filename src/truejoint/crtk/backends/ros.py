@@ -340,8 +340,7 @@ class RosBackend:
         block = self._block(t, columns)
         with self._changed:
             self._tell_time(t)
-            joints = [self.robot.channels.index(name) for name in self.robot.joint_names]
-            self._setpoint = block.setpoint[-1, joints]
+            self._setpoint = block.setpoint[-1, self.robot.joint_channels]
             self._changed.notify_all()
         self._deliver(listener, block)
 

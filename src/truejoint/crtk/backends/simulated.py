@@ -60,18 +60,18 @@ class SimulatedBackend:
         self._last: StateBlock | None = None  # message since the homing
         self._state = OperatingState("DISABLED", is_homed=False, is_busy=False, t=twin.time)
         self._listener: Listener | None = None
-        self._lock = threading.RLock()  # of the twin, whose time one thread at a time lets pass
+        self._twin_lock = threading.RLock()  # one thread at a time lets its time pass
         self._now = twin.time  # when a piece of it ended last: it may try a motion before it does
-        self._queue = threading.RLock()  # of those who wait for it: who drives the arm lets them in
+        self._entry_lock = threading.RLock()  # held by those who wait for the twin
 
     @property
     def time(self) -> float:
         """Simulated time [s]; while a piece of it is worked on, when the one before ended."""
-        if self._lock.acquire(blocking=False):
+        if self._twin_lock.acquire(blocking=False):
             try:
                 self._now = self.twin.time
             finally:
-                self._lock.release()
+                self._twin_lock.release()
         return self._now
 
     @property
@@ -103,7 +103,7 @@ class SimulatedBackend:
         Homing gives up after `timeout` [s] of simulated time, and where the arm is paused or
         disabled meanwhile.
         """
-        with self._queue, self._lock:
+        with self._entry_lock, self._twin_lock:
             after = next_state(self._state, command)
             homing = command == "home"
             self._state = replace(after, is_homed=False, is_busy=True) if homing else after
@@ -116,8 +116,8 @@ class SimulatedBackend:
         For others the clock leaps. A leap that is stopped in the middle is taken back: the arm
         stands when who stopped it read the clock.
         """
-        self._give_way()
-        with self._turn():
+        self._let_others_in()
+        with self._advancing_twin():
             if not go_on():
                 return 0
             back = self.twin.saved() if len(position) > self.grain * self.rate else None
@@ -136,7 +136,7 @@ class SimulatedBackend:
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on, and report where they hold the motors."""
-        with self._turn():
+        with self._advancing_twin():
             standing = self._stand(duration)
         self._deliver(standing)
 
@@ -165,7 +165,7 @@ class SimulatedBackend:
                 if self.twin.time - start > timeout:
                     raise CommandRefused(f"'home' stopped: not done after {timeout:g} s")
         finally:
-            with self._lock:
+            with self._twin_lock:
                 pieces.close()
                 self._state = replace(self._state, is_busy=False)
         # Positions before the registration mean nothing, so only the end pose is reported.
@@ -174,8 +174,8 @@ class SimulatedBackend:
 
     def _piece(self, pieces: Iterator[TwinOutput]) -> TwinOutput | None:
         """Next piece of the homing; after the last one the arm is homed."""
-        self._give_way()
-        with self._turn():
+        self._let_others_in()
+        with self._advancing_twin():
             state = self._state.state
             if state != "ENABLED":
                 raise MotionStopped(
@@ -187,17 +187,17 @@ class SimulatedBackend:
         return piece
 
     @contextmanager
-    def _turn(self) -> Iterator[None]:
+    def _advancing_twin(self) -> Iterator[None]:
         """Let time of the twin pass, and no other thread meanwhile."""
-        with self._lock:
+        with self._twin_lock:
             try:
                 yield
             finally:
                 self._now = self.twin.time
 
-    def _give_way(self) -> None:
+    def _let_others_in(self) -> None:
         """Let those in who wait for the twin; a lock that is free again would not."""
-        with self._queue:
+        with self._entry_lock:
             pass
 
     def _passed(self, piece: TwinOutput) -> None:

@@ -75,7 +75,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         gains=np.array([[drive.kp, drive.kd, drive.ki] for drive in arm_drives]),
         effort_limit=np.array([drive.max_effort for drive in arm_drives]),
         effort_step=np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives]),
-        channel=np.array([robot.channels.index(name) for name in robot.joint_names]),
+        channel=np.array(robot.joint_channels),
         friction=np.column_stack(
             [p.joint_friction.coulomb, p.joint_friction.load_share, p.joint_friction.presliding]
         ),

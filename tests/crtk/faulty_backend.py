@@ -35,11 +35,6 @@ class Fault:
         Whose encoder slips.
     size : float
         By how much [rad or m].
-
-    Examples
-    --------
-    >>> Fault("slip", 20.0, "elbow", 0.01).kind
-    'slip'
     """
 
     kind: FaultKind
@@ -60,13 +55,6 @@ class FaultyBackend:
     ------
     RobotError
         If a fault is of no known kind, or of no joint of the robot.
-
-    Examples
-    --------
-    >>> inner = truejoint.crtk.SimulatedBackend(truejoint.simulation.make_twin(seed=1))
-    >>> arm = truejoint.crtk.Arm(FaultyBackend(inner, [Fault("fault", 0.0)]))
-    >>> arm.operating_state().state
-    'FAULT'
     """
 
     def __init__(self, backend: Backend, faults: Sequence[Fault]) -> None:
