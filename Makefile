@@ -40,7 +40,7 @@ sbom: $(VENV)/.installed-audit ## Write the bill of materials, CycloneDX, to dis
 audit: $(VENV)/.installed-audit ## Look the pinned packages up among known vulnerabilities (online)
 	$(BIN)/pip-audit --strict --disable-pip --require-hashes -r requirements.txt
 
-COMPILE := uv pip compile --quiet --generate-hashes --no-header --no-annotate --python-version 3.11
+COMPILE := uv pip compile --torch-backend cpu --quiet --generate-hashes --no-header --no-annotate --python-version 3.11
 LOCK := $(COMPILE) pyproject.toml --group build
 lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fits stays)
 	$(LOCK) --extra plots -o requirements.txt

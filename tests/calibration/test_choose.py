@@ -21,10 +21,10 @@ from truejoint.calibration import Automatic, calibrate, read_calibration, write_
 from truejoint.calibration.choose import Group, Rows, apart, share_of, stacking_weights
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
+    GRU,
     Combination,
     NeuralNetwork,
     PolynomialRegressor,
-    RecurrentNetwork,
     candidates,
     get_estimator,
     registry,
@@ -475,7 +475,7 @@ def test_rows_that_are_left_out_do_not_move_what_is_judged(monkeypatch):
     every = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
     monkeypatch.setattr("truejoint.calibration.candidates.MOST_ROWS", 400)
     few = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
-    counting = [*tried, RecurrentNetwork(epochs=1, units=2)]  # of rows that are one step apart
+    counting = [*tried, GRU(epochs=1, units=2)]  # of rows that are one step apart
     assert told(choose(0.2, counting))["poly2"]["rmse"]["jaw"] == every
     assert few != every
     assert few == pytest.approx(every, rel=0.2)

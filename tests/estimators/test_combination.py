@@ -17,6 +17,7 @@ from tests.runtime.streams import recording, trained
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
+    GRU,
     Combination,
     ElasticJointFilter,
     JawFilter,
@@ -24,7 +25,6 @@ from truejoint.estimators import (
     NeuralNetwork,
     Plays,
     PolynomialRegressor,
-    RecurrentNetwork,
     get_estimator,
 )
 from truejoint.estimators.family import EstimatorData
@@ -35,7 +35,7 @@ from truejoint.features.feature_set import time_steps
 from truejoint.robots import get_robot
 
 NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)
-GRU = RecurrentNetwork(units=5, epochs=2)
+GRU = GRU(units=5, epochs=2)
 STEPS = Combination((LinearRegressor(), DecisionTreeRegressor(max_depth=3)))
 WEIGHTS = ((1.0, 0.2), (0.0, 0.3), (0.0, 0.1), (0.0, 0.0), (0.0, 0.4))
 EVERY_KIND = (LinearRegressor(), NETWORK, GRU, PolynomialRegressor(), STEPS)
@@ -61,7 +61,7 @@ def test_it_is_the_weighted_mean_of_its_members_and_unused_ones_are_not_in_it():
     # Networks that are fitted to one joint are others than those of both.
     np.testing.assert_allclose(found[:, 1], expected[:, 1], rtol=0, atol=5e-3)
     families = [family for family, *_ in model().model.model_params()["members"]]
-    assert families == ["polynomial", "network", "network.recurrent", "stack"]
+    assert families == ["polynomial", "network", "network.gru", "stack"]
     again = model().model.settled()
     assert [one.name for one in again.members] == ["linear", "dnn", "gru", "stack"]
     assert again.weights == tuple(row for row in WEIGHTS if any(row))
@@ -95,7 +95,7 @@ def test_it_is_printed_to_c_with_the_same_bits(tmp_path):
     np.testing.assert_array_equal(position[status == 0], model().correct(UNSEEN)[status == 0])
     assert (status == 0).sum() > 300
     source = (library.folder / "m.c").read_text()
-    for row in ("polynomial_row(", "network_row(", "recurrent_row(", "trees_row("):
+    for row in ("polynomial_row(", "network_row(", "gru_row(", "trees_row("):
         assert source.count(f"static void {row}") >= 1
     assert max(map(len, source.splitlines())) <= 100
 

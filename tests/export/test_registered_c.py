@@ -14,7 +14,7 @@ from sklearn.neighbors import KNeighborsRegressor
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.signal_shift import signal_moves
 from truejoint.calibration.zero import moved
-from truejoint.errors import ExportError
+from truejoint.errors import TruejointError
 from truejoint.estimators import get_estimator
 from truejoint.export.export_c import export_c
 from truejoint.runtime import Status
@@ -183,7 +183,7 @@ def test_the_source_is_good_to_read(library, name):
 
 def test_an_estimator_that_only_works_offline_is_refused_in_one_line(tmp_path):
     offline = streams.trained(KNeighborsRegressor(algorithm="brute"))
-    with pytest.raises(ExportError, match="cannot run in a loop") as caught:
+    with pytest.raises(TruejointError, match="cannot run in a loop") as caught:
         export_c(offline, tmp_path)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())

@@ -13,8 +13,8 @@ from .jaw_load.stiffness import identify_stiffness as identify_stiffness
 from .motor_side.hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .network.learn import NeuralNetwork as NeuralNetwork
-from .network.sequence import RecurrentNetwork as RecurrentNetwork
-from .network.sequence import TemporalConvolution as TemporalConvolution
+from .network.sequence import GRU as GRU
+from .network.sequence import TCN as TCN
 from .plays.jaw_plays import JawPlays as JawPlays
 from .plays.learn import Plays as Plays
 from .polynomial.learn import FixedOffset as FixedOffset

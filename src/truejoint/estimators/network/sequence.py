@@ -1,12 +1,13 @@
-"""Networks that remember, trained in numpy by back-propagation through time."""
+"""Networks that remember, trained by torch on windows of rows."""
 
 from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar
+from itertools import pairwise
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,23 +18,46 @@ from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.family import Family
-from truejoint.estimators.network import recurrent, temporal_convolution
-from truejoint.estimators.network.adam import Adam, check_loss
-from truejoint.estimators.network.backpropagation import (
-    Weights,
-    convolution_gradient,
-    recurrent_gradient,
-)
+from truejoint.estimators.network import gru, tcn
+from truejoint.estimators.network.adam import check_loss
+from truejoint.estimators.network.gru import is_update
 from truejoint.estimators.network.layers import Floats
 from truejoint.estimators.network.learn import BATCHES_PER_EPOCH
-from truejoint.estimators.network.recurrent import GATES_OF, is_update
+from truejoint.extras import require
 
-Gradient = Callable[[Weights, NDArray[np.int64], float], tuple[float, dict[str, Floats]]]
+FLOOR: Final = 1e-6  # added to the mean squared error of targets of variance 1
+
+Indices = NDArray[np.int64]
+Tensors = Mapping[str, Any]
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Standardised rows that a network is trained on, in the order of time."""
+
+    X: Floats  # (n, k)
+    y: Floats  # (n, n_outputs), residuals of a linear regression; NaN where unknown
+    first: Indices  # (n,), row at which the history of a row starts
+
+    def windows(self, length: int, rng: np.random.RandomState) -> Indices:
+        """First rows of windows, in random order, that cover each history from a random row on."""
+        ends = np.append(np.unique(self.first), len(self.first))
+        starts = [
+            np.clip(np.arange(a - rng.randint(length), b, length), a, max(a, b - length))
+            for a, b in pairwise(ends)
+        ]
+        return rng.permutation(np.unique(np.concatenate(starts)))
+
+    def batch(self, starts: Indices, before: int, length: int) -> tuple[Indices, Flags]:
+        """Rows (before + length, b) of windows, and which are of the window's history."""
+        rows = starts + np.arange(-before, length)[:, None]
+        within = np.clip(rows, 0, len(self.X) - 1)
+        return within, (rows == within) & (self.first[within] == self.first[starts])
 
 
 @dataclass(eq=False, repr=False)
 class SequenceNetwork(JointRegressor):
-    """Network that remembers and learns what a linear regression leaves, fitted as it runs.
+    """Network that remembers, and learns the residuals of a linear regression.
 
     It sees one row in a period, and is trained on windows of such rows by Adam, whose rate falls
     linearly to 0. A row in between is predicted as if it were the next that it sees.
@@ -50,15 +74,21 @@ class SequenceNetwork(JointRegressor):
     epochs: int = 60
     random_state: int | np.random.RandomState | None = 0
 
-    @abstractmethod
-    def _gradient(self, steps: list[Floats]) -> Gradient:
-        """Loss and its gradient, of weights, first steps of windows (b,), and weight decay.
+    @property
+    def looks_back(self) -> int:
+        """Rows before a window that training sees."""
+        return 0
 
-        `steps` are features, targets and history of each step, as `backpropagation` has them.
+    @abstractmethod
+    def forward(self, weights: Tensors, X: Any, within: Any, state: Any) -> Any:
+        """Units (rows, b, units) that the output sees beside the features, as tensors.
+
+        `weights` by the names of the family's arrays, `X` (rows, b, k), `within` (rows, b, 1) 0
+        for rows before the history, `state` (b, units) before the first row.
         """
 
     def _start(self, weights: dict[str, Floats], rng: np.random.RandomState) -> None:
-        """Draw the weights of which training starts, but those of the output, which are 0."""
+        """Draw the weights with which training starts, but those of the output, which are 0."""
         for name, weight in weights.items():
             if name.endswith("weights") and name != "output_weights":
                 bound = math.sqrt(3.0 / weight.shape[-2])
@@ -79,7 +109,8 @@ class SequenceNetwork(JointRegressor):
         X, known = (X[rows] - scales["mean"]) * scales["inverse_scale"], known[rows]
         y = (y[rows] - scales["target_mean"]) / scales["target_scale"]
         line = np.linalg.lstsq(X[known], y[known], rcond=1e-4)[0]
-        steps = [s.astype(np.float32) for s in (X, y - X @ line, history[:, None])]
+        first = np.searchsorted(history, history)
+        steps = Steps(X.astype(np.float32), (y - X @ line).astype(np.float32), first)
         shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1])
         weights = {
             name: np.zeros(shape, np.float32)
@@ -92,46 +123,81 @@ class SequenceNetwork(JointRegressor):
         return arrays | scales
 
     def _train(
-        self, weights: dict[str, Floats], steps: list[Floats], decay: float, progress: Progress
+        self, arrays: dict[str, Floats], steps: Steps, decay: float, progress: Progress
     ) -> None:
+        """Train arrays in place, of which torch's tensors are views."""
+        torch = require("torch", "torch", f"training {self.name}")
         rng = check_random_state(self.random_state)
-        self._start(weights, rng)
-        n, window, epochs = len(steps[0]), int(self.window), int(self.epochs)
-        size = min(int(self.batch_size), max(1, n // window // BATCHES_PER_EPOCH))
-        adams = {name: Adam(weight, 0.0) for name, weight in weights.items()}
-        gradient_of = self._gradient(steps)
+        self._start(arrays, rng)
+        weights = {n: torch.from_numpy(a).requires_grad_() for n, a in arrays.items()}
+        window, epochs, before = int(self.window), int(self.epochs), self.looks_back
+        n_windows = max(1, len(steps.X) // window // BATCHES_PER_EPOCH)
+        size = min(int(self.batch_size), n_windows)
+        adam = torch.optim.Adam(weights.values(), eps=1e-7)
+        states = np.zeros((len(steps.X), int(self.units)), np.float32)
         self.loss_curve_: list[float] = []
-        for epoch in range(epochs):
-            starts = np.arange(-rng.randint(window), n, window)
-            starts = rng.permutation(np.unique(np.clip(starts, 0, n - window)))
-            losses = []
-            for first in range(0, len(starts), size):
-                loss, gradient = gradient_of(weights, starts[first : first + size], decay)
-                losses.append(loss)
-                for name, adam in adams.items():
-                    done = (epoch + first / len(starts)) / epochs
-                    adam.learning_rate = float(self.learning_rate) * (1.0 - done)
-                    adam.step(gradient[name])
-            self.loss_curve_.append(float(np.mean(losses)))
-            check_loss(self.loss_curve_, epochs, float(self.learning_rate))
-            progress((epoch + 1) / epochs)
+        n_threads = torch.get_num_threads()
+        torch.set_num_threads(1)
+        try:
+            for epoch in range(epochs):
+                starts = steps.windows(window, rng)
+                losses = []
+                for place in range(0, len(starts), size):
+                    some = starts[place : place + size]
+                    rows, within = steps.batch(some, before, window)
+                    goes_on = (some > steps.first[some])[:, None]
+                    X, valid, state = map(
+                        torch.from_numpy,
+                        (
+                            steps.X[rows],
+                            within[..., None].astype(np.float32),
+                            states[some] * goes_on,
+                        ),
+                    )
+                    units = self.forward(weights, X, valid, state)
+                    y = np.where(within[..., None], steps.y[rows], np.nan)[before:]
+                    loss = loss_of(torch, weights, (units[before:], X[before:]), y, decay)
+                    done = (epoch + place / len(starts)) / epochs
+                    adam.param_groups[0]["lr"] = float(self.learning_rate) * (1.0 - done)
+                    adam.zero_grad()
+                    loss.backward()
+                    adam.step()
+                    losses.append(loss.item())
+                    kept = within[before + 1 :]
+                    states[rows[before + 1 :][kept]] = units[before:-1].detach().numpy()[kept]
+                self.loss_curve_.append(float(np.mean(losses)))
+                check_loss(self.loss_curve_, epochs, float(self.learning_rate))
+                progress((epoch + 1) / epochs)
+        finally:
+            torch.set_num_threads(n_threads)
+
+
+def loss_of(torch: Any, weights: Tensors, seen: tuple[Any, Any], y: Floats, decay: float) -> Any:
+    """Loss of what the output sees: the logarithm of the mean squared error, mean over outputs.
+
+    It is but for a constant the likelihood of noise of unknown size. To it is added `decay` times
+    the sum of the squared weights. `y` (rows, b, n_outputs) is NaN where it is unknown.
+    """
+    known = np.isfinite(y)
+    error = torch.cat(seen, 2) @ weights["output_weights"] + weights["output_bias"]
+    error = (error - torch.from_numpy(np.where(known, y, 0.0))) * torch.from_numpy(known)
+    count = torch.from_numpy(np.maximum(known.sum(axis=(0, 1)), 1))
+    loss = torch.log(error.square().sum((0, 1)) / count + FLOOR).mean()
+    return loss + decay * sum(w.square().sum() for n, w in weights.items() if n.endswith("weights"))
 
 
 @dataclass(eq=False, repr=False)
-class RecurrentNetwork(SequenceNetwork):
-    """One layer of recurrent cells that learn what a linear regression leaves.
+class GRU(SequenceNetwork):
+    """One layer of gated recurrent units that learn the residuals of a linear regression.
 
-    Gated recurrent units (Cho et al., EMNLP 2014), or long short-term memory (Hochreiter and
-    Schmidhuber, Neural Computation 9(8), 1997), by which Hwang et al. (IEEE RA-L 5(4), 2020)
-    calibrate a da Vinci arm. The gradient reaches back to the start of a window of updates; the
-    state there is the one in which the epoch before left it, so that the network is fitted as it
-    runs. Adam's rate falls linearly to 0. A row between two updates is predicted from the state
-    that it would give.
+    Gated recurrent units are of Cho et al., EMNLP 2014; Hwang et al. (IEEE RA-L 5(4), 2020)
+    calibrate a da Vinci arm by a recurrent network. The gradient reaches back to the start of a
+    window of updates. The state there is the one in which the epoch before left it, so that the
+    network is fitted as it runs. A row between two updates is predicted from the state that it
+    would give. Training needs torch (``pip install "truejoint[torch]"``), running does not.
 
     Parameters
     ----------
-    cell : {"gated_unit", "long_short_term"}
-        Gated recurrent units, or long short-term memory.
     units : int
         Of the state.
     period : float
@@ -140,7 +206,7 @@ class RecurrentNetwork(SequenceNetwork):
         Factor of the sum of the squared weights over the number of rows, beside the logarithm of
         the mean squared error: it means the same for any number of rows, and for any noise.
     learning_rate : float
-        Of Adam at the start, with decay rates 0.9 and 0.999.
+        Of Adam at the start, with decay rates 0.9 and 0.999; it falls linearly to 0.
     window : int
         Updates through which an error is propagated back.
     batch_size : int
@@ -157,51 +223,43 @@ class RecurrentNetwork(SequenceNetwork):
 
     Examples
     --------
-    >>> x = np.random.default_rng(0).normal(size=(3000, 1))
-    >>> y = np.roll(x[:, 0], 1)
-    >>> model = RecurrentNetwork(units=8, period=0.005, window=8).fit(x[:2000], y[:2000])
-    >>> bool(model.score(x[2000:], y[2000:]) > 0.9)
-    True
+    >>> GRU(units=8, period=0.005, window=8).name
+    'gru'
     """
 
-    family: ClassVar[Family] = recurrent.FAMILY
-    cell: str = "gated_unit"
+    family: ClassVar[Family] = gru.FAMILY
 
     def _start(self, weights: dict[str, Floats], rng: np.random.RandomState) -> None:
         super()._start(weights, rng)
-        units, is_gru = int(self.units), GATES_OF[self.cell] == 3
-        kept = slice(0, units) if is_gru else slice(units, 2 * units)
-        weights["input_bias"][kept] = 1.0  # at first, a state is kept
+        weights["input_bias"][: int(self.units)] = 1.0  # at first, a state is kept
 
-    def _gradient(self, steps: list[Floats]) -> Gradient:
-        size = int(self.units) * (GATES_OF[self.cell] - 2)  # with the cells of an LSTM
-        states = np.zeros((len(steps[0]), size), np.float32)
+    def forward(self, weights: Tensors, X: Any, within: Any, state: Any) -> Any:
+        """Units (rows, b, units), as `SequenceNetwork.forward` says."""
+        torch = require("torch", "torch", f"training {self.name}")
 
-        def gradient(
-            weights: Weights, starts: NDArray[np.int64], decay: float
-        ) -> tuple[float, dict[str, Floats]]:
-            rows = starts + np.arange(int(self.window))[:, None]
-            history = steps[2][:, 0]
-            goes_on = (starts > 0) & (history[starts] == history[starts - 1])
-            loss, found, states[rows] = recurrent_gradient(
-                weights,
-                [values[rows] for values in steps],
-                states[starts] * goes_on[:, None].astype(np.float32),
-                decay,
-            )
-            return loss, found
+        def in_order(columns: Any) -> Any:  # torch has the reset gate first
+            keep, reset, candidate = columns.split(int(self.units), -1)
+            return torch.cat([reset, keep, candidate], -1).transpose(0, -1)
 
-        return gradient
+        bias = weights["state_bias"]
+        inner = torch.cat([torch.zeros(2 * int(self.units), dtype=bias.dtype), bias])
+        given = (
+            in_order(weights["input_weights"]),
+            in_order(weights["state_weights"]),
+            in_order(weights["input_bias"]),
+            inner,
+        )
+        return torch.gru(X, state[None], given, True, 1, 0.0, True, False, False)[0]
 
 
 @dataclass(eq=False, repr=False)
-class TemporalConvolution(SequenceNetwork):
-    """Dilated causal convolutions that learn what a linear regression leaves.
+class TCN(SequenceNetwork):
+    """Dilated causal convolutions that learn the residuals of a linear regression.
 
     Each layer sees what the one before gave now and twice as long ago as that saw, so that the last
     of n layers sees ``2**n`` updates, and adds its rectified units to it (Bai, Kolter and Koltun,
     arXiv 1803.01271). Park et al. (IEEE RA-L, 2024) calibrate a continuum manipulator by such a
-    network. Windows are trained with all that they look back to.
+    network. Windows are trained with all that they look back to, by torch.
 
     Parameters
     ----------
@@ -212,7 +270,7 @@ class TemporalConvolution(SequenceNetwork):
     period : float
         Time between the rows that it sees [s]; where rows are further apart, it sees each.
     weight_decay, learning_rate, window, batch_size, epochs, random_state
-        As of `RecurrentNetwork`.
+        As of `GRU`.
 
     Attributes
     ----------
@@ -221,37 +279,36 @@ class TemporalConvolution(SequenceNetwork):
 
     Examples
     --------
-    >>> x = np.random.default_rng(0).normal(size=(3000, 1))
-    >>> y = np.roll(x[:, 0], 1)
-    >>> model = TemporalConvolution(layers=2, units=8, period=0.005).fit(x[:2000], y[:2000])
-    >>> bool(model.score(x[2000:], y[2000:]) > 0.9)
-    True
+    >>> TCN(layers=2, units=8, period=0.005).name
+    'tcn'
     """
 
-    family: ClassVar[Family] = temporal_convolution.FAMILY
+    family: ClassVar[Family] = tcn.FAMILY
     layers: int = 8
     units: int = 16
     window: int = 256
     batch_size: int = 8
+
+    @property
+    def looks_back(self) -> int:
+        """Rows before a window that training sees."""
+        return int(2 ** int(self.layers)) - 1
 
     def _start(self, weights: dict[str, Floats], rng: np.random.RandomState) -> None:
         super()._start(weights, rng)
         for name in ("now_weights", "past_weights"):  # so that a sum over layers stays as large
             weights[name] *= 0.5 * math.sqrt(int(self.layers))
 
-    def _gradient(self, steps: list[Floats]) -> Gradient:
-        before = 2 ** int(self.layers) - 1
-
-        def gradient(
-            weights: Weights, starts: NDArray[np.int64], decay: float
-        ) -> tuple[float, dict[str, Floats]]:
-            rows = starts + np.arange(-before, int(self.window))[:, None]
-            X, y, history = (values[np.maximum(rows, 0)] for values in steps)
-            y[:before] = np.nan  # seen, but judged in windows of their own
-            history[rows < 0] = -1.0
-            return convolution_gradient(weights, [X, y, history], decay)
-
-        return gradient
+    def forward(self, weights: Tensors, X: Any, within: Any, state: Any) -> Any:
+        """Units (rows, b, units), as `SequenceNetwork.forward` says; there is no state."""
+        torch = require("torch", "torch", f"training {self.name}")
+        given = (X @ weights["input_weights"] + weights["input_bias"]) * within
+        squares = (weights[name].split(int(self.units)) for name in ("now_weights", "past_weights"))
+        for i, (now, past) in enumerate(zip(*squares, strict=True)):
+            ago = torch.cat([torch.zeros_like(given[: 2**i]), given[: -(2**i)]])
+            units = given @ now + ago @ past + weights["layer_bias"][i]
+            given = (given + units.relu()) * within
+        return given
 
 
 def step_rows(dt: Array, known: Flags, period: float) -> NDArray[np.int64]:

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.estimators.family import EstimatorData, evaluate
-from truejoint.estimators.network.temporal_convolution import FAMILY
+from truejoint.estimators.network.tcn import FAMILY
 
 K = 3
 PARAMS = {

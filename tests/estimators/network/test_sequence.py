@@ -1,6 +1,8 @@
-"""Networks that remember: their gradients, and that they are fitted as they run."""
+"""Networks that remember: that they are trained as they run."""
 
 from __future__ import annotations
+
+import sys
 
 import numpy as np
 import pytest
@@ -9,14 +11,15 @@ from hypothesis import strategies as st
 from sklearn.base import clone
 from tests.runtime.streams import trained
 
-from truejoint.errors import CalibrationError
-from truejoint.estimators.network import recurrent, temporal_convolution
-from truejoint.estimators.network.backpropagation import convolution_gradient, recurrent_gradient
-from truejoint.estimators.network.sequence import RecurrentNetwork, TemporalConvolution, step_rows
+from truejoint.errors import CalibrationError, TruejointError
+from truejoint.estimators.family import EstimatorData
+from truejoint.estimators.network.sequence import FLOOR, GRU, TCN, Steps, step_rows
 
-SMALL = RecurrentNetwork(units=5, period=0.005, window=16, epochs=3)
-CONVOLUTION = TemporalConvolution(layers=3, units=5, period=0.005, window=16, epochs=3)
-ALL = [SMALL, clone(SMALL).set_params(cell="long_short_term"), CONVOLUTION]
+torch = pytest.importorskip("torch", reason="the extra [torch] is not installed")
+
+SMALL = GRU(units=5, period=0.005, window=16, epochs=3)
+CONVOLUTION = TCN(layers=3, units=5, period=0.005, window=16, epochs=3)
+ALL = [SMALL, CONVOLUTION]
 
 
 def delayed(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
@@ -25,91 +28,59 @@ def delayed(n: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return X, np.column_stack([3.0 + np.roll(X[:, 0], 1), 0.1 * np.roll(X[:, 1], 2)])
 
 
-def slopes(weights, loss):
-    """Differences of a loss over some of the weights, and the places of these."""
-    for name, weight in weights.items():
-        for i in range(0, weight.size, 5):
-            start, sides = weight.flat[i], []
-            for h in (1e-6, -1e-6):
-                weight.flat[i] = start + h
-                sides.append(loss())
-            weight.flat[i] = start
-            yield name, i, (sides[0] - sides[1]) / 2e-6
-
-
-def problem(family, params, seed: int):
-    """Weights, and a batch of three histories with unknown targets."""
+@pytest.mark.parametrize("small", ALL, ids=lambda one: one.name)
+@settings(max_examples=10)
+@given(seed=st.integers(0, 1000))
+def test_the_row_is_the_forward_pass_of_torch(small, seed):
+    """Of arrays drawn at random, in double precision, over a history of a few windows."""
     rng = np.random.default_rng(seed)
-    shapes = family.shapes(params | {"units": 4}, 3, 2)
-    weights = {n: rng.normal(size=s) for n, s in shapes.items() if n.endswith(("weights", "bias"))}
-    y = rng.normal(size=(9, 5, 2))
-    y[rng.random((9, 5)) < 0.3] = np.nan
-    history = np.sort(rng.integers(0, 3, (9, 5, 1)), axis=0) * 1.0
-    return weights, [rng.normal(size=(9, 5, 3)), y, history]
+    shapes = small.family.shapes(small.model_params(), 3, 2)
+    arrays = {name: 0.5 * rng.normal(size=shape) for name, shape in shapes.items()}
+    data = EstimatorData(small.family.name, small.model_params(), arrays)
+    model = type(small).from_data(data, 3, 2)
+    X = rng.normal(size=(50, 3))
+    tensors = {name: torch.from_numpy(array) for name, array in arrays.items()}
+    scaled = torch.from_numpy((X - arrays["mean"]) * arrays["inverse_scale"])[:, None]
+    within, state = torch.ones(50, 1, 1, dtype=scaled.dtype), torch.zeros(1, 5, dtype=scaled.dtype)
+    seen = torch.cat([small.forward(tensors, scaled, within, state), scaled], 2)
+    outputs = (seen @ tensors["output_weights"] + tensors["output_bias"])[:, 0].numpy()
+    expected = arrays["target_mean"] + arrays["target_scale"] * outputs
+    np.testing.assert_allclose(model.evaluate(X), expected, rtol=1e-12, atol=1e-12)
 
 
-@pytest.mark.parametrize(("cell", "size"), [("gated_unit", 4), ("long_short_term", 8)])
-@settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 1000))
-def test_gradient_is_the_slope_of_the_loss(cell, size, seed):
-    weights, batch = problem(recurrent.FAMILY, SMALL.get_params() | {"cell": cell}, seed)
-    state = np.random.default_rng(seed).normal(size=(5, size))
-    gradient = recurrent_gradient(weights, batch, state, 0.01)[1]
-    for name, i, slope in slopes(
-        weights, lambda: recurrent_gradient(weights, batch, state, 0.01)[0]
-    ):
-        assert gradient[name].flat[i] == pytest.approx(slope, abs=1e-6, rel=1e-4)
-
-
-@settings(max_examples=5, deadline=None)
-@given(seed=st.integers(0, 1000))
-def test_gradient_of_convolutions_is_the_slope_of_the_loss(seed):
-    weights, batch = problem(temporal_convolution.FAMILY, CONVOLUTION.get_params(), seed)
-    gradient = convolution_gradient(weights, batch, 0.01)[1]
-    places = list(slopes(weights, lambda: convolution_gradient(weights, batch, 0.01)[0]))
-    near = [gradient[name].flat[i] == pytest.approx(slope, abs=1e-6, rel=1e-4)
-            for name, i, slope in places]  # fmt: skip
-    assert np.mean(near) > 0.98  # a unit may be switched by the difference itself
-
-
-@pytest.mark.parametrize("cell", ["gated_unit", "long_short_term"])
-def test_training_passes_the_states_of_the_row(cell):
-    """Mean loss without a penalty, from the states of training, is the error of the predictions."""
+@pytest.mark.parametrize("small", ALL, ids=lambda one: one.name)
+def test_training_errs_as_the_row_does(small):
+    """Mean loss of a window that is the whole history is the error of the predictions."""
     X, y = delayed(400)
-    model = clone(SMALL).set_params(cell=cell).fit(X, y)
-    state = np.zeros((1, 5 if cell == "gated_unit" else 10))
-    loss = recurrent_gradient(weights_of(model), batch_of(model, X, y), state, 0.0)[0]
-    assert loss == pytest.approx(loss_of(model, X, y), rel=1e-9)
-
-
-def test_training_sees_what_the_row_of_convolutions_sees():
-    X, y = delayed(400)
-    model = clone(CONVOLUTION).fit(X, y)
-    loss = convolution_gradient(weights_of(model), batch_of(model, X, y), 0.0)[0]
-    assert loss == pytest.approx(loss_of(model, X, y), rel=1e-9)
-
-
-def weights_of(model):
-    return {n: a for n, a in model.arrays_.items() if n.endswith(("weights", "bias"))}
-
-
-def batch_of(model, X, y):
-    scaled = (X - model.mean_) * model.inverse_scale_
-    targets = (y - model.target_mean_) / model.target_scale_
-    return [scaled[:, None], targets[:, None], np.zeros((len(X), 1, 1))]
-
-
-def loss_of(model, X, y) -> float:
+    model = clone(small).set_params(window=400, epochs=1, learning_rate=1e-9, weight_decay=0.0)
+    model.fit(X, y)
     squares = (((y - model.predict(X)) / model.target_scale_) ** 2).mean(axis=0)
-    return float(np.log(squares + 1e-6).mean())
+    assert model.loss_curve_[0] == pytest.approx(np.log(squares + FLOOR).mean(), abs=1e-4)
+
+
+def test_windows_cover_each_history_and_none_but_short_ones_go_beyond():
+    first = np.repeat([0, 40, 45], [40, 5, 30])
+    X = np.zeros((75, 1), np.float32)
+    steps, rng = Steps(X, X, first), np.random.RandomState(0)
+    for _ in range(20):
+        starts = steps.windows(16, rng)
+        rows, within = steps.batch(starts, 3, 16)
+        assert (first[rows] == first[starts])[within].all()
+        assert set(rows[3:][within[3:]]) == set(range(75))
+        assert within[3:, starts != 40].all()
+
+
+def test_without_torch_it_says_how_to_get_it(monkeypatch):
+    monkeypatch.setitem(sys.modules, "torch", None)
+    with pytest.raises(TruejointError, match=r"training gru needs torch.*truejoint\[torch\]"):
+        SMALL.fit(*delayed(300))
 
 
 @pytest.mark.parametrize(
     "model",
     [
-        RecurrentNetwork(units=8, epochs=30),
-        RecurrentNetwork(cell="long_short_term", units=8, epochs=25),
-        TemporalConvolution(units=8, epochs=30, layers=6),
+        GRU(units=8, epochs=30),
+        TCN(units=8, epochs=30, layers=6),
     ],
     ids=lambda model: model.name,
 )
@@ -213,5 +184,5 @@ def test_it_calibrates_any_joints_to_either_target(target):
 
 
 def test_too_few_rows_are_refused():
-    assert RecurrentNetwork().minimum_rows(4) == 1000
-    assert RecurrentNetwork().minimum_rows(100) == 5000
+    assert GRU().minimum_rows(4) == 1000
+    assert GRU().minimum_rows(100) == 5000

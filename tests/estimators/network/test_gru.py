@@ -9,24 +9,20 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from truejoint.estimators.family import EstimatorData, evaluate
-from truejoint.estimators.network.recurrent import FAMILY, is_update
+from truejoint.estimators.network.gru import FAMILY, is_update
 
 K = 3
 PARAMS = {
-    "cell": "gated_unit", "units": 5, "period": 0.02, "weight_decay": 1.0, "learning_rate": 0.01,
+    "units": 5, "period": 0.02, "weight_decay": 1.0, "learning_rate": 0.01,
     "window": 8, "batch_size": 4, "epochs": 1, "random_state": 0,
 }  # fmt: skip
 
 
-def fitted(
-    units: int = 5, n_outputs: int = 2, seed: int = 0, cell: str = "gated_unit"
-) -> EstimatorData:
+def fitted(units: int = 5, n_outputs: int = 2, seed: int = 0) -> EstimatorData:
     rng = np.random.default_rng(seed)
-    params = PARAMS | {"units": units, "cell": cell}
+    params = PARAMS | {"units": units}
     shapes = FAMILY.shapes(params, K, n_outputs)
-    return EstimatorData(
-        "network.recurrent", params, {n: rng.normal(size=s) for n, s in shapes.items()}
-    )
+    return EstimatorData(FAMILY.name, params, {n: rng.normal(size=s) for n, s in shapes.items()})
 
 
 def predict(data: EstimatorData, X: np.ndarray, dt: np.ndarray) -> np.ndarray:
@@ -42,50 +38,34 @@ def gru(ours: np.ndarray, theirs: np.ndarray, before: np.ndarray, a) -> np.ndarr
     return keep * before + (1.0 - keep) * np.tanh(drive + reset * inner)
 
 
-def lstm(ours: np.ndarray, theirs: np.ndarray, before: np.ndarray, _a) -> np.ndarray:
-    """As in the paper, with a forget gate; the cells stand behind the state."""
-    take, keep, give, candidate = np.split(ours + theirs, 4)
-    cell = expit(keep) * before[len(keep) :] + expit(take) * np.tanh(candidate)
-    return np.concatenate([expit(give) * np.tanh(cell), cell])
-
-
 def forward(data: EstimatorData, X: np.ndarray, updates: np.ndarray, fresh: np.ndarray):
-    """Cell by cell."""
+    """Unit by unit."""
     a, units = data.arrays, data.params["units"]
-    cell, size = {"gated_unit": (gru, units), "long_short_term": (lstm, 2 * units)}[
-        data.params["cell"]
-    ]
-    state, out = np.zeros(size), []
+    state, out = np.zeros(units), []
     scaled = (X - a["mean"]) * a["inverse_scale"]
     for x, is_kept, is_fresh in zip(scaled, updates, fresh, strict=True):
-        state = np.zeros(size) if is_fresh else state
-        ours, theirs = x @ a["input_weights"] + a["input_bias"], state[:units] @ a["state_weights"]
-        new = cell(ours, theirs, state, a)
-        output = np.concatenate([new[:units], x]) @ a["output_weights"] + a["output_bias"]
+        state = np.zeros(units) if is_fresh else state
+        ours, theirs = x @ a["input_weights"] + a["input_bias"], state @ a["state_weights"]
+        new = gru(ours, theirs, state, a)
+        output = np.concatenate([new, x]) @ a["output_weights"] + a["output_bias"]
         out.append(a["target_mean"] + a["target_scale"] * output)
         state = new if is_kept else state
     return np.array(out)
 
 
 @settings(max_examples=15, deadline=None)
-@given(
-    st.integers(1, 9),
-    st.integers(1, 5),
-    st.integers(0, 99),
-    st.sampled_from(["gated_unit", "long_short_term"]),
-)
-def test_row_is_the_forward_pass(units, n_outputs, seed, cell):
+@given(st.integers(1, 9), st.integers(1, 5), st.integers(0, 99))
+def test_row_is_the_forward_pass(units, n_outputs, seed):
     rng = np.random.default_rng(seed)
-    data, X = fitted(units, n_outputs, seed, cell), rng.normal(size=(40, K))
+    data, X = fitted(units, n_outputs, seed), rng.normal(size=(40, K))
     fresh = np.arange(40) % 17 == 0
     dt = np.where(fresh, 0.0, 0.033)  # slower than the period: each row updates the state
     expected = forward(data, X, np.ones(40, bool), fresh)
     np.testing.assert_allclose(predict(data, X, dt), expected, rtol=0, atol=1e-11)
 
 
-@pytest.mark.parametrize("cell", ["gated_unit", "long_short_term"])
-def test_rows_between_updates_leave_no_trace(cell):
-    data, X = fitted(cell=cell), np.random.default_rng(0).normal(size=(60, K))
+def test_rows_between_updates_leave_no_trace():
+    data, X = fitted(), np.random.default_rng(0).normal(size=(60, K))
     dt = np.where(np.arange(60) == 0, 0.0, 0.005)
     updates = np.arange(60) % 4 == 0
     expected = forward(data, X, updates, np.arange(60) == 0)
