@@ -4,9 +4,8 @@
 
 Each session begins with the same homing and calibration motions (zig-zags of sparsity 1/4, 1/5 and
 1/6), then goes on for six hours as in peng2024, II-G. "Hour 0" is the RMSE over the first hour, as
-there. Prints Markdown tables: accuracy by hour, what the monitors say, when the error has doubled
-(RMSE over ten minutes against the first ten), and the loaded session re-zeroed in the loop from ten
-seconds of noisy truth, one reading in a hundred wrong by far, at the start and every half hour.
+there. Prints Markdown tables: accuracy by hour, what the monitors say, and when the error has
+doubled (RMSE over ten minutes against the first ten).
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from truejoint.calibration import Calibration
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.motion import random_motion
 from truejoint.recordings import Recording
-from truejoint.runtime import Alarm, Monitor, Reason, ReZero
+from truejoint.runtime import Alarm, Monitor, Reason
 from truejoint.simulation.raven2 import Raven2Twin
 from truejoint.units import display_unit
 
@@ -32,10 +31,6 @@ Array = NDArray[np.float64]
 HOUR = 3600.0
 WINDOW = 600.0  # s, for the doubling of the error
 LOAD = 0.5  # kg
-TRUTH_EVERY, TRUTH_FOR = 1800.0, 10.0  # s
-BEGINS = np.arange(0.0, TRUTH_EVERY, 300.0)
-TRUTH_NOISE = np.array([2e-4, 2e-4, 5e-5])  # rad, rad, m
-OUTLIERS, OUTLIER = 0.01, 20.0  # share of the readings, and how many standard deviations off
 
 
 def calibrated_arm() -> tuple[Arm, Raven2Twin, list[Recording]]:
@@ -88,25 +83,6 @@ def doubling_time(t: Array, error: Array, first: Array) -> float:
     return math.nan
 
 
-def rezeroed_errors(
-    calibration: Calibration, recording: Recording, begin: float = 0.0
-) -> tuple[Array, Array]:
-    """Errors of the loop that re-zeroes from `begin` on, outside of the times with truth."""
-    t, corrected, error = errors(calibration, recording)
-    rng = np.random.default_rng(0)
-    filter_ = ReZero(calibration, truth_sd=TRUTH_NOISE)
-    offset = np.empty_like(error)
-    with_truth = (t >= begin) & ((t - begin) % TRUTH_EVERY < TRUTH_FOR)
-    for i in range(len(t)):
-        if with_truth[i]:
-            noise = rng.normal(size=3) * (OUTLIER if rng.random() < OUTLIERS else 1.0)
-            truth = corrected[i] + error[i] + TRUTH_NOISE * noise
-            filter_.update(t[i], corrected[i], truth)
-        offset[i] = filter_.offset
-    judged = ~with_truth & (t >= begin)
-    return t[judged], (error - offset)[judged]
-
-
 def shown(calibration: Calibration, values: Array) -> str:
     """Lengths of all joints for a person."""
     units = [display_unit(calibration.units[f"measured/{j}"]) for j in calibration.joints]
@@ -142,20 +118,6 @@ def main() -> None:
         for name, recording in (("unloaded", unloaded), ("500 g", loaded)):
             t, _, error = errors(model, recording)
             by_hour(model, name, t, error, options.hours)
-        t, error = rezeroed_errors(model, loaded)
-        by_hour(model, "500 g, re-zeroed", t, error, options.hours)
-        base = rms_between(*errors(model, unloaded)[::2], 0.0, HOUR)
-        runs = (rezeroed_errors(model, loaded, begin) for begin in BEGINS)
-        ratios = [rms_between(t, error, 0.0, t[-1] + 1.0) / base for t, error in runs]
-        for text, values in (
-            ("from the start", ratios[0]),
-            ("mean over six times to begin", np.mean(ratios, axis=0)),
-            ("worst of the six", np.max(ratios, axis=0)),
-        ):
-            print(
-                f"| {model.estimator} | the same over unloaded hour 0, {text} | | "
-                f"| {' / '.join(f'{value:.2f}' for value in values)} (wanted: 1.50) |"
-            )
     print_alarms(models, unloaded, loaded, idle)
 
 

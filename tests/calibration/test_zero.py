@@ -26,7 +26,7 @@ from truejoint.calibration.zero import CORRELATION_MARGIN, beginnings, believed,
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.recordings import Recording
-from truejoint.runtime import Corrector, ReZero
+from truejoint.runtime import Corrector
 
 FEATURES = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
 
@@ -491,48 +491,22 @@ def test_the_zero_of_a_homing_moves_measured_positions_of_one_sensor(pair):
     np.testing.assert_allclose(moves, [[1, 0], [0, 0], [-35, 0], [0, 0], [0, 1]], rtol=1e-9)
 
 
-def test_the_loop_finds_the_zero_that_a_brief_truth_has(pair, build):
+def test_the_loop_runs_the_fit_for_motions_that_begin_with_a_zero(pair, build):
     _, moved, _ = pair
     model = calibrate(moved, "linear", features=FEATURES, zero="recording")
     test = homed_again(build(300, 4), np.array([0.1, -0.2, 0.03]), slice(0, 60))
     own = model.fitted_for(rezeroing=True)
-    zero = find_zero(own, test, START)
-    loop, corrector = ReZero(own), Corrector(model, rezeroing=True, range_margin=1.0)
+    corrector = Corrector(model, rezeroing=True, range_margin=1.0)
     corrector.set_homing(True)
     plain = Corrector(model, range_margin=1.0)
     plain.set_homing(True)
-    samples, truth = test.table[list(model.signals)].to_numpy(), test.columns("truth", model.joints)
+    samples = test.table[list(model.signals)].to_numpy()
     measured = test.columns("measured", model.joints)
     for i in np.flatnonzero(test.t - test.t[0] < START):
         corrector.step(test.t[i], samples[i])
         plain.step(test.t[i], samples[i])
-        loop.update(test.t[i], measured[i] + corrector.correction, truth[i])
-    assert (np.abs(loop.offset - zero.offset) < loop.sd + zero.sd).all()
-    np.testing.assert_array_equal(loop.believed, loop.offset)  # zeros are known to move
     np.testing.assert_array_equal(measured[i] + corrector.correction, own.correct(test)[i])
     np.testing.assert_array_equal(measured[i] + plain.correction, model.correct(test)[i])
-
-
-@pytest.mark.parametrize("shift", [0.0, 3.0])
-def test_the_loop_believes_of_a_zero_what_a_recording_does(build, recording, shift):
-    calibration = calibrate(recording, "linear", features=FEATURES)
-    known = calibration.effort_baseline
-    wide = replace(known, beginning=0.5 / np.sqrt(BEGINNINGS)[:, None] * np.ones(3))
-    model = replace(calibration, effort_baseline=wide)
-    test = homed_again(build(300, 4), np.full(3, shift), slice(0, 300))
-    zero, loop = find_zero(model, test, START), ReZero(model)
-    corrected, truth = model.correct(test), test.columns("truth", model.joints)
-    loop.advance(test.t[0])
-    for i in np.flatnonzero(test.t - test.t[0] < START):
-        loop.update(test.t[i], corrected[i], truth[i])
-    assert loop.sd == pytest.approx(zero.sd, rel=0.02)
-    assert (np.abs(loop.offset - zero.offset) < 5.0 * known.residual).all()
-    assert loop.believed == pytest.approx(believed(loop.offset, loop.sd))
-    assert (np.abs(loop.believed - zero.believed) < 10.0 * known.residual).all()
-    assert (zero.believed != 0.0).all() == (shift > 0.0)
-    moves = model.with_metadata(zeros={"of": "recording"})
-    assert ReZero(moves).believed.tolist() == [0.0, 0.0, 0.0]
-    assert find_zero(moves, test, START).believed == pytest.approx(zero.offset)
 
 
 def test_an_interval_stays_with_the_fit_that_it_was_made_of(pair, build):

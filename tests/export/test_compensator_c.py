@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import re
 import subprocess
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -96,10 +95,3 @@ def test_a_loop_around_another_model_is_refused(tmp_path):
     other = around(calibration(LinearRegressor(), HISTORY))
     with pytest.raises(ExportError, match="make it around this one"):
         export_c(calibration(LinearRegressor(), PLAIN), tmp_path, compensator=other)
-
-
-def test_a_loop_that_is_fed_forward_is_refused(tmp_path):
-    model = calibration(LinearRegressor(), HISTORY)
-    ahead = SimpleNamespace(joints=model.joints, expected=0.0, start=lambda setpoint: None)
-    with pytest.raises(ExportError, match="what is fed forward runs in Python only"):
-        export_c(model, tmp_path, compensator=around(model, forward=ahead))

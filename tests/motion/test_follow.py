@@ -20,7 +20,6 @@ from truejoint.motion import (
 )
 from truejoint.robots import get_robot
 from truejoint.runtime import Status, motor_loop
-from truejoint.runtime.uncorrected import Uncorrected
 
 JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
 LAG = 0.02  # of the lagging arm [s]
@@ -73,7 +72,7 @@ def test_a_loop_around_the_motors_keeps_their_reports_to_the_trajectory(lagging_
 
 
 def test_a_loop_around_motors_believes_no_old_message():
-    loop = Uncorrected(get_robot("forceps"))
+    loop = motor_loop(get_robot("forceps")).corrector
     assert loop.step(1.0, [0.1]) == Status.OK
     assert loop.step(1.0, [0.2]) == Status.STALE
     assert loop.step(2.0, [np.nan]) == Status.NOT_FINITE

@@ -20,7 +20,6 @@ from truejoint.runtime import (
     Compensator,
     Corrector,
     Status,
-    compensated_motion,
     compensation,
     loop_margin,
 )
@@ -208,14 +207,11 @@ def test_motors_go_at_once_where_a_load_that_is_wanted_takes_the_joint():
     for k in range(60):
         load = min(max(0.01 * (k - 30), 0.0), 0.1)  # the motor's way comes late
         told.correction = np.array([load])
-        compensator.give_way([load], [0.1 if k >= 20 else 0.0])
+        compensator.expected[:], compensator.forward[:] = load, 0.1 if k >= 20 else 0.0
         goal = 0.3 + 1e-9 * k  # it is not to stand still
         setpoints.append(compensator.step(k / 250.0, [0.3], [goal])[0])
     np.testing.assert_allclose(setpoints[:20], 0.3, atol=1e-6)
     np.testing.assert_allclose(setpoints[24:], 0.2, atol=1e-6)
-    compensator.give_way([np.nan], [0.1])
-    compensator.give_way([0.1], [np.inf])
-    assert compensator.step(60 / 250.0, [0.3], [0.3 + 6e-8]) == pytest.approx([0.2], abs=1e-6)
     compensator.start([0.3])
     told.correction = np.zeros(1)
     assert compensator.step(9.0, [0.3], [0.3]) == pytest.approx([0.3])  # it forgets
@@ -272,9 +268,9 @@ def test_any_arm_is_tracked_and_joints_that_are_not_corrected_hold_still(lagging
     wanted = start + 0.01 * (1.0 - np.cos(np.arange(2000) * 2e-3 * np.pi)) / 2.0
     blocks = []
     lagging_arm.subscribe(blocks.append)
-    motion = compensated_motion(lagging_arm, compensator, wanted[:, None])
-    assert motion.setpoint.shape == motion.corrected.shape == (1000, 1)
-    assert np.array_equal(motion.wanted[:, 0], wanted[1::2])
+    goals = []
+    compensator.drive(lagging_arm, wanted[:, None], lambda _t, goal, _: goals.append(goal[0]))
+    assert np.array_equal(goals, wanted[1::2])
     states = [block for block in blocks if hasattr(block, "measured")]
     measured = np.concatenate([block.measured for block in states])[1:]
     column = robot.channels.index("insertion")
@@ -393,18 +389,19 @@ def test_the_jaw_follows_and_the_motor_does_not():
             corrector = Corrector(model)
             corrector.set_homing(True)
             compensator = quick(corrector)
-            motion = compensated_motion(arm, compensator, wanted)
-            assert motion.status.tolist() == [0] * 1000
-            assert motion.t == pytest.approx(motion.t[0] + np.arange(1000) / 250.0)
-            with pytest.raises(CommandRefused, match="compensated_motion refused: jaw is nan"):
-                compensated_motion(arm, compensator, [[0.0], [np.nan]])
+            stamps = []
+            compensator.drive(arm, wanted, lambda t, *_, stamps=stamps: stamps.append(t))
+            assert compensator.statuses == {Status.OK: 1000}
+            assert stamps == pytest.approx(stamps[0] + np.arange(1000) / 250.0)
+            with pytest.raises(CommandRefused, match="compensator refused: jaw is nan"):
+                compensator.drive(arm, [[0.0], [np.nan]])
             needy = SimpleNamespace(joints=("jaw",), signals=("measured/jaw", "effort/jaw"))
             needy.made_for, needy.spike_speed = ("forceps", ""), np.ones(1)
             with pytest.raises(CommandRefused, match="does not report effort/jaw"):
-                compensated_motion(arm, Compensator(needy, arm.robot, rate=250.0, lag=LAG), wanted)
+                Compensator(needy, arm.robot, rate=250.0, lag=LAG).drive(arm, wanted)
             odd = Compensator(corrector, arm.robot, rate=300.0, lag=LAG)
             with pytest.raises(CommandRefused, match="must divide the 1000 set-points"):
-                compensated_motion(arm, odd, wanted)
+                odd.drive(arm, wanted)
         else:
             arm.wait(1e-3)
             arm.servo_jp_stream(wanted)
@@ -430,14 +427,5 @@ def test_no_sample_makes_a_step_raise(sample):
 
 @pytest.mark.parametrize("wanted", [0.1, [0.1, 0.2], np.zeros((3, 2)), np.zeros((0, 1)), "up"])
 def test_wanted_positions_are_a_row_of_the_correctors_joints_each(wanted):
-    with pytest.raises(CommandRefused, match="compensated_motion: "):
-        compensated_motion(None, SimpleNamespace(corrector=Told()), wanted)
-
-
-def test_where_a_joint_is_is_not_known_before_a_step():
-    loop = quick(Told(loss=0.02))
-    assert np.isnan(loop.known).all()
-    loop.step(0.0, [0.1], [0.1])
-    assert loop.known == pytest.approx([0.12])
-    loop.start([0.1])
-    assert np.isnan(loop.known).all()
+    with pytest.raises(CommandRefused, match="compensator: "):
+        quick(Told()).drive(None, wanted)

@@ -103,7 +103,7 @@ def export_c(
     ------
     ExportError
         If the estimator has no C source, the model does not state that level, the prefix is no
-        name, the compensator is of other joints or feeds forward, a file exists without
+        name, the compensator is of other joints, a file exists without
         `overwrite`, or a number does not fit the precision.
     ModelFileError
         If the calibration lacks what the checks need.
@@ -142,8 +142,6 @@ def source_files(
     check_precision(precision)
     calibration = calibration.fitted_for(rezeroing=False)
     if compensator is not None:
-        if compensator.forward is not None:
-            raise ExportError("what is fed forward runs in Python only; make a loop without it")
         calibration = calibration.without_redundant()
         if compensator.corrector.signals != calibration.loop_signals:
             raise ExportError(

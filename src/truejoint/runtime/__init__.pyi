@@ -1,16 +1,11 @@
 from .check import CalibrationCheck as CalibrationCheck
 from .check import check_calibration as check_calibration
-from .compensated import CompensatedMotion as CompensatedMotion
-from .compensated import compensated_motion as compensated_motion
 from .compensator import Compensator as Compensator
+from .compensator import motor_loop as motor_loop
 from .corrector import CorrectionTrace as CorrectionTrace
 from .corrector import Corrector as Corrector
-from .feed_forward import FeedForward as FeedForward
-from .grip import GripControl as GripControl
 from .loop_gain import loop_margin as loop_margin
 from .monitor import Alarm as Alarm
 from .monitor import Monitor as Monitor
 from .monitor import Reason as Reason
-from .rezero import ReZero as ReZero
 from .status import Status as Status
-from .uncorrected import motor_loop as motor_loop

@@ -9,14 +9,13 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from copy import copy
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Final, NoReturn, Self
+from typing import Any, Final, NoReturn, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.calibration.compatibility import check_robot
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.limits import move_speed
@@ -24,16 +23,14 @@ from truejoint.crtk.planning import time_law
 from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.joint_rows import checked_rows
+from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.feed_forward import FeedForward
 from truejoint.runtime.loop_gain import check_rate
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
-
-if TYPE_CHECKING:
-    from truejoint.runtime.uncorrected import Uncorrected
 
 LAG: Final = 0.05
 """Time by which the simulated RAVEN-II's measured position follows even set-points [s]."""
@@ -65,9 +62,11 @@ class Compensator:
 
     Parameters
     ----------
-    corrector : Corrector
-        Its homing is told there. Its signals hold no set-point, which this one writes: make it of
-        ``calibration.without_redundant()``.
+    corrector : Corrector, optional
+        None for a loop around the motors, which keeps what they report to where they shall be: it
+        makes up for friction and the robot's own controller, and knows nothing of cables. The
+        homing is told to the corrector. Its signals hold no set-point, which this one writes: make
+        it of ``calibration.without_redundant()``.
     robot : Robot
         Whose limits of position and speed the set-points keep.
     rate : float
@@ -85,9 +84,6 @@ class Compensator:
     dead_band : float
         Error [rad or m] that is let be where a joint is wanted to stand still: friction would make
         the loop hunt for the rest of it.
-    forward : FeedForward, optional
-        Says what will be lost at set-points that take the joints where they are wanted: that is
-        made up for at once, and by `lost` only what differs from it. The loop runs a copy of it.
     believed : Status
         Bits with which a sample is corrected all the same, where the estimator is known to hold:
         ``Status.OUT_OF_DOMAIN | Status.IMPLAUSIBLE`` for one that knows loads that it never saw.
@@ -98,6 +94,9 @@ class Compensator:
         For the corrector's joints [rad or m]; copy what you want to keep.
     lost : ndarray, shape (n_joints,)
         True less measured position, as it is made up for [rad or m], beyond what is fed forward.
+    expected, forward : ndarray, shape (n_joints,)
+        True less measured position [rad or m] where the motors are, and at the next set-points, by
+        whoever knows it before the loop does and writes it here; 0 by default.
     measured : list of int
         Where the joints' measured positions stand in a sample.
     is_limited : ndarray of int, shape (n_joints,)
@@ -124,7 +123,7 @@ class Compensator:
 
     def __init__(
         self,
-        corrector: Corrector | Uncorrected,
+        corrector: Corrector | None,
         robot: Robot,
         *,
         rate: float = 250.0,
@@ -134,22 +133,21 @@ class Compensator:
         integral_time: float = 0.5,
         dead_band: float = 0.0,
         believed: Status = Status.OK,
-        forward: FeedForward | None = None,
     ) -> None:
-        _check_parts(corrector, robot, forward)
+        inner = _Motors(as_robot(robot)) if corrector is None else corrector
+        _check_parts(inner, robot)
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         _check_numbers(numbers, integral_time)
         check_rate(rate, lag, gain)
-        self.corrector: Final = corrector
+        self.corrector: Final[Corrector | _Motors] = inner
         self.rate: Final = float(rate)
         self._integral_time = integral_time
         self._how: dict[str, Any] = {
             "rate": rate, "lag": lag, "gain": gain, "time_constant": time_constant,
             "integral_time": integral_time, "dead_band": dead_band, "believed": believed,
-            "forward": forward,
         }  # fmt: skip
         self._robot = robot
-        joints = robot.index(corrector.joints)
+        joints = robot.index(inner.joints)
         top = np.array([robot.joints[i].max_speed for i in joints])
         zeros = np.zeros(len(joints))
         arrays = (
@@ -161,7 +159,7 @@ class Compensator:
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
             settle=1.0 / (1.0 + SETTLING * rate), dead_band=dead_band,
             lower=robot.lower[joints], upper=robot.upper[joints],
-            step=np.minimum(top, SPEED_SHARE * corrector.spike_speed) / rate,
+            step=np.minimum(top, SPEED_SHARE * inner.spike_speed) / rate,
             **dict.fromkeys(arrays, zeros), **dict.fromkeys(("is_limited", "rests"), zeros),
         )  # fmt: skip
         view = self.memory.view
@@ -171,11 +169,10 @@ class Compensator:
         self._lower, self._upper = view("lower"), view("upper")
         self._wanted, self._measured = view("wanted"), view("measured")
         self._correction = view("correction")
-        self._expected, self._forward = view("expected"), view("forward")
+        self.expected: Array = view("expected")
+        self.forward: Array = view("forward")
         self._last_wanted = view("last_wanted")
-        self._given = np.zeros((3, len(joints)))  # way to loads: now, ahead, as was wanted last
-        self.forward: Final = copy(forward)  # which remembers this loop's way alone
-        self.measured: Final = [corrector.signals.index(f"measured/{n}") for n in corrector.joints]
+        self.measured: Final = [inner.signals.index(f"measured/{n}") for n in inner.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
         self.start(zeros)
@@ -191,9 +188,10 @@ class Compensator:
         """Those that it takes where they are wanted."""
         return self.corrector.joints
 
-    def around(self, corrector: Corrector | Uncorrected) -> Compensator:
+    def around(self, corrector: Corrector | _Motors) -> Compensator:
         """Give the same loop, before its start, around another corrector of the same joints."""
-        return Compensator(corrector, self._robot, **self._how)
+        inner = None if isinstance(corrector, _Motors) else corrector
+        return Compensator(inner, self._robot, **self._how)
 
     @property
     def gain(self) -> float:
@@ -205,17 +203,6 @@ class Compensator:
         self.memory.memory[at.GAIN] = share
 
     @property
-    def known(self) -> Array:
-        """Where the joints are (n_joints,) [rad or m], by the last step's sample; NaN before it."""
-        position = self._measured + self._correction
-        return np.asarray(np.where(np.isnan(self._last_wanted), math.nan, position))
-
-    @property
-    def believes(self) -> bool:
-        """Whether the last step's sample was believed, and not held."""
-        return bool(at.is_believed(self.memory.numbers, self.memory.memory))
-
-    @property
     def knows_lost(self) -> bool:
         """Whether the corrector was believed since the start."""
         return bool(self.memory.numbers[at.KNOWS_LOST])
@@ -223,22 +210,8 @@ class Compensator:
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest from set-points (n_joints,) [rad or m] that the arm already has."""
         self.setpoint[:] = setpoint
-        if self.forward is not None:
-            self.forward.start(setpoint)
-        self._given[:] = 0.0
+        self.expected[:] = self.forward[:] = 0.0
         begin(self.memory.numbers, self.memory.memory)
-
-    def give_way(self, now: ArrayLike, wanted: ArrayLike) -> None:
-        """Feed forward how far joints (n_joints,) [rad or m] give way to a load, from now on.
-
-        `now` is that to what loads them, of which the corrector knows, and `wanted` that to what
-        shall load them at the next step. Motors wind up the difference at once. Numbers of which
-        one is not finite change nothing.
-        """
-        here, goal = np.asarray(now, dtype=np.float64), np.asarray(wanted, dtype=np.float64)
-        if np.isfinite(here).all() and np.isfinite(goal).all():
-            lead = self.memory.memory[at.LEAD] * (goal - self._given[2])  # as set-points do
-            self._given[:] = here, goal + lead, goal
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
         """Set-points (n_joints,) for where the joints are `wanted` (n_joints,) at the next step.
@@ -252,13 +225,6 @@ class Compensator:
         if not self.status & _UNREAD:
             self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
         np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
-        self._expected[:], self._forward[:] = self._given[:2]
-        if self.forward is not None:
-            last = np.where(np.isfinite(self._last_wanted), self._last_wanted, self._wanted)
-            ahead = self._wanted + self.memory.memory[at.LEAD] * (self._wanted - last)
-            self.forward.step(1.0 / self.rate, self._measured, ahead)
-            self._expected += self.forward.expected
-            self._forward += self.forward.forward
         compensate(self.memory.numbers, self.memory.memory)
         return self.setpoint
 
@@ -284,6 +250,31 @@ class Compensator:
                 f"compensator: it is not known where the joints are: {self.status.name}; home the "
                 "arm, re-zero the model after the homing, and stay where it was trained"
             )
+
+    def drive(
+        self,
+        arm: Arm,
+        wanted: ArrayLike,
+        tell: Callable[[float, Array, Array], None] | None = None,
+    ) -> None:
+        """Put an arm's joints where they are `wanted`, row by row; blocks.
+
+        The rows (n, n_joints) are true positions of the corrector's joints at `Arm.rate` [rad or
+        m]; others hold still. For a trajectory, `truejoint.motion.follow` makes the way to the
+        first row too. Raises CommandRefused as `setpoints`, or if a row is not finite or of other
+        joints.
+        """
+        rows, joints = floats(wanted, "compensator", CommandRefused), self.corrector.joints
+        if rows.ndim != 2 or rows.shape[1] != len(joints) or not len(rows):
+            raise CommandRefused(
+                f"compensator: wanted positions of shape {rows.shape}; give a row or more of "
+                f"{', '.join(joints)}"
+            )
+        full = np.tile(arm.setpoint_js(math.inf).position, (len(rows), 1))
+        full[:, arm.robot.index(joints)] = rows
+        checked_rows(arm.robot, full, "compensator")
+        pieces = self.setpoints(arm, [full], tell)
+        arm.stream(pieces, len(rows) / arm.rate, "compensator").wait()
 
     def setpoints(
         self,
@@ -396,22 +387,58 @@ class _Latest:
         return float(self._block.t[-1]), [float(columns[name][-1]) for name in self._signals]
 
 
-def _check_parts(
-    corrector: Corrector | Uncorrected, robot: Robot, forward: FeedForward | None
-) -> None:
-    """Refuse a corrector, a robot and what is fed forward that cannot make one loop."""
+def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensator:
+    """Loop for `truejoint.motion.follow` that keeps what an arm reports to a trajectory.
+
+    A `Compensator` without a corrector. `rate` [Hz] must divide the arm's.
+
+    Examples
+    --------
+    >>> path = truejoint.motion.Trajectory(("elbow",), ("rad",), np.array([[1.5], [1.52]]))
+    >>> report = truejoint.motion.follow(arm, path, steering=motor_loop(arm.robot))
+    >>> bool(report.rms[0] < 1e-3)
+    True
+    """
+    return Compensator(None, robot, rate=rate, lag=lag)
+
+
+class _Motors:
+    """In the place of a corrector: the measured positions as they are."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.made_for: Final = robot.name, robot.arm
+        self.joints: Final = robot.joint_names
+        self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
+        self.spike_speed: Final = np.full(len(self.joints), math.inf)
+        self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
+        self._t = -math.inf
+
+    def step(self, t: float, sample: ArrayLike) -> Status:
+        """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
+        try:
+            values, stamp = np.asarray(sample, dtype=np.float64), float(t)
+        except (TypeError, ValueError):
+            return Status.WRONG_SIZE
+        if values.shape != self.position.shape:
+            return Status.WRONG_SIZE
+        if not (math.isfinite(stamp) and np.isfinite(values).all()):
+            return Status.NOT_FINITE
+        self.position[:] = values
+        is_stale = stamp <= self._t
+        self._t = max(self._t, stamp)
+        return Status.STALE if is_stale else Status.OK
+
+    def release(self) -> None:
+        """Forget the last stamp: another arm's clock may be earlier."""
+        self._t = -math.inf
+
+
+def _check_parts(corrector: Corrector | _Motors, robot: Robot) -> None:
+    """Refuse a corrector and a robot that cannot make one loop."""
     if not hasattr(corrector, "made_for"):
         advice = "give Corrector(model)"
         raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
     check_robot(corrector.made_for, robot)
-    if forward is not None and not hasattr(forward, "expected"):
-        advice = "give FeedForward(model, robot)"
-        raise CommandRefused(f"compensator: {other_kind(forward, 'FeedForward', advice)}")
-    if forward is not None and forward.joints != corrector.joints:
-        raise CommandRefused(
-            f"compensator: what is fed forward is of {', '.join(forward.joints)}, the "
-            f"corrector of {', '.join(corrector.joints)}; calibrate both on the same joints"
-        )
     if written := [name for name in corrector.signals if name.startswith("setpoint/")]:
         raise CommandRefused(
             f"compensator: the corrector checks {', '.join(written)}, which a compensator "

@@ -18,7 +18,7 @@ from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
-from truejoint.runtime import Compensator, Corrector, Status, compensated_motion
+from truejoint.runtime import Compensator, Corrector, Status
 from truejoint.runtime.loop_gain import check_rate
 from truejoint.simulation.forceps.load import SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
@@ -124,7 +124,8 @@ def follow_jaw(
     """Put a specimen's jaw along angles `wanted` (n,) [rad] at 1 kHz, homed anew.
 
     With a calibration as `model` in a loop, at `margin` times its gain, or with none. Returns the
-    jaw's angle (m,) [rad] by the reference encoder and exactly, and the corrector's status (k,).
+    jaw's angle (m,) [rad] by the reference encoder and exactly, and the statuses of the
+    corrector's steps (k,).
     """
     twin = ForcepsTwin(plant, seed=seed)
     arm = Arm(SimulatedBackend(cast("Twin", twin)))
@@ -151,7 +152,8 @@ def follow_jaw(
             believed=KNOWN,
         )
         compensator.gain *= margin
-        status = compensated_motion(arm, compensator, wanted[:, None]).status
+        compensator.drive(arm, wanted[:, None])
+        status = np.array(list(compensator.statuses.elements()), dtype=np.int64)
     reference, exact = (np.concatenate(found)[1:] for found in (heard.reference, heard.exact))
     return reference, exact, status
 

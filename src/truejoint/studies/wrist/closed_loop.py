@@ -20,12 +20,8 @@ from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.runtime import (
-    Compensator,
     Corrector,
-    FeedForward,
-    GripControl,
     Status,
-    compensated_motion,
 )
 from truejoint.runtime.loop_gain import check_rate
 from truejoint.simulation.twin import Twin, hold
@@ -41,6 +37,7 @@ from truejoint.studies.study import (
 )
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, Families, by_family, rms, specimens
+from truejoint.studies.wrist.grip import ForwardLoop, gripping
 from truejoint.tables import Table, median_text
 
 OPEN: Final = "open"
@@ -215,7 +212,7 @@ class Bench:
         if key == OPEN:
             arm.servo_jp_stream(wanted - offset)
         else:
-            compensated_motion(arm, self._loop(key, arm), wanted)
+            self._loop(key, arm).drive(arm, wanted)
         error = np.concatenate(heard)[-len(wanted) :] - wanted
         return np.asarray(error[round(_SETTLED / SETPOINT_DT) :])
 
@@ -229,7 +226,7 @@ class Bench:
         twin.held = lambda t: np.full(len(t), _HELD)
         heard = _heard(arm, ["truth_load/grip"])
         loop = self._loop(key, arm)
-        pieces = loop.setpoints(arm, GripControl(loop, arm.robot).pieces(path, wanted, arm.rate))
+        pieces = loop.setpoints(arm, gripping(loop, arm.robot, path, wanted, arm.rate))
         arm.stream(pieces, len(path) * SETPOINT_DT, "grip").wait()
         return np.concatenate(heard)[-len(path) :, 0]
 
@@ -240,7 +237,7 @@ class Bench:
         arm.home()
         return twin, arm
 
-    def _loop(self, key: str, arm: Arm) -> Compensator:
+    def _loop(self, key: str, arm: Arm) -> ForwardLoop:
         around = LOOPS[key]
         model = self.models[around.model].without_redundant()
         if around.exact:
@@ -248,11 +245,10 @@ class Bench:
         else:
             corrector = Corrector(model)
         corrector.set_homing(True)
-        ahead = self.models["play_motor"]
-        return Compensator(
-            corrector, arm.robot, rate=self.rate, lag=self.plant.motor.lag, gain=self.gain,
+        ahead = self.models["play_motor"] if around.forward else None
+        return ForwardLoop(
+            corrector, arm.robot, ahead, rate=self.rate, lag=self.plant.motor.lag, gain=self.gain,
             time_constant=_QUICK, integral_time=math.inf, believed=_BELIEVED,
-            forward=FeedForward(ahead, arm.robot) if around.forward else None,
         )  # fmt: skip
 
 
