@@ -1,4 +1,4 @@
-"""What a prototype needs: plain functions, noise by row, several sensors, a lag, a likelihood."""
+"""What a prototype needs: plain functions, noise by row, and the textbook to compare with."""
 
 from __future__ import annotations
 
@@ -15,11 +15,8 @@ from numba import njit
 from truejoint.filters import (
     FilterError,
     FilterStatus,
-    Gate,
     StateSpaceModel,
     UnscentedFilter,
-    linear_model,
-    maximum_likelihood,
 )
 
 DT = 0.01
@@ -34,11 +31,6 @@ def swing(x, u, dt, parameters, out):
 
 def encoder(x, u, parameters, out):
     out[0] = x[0]
-
-
-def tip(x, u, parameters, out):
-    out[0] = math.sin(x[0])
-    out[1] = math.cos(x[0])
 
 
 def pendulum(compiled=njit, **changes):
@@ -125,124 +117,6 @@ def test_noise_may_vary_by_row(unscented, z):
 def test_noise_that_is_none_is_refused(unscented, z, R, message):
     with pytest.raises(FilterError, match=message):
         unscented.run(z, dt=DT, R=R, **PRIOR)
-
-
-@pytest.fixture(scope="module")
-def both():
-    return pendulum(
-        measurement=(njit(encoder), njit(tip)),
-        measurement_noise=([[1e-4]], np.diag([1e-3, 2e-3])),
-        measurements=(("encoder",), ("east", "north")),
-    )
-
-
-def test_several_sensors_are_one_measurement(both, unscented, z):
-    assert both.measurements == ("encoder", "east", "north")
-    np.testing.assert_array_equal(np.diag(both.measurement_noise), [1e-4, 1e-3, 2e-3])
-    seen = np.hstack([z, np.sin(z), np.cos(z)])
-    fused = UnscentedFilter(both).run(seen, dt=DT, **PRIOR)
-    alone = unscented.run(z, dt=DT, **PRIOR)
-    assert (fused.P[:, 0, 0] < alone.P[:, 0, 0]).all()
-    seen[:, 1:] = np.nan  # a camera that sees nothing
-    blind = UnscentedFilter(both).run(seen, dt=DT, **PRIOR)
-    np.testing.assert_allclose(blind.x, alone.x, rtol=1e-12)
-    assert (blind.status == FilterStatus.PARTIAL).all()
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"measurement_noise": ([[1.0]],)}, "2 measurement functions: give as many"),
-        ({"measurements": ("a", "b")}, "2 measurement functions: give as many"),
-        ({"measurements": (("a",), ("b",))}, "noise of b: shape is"),
-        ({"measurements": (("a",), ("a", "b"))}, "different names"),
-    ],
-)
-def test_sensors_that_do_not_fit_together_are_refused(changes, message):
-    given = {
-        "measurement": (njit(encoder), njit(tip)),
-        "measurement_noise": ([[1e-4]], np.diag([1e-3, 2e-3])),
-        "measurements": (("encoder",), ("east", "north")),
-    }
-    with pytest.raises(FilterError, match=message):
-        pendulum(**given | changes)
-
-
-@pytest.mark.parametrize("square_root", [False, True])
-def test_a_lag_knows_just_the_rows_within_it(unscented, z, square_root):
-    estimator = replace(unscented, square_root=square_root)
-    seen = z[:60].copy()
-    seen[20:30] = np.nan
-    result = estimator.run(seen, dt=DT, **PRIOR)
-    lagged = estimator.smooth(result, lag=7)
-    for k in (0, 15, 25, 40, 59):
-        known = estimator.run(seen[: k + 8], dt=DT, **PRIOR)
-        truth = estimator.smooth(known)
-        np.testing.assert_array_equal(lagged.x[k], truth.x[k])
-        np.testing.assert_array_equal(lagged.P[k], truth.P[k])
-    np.testing.assert_array_equal(estimator.smooth(result, lag=0).x, result.x)
-    whole = estimator.smooth(result)
-    np.testing.assert_array_equal(estimator.smooth(result, lag=1000).P, whole.P)
-    assert (whole.P[:50, 0, 0] <= lagged.P[:50, 0, 0] * (1 + 1e-9)).all()
-    with pytest.raises(FilterError, match="lag is -1"):
-        estimator.smooth(result, lag=-1)
-
-
-def noisy(parameters):
-    model = linear_model(
-        [[1.0]], [[]], [[1.0]], [[]], [[0.0]], [[parameters["variance"]]],
-        states=("level",), measurements=("z",),
-    )  # fmt: skip
-    return UnscentedFilter(model)
-
-
-def test_the_likelihood_of_a_constant_is_largest_at_the_sample_variance():
-    """Known mean: variance sum(z^2) / N, of deviation variance sqrt(2 / N)."""
-    z = np.random.default_rng(1).normal(0.0, 0.3, 500)
-    known = {"x0": [0.0], "P0": [[0.0]], "dt": 1.0}
-    fit = maximum_likelihood(noisy, {"variance": 5.0}, z, **known)
-    best = float(np.mean(z**2))
-    assert fit.values["variance"] == pytest.approx(best, rel=2e-4)
-    assert fit.deviations["variance"] == pytest.approx(best * math.sqrt(2.0 / 500), rel=1e-3)
-    there = -0.5 * 500 * (math.log(2.0 * math.pi * best) + 1.0)
-    assert fit.loglik == pytest.approx(there, rel=1e-6)
-    assert fit.unscented.model.measurement_noise[0, 0] == fit.values["variance"]
-
-
-def test_a_pendulum_tells_its_parameter_within_what_it_states(unscented, z):
-    def of(parameters):
-        return replace(unscented, model=replace(unscented.model, parameters=[parameters["g"]]))
-
-    fit = maximum_likelihood(of, {"g": 7.0}, z, dt=DT, **PRIOR)
-    assert abs(fit.values["g"] - 9.81) < 3.0 * fit.deviations["g"] < 1.0
-
-
-def test_what_a_record_does_not_tell_has_no_deviation():
-    z = np.random.default_rng(1).normal(0.0, 0.3, 50)
-    start = {"variance": 1.0, "idle": -2.0}
-    fit = maximum_likelihood(noisy, start, z, x0=[0.0], P0=[[0.0]], dt=1.0)
-    assert not np.isfinite(fit.deviations["idle"])
-    assert fit.values["idle"] < 0.0
-
-
-def test_a_likelihood_that_cannot_be_had_is_refused(unscented, z):
-    with pytest.raises(FilterError, match="other than 0"):
-        maximum_likelihood(noisy, {"variance": 0.0}, z, x0=[0.0], P0=[[0.0]], dt=1.0)
-    for start in ({"variance": "1"}, {"variance": np.nan}):
-        with pytest.raises(FilterError, match="other than 0"):
-            maximum_likelihood(noisy, start, z)
-    with pytest.raises(FilterError, match="'variance' is a str, not a mapping; give where each"):
-        maximum_likelihood(noisy, "variance", z)
-    with pytest.raises(FilterError, match="'noisy' is a str, not a function; give one"):
-        maximum_likelihood("noisy", {"variance": 1.0}, z)
-    with pytest.raises(FilterError, match="this is a dict, not a filter; filter_of is to"):
-        maximum_likelihood(dict, {"variance": 1.0}, z)
-    gated = replace(unscented, gate=Gate(0.99))
-    with pytest.raises(FilterError, match="has a gate"):
-        maximum_likelihood(lambda _: gated, {"g": 9.0}, z, dt=DT, **PRIOR)
-    impossible = np.full((5, 1), np.inf)
-    with pytest.raises(FilterError, match=r"gives .*INVALID_MEASUREMENT.*; start elsewhere"):
-        maximum_likelihood(lambda _: unscented, {"g": 9.0}, impossible, dt=DT, **PRIOR)
 
 
 def test_the_textbook_of_the_docs_gives_the_kernels_numbers(unscented, z):

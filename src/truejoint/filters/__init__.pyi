@@ -3,8 +3,6 @@ from .filter import FilterState as FilterState
 from .filter import Gate as Gate
 from .filter import SmoothedResult as SmoothedResult
 from .filter import UnscentedFilter as UnscentedFilter
-from .likelihood import ParameterFit as ParameterFit
-from .likelihood import maximum_likelihood as maximum_likelihood
 from .linear import discretise as discretise
 from .linear import linear_model as linear_model
 from .linear import van_loan as van_loan

@@ -14,7 +14,7 @@ from truejoint.filters import fields as at
 from truejoint.filters import kernels
 from truejoint.filters.fields import allocate
 from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
-from truejoint.filters.smoother import smooth, smooth_with_lag
+from truejoint.filters.smoother import smooth
 from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
 from truejoint.layout import Memory, refuse_copy
 
@@ -351,24 +351,17 @@ class UnscentedFilter:
         told = innovation, nis, loglik, inflation, status
         return FilterResult(x, P, *told, control, steps, *prior)
 
-    def smooth(self, result: FilterResult, lag: int | None = None) -> SmoothedResult:
+    def smooth(self, result: FilterResult) -> SmoothedResult:
         """Smooth the result of this filter's `run`, in one compiled call.
 
-        Each row knows the whole record, or with a `lag` that many rows after it: what a loop knows
-        that may wait so long. The prior of a result with a lag is that of the run. Nothing passes
-        backwards over a row whose prediction failed. Raises FilterError if the lag is negative.
+        Each row knows the whole record. Nothing passes backwards over a row whose prediction
+        failed.
         """
         state = self.initial_state(result.x0, result.P0)
         x, P = result.x.copy(), result.P.copy()
         x0, P0 = result.x0.copy(), result.P0.copy()
-        given = result.u, result.dt, result.inflation, result.status
-        if lag is not None:
-            if lag < 0:
-                raise FilterError(f"lag is {lag}: give 0 or more rows")
-            filtered = result.x, result.P
-            smooth_with_lag(state.numbers, state.memory, *given, lag, *filtered, x, P)
-            return SmoothedResult(x, P, x0, P0)
-        smooth(state.numbers, state.memory, *given, x0, P0, x, P)
+        record = result.u, result.dt, result.inflation, result.status
+        smooth(state.numbers, state.memory, *record, x0, P0, x, P)
         return SmoothedResult(x, P, x0, P0)
 
 

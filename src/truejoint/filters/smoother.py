@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Final
 
-import numpy as np
-
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.filters import fields as at
@@ -171,48 +169,3 @@ def smooth(
     if _prepare(numbers, memory, u, dt, status, 0):
         _load(numbers, memory, x0, P0)
         _smooth_one(numbers, memory, inflation[0], x0, P0, x[0], P[0])
-
-
-@compiled
-def smooth_with_lag(
-    numbers: Integers,
-    memory: Array,
-    u: Array,
-    dt: Array,
-    inflation: Array,
-    status: Integers,
-    lag: int,
-    x: Array,
-    P: Array,
-    later_x: Array,
-    later_P: Array,
-) -> None:
-    """Smooth each row of a filtered record by the `lag` rows after it, as `smooth` does by all.
-
-    `x` (N, n) and `P` (N, n, n) come filtered and stay; `later_x` and `later_P` are filled.
-    """
-    rows, n = x.shape[0], numbers[at.N]
-    means, covariances = np.empty((2, n)), np.empty((2, n, n))
-    for first in range(rows):
-        last = min(first + lag, rows - 1)
-        later = 0
-        copy(x[last], means[later], n)
-        for i in range(n):
-            copy(P[last, i], covariances[later, i], n)
-        for k in range(last - 1, first - 1, -1):
-            now = 1 - later
-            copy(x[k], means[now], n)
-            for i in range(n):
-                copy(P[k, i], covariances[now, i], n)
-            if _prepare(numbers, memory, u, dt, status, k + 1):
-                _load(numbers, memory, means[now], covariances[now])
-                later_mean, later_covariance = means[later], covariances[later]
-                own_mean, own_covariance = means[now], covariances[now]
-                _smooth_one(
-                    numbers, memory, inflation[k + 1],
-                    own_mean, own_covariance, later_mean, later_covariance,
-                )  # fmt: skip
-            later = now
-        copy(means[later], later_x[first], n)
-        for i in range(n):
-            copy(covariances[later, i], later_P[first, i], n)

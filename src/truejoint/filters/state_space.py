@@ -83,9 +83,8 @@ class StateSpaceModel:
     transition : compiled ``f(x, u, dt, parameters, out)``
         Writes the next state into `out`; all but `dt` [s] are 1-D arrays.
     measurement : compiled ``h(x, u, parameters, out)``
-        Writes the expected measurement into `out`. For several sensors, a tuple of them; then
-        `measurement_noise` and `measurements` are tuples with a covariance and a tuple of names
-        for each, and a row of z holds one after the other, NaN where a sensor told nothing.
+        Writes the expected measurement into `out`. Several sensors are one measurement: NaN stands
+        in a row of z where a sensor has no value.
     process_noise : (n, n) array_like or compiled ``q(x, u, dt, parameters, out)``
         Covariance of w over one step. A function writes it into `out` (n, n), which comes filled
         with zeros; use one where dt varies.
@@ -117,7 +116,7 @@ class StateSpaceModel:
     """
 
     transition: Callable[..., None]
-    measurement: Callable[..., None] | tuple[Callable[..., None], ...]
+    measurement: Callable[..., None]
     process_noise: npt.ArrayLike | Callable[..., None]
     measurement_noise: npt.ArrayLike
     states: tuple[str, ...]
@@ -135,8 +134,6 @@ class StateSpaceModel:
     """Lowest and highest (2, n + m + inputs) of each state, measurement and input."""
 
     def __post_init__(self) -> None:
-        if isinstance(self.measurement, tuple):
-            self._join_measurements(self.measurement)
         for kind in ("states", "measurements", "inputs", "angles"):
             names = getattr(self, kind)
             if isinstance(names, str) or len(set(names)) != len(names):
@@ -170,35 +167,6 @@ class StateSpaceModel:
         places, functions = zip(*called, strict=True)
         freeze(self, "addresses", (*places, 0)[:3])
         freeze(self, "called", functions)
-
-    def _join_measurements(self, functions: tuple[Callable[..., None], ...]) -> None:
-        """Make one measurement of several, their noises and names one after the other."""
-        noises: Any = self.measurement_noise
-        groups: Any = self.measurements
-        if not len(functions) == len(noises) == len(groups) > 0 or isinstance(groups[0], str):
-            raise FilterError(
-                f"{len(functions)} measurement functions: give as many covariances and tuples of "
-                "names"
-            )
-        blocks = [
-            check_covariance(noise, len(names), f"noise of {', '.join(names)}")
-            for noise, names in zip(noises, groups, strict=True)
-        ]
-        given = (np.zeros(len(self.states)), np.zeros(len(self.inputs)), self.parameters)
-        called = [
-            _compile(one, MEASUREMENT, f"measurement of {', '.join(names)}", given, (len(names),))
-            for one, names in zip(functions, groups, strict=True)
-        ]
-        joined, count = called[0][1], len(groups[0])
-        noise = blocks[0]
-        for (_, one), names, block in zip(called[1:], groups[1:], blocks[1:], strict=True):
-            joined, count = _followed_by(joined, one, count), count + len(names)
-            corner = np.zeros((len(noise), len(block)))
-            noise = np.block([[noise, corner], [corner.T, block]])
-        freeze = object.__setattr__
-        freeze(self, "measurement", joined)
-        freeze(self, "measurement_noise", noise)
-        freeze(self, "measurements", tuple(name for names in groups for name in names))
 
     def _bounds(self) -> Array:
         names = (*self.states, *self.measurements, *self.inputs)
@@ -305,16 +273,4 @@ def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Di
             tried(x, u, dt, parameters, out)
 
     chosen: Dispatcher = transition if arguments == len(TRANSITION.args) else measurement
-    return chosen
-
-
-def _followed_by(first: Dispatcher, second: Dispatcher, count: int) -> Dispatcher:
-    """Give a measurement function whose first `count` elements are one's, the rest another's."""
-
-    @njit(error_model="numpy")
-    def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
-        first(x, u, parameters, out[:count])
-        second(x, u, parameters, out[count:])
-
-    chosen: Dispatcher = measurement
     return chosen
