@@ -53,7 +53,6 @@ def assert_same_as_corrector(library: Library, model, n: int, seed: int) -> floa
 def test_source_does_what_the_corrector_does(tmp_path_factory, data):
     operations = [
         "{}", "lag({}, 1)", "lag({}, 7)", "lowpass({}, 0.05)", "rate({}, 0.1)", "play({}, 0.02)",
-        "delay({}, 0.4)", "trail({}, 0.02)",
     ]  # fmt: skip
     signals = st.sampled_from(["measured/elbow", "effort/elbow", "effort/roll", "measured/jaw1"])
     texts = st.builds(str.format, st.sampled_from(operations), signals)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
     from truejoint.recordings import Recording
     from truejoint.robots import Robot
 
-Operation = Literal["value", "lag", "lowpass", "rate", "play", "delay", "trail"]
+Operation = Literal["value", "lag", "lowpass", "rate", "play"]
 
 MAX_FEATURES: Final = 512
 MAX_LAG: Final = 10_000
@@ -37,8 +37,7 @@ _SIGNAL: Final = re.compile(r"[A-Za-z]\w*/\w+", re.ASCII)
 _CALL: Final = re.compile(r"(\w+)\(\s*([^\s,()]+)\s*,\s*([^\s,()]+)\s*\)", re.ASCII)
 _FORMS: Final = (
     "'measured/jaw', 'lag(measured/jaw, 3)' (samples), 'lowpass(effort/jaw, 0.05)' (s), "
-    "'rate(measured/jaw, 0.02)' (s), 'play(measured/jaw, 0.0175)' (half-width, rad or m), "
-    "'delay(measured/jaw, 0.4)' (s), 'trail(measured/jaw, 0.02)' (way, rad or m)"
+    "'rate(measured/jaw, 0.02)' (s), 'play(measured/jaw, 0.0175)' (half-width, rad or m)"
 )
 
 
@@ -59,12 +58,9 @@ class Feature:
         ``value``: the signal itself. ``lag``: its value some samples ago. ``lowpass``: first-order
         low-pass, exact for a signal that runs straight between its samples at any spacing.
         ``rate``: derivative of the same low-pass. ``play``: the play (backlash) operator.
-        ``delay``: its value some time ago, ``trail``: where it was before the last so much of its
-        way; both at any rate, straight between 32 points of that time or way at most.
     parameter : float
-        Samples (``lag``, 1 to 10000), time constant [s] (``lowpass`` and ``rate``, up to 3600),
-        time [s] (``delay``, up to 3600), half-width (``play``) or way (``trail``) [unit of the
-        signal]; 0 for ``value``.
+        Samples (``lag``, 1 to 10000), time constant [s] (``lowpass`` and ``rate``, up to 3600) or
+        half-width [unit of the signal] (``play``); 0 for ``value``.
 
     Raises
     ------
@@ -103,8 +99,6 @@ class Feature:
             "lowpass": smooth,
             "rate": smooth,
             "play": (0 < p < math.inf, "takes a half-width above 0 in the signal's unit"),
-            "delay": smooth,
-            "trail": (0 < p < math.inf, "takes a way above 0 in the signal's unit"),
         }
         good, rule = rules[self.operation]
         if not good:
@@ -148,14 +142,7 @@ class Feature:
     @property
     def memory(self) -> int:
         """Length of the feature's state."""
-        lengths = {
-            "value": 0,
-            "lag": int(self.parameter) + 1,
-            "play": 1,
-            "delay": kernels.RECALL_MEMORY,
-            "trail": kernels.TRAIL_MEMORY,
-        }
-        return lengths.get(self.operation, 2)
+        return {"value": 0, "lag": int(self.parameter) + 1, "play": 1}.get(self.operation, 2)
 
 
 @dataclass

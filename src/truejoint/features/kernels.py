@@ -19,13 +19,6 @@ LAG: Final = 1
 LOWPASS: Final = 2
 RATE: Final = 3
 PLAY: Final = 4
-DELAY: Final = 5
-TRAIL: Final = 6
-
-POINTS: Final = 32  # that a memory of a time or a way keeps, however fast the samples come
-RECALL_MEMORY: Final = 1 + 2 * POINTS
-TRAIL_MEMORY: Final = 1 + RECALL_MEMORY
-_GAPS: Final = float(POINTS - 2)
 
 
 @compiled
@@ -70,52 +63,6 @@ def play(half_width: float, fresh: bool, value: float, last: float) -> float:
 
 
 @compiled
-def recall(length: float, fresh: bool, moved: float, value: float, memory: Array) -> float:
-    """Value of `length` ago on an axis on which this sample is `moved` ahead of the last.
-
-    Between the points that are kept, at least ``length / _GAPS`` apart, it runs straight. `memory`
-    (`RECALL_MEMORY`,) is the newest slot, then how far each point lies back (negative), then their
-    values.
-    """
-    slot = int(memory[0])
-    if fresh:
-        for i in range(POINTS):
-            memory[1 + i] = 0.0
-            memory[1 + POINTS + i] = value
-    else:
-        for i in range(POINTS):
-            memory[1 + i] = memory[1 + i] - moved
-    before = (slot + POINTS - 1) % POINTS
-    if memory[1 + slot] - memory[1 + before] >= length / _GAPS:
-        slot = (slot + 1) % POINTS
-        memory[0] = slot
-    memory[1 + slot] = 0.0
-    memory[1 + POINTS + slot] = value
-    newer = slot
-    for _i in range(POINTS - 1):
-        older = (newer + POINTS - 1) % POINTS
-        if memory[1 + older] <= -length:
-            late = memory[1 + newer] + length
-            share = late / (memory[1 + newer] - memory[1 + older])
-            last = memory[1 + POINTS + newer]
-            return float(last - share * (last - memory[1 + POINTS + older]))
-        newer = older
-    return float(memory[1 + POINTS + newer])
-
-
-@compiled
-def recall_way(length: float, fresh: bool, value: float, memory: Array) -> float:
-    """Where the signal was a way of `length` ago, but for a play that noise does not get through.
-
-    `memory` (`TRAIL_MEMORY`,) is the output of that play, then that of `recall`.
-    """
-    last = memory[0]
-    memory[0] = play(length / (2.0 * _GAPS), fresh, value, last)
-    moved = abs(memory[0] - last)
-    return float(recall(length, fresh, moved, memory[0], vector(memory, 1, RECALL_MEMORY)))
-
-
-@compiled
 def feature_row(
     operation: Integers,
     source: Integers,
@@ -152,12 +99,6 @@ def feature_row(
             last = vector(memory, slot[i], 1)
             last[0] = play(parameter[i], fresh, value, last[0])
             out[i] = last[0]
-        elif operation[i] == DELAY:
-            past = vector(memory, slot[i], RECALL_MEMORY)
-            out[i] = recall(parameter[i], fresh, dt, value, past)
-        elif operation[i] == TRAIL:
-            way = vector(memory, slot[i], TRAIL_MEMORY)
-            out[i] = recall_way(parameter[i], fresh, value, way)
         else:
             out[i] = value
     clock[0] = 1.0

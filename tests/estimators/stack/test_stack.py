@@ -35,10 +35,10 @@ from truejoint.features.feature_set import time_steps
 from truejoint.robots import get_robot
 
 NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)
-GRU = GRU(units=5, epochs=2)
+MEMORY = GRU(units=5, epochs=2)
 STEPS = Combination((LinearRegressor(), DecisionTreeRegressor(max_depth=3)))
 WEIGHTS = ((1.0, 0.2), (0.0, 0.3), (0.0, 0.1), (0.0, 0.0), (0.0, 0.4))
-EVERY_KIND = (LinearRegressor(), NETWORK, GRU, PolynomialRegressor(), STEPS)
+EVERY_KIND = (LinearRegressor(), NETWORK, MEMORY, PolynomialRegressor(), STEPS)
 UNSEEN = recording(np.arange(0.0, 20.0, 1 / 30), seed=5)
 
 
@@ -190,8 +190,8 @@ def test_the_registered_one_is_called_so():
 
 
 def test_other_members_make_another_family_of_it():
-    changed = Combination().set_params(members=(GRU, "linear"))
-    assert changed.family is Combination((GRU, "linear")).family
+    changed = Combination().set_params(members=(MEMORY, "linear"))
+    assert changed.family is Combination((MEMORY, "linear")).family
     assert changed.family is not Combination().family
     again = clone(changed).set_params(members=("linear", NETWORK))
     assert again.family is Combination().family

@@ -21,8 +21,6 @@ EVERY_OPERATION = (
     "play(measured/jaw, 0.0175)",
     "effort/jaw",
     "lowpass(effort/jaw, 0.2)",
-    "delay(measured/jaw, 0.4)",
-    "trail(measured/jaw, 0.02)",
 )
 
 
@@ -62,8 +60,6 @@ def test_any_parameter_reads_back(constant, samples):
         ("lowpass(measured/jaw, -1)", "lowpass takes up to 3600 s"),
         ("rate(measured/jaw, nan)", "rate takes up to 3600 s"),
         ("play(measured/jaw, inf)", "half-width above 0"),
-        ("delay(measured/jaw, 4000)", "delay takes up to 3600 s"),
-        ("trail(measured/jaw, 0)", "a way above 0"),
         ("play(measured/jaw, wide)", "'wide' is not a number"),
         ("sinc(measured/jaw, 1)", "no feature operation 'sinc'"),
         ("value(measured/jaw, 0)", "write 'measured/jaw'"),
@@ -98,55 +94,6 @@ def test_lag_is_the_value_some_rows_ago():
     np.testing.assert_array_equal(
         values_of("lag(measured/jaw, 3)", t, x), [0, 0, 0, 0, 1, 4, 9, 16]
     )
-
-
-def past(places: np.ndarray, x: np.ndarray, length: float) -> np.ndarray:
-    """Values `length` ago on the axis of the places, straight between samples."""
-    return np.interp(places - length, places, x)
-
-
-@given(
-    st.lists(st.floats(0.02, 1.0), min_size=2, max_size=60),
-    st.floats(0.6, 10.0),
-    st.integers(0, 99),
-)
-def test_delay_of_slow_samples_is_the_value_so_long_ago(steps, length, seed):
-    x = np.random.default_rng(seed).normal(size=len(steps))
-    t = np.cumsum(steps)
-    # Slower than a point a 30th of the time, every sample is kept.
-    t *= length / 30.0 / np.diff(t).min() * 1.001
-    found = values_of(f"delay(measured/jaw, {length!r})", t, x)
-    np.testing.assert_allclose(found, past(t, x, length), atol=1e-9)
-
-
-@pytest.mark.parametrize("operation", ["delay", "trail"])
-def test_memories_of_time_and_way_hardly_depend_on_the_sampling_rate(operation):
-    fast = np.arange(0, 9, 1e-3)
-    slow = fast[::33]
-    length = 0.5
-    text = f"{operation}(measured/jaw, {length})"
-    at_fast, at_slow = (values_of(text, t, np.sin(1.7 * t)) for t in (fast, slow))
-    path = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(np.sin(1.7 * fast))))])
-    exact = past(fast if operation == "delay" else path, np.sin(1.7 * fast), length)
-    assert np.abs(at_fast - at_slow[np.arange(len(fast)) // 33]).max() < 0.12
-    assert np.abs(at_fast - exact).max() < 0.03
-    assert np.abs(at_slow - exact[::33]).max() < 0.1
-
-
-def test_trail_knows_steps_by_their_way_alone():
-    x = np.repeat([0.0, 1.0, 3.0, 2.0], [3, 5, 2, 9])
-    fast, slow = (values_of("trail(measured/jaw, 0.5)", dt * np.arange(19), x) for dt in (0.1, 3.0))
-    np.testing.assert_array_equal(fast, slow)
-    expected = np.repeat([0.0, 0.5, 2.5, 2.5], [3, 5, 2, 9])
-    np.testing.assert_allclose(fast, expected, atol=0.03)
-
-
-def test_trail_takes_noise_for_no_way():
-    random = np.random.default_rng(0)
-    x = np.concatenate([np.linspace(0.0, 1.0, 100), np.ones(20_000)])
-    noisy = x + 1e-3 * random.uniform(-1, 1, len(x))
-    found = values_of("trail(measured/jaw, 0.2)", 1e-3 * np.arange(len(x)), noisy)
-    assert found[-1] == pytest.approx(0.8, abs=0.02)
 
 
 def test_play_stands_still_within_its_band():
