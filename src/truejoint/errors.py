@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from difflib import get_close_matches
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> str:
+def unknown(kind: str, name: str, choices: Iterable[str]) -> str:
     """Say that no `kind` is called `name`, which one may be meant, and which there are.
 
     Examples
@@ -14,11 +14,11 @@ def unknown(kind: str, name: str, known: Iterable[str]) -> str:
     >>> unknown("estimator", "lin", ["offset", "linear"])
     "no estimator called 'lin'; did you mean 'linear'? known: offset, linear"
     """
-    names = list(known)
+    names = list(choices)
     return f"no {kind} called {name!r:.60};{meant(name, names)} known: {', '.join(names) or 'none'}"
 
 
-def meant(name: str, known: Iterable[str]) -> str:
+def meant(name: str, choices: Iterable[str]) -> str:
     """Ask whether the known name nearest to `name` is meant, after a blank; empty if none is.
 
     Examples
@@ -28,11 +28,11 @@ def meant(name: str, known: Iterable[str]) -> str:
     >>> meant("420171", ["420179", "420172"])  # of numbers that are as long, the nearest
     " did you mean '420172'?"
     """
-    asked, names = str(name), list(known)
+    asked, names = str(name), list(choices)
     near = get_close_matches(asked, names, max(1, len(names)))
     if asked.isdecimal():
-        alike = [one for one in near if one.isdecimal() and len(one) == len(asked)]
-        near = sorted(alike, key=lambda one: abs(int(one) - int(asked))) or near
+        alike = [name for name in near if name.isdecimal() and len(name) == len(asked)]
+        near = sorted(alike, key=lambda number: abs(int(number) - int(asked))) or near
     return f" did you mean {near[0]!r}?" if near else ""
 
 

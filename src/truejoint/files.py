@@ -110,7 +110,7 @@ def check_ending(path: Path, ending: str, what: str, error: type[TruejointError]
 
 def check_folder(folder: Path, *, error: type[TruejointError] = TruejointError) -> None:
     """Refuse a folder in which no file can be made, once it is made itself."""
-    there = next(one for one in (folder, *folder.absolute().parents) if one.exists())
+    there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
         raise error(f"{there}: is a file; name a folder")
     if not os.access(there, os.W_OK | os.X_OK):
@@ -195,8 +195,8 @@ def require_ordinary(path: Path, error: type[TruejointError]) -> None:
 
 def reason(cause: OSError) -> str:
     """Say what went wrong with a file, and what to do."""
-    known = _REASONS.get(cause.errno or 0)
-    return known or f"{cause.strerror or cause}; check path and permissions"
+    advice = _REASONS.get(cause.errno or 0)
+    return advice or f"{cause.strerror or cause}; check path and permissions"
 
 
 def _sync(path: Path) -> None:

@@ -66,7 +66,9 @@ def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
     return loaded
 
 
-def call_plugin(point: EntryPoint, function: Callable[..., Any], *given: Any, **named: Any) -> Any:
+def call_plugin(
+    point: EntryPoint, function: Callable[..., Any], *arguments: Any, **named: Any
+) -> Any:
     """Call `function` of the package behind an entry point, which may raise anything.
 
     Raises
@@ -75,12 +77,12 @@ def call_plugin(point: EntryPoint, function: Callable[..., Any], *given: Any, **
         The function's own one line, or one that names the package, what it was given and the cause.
     """
     try:
-        return function(*given, **named)
+        return function(*arguments, **named)
     except TruejointError:
         raise
     except (Exception, SystemExit) as error:  # noqa: BLE001  # code of others
         cause = " ".join(f"{type(error).__name__}: {error}".split())[:200]
-        on = f" with {given[0]}" if given and given[0] else ""
+        on = f" with {arguments[0]}" if arguments and arguments[0] else ""
         raise TruejointError(
             f"{origin(point)} does not work{on} ({cause}); mend or uninstall it"
         ) from None

@@ -247,10 +247,14 @@ def test_a_file_states_temporary_encoders_in_the_units_of_their_joints(tool):
 @pytest.mark.parametrize(
     ("before", "after", "says"),
     [
-        ("resolution = 0.005", "resolution = 0", "encoder of lift: resolution 0"),
-        ("direction = -1", "direction = 0.5", "direction is 0.5; want a whole number"),
-        ("direction = -1", "direction = 2", "a direction of 1 or -1"),
-        ('end = "lower"', 'end = "middle"', "lower or upper"),
+        (
+            "resolution = 0.005",
+            "resolution = 0",
+            r"encoders\[0\].resolution is 0; want a number above 0",
+        ),
+        ("direction = -1", "direction = 0.5", "direction is 0.5; want 1 or -1"),
+        ("direction = -1", "direction = 2", "direction is 2; want 1 or -1"),
+        ('end = "lower"', 'end = "middle"', "end is 'middle'; want lower or upper"),
         ('joint = "lift"', 'joint = "left"', "did you mean 'lift'"),
         ("hard_stop = 5", "", "'hard_stop' is missing"),
         ("hard_stop = 5", "stop = 5", "no key called 'stop'"),

@@ -167,15 +167,15 @@ class Arm:
         # A motion is asked to stop before anything that has to wait for the robot.
         if not (stops and self._ask(motion, command)):
             next_state(self.operating_state(), command)
-        known: StateCommand = command  # type: ignore[assignment]  # next_state knows it
+        state_command: StateCommand = command  # type: ignore[assignment]  # next_state knows it
         try:
             if stops:
-                self._stop(motion, known, limit)
+                self._stop(motion, state_command, limit)
             else:
                 self._last_setpoints, self._jump_reported, self._unreported_s = None, "", 0.0
                 if command == "home":  # what comes next is no step from here
                     self._latest = self._before = None
-                self._backend.state_command(known, limit)
+                self._backend.state_command(state_command, limit)
             if command == "unhome":
                 self._latest = self._before = None
         finally:
@@ -377,15 +377,15 @@ class Arm:
         while motion is not None and motion.is_busy() and self.time < end:
             with suppress(CommandRefused):
                 motion.wait(min(self.grain, end - self.time))
-        left = end - self.time
-        if left * self.rate < 0.5:
+        rest_s = end - self.time
+        if rest_s * self.rate < 0.5:
             return
         if not self.operating_state().is_ready:
-            self._backend.wait(left)
+            self._backend.wait(rest_s)
             return
         hold = self._start_of("wait")
-        rows = np.broadcast_to(hold, (round(left * self.rate), len(hold)))
-        self._run(self._begin("wait", left), iter([rows]))
+        rows = np.broadcast_to(hold, (round(rest_s * self.rate), len(hold)))
+        self._run(self._begin("wait", rest_s), iter([rows]))
 
     def subscribe(self, callback: Listener, every: float = 0.0) -> None:
         """Call `callback` with every StateBlock and TruthBlock from now on, in time order.

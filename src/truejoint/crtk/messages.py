@@ -156,11 +156,11 @@ class Profile:
 
     def arm_of(self, topic: str) -> str:
         """Arm of which a topic tells; empty where its name does not say."""
-        found = [space for space in topic.split("/") if space in self.arms]
-        if not found:
+        spaces = [space for space in topic.split("/") if space in self.arms]
+        if not spaces:
             return ""
-        others = [arm for arm in self.arms.values() if arm != self.arms[found[-1]]]
-        return others[0] if crtk_name(topic) in self.swapped and others else self.arms[found[-1]]
+        others = [arm for arm in self.arms.values() if arm != self.arms[spaces[-1]]]
+        return others[0] if crtk_name(topic) in self.swapped and others else self.arms[spaces[-1]]
 
     def topic(self, arm: str, name: str) -> str:
         """Topic on which the robot has the CRTK name `name` of an arm: the inverse of `arm_of`."""
@@ -233,8 +233,8 @@ def get_profile(name: str) -> Profile:
 
 def profile_of(robot: Robot, name: str = "") -> Profile:
     """Profile called `name`, else the one that is called like the robot, else CRTK's own rules."""
-    own = [known for known in PROFILES if robot.name.startswith(known)]
-    return get_profile(name or (own or ["crtk"])[0])
+    alike = [profile for profile in PROFILES if robot.name.startswith(profile)]
+    return get_profile(name or (alike or ["crtk"])[0])
 
 
 def crtk_name(topic: str) -> str:
@@ -277,27 +277,27 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
     ['insertion']
     """
     if not names:
-        for known in (robot.joint_names, robot.positioning):
-            if count == len(known):
-                return list(known)
+        for joints in (robot.joint_names, robot.positioning):
+            if count == len(joints):
+                return list(joints)
         raise RobotError(
             f"{count} positions without names; {robot.title} has {len(robot.joint_names)} joints, "
             f"of which {len(robot.positioning)} place the tool: name the joints in the message"
         )
-    joints = [_joint(robot, name, profile) for name in names]
-    if len(joints) != count or len(set(joints)) != len(joints):
+    order = [_joint(robot, name, profile) for name in names]
+    if len(order) != count or len(set(order)) != len(order):
         raise RobotError(
-            f"{len(joints)} joint names for {count} positions ({', '.join(names)}); a message has "
+            f"{len(order)} joint names for {count} positions ({', '.join(names)}); a message has "
             "one for each"
         )
-    return joints
+    return order
 
 
 def _joint(robot: Robot, name: str, profile: Profile) -> str:
-    found = [joint for joint in (name, profile.joint(name)) if joint in robot.joint_names]
-    if not found:
-        raise RobotError(unknown("joint", profile.joint(name), robot.joint_names))
-    return found[0]
+    for joint in (name, profile.joint(name)):
+        if joint in robot.joint_names:
+            return joint
+    raise RobotError(unknown("joint", profile.joint(name), robot.joint_names))
 
 
 def joint_state_columns(
@@ -352,13 +352,13 @@ def joint_state_columns(
                 f"{len(joints)} positions and {values.shape[1]} values of {name}; a joint state "
                 "has as many of each, or none"
             )
-    kept: dict[str, Array | None] = {"measured": position, "velocity": fields.get("velocity")}
+    quantities: dict[str, Array | None] = {"measured": position, "velocity": fields.get("velocity")}
     effort = fields.get("effort")
     if effort is not None and effort.shape[1] and not profile.no_effort:
-        kept["effort"] = _stated_effort(robot, joints, effort)
+        quantities["effort"] = _stated_effort(robot, joints, effort)
     return {
         f"{name}/{joint}": values[:, k]
-        for name, values in kept.items()
+        for name, values in quantities.items()
         if values is not None and values.shape[1]
         for k, joint in enumerate(joints)
     }
@@ -371,9 +371,9 @@ def _stated_effort(robot: Robot, joints: Sequence[str], effort: Array) -> Array 
     if set(joints) != set(robot.joint_names):
         return None  # cables couple the joints: a motor's effort takes all of them
     order = [joints.index(joint) for joint in robot.joint_names]
-    found = np.empty_like(effort)
-    found[:, order] = robot.transmission.motor_effort(effort[:, order])
-    return found
+    motor_effort = np.empty_like(effort)
+    motor_effort[:, order] = robot.transmission.motor_effort(effort[:, order])
+    return motor_effort
 
 
 def joint_state_fields(
@@ -401,11 +401,9 @@ def joint_state_fields(
     rows = len(next(iter(columns.values())))
 
     def table(name: str) -> Array:
-        found = [columns.get(f"{name}/{joint}") for joint in joints]
-        known = [values for values in found if values is not None]
-        return (
-            np.column_stack(known) if known and len(known) == len(joints) else np.empty((rows, 0))
-        )
+        stated = [columns[key] for joint in joints if (key := f"{name}/{joint}") in columns]
+        whole = stated and len(stated) == len(joints)
+        return np.column_stack(stated) if whole else np.empty((rows, 0))
 
     fields = {"position": table(quantity)}
     if quantity == "truth":
@@ -472,10 +470,10 @@ def raven_state_fields(robot: Robot, columns: Mapping[str, Array]) -> dict[str, 
     """
     rows = len(next(iter(columns.values())))
     first = ARMS.index(robot.arm) * len(robot.channels)
-    found = {}
+    fields = {}
     for quantity, (name, factor) in RAVEN_FIELDS.items():
         values = np.zeros((rows, len(ARMS) * len(robot.channels)))
         for k, channel in enumerate(robot.channels):
             values[:, first + k] = columns.get(f"{quantity}/{channel}", np.zeros(rows)) / factor
-        found[name] = values.astype(_RAVEN_TYPES[name])
-    return found
+        fields[name] = values.astype(_RAVEN_TYPES[name])
+    return fields

@@ -212,8 +212,8 @@ class ArmServer:
         if isinstance(block, TruthBlock):
             columns = {f"truth/{n}": block.position[:, k] for k, n in enumerate(block.name)}
             for row, t in enumerate(block.t):
-                one = {name: values[row : row + 1] for name, values in columns.items()}
-                self._publish_joints("truth", float(t), "truth", one)
+                single = {name: values[row : row + 1] for name, values in columns.items()}
+                self._publish_joints("truth", float(t), "truth", single)
             return
         for row in range(len(block.t)):
             self._rows += 1

@@ -53,8 +53,10 @@ class StateBlock:
 
     def columns(self) -> dict[str, Array]:
         """Give what was measured, (n,) each, by its column in a recording: ``measured/<joint>``."""
-        known = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q).shape[1]}
-        by_name = {f"{q}/{c}": v[:, k] for q, v in known.items() for k, c in enumerate(self.name)}
+        measured = {q: getattr(self, q) for q in QUANTITIES if getattr(self, q).shape[1]}
+        by_name = {
+            f"{q}/{c}": v[:, k] for q, v in measured.items() for k, c in enumerate(self.name)
+        }
         return {**by_name, **self.extra}
 
     @staticmethod

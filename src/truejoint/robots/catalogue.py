@@ -57,12 +57,12 @@ def arm_names(name: str) -> tuple[str, ...]:
     >>> arm_names("raven2")
     ('left', 'gold', 'right', 'green')
     """
-    known = name.strip().lower()
-    if known in _CODED:
-        return tuple(filter(None, _arms(known)))
-    if not known.endswith(".toml") and known not in _OWN:
+    model = name.strip().lower()
+    if model in _CODED:
+        return tuple(filter(None, _arms(model)))
+    if not model.endswith(".toml") and model not in _OWN:
         return ()
-    with as_file(_MODELS / f"{known}.toml" if known in _OWN else Path(name.strip())) as path:
+    with as_file(_MODELS / f"{model}.toml" if model in _OWN else Path(name.strip())) as path:
         arms = read_toml(path, RobotError).get("arms", [])
     return tuple(map(str, arms)) if isinstance(arms, list) else ()
 
@@ -101,10 +101,10 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
         from truejoint.robots.robot import read_robot  # noqa: PLC0415  # as above
 
         return _describe(read_robot(Path(text), arm), text)
-    known, wanted = text.lower(), arm.strip().lower()
-    if (known, wanted) in _described:
-        return _described[known, wanted][1]
-    return _build(known, wanted)
+    model, side = text.lower(), arm.strip().lower()
+    if (model, side) in _described:
+        return _described[model, side][1]
+    return _build(model, side)
 
 
 def robot_of(values: Mapping[str, Any], source: str) -> Robot:
@@ -197,10 +197,10 @@ def _build(name: str, arm: str) -> Robot:
     if name in _CODED:
         arms = _arms(name)
         if arm not in arms:
-            near, known = meant(arm, arms), ", ".join(arm_names(name))
-            raise RobotError(f"{name} has no arm called {arm!r};{near} its arms: {known}")
-        own: Robot = resolve_name(f"truejoint.robots.{name}:build")(arms[arm])
-        return own
+            near, choices = meant(arm, arms), ", ".join(arm_names(name))
+            raise RobotError(f"{name} has no arm called {arm!r};{near} its arms: {choices}")
+        robot: Robot = resolve_name(f"truejoint.robots.{name}:build")(arms[arm])
+        return robot
     if name in _OWN:
         with as_file(_MODELS / f"{name}.toml") as path:
             return read_robot(path, arm, source=name)
@@ -209,8 +209,8 @@ def _build(name: str, arm: str) -> Robot:
         raise RobotError(
             f"{unknown('robot', name, robot_names())}, or the path of a robot file (.toml)"
         )
-    found = load_plugin(point, (Path, FunctionType))
-    robot = read_robot(found, arm) if isinstance(found, Path) else call_plugin(point, found, arm)
+    plugin = load_plugin(point, (Path, FunctionType))
+    robot = read_robot(plugin, arm) if isinstance(plugin, Path) else call_plugin(point, plugin, arm)
     if not isinstance(robot, Robot) or robot.name != name:
         raise RobotError(f"truejoint.robots {name!r} of {point.value}: is no robot of that name")
     return robot

@@ -13,12 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, local_matrix
 from truejoint.errors import RobotError
+from truejoint.robots.newton import newton
 
 _RIGID_TOLERANCE: Final = 1e-6
-# Of the search for joint positions: how many steps, how far one may turn or shift the tool [rad, m]
-# and how near is there, far below what any joint encoder resolves.
-_STEPS: Final = 100
-_LONGEST_STEP: Final = 0.3
+# How near a search for joint positions comes [m, rad], far below what any joint encoder resolves.
 _THERE: Final = 1e-11
 
 
@@ -77,16 +75,15 @@ class SerialChain:
         from scipy.spatial.transform import Rotation  # noqa: PLC0415  # a control loop needs none
 
         target, (rows, _) = rigid(pose), self._rows(seed)
-        joint: Array = rows[0].copy()
-        for _step in range(_STEPS):
-            now = self.forward(joint)
+
+        def miss(joint: Array) -> Array:
+            now = self.forward(joint[0])
             turn = Rotation.from_matrix(target[:3, :3] @ now[:3, :3].T).as_rotvec()
-            error = np.concatenate([target[:3, 3] - now[:3, 3], turn])
-            size = float(np.abs(error).max())
-            if size < _THERE:
-                return joint
-            shortened = error * min(1.0, _LONGEST_STEP / size)
-            joint = joint + np.linalg.lstsq(self.jacobian(joint), shortened, rcond=1e-9)[0]
+            return np.concatenate([target[:3, 3] - now[:3, 3], turn])[None]
+
+        joint = newton(rows, miss, self.jacobian, range(rows.shape[1]), _THERE)
+        if np.abs(miss(joint)).max() < _THERE:
+            return np.asarray(joint[0])
         x, y, z = 1e3 * target[:3, 3]
         raise RobotError(
             f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached from where "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
@@ -15,7 +15,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.robots.forceps import Forceps
-from truejoint.robots.joint_encoder import End, JointEncoder
+from truejoint.robots.joint_encoder import JointEncoder
 from truejoint.robots.parts import (
     UNITS,
     WORKSPACE_KEYS,
@@ -80,18 +80,6 @@ class BoxTable:
     slowest: Number | None = None
     fastest: Number | None = None
     crawl: Number | None = None
-
-
-@dataclass(frozen=True)
-class EncoderTable:
-    """A temporary encoder, in the unit of its joint."""
-
-    joint: str
-    resolution: Number
-    hard_stop: Number
-    end: End = "upper"
-    direction: int = 1
-    tolerance: int = 20
 
 
 @dataclass(frozen=True)
@@ -176,7 +164,7 @@ class RobotTable:
     workspace: Annotated[Mapping[str, BoxTable], Length(1, MAX_JOINTS)] | None = None
     mechanism: Mapping[str, Any] | None = None
     grasper: Names = ()
-    encoders: Annotated[tuple[EncoderTable, ...], Length(0, MAX_JOINTS)] = ()
+    encoders: Annotated[tuple[JointEncoder, ...], Length(0, MAX_JOINTS)] = ()
 
     def parts(self, folder: Path | None) -> dict[str, Any]:
         """Fields of a `Robot` in SI units; a URDF stands in `folder`. Raises RobotError."""
@@ -190,7 +178,7 @@ class RobotTable:
             "kinematics": self.kinematics and self.kinematics.chain(joints, folder),
             "workspace": self.workspace and self._workspace(self.workspace),
             "mechanism": None if self.mechanism is None else self._mechanism(self.mechanism),
-            "encoders": tuple(self._encoder(n, row) for n, row in enumerate(self.encoders, 1)),
+            "encoders": tuple(map(self._encoder, self.encoders)),
         }
 
     @cached_property
@@ -224,9 +212,11 @@ class RobotTable:
                 rows[key] = np.array([self._factors[name] * v for name, v in values.items()])
         return Workspace(tuple(boxes), **rows)
 
-    def _encoder(self, number: int, row: EncoderTable) -> JointEncoder:
-        if row.joint not in self._factors:
-            raise RobotError(f"encoder {number}: {unknown('joint', row.joint, self._factors)}")
-        factor = self._factors[row.joint]
-        sizes = {"resolution": row.resolution * factor, "hard_stop": row.hard_stop * factor}
-        return JointEncoder(**{**asdict(row), **sizes})
+    def _encoder(self, encoder: JointEncoder) -> JointEncoder:
+        """Bring an encoder, whose table is in the unit of its joint, to SI units."""
+        if encoder.joint not in self._factors:
+            raise RobotError(f"encoders: {unknown('joint', encoder.joint, self._factors)}")
+        factor = self._factors[encoder.joint]
+        return replace(
+            encoder, resolution=encoder.resolution * factor, hard_stop=encoder.hard_stop * factor
+        )

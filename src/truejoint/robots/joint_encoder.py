@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Annotated, Literal
 
-from truejoint.errors import RobotError
+from truejoint.schema import Bounds, Positive
 
 End = Literal["lower", "upper"]
 
@@ -30,11 +29,6 @@ class JointEncoder:
     tolerance : int
         Counts from the extreme that still belong to the stop.
 
-    Raises
-    ------
-    RobotError
-        If a number is out of range.
-
     Examples
     --------
     >>> truejoint.get_robot("raven2").encoders[0].end
@@ -42,19 +36,8 @@ class JointEncoder:
     """
 
     joint: str
-    resolution: float
+    resolution: Positive
     hard_stop: float
     end: End = "upper"
-    direction: int = 1
-    tolerance: int = 20
-
-    def __post_init__(self) -> None:
-        good = 0 < self.resolution < math.inf and math.isfinite(self.hard_stop)
-        good = good and self.direction in (-1, 1) and self.tolerance >= 0
-        if not good or self.end not in get_args(End):
-            raise RobotError(
-                f"encoder of {self.joint}: resolution {self.resolution:g}, hard stop "
-                f"{self.hard_stop:g}, direction {self.direction}, tolerance {self.tolerance}, end "
-                f"{self.end!r:.40}; want a resolution above 0, a hard stop that is a number, a "
-                "direction of 1 or -1, 0 or more counts, lower or upper"
-            )
+    direction: Literal[1, -1] = 1
+    tolerance: Annotated[int, Bounds(0)] = 20

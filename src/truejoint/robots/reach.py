@@ -10,10 +10,9 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import RobotError
+from truejoint.robots.newton import newton
 from truejoint.robots.robot import Robot
 
-_STEPS: Final = 40  # of Newton
-_LONGEST_STEP: Final = 0.3  # [rad, m]
 _THERE: Final = 1e-9  # [m]
 
 
@@ -33,14 +32,12 @@ def reach(
         )
     chain, columns = robot.kinematics, robot.index(joints or robot.positioning)
     goal = np.asarray(points, dtype=np.float64)
-    joint = np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1))
-    for _ in range(_STEPS):
-        miss = goal - chain.forward(joint)[:, :3, 3]
-        if np.abs(miss).max() < 0.1 * _THERE:
-            break
-        slope = chain.jacobian(joint)[:, :3, columns]
-        step = np.einsum("mij,mj->mi", np.linalg.pinv(slope, rcond=1e-6), miss)
-        largest = np.abs(step).max(axis=1, keepdims=True)
-        joint[:, columns] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-12))
+    joint = newton(
+        np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1)),
+        lambda joint: goal - chain.forward(joint)[:, :3, 3],
+        lambda joint: chain.jacobian(joint)[:, :3],
+        columns,
+        0.1 * _THERE,
+    )
     there = np.abs(goal - chain.forward(joint)[:, :3, 3]).max(axis=1) < _THERE
     return joint, np.asarray(there)

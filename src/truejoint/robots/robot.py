@@ -184,15 +184,15 @@ class Robot(Summarised):
 
     def summary(self) -> dict[str, str]:
         """Joints, which of them place the tool, and what else is known of the robot, by label."""
-        known = [
-            what for what in ("transmission", "kinematics", "workspace") if getattr(self, what)
+        stated = [
+            part for part in ("transmission", "kinematics", "workspace") if getattr(self, part)
         ]
         return {
             "robot": self.title,
             "joints": ", ".join(f"{joint.name} [{joint.unit}]" for joint in self.joints),
             "positioning": ", ".join(self.positioning),
             "effort": f"of the {self.effort}",
-            "known": ", ".join(known) or "-",
+            "known": ", ".join(stated) or "-",
         }
 
     @property

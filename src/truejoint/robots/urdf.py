@@ -31,20 +31,20 @@ def read_urdf(path: Path, kinds: Mapping[str, str], base: str = "", tip: str = "
     if b"<!" in data.replace(b"<!--", b""):  # entities: files of others, texts without end
         raise RobotError(f"{path}: no document type or CDATA is read; take out what begins with <!")
     try:
-        _, _, found = urdf.parse_urdf(data.decode("utf-8"))
+        _, _, joints = urdf.parse_urdf(data.decode("utf-8"))
     except Exception as error:  # noqa: BLE001  # the library lets through what its parsers raise
         raise RobotError(f"{path}: cannot be read as a URDF ({words(error, 120)})") from None
     try:
-        return _chain(_path(found, base, tip), kinds)
+        return _chain(_path(joints, base, tip), kinds)
     except RobotError as error:
         raise RobotError(f"{path}: {error}") from None
 
 
-def _path(found: Sequence[Any], base: str, tip: str) -> list[Any]:
+def _path(joints: Sequence[Any], base: str, tip: str) -> list[Any]:
     """Joints of the URDF from `base` to `tip`."""
-    above = {joint.child: joint for joint in found}
+    above = {joint.child: joint for joint in joints}
     if not tip:
-        ends = sorted(set(above) - {joint.parent for joint in found})
+        ends = sorted(set(above) - {joint.parent for joint in joints})
         if len(ends) != 1:
             raise RobotError(f"ends in the links {', '.join(ends) or 'none'}; name one as tip")
         tip = ends[0]
@@ -58,12 +58,12 @@ def _path(found: Sequence[Any], base: str, tip: str) -> list[Any]:
     return chain
 
 
-def _chain(found: Sequence[Any], kinds: Mapping[str, str]) -> SerialChain:
+def _chain(joints: Sequence[Any], kinds: Mapping[str, str]) -> SerialChain:
     names = list(kinds)
     axes = [Axis(0.0, 0.0, 0.0, 0.0)]
     rows = [np.zeros(len(names))]
     fixed = np.eye(4)
-    for joint in found:
+    for joint in joints:
         fixed = fixed @ np.asarray(joint.child2parent, dtype=float)
         if joint.joint_type == "fixed":
             continue
@@ -115,8 +115,8 @@ def _append(axes: list[Axis], fixed: Array, kind: Any) -> None:
     a = x * math.cos(theta0) + y * math.sin(theta0)
     normal = np.array([math.cos(theta0), math.sin(theta0), 0.0])
     # The normal, seen from the new frame, is turned back by theta.
-    seen = fixed[:3, :3].T @ normal
-    theta = math.atan2(-seen[1], seen[0])
+    turned = fixed[:3, :3].T @ normal
+    theta = math.atan2(-turned[1], turned[0])
     last = axes[-1]
     axes[-1] = Axis(last.alpha, last.a, last.d + z - d * cosine, last.theta + theta0, last.kind)
     axes.append(Axis(alpha, a, d, theta, kind))

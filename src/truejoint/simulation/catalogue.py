@@ -66,14 +66,14 @@ def make_twin(
     ('jaw',)
     """
     target = get_robot(robot, arm)
-    own: dict[str, Any] = {}
+    cables: dict[str, Any] = {}
     if target.name not in _TWINS and target.mechanism is not None:
-        own = {"robot": target.name}  # the wrist's twin is that of any cables
-    name = "wrist" if own else target.name
+        cables = {"robot": target.name}  # the wrist's twin is that of any cables
+    name = "wrist" if cables else target.name
     if name not in _TWINS:
         raise RobotError(
             f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}, "
             "and of a robot file that states its cables"
         )
     kind: type[Twin] = resolve_name(_TWINS[name])
-    return kind(kind.PARAMETERS.read(parameters), arm=target.arm, seed=seed, load=load, **own)
+    return kind(kind.PARAMETERS.read(parameters), arm=target.arm, seed=seed, load=load, **cables)

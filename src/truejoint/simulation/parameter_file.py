@@ -73,8 +73,8 @@ class Parameters:
         if str(path) in cls.SPECIMENS:
             return cls._laid_over(nominal, shipped_sections(cls.SPECIMENS[str(path)]), str(path))
         if not (Path(path).suffix or Path(path).exists()):
-            known = unknown("specimen", str(path), cls.SPECIMENS)
-            raise TruejointError(f"{known}; or give a TOML file")
+            refusal = unknown("specimen", str(path), cls.SPECIMENS)
+            raise TruejointError(f"{refusal}; or give a TOML file")
         table = read_toml(Path(path), TruejointError)
         return cls._laid_over(nominal, table, str(path))
 

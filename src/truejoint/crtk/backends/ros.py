@@ -160,8 +160,9 @@ class RosBackend:
         self._closing.append(self._servo.close)
         self._command = transport.publisher(name("state_command"), STRING_STAMPED)
         self._closing.append(self._command.close)
-        told = transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
-        self._closing.append(told)
+        self._closing.append(
+            transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
+        )
         if self._truth:
             self._closing.append(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
         with self._changed:
@@ -202,7 +203,7 @@ class RosBackend:
         self._reach(self._command)
         before, began = self._now(), self.time
         self._send_command(command)
-        left = {"begun": not before.is_homed}  # so that it has homed as soon as it says so
+        homing = {"begun": not before.is_homed}  # so that it has homed as soon as it says so
 
         def is_done() -> bool:
             now = self._now()
@@ -212,13 +213,13 @@ class RosBackend:
                 return now.state == _LEADS_TO[command]
             if command == "unhome":
                 return not now.is_homed
-            left["begun"] = left["begun"] or now.is_busy or not now.is_homed
+            homing["begun"] = homing["begun"] or now.is_busy or not now.is_homed
             if now.state != "ENABLED":
                 raise MotionStopped(
                     f"'home' stopped at t = {now.t:.3f} s: {now.state}; the arm is not homed"
                 )
             # A robot that is homed already may have nothing to do.
-            begun = left["begun"] or now.t - began > _BEGINNING
+            begun = homing["begun"] or now.t - began > _BEGINNING
             return begun and now.is_homed and not now.is_busy
 
         with self._changed:
@@ -269,8 +270,8 @@ class RosBackend:
             return
 
         def arrived() -> bool:
-            told = self._setpoint
-            there = told is not None and bool((np.abs(told - sent) < _ARRIVED).all())
+            setpoint = self._setpoint
+            there = setpoint is not None and bool((np.abs(setpoint - sent) < _ARRIVED).all())
             return there or not self._now().is_ready
 
         with self._changed:
@@ -297,8 +298,8 @@ class RosBackend:
     def _wait_for_joints(self) -> None:
         """Return once the homed robot has reported its joints; raises RosError if it does not."""
         with self._changed:
-            told = self._changed.wait_for(lambda: self._setpoint is not None, CONNECT_TIMEOUT)
-        if not told:
+            heard = self._changed.wait_for(lambda: self._setpoint is not None, CONNECT_TIMEOUT)
+        if not heard:
             raise RosError(self._stream.refusal or self._nobody(self._stream.topic))
 
     def _nobody(self, topic: str) -> str:
@@ -361,18 +362,18 @@ class RosBackend:
 
     def _block(self, t: float, columns: Mapping[str, Array]) -> StateBlock:
         """One row of everything that the robot says; what is not said of any joint is empty."""
-        found: dict[str, Any] = {}
+        arrays: dict[str, Any] = {}
         for quantity in QUANTITIES:
             names = [f"{quantity}/{channel}" for channel in self.robot.channels]
             said = any(name in columns for name in names)
             row = [columns[name][0] if name in columns else 0.0 for name in names]
-            found[quantity] = np.array([row]) if said else np.empty((1, 0))
-        measured = found["measured"]
-        if not found["setpoint"].shape[1]:
-            found["setpoint"] = measured
-        if not found["velocity"].shape[1]:
-            found["velocity"] = self._speed(t, measured)
-        return StateBlock(np.array([t]), self.robot.channels, **found)
+            arrays[quantity] = np.array([row]) if said else np.empty((1, 0))
+        measured = arrays["measured"]
+        if not arrays["setpoint"].shape[1]:
+            arrays["setpoint"] = measured
+        if not arrays["velocity"].shape[1]:
+            arrays["velocity"] = self._speed(t, measured)
+        return StateBlock(np.array([t]), self.robot.channels, **arrays)
 
     def _speed(self, t: float, measured: Array) -> Array:
         """Change since the last row [rad/s or m/s], for robots that state no velocity."""

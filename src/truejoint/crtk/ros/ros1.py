@@ -90,11 +90,11 @@ class Ros1:
 
         A type of which there are variants is read by the definition that its writer sends.
         """
-        told, receive = _message_class(kind), callback
+        message_class, receive = _message_class(kind), callback
         if kind in DEFINITIONS:
-            told, receive = self._rospy.AnyMsg, _by_definition(kind, callback)
+            message_class, receive = self._rospy.AnyMsg, _by_definition(kind, callback)
         made = self._rospy.Subscriber(
-            topic, told, receive, queue_size=None, buff_size=_BUFFER, tcp_nodelay=True
+            topic, message_class, receive, queue_size=None, buff_size=_BUFFER, tcp_nodelay=True
         )
         self._open.append(made)
         return lambda: _close(made)
@@ -139,14 +139,14 @@ def _close(made: Any) -> None:
 
 def _by_definition(kind: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
     """Take raw messages apart as the definition says that came with the connection."""
-    known: dict[str, Any] = {}
+    classes: dict[str, Any] = {}
 
     def receive(raw: Any) -> None:
         header = raw._connection_header
-        made = known.get(header["md5sum"])
+        made = classes.get(header["md5sum"])
         if made is None:
             made = _generated(header.get("type", kind), header["message_definition"])
-            known[header["md5sum"]] = made
+            classes[header["md5sum"]] = made
         message = made()
         message.deserialize(raw._buff)
         callback(message)
@@ -156,16 +156,16 @@ def _by_definition(kind: str, callback: Callable[[Any], None]) -> Callable[[Any]
 
 @cache
 def _message_class(kind: str) -> Any:
-    found = import_module("roslib.message").get_message_class(kind)
-    if found is None and kind in DEFINITIONS:
-        found = _generated(kind, f"{DEFINITIONS[kind]}{_RULE}{_HEADER}")
-    if found is None:
+    message_class = import_module("roslib.message").get_message_class(kind)
+    if message_class is None and kind in DEFINITIONS:
+        message_class = _generated(kind, f"{DEFINITIONS[kind]}{_RULE}{_HEADER}")
+    if message_class is None:
         package = kind.partition("/")[0]
         raise RosError(
             f"ROS's messages {kind} are not installed: install {package}, on Debian "
             f"python3-{package.replace('_', '-')}"
         )
-    return found
+    return message_class
 
 
 def _generated(kind: str, definition: str) -> Any:
@@ -240,10 +240,10 @@ def _watch(rosgraph: Any, rospy: Any) -> None:
 def _register(master: Any, rospy: Any) -> None:
     """Register all topics, by the interfaces that every node has (wiki.ros.org/ROS/Slave_API)."""
     name, uri = rospy.get_name(), rospy.get_node_uri()
-    own: Any
-    with xmlrpc.client.ServerProxy(uri) as own:
-        for topic, kind in own.getPublications(name)[2]:
+    node: Any
+    with xmlrpc.client.ServerProxy(uri) as node:
+        for topic, kind in node.getPublications(name)[2]:
             master.registerPublisher(topic, kind, uri)
-        for topic, kind in own.getSubscriptions(name)[2]:
+        for topic, kind in node.getSubscriptions(name)[2]:
             writers = master.registerSubscriber(topic, kind, uri)
-            own.publisherUpdate("/master", topic, writers)
+            node.publisherUpdate("/master", topic, writers)

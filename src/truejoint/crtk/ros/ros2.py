@@ -105,10 +105,10 @@ class Ros2:
 
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now."""
-        found = self._node.get_topic_names_and_types()
+        listed = self._node.get_topic_names_and_types()
         return {
             name: message_type(kinds[0])
-            for name, kinds in found
+            for name, kinds in listed
             if self._node.count_publishers(name)
         }
 

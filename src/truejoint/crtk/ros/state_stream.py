@@ -103,16 +103,16 @@ class StateStream:
         self._setpoint = {}
 
     def _on_measured(self, message: Any) -> None:
-        def columns(t: float) -> Mapping[str, Array]:
-            told = self.columns_of(message, "measured")
+        def row(t: float) -> Mapping[str, Array]:
+            columns = self.columns_of(message, "measured")
             unused = (
                 f"{quantity}/{channel}"
-                for quantity in dict.fromkeys(name.partition("/")[0] for name in told)
+                for quantity in dict.fromkeys(name.partition("/")[0] for name in columns)
                 for channel in self._robot.unused_channels
             )
-            return {**told, **dict.fromkeys(unused, np.zeros(1)), **self._newest(t)}
+            return {**columns, **dict.fromkeys(unused, np.zeros(1)), **self._newest(t)}
 
-        self._take(message, columns)
+        self._take(message, row)
 
     def _on_raven(self, message: Any) -> None:
         def columns(_: float) -> Mapping[str, Array]:

@@ -52,8 +52,8 @@ def state_message(
         return np.column_stack([recorded[f"{quantity}/{name}"] for name in names])
 
     assert robot.transmission is not None and robot.kinematics is not None  # noqa: S101, PT018
-    own = drives(side)
-    steps = np.array([drive.torque_per_amp / drive.dac_per_amp for drive in own])
+    arm_drives = drives(side)
+    steps = np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives])
     offset = np.rint(np.asarray(encoder_zero) / _COUNT)
     measured, setpoint = of("measured"), of("setpoint")
     by_channel = {
@@ -62,26 +62,26 @@ def state_message(
         "encoder_offset": np.broadcast_to(offset, measured.shape),
         "dac": np.rint(of("effort") / steps),
     }
-    found = {}
+    columns = {}
     for quantity, values in by_channel.items():
         for channel in robot.channels:
-            known = channel in names
-            column = values[:, names.index(channel)] if known else np.zeros(len(t))
-            found[f"{quantity}/{channel}"] = column
+            moves = channel in names
+            column = values[:, names.index(channel)] if moves else np.zeros(len(t))
+            columns[f"{quantity}/{channel}"] = column
     for ending, joint in (("", measured), ("_setpoint", setpoint)):
         pose = robot.kinematics.forward(joint)
-        found |= _columns(f"tool{ending}", _AXES, pose[:, :3, 3])
-        found |= _columns(f"rotation{ending}", _ENTRIES, pose[:, :3, :3].reshape(-1, 9))
-    found["grasp_setpoint/jaw"] = (
+        columns |= _columns(f"tool{ending}", _AXES, pose[:, :3, 3])
+        columns |= _columns(f"rotation{ending}", _ENTRIES, pose[:, :3, :3].reshape(-1, 9))
+    columns["grasp_setpoint/jaw"] = (
         setpoint[:, names.index("jaw1")] + setpoint[:, names.index("jaw2")]
     )
     jacobian = robot.kinematics.jacobian(measured)
     moving = np.einsum("nij,nj->ni", jacobian, of("velocity"))
     for name in ("jacobian_velocity", "jacobian_force"):
-        found |= _columns(name, (*_AXES, "rx", "ry", "rz"), moving)
+        columns |= _columns(name, (*_AXES, "rx", "ry", "rz"), moving)
     constant = {"arm/type": 0.0, "state/run_level": _OPERATING, "state/sub_level": 0.0}
-    found |= {name: np.full(len(t), value) for name, value in constant.items()}
-    return {**found, "state/last_seq": np.floor(t * COMMAND_RATE), "state/time": np.asarray(t)}
+    columns |= {name: np.full(len(t), value) for name, value in constant.items()}
+    return {**columns, "state/last_seq": np.floor(t * COMMAND_RATE), "state/time": np.asarray(t)}
 
 
 def _columns(quantity: str, names: tuple[str, ...], values: Array) -> dict[str, Array]:

@@ -96,7 +96,7 @@ def build(name: str) -> Robot:
     limit = {key: math.radians(value) for key, value in row["limits_deg"].items()}
     jaw = limit["yaw"] + 0.5 * limit["jaw"]
     reach = np.array([0.75 * limit["pitch"], 0.4 * jaw, 0.4 * jaw])
-    apart = np.radians(5.0)  # a calibration's jaws never meet
+    gap = np.radians(5.0)  # a calibration's jaws never meet
     return Robot(
         "wrist",
         (
@@ -109,8 +109,8 @@ def build(name: str) -> Robot:
         effort="motor",
         workspace=Workspace(
             JOINTS,
-            np.array([-reach[0], -reach[1], apart]),
-            np.array([reach[0], -apart, reach[2]]),
+            np.array([-reach[0], -reach[1], gap]),
+            np.array([reach[0], -gap, reach[2]]),
             np.full(3, math.radians(60.0)),
         ),
         mechanism=instrument(row),

@@ -64,7 +64,7 @@ class Sensors:
         p, turn = parameters, 2.0 * math.pi
         self._jaw = p.reference_encoder
         spawned = np.random.SeedSequence(seed).spawn(4)
-        self.streams = [np.random.default_rng(one) for one in spawned]  # of noise, one each
+        self.streams = [np.random.default_rng(child) for child in spawned]  # of noise
         self._noise_and_step = (
             (p.motor_encoder.noise, turn / p.motor_encoder.counts),
             (p.drive_encoder.noise, p.drive_encoder.resolution),

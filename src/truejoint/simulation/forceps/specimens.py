@@ -72,9 +72,9 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
 
 def _drawn(stream: np.random.SeedSequence, prior_name: str) -> ForcepsParameters:
     rng = np.random.default_rng(stream)
-    own = prior()
-    v = {name: spread.draw(rng) for name, spread in own.items()}
-    second_tolerance = own["cable_tolerance"].draw(rng)
+    spreads = prior()
+    v = {name: spread.draw(rng) for name, spread in spreads.items()}
+    second_tolerance = spreads["cable_tolerance"].draw(rng)
     phases = rng.uniform(-math.pi, math.pi, 4)
     if prior_name == "mixed":
         prior_name = str(rng.choice(PRIORS[:-1]))

@@ -125,7 +125,7 @@ class ForcepsTwin(BaseTwin):
         p, exact = self.parameters, (log[:, :4] - self._origin).T
         motor, drive, reset, reference = self._sensors.read(exact, self._zero)
         cables = {"cable/drive": (p.drive_encoder, drive), "cable/reset": (p.reset_encoder, reset)}
-        known = ("truth_load/jaw", "truth_tension/drive", "truth_tension/reset")
+        exact_names = ("truth_load/jaw", "truth_tension/drive", "truth_tension/reset")
         ratio, column = p.mechanism.motor_per_jaw, (slice(None), None)
         speed = np.diff(motor, prepend=self._reading) / dt
         return TwinOutput(
@@ -140,7 +140,7 @@ class ForcepsTwin(BaseTwin):
             extra={
                 **{name: reads for name, (encoder, reads) in cables.items() if encoder.installed},
                 "truth_exact/jaw": exact[3],
-                **{name: log[:, 4 + k].copy() for k, name in enumerate(known)},
+                **{name: log[:, 4 + k].copy() for k, name in enumerate(exact_names)},
             },
             truth=TruthBlock(t, self.robot.positioning, reference[column]),
             joint=exact[3][column],

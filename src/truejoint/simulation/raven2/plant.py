@@ -172,13 +172,13 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
         height[:, 0] -= mass * (place @ np.array(GRAVITY))
     height[:, 1] = -(kinematics.forward(poses)[:, :3, 3] @ np.array(GRAVITY))
     q1, q2, d = poses[:, :POSITIONING].T
-    one = np.ones_like(d)
+    ones = np.ones_like(d)
     basis = np.column_stack(
         [
             shoulder * elbow * insertion
             for shoulder in (np.cos(q1), np.sin(q1))
-            for elbow in (one, np.cos(q2), np.sin(q2))
-            for insertion in (one, d)
+            for elbow in (ones, np.cos(q2), np.sin(q2))
+            for insertion in (ones, d)
         ]
     )
     coefficients: Array = np.linalg.lstsq(basis, height, rcond=None)[0].T

@@ -174,36 +174,36 @@ class Raven2Twin(BaseTwin):
         self._state.command[:] = self._plant.motor_from_joint @ start
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
         steps = round(_SEARCH_LIMIT / kernel.DT)
-        found = np.full(POSITIONING, steps)
+        stop_row = np.full(POSITIONING, steps)
         done = 0
-        while (found == steps).any() and done < steps:
+        while (stop_row == steps).any() and done < steps:
             # A joint that stands at its stop loads the others through the cables: a piece of time
             # is tried, and run again with a joint held from where it arrives.
             saved = kernel.State._make(array.copy() for array in self._state)
             stamps = self._stamp_rng.bit_generator.state
-            piece = self._ramp(start, found, steps)[done : done + _SEARCH_PIECE]
+            piece = self._ramp(start, stop_row, steps)[done : done + _SEARCH_PIECE]
             output = self._advance(piece)
-            above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (found == steps)
+            above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (stop_row == steps)
             self._state = saved
             if above.any():
                 row = int(np.argmax(above.any(axis=1)))
-                found[np.argmax(above[row])] = done + row
+                stop_row[np.argmax(above[row])] = done + row
             else:
                 self._stamp_rng.bit_generator.state = stamps
                 yield from map(self._advance, in_grains(piece))
                 done += len(piece)
-        if (found == steps).any():
-            names = [self.robot.joint_names[k] for k in range(POSITIONING) if found[k] == steps]
+        if (stop_row == steps).any():
+            names = [self.robot.joint_names[k] for k in range(POSITIONING) if stop_row[k] == steps]
             raise TruejointError(
                 f"homing found no hard stop for {', '.join(names)} within {_SEARCH_LIMIT:g} s; "
                 "the parameters make friction too strong for the motor"
             )
-        last = int(found.max()) + round(HOMING_SETTLE / kernel.DT)
-        rest = self._ramp(start, found, steps + _SEARCH_PIECE)[done:last]
+        last = int(stop_row.max()) + round(HOMING_SETTLE / kernel.DT)
+        rest = self._ramp(start, stop_row, steps + _SEARCH_PIECE)[done:last]
         yield from map(self._advance, in_grains(rest))
 
-    def _ramp(self, start: Array, found: NDArray[np.int64], steps: int) -> Array:
-        """Setpoints (steps, 7) towards the stops, each joint held from its index `found` on."""
+    def _ramp(self, start: Array, stop_row: NDArray[np.int64], steps: int) -> Array:
+        """Setpoints (steps, 7) towards the stops, each joint held from `stop_row` on."""
         t = np.arange(1, steps + 1) * kernel.DT
         # The speed builds up along a quarter of a sine within HOMING_RAMP.
         slow = (1.0 - np.cos(np.pi / HOMING_RAMP * np.minimum(t, HOMING_RAMP) / 2)) * (
@@ -213,7 +213,7 @@ class Raven2Twin(BaseTwin):
         path = np.tile(start, (steps, 1))
         for k in range(POSITIONING):
             way = travelled.copy()
-            way[found[k] :] = travelled[min(found[k], steps - 1)]
+            way[stop_row[k] :] = travelled[min(stop_row[k], steps - 1)]
             path[:, k] += self._drives[k].homing_speed * way
         return path
 

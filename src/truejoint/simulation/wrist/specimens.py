@@ -47,5 +47,5 @@ def _drawn(stream: np.random.SeedSequence, family: str) -> WristParameters:
     spreads = shipped_spreads("wrist/prior.toml") | shipped_spreads(f"wrist/{family}_prior.toml")
     values: dict[str, float] = {name: spread.draw(rng) for name, spread in spreads.items()}
     seed = int(rng.integers(2**31))
-    own = WristParameters.read(family if family in WristParameters.SPECIMENS else "nominal")
-    return own.with_values({**values, "variation.seed": seed})
+    name = family if family in WristParameters.SPECIMENS else "nominal"
+    return WristParameters.read(name).with_values({**values, "variation.seed": seed})

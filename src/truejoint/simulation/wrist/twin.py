@@ -175,10 +175,10 @@ class WristTwin(BaseTwin):
 
     def _registered(self) -> Array:
         """Zeros (n_motors,) [rad] of an engagement: the assembly's, and its own error."""
-        own = np.random.default_rng((self.seed, self.homing_count))
+        rng = np.random.default_rng((self.seed, self.homing_count))
         spread = self.parameters.homing.registration
         return np.asarray(
-            self._drawn.motor_zero + spread * own.standard_normal(len(self._drawn.motor_zero))
+            self._drawn.motor_zero + spread * rng.standard_normal(len(self._drawn.motor_zero))
         )
 
     def _way(self, start: Array, end: Array) -> Array:
