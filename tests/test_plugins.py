@@ -78,7 +78,7 @@ def test_the_example_serves_the_command_line(example: Path) -> None:
     model = example / "lever.safetensors"
     (example / "run.csv").write_text("t,measured/lever,truth/lever\n0,0,0\n1,0.1,0.1\n2,0.2,0.2\n")
     fit = [
-        "calibrate", str(example / "run.txt"), "--format", "example_counts",
+        "calibrate", str(example / "run.txt"), "--metadata", "format=example_counts",
         "-e", "example_ridge", "-o", str(model),
     ]  # fmt: skip
     judge = ["evaluate", str(model), str(example / "run.csv"), "--robot", "example_lever"]
