@@ -18,7 +18,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint import Recording, calibrate
+from truejoint import calibrate
 from truejoint.calibration import Calibration
 from truejoint.robots import get_robot
 from truejoint.simulation.forceps.parameters import ForcepsParameters
@@ -37,9 +37,7 @@ def rms(plant: ForcepsParameters, told: bool) -> tuple[Array, Array]:
     """RMS error of each method on (28) [rad], and how far it leaves the range of the jaw [rad]."""
     training = m.settled(record(plant, "calibration", seed=0))
     if not told:
-        training = Recording(
-            training.table, training.units, replace(training.provenance, mechanism={})
-        )
+        training = replace(training, robot=get_robot("forceps"))
     runs = [m.settled(record(plant, "verification", seed=1)),
             record(plant, load_test(200.0, "along"), seed=2)]  # fmt: skip
     models: dict[str, Calibration] = {

@@ -8,7 +8,7 @@ import threading
 import types
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
 from typing import Final, Protocol, Self
 
@@ -18,8 +18,9 @@ from truejoint.array_types import Array, Mask
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
-from truejoint.errors import RecordingError, RobotError
+from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
+from truejoint.recordings.table.header import recording_header
 from truejoint.recordings.table.parquet import write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.recordings.table.stream import Stream
@@ -30,10 +31,8 @@ from truejoint.recordings.table.stream_file import (
     TRUTH,
     StreamSize,
     StreamWriter,
-    assembled,
+    recording_of_streams,
 )
-from truejoint.robots import Robot
-from truejoint.robots.forceps import Forceps
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 PAST_END: Final = "state: past the longest duration"
@@ -217,26 +216,28 @@ class Recorder:
         stamps (`synchronise`). `source` is for the provenance; by default
         ``"recorded from <robot>"``. Raises RecordingError if there are fewer than 2 rows.
         """
-        return assembled(
+        origin = replace(
+            self._provenance(),
+            source=source or f"recorded from {self.arm.robot.title}",
+            notes=self._stopped,
+            dropped={PAST_END: self._past_end},
+        )
+        return recording_of_streams(
             self._state.joined(),
             self._truth.joined(),
-            self._provenance(),
+            origin,
+            self.arm.robot,
             self.gap_limit,
             self.state_rate,
-            self._stopped,
-            source or f"recorded from {self.arm.robot.title}",
-            {PAST_END: self._past_end},
         )
 
     def _provenance(self) -> Provenance:
-        robot = self.arm.robot
         return Provenance(
-            robot=robot.name,
-            arm=robot.arm,
+            robot=self.arm.robot.name,
+            arm=self.arm.robot.arm,
             session=self.session,
             homing_id=self.homing_id or "",
             load=self.load,
-            mechanism=_forceps(robot),
             command=self.command,
         )
 
@@ -270,8 +271,7 @@ class Recorder:
         """Open the file that survives whatever ends the program."""
         unfinished = free_name(path.with_suffix(SUFFIX), "unfinished")
         header = {
-            "provenance": self._provenance().to_dict(),
-            "robot": self.arm.robot.to_dict(),
+            **recording_header(self._provenance(), self.arm.robot),
             "gap_limit": self.gap_limit,
             "state_rate": None if math.isinf(self.state_rate) else self.state_rate,
         }
@@ -363,10 +363,3 @@ class _Rows:
         names = pieces[0].columns
         columns = {name: np.concatenate([p.columns[name] for p in pieces]) for name in names}
         return Stream(np.concatenate([piece.t for piece in pieces]), columns)
-
-
-def _forceps(robot: Robot) -> dict[str, float]:
-    """Four numbers of a forceps' mechanism; nothing of another robot."""
-    with suppress(RobotError):
-        return Forceps.of(robot.mechanism)._asdict()
-    return {}

@@ -9,9 +9,10 @@ import pytest
 from tests.estimators.conftest import Pair
 
 from truejoint.calibration import calibrate
-from truejoint.errors import CalibrationError, RobotError
+from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording
+from truejoint.robots.forceps import Forceps
 
 
 def test_history_starts_anew_after_a_gap(pair):
@@ -101,8 +102,11 @@ def test_what_the_recording_says_of_the_mechanism_reaches_the_estimator(pair):
     recording = pair.recordings()[0]
 
     def stating(**values):
-        origin = dataclasses.replace(recording.provenance, mechanism=values)
-        return Recording(recording.table, recording.units, origin)
+        mechanism = Forceps(**values).mechanism()
+        return dataclasses.replace(
+            recording,
+            robot=dataclasses.replace(recording.robot, mechanism=mechanism, transmission=None),
+        )
 
     told = calibrate(stating(gear_ratio=40.0), "ukf").model
     assert (told.gear_ratio, told.jaw_radius) == (40.0, 4e-3)
@@ -114,7 +118,7 @@ def test_what_the_recording_says_of_the_mechanism_reaches_the_estimator(pair):
     assert calibrate(stating(gear_ratio=40.0), stubborn).model.gear_ratio == 30.0
     with pytest.raises(CalibrationError, match="2 different mechanisms"):
         calibrate([stating(gear_ratio=40.0), recording], "ukf")
-    with pytest.raises(RobotError, match=r"gear_ratio is 0[.]5; want a number from 1 to"):
+    with pytest.raises(CalibrationError, match=r"gear_ratio is 0[.]5; it must be a number from 1"):
         calibrate(stating(gear_ratio=0.5), "ukf")
 
 

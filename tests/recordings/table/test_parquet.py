@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError, RobotError
+from truejoint.files import content_hash
 from truejoint.recordings import (
     Provenance,
     Recording,
@@ -23,7 +24,8 @@ from truejoint.recordings import (
     write_corrected,
     write_parquet,
 )
-from truejoint.recordings.table.parquet import METADATA_KEY, _write
+from truejoint.recordings.table.header import KEY
+from truejoint.recordings.table.parquet import VERSION, _write
 from truejoint.robots import catalogue, get_robot
 
 Refusal = Callable[[Callable[[], object]], str]
@@ -127,14 +129,9 @@ def test_a_value_edited_by_another_program_is_refused(recording: Recording, tmp_
         read_parquet(path)
 
 
-def test_one_from_before_there_were_hashes_is_read_and_says_so(tmp_path: Path) -> None:
+def test_a_file_without_a_hash_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    rewrite(path, GOOD, **{"t": T, "measured/joint1": T})
-    read = read_parquet(path)
-    assert "without a content hash" in read.provenance.notes
-    write_parquet(read, path, overwrite=True)
-    assert read_parquet(path).provenance.notes == read.provenance.notes
-    rewrite(path, GOOD | {"version": 2}, **{"t": T, "measured/joint1": T})
+    rewrite(path, json.dumps(GOOD), **{"t": T, "measured/joint1": T})
     with pytest.raises(RecordingError, match="does not match its hash"):
         read_parquet(path)
 
@@ -161,13 +158,21 @@ def test_short_memory_is_called_that(
 
 def rewrite(path: Path, header: object = None, **columns: pa.Array) -> None:
     table = pa.table(columns)
+    if isinstance(header, dict):
+        numbers = {name: np.asarray(values) for name, values in columns.items()}
+        header = header | {"sha256": content_hash(header, numbers)}
     if header is not None:
         text = header if isinstance(header, str) else json.dumps(header)
-        table = table.replace_schema_metadata({"truejoint": text})
+        table = table.replace_schema_metadata({KEY: text})
     pq.write_table(table, path)
 
 
-GOOD = {"version": 1, "units": {"measured/joint1": "rad"}, "provenance": {"robot": "bros"}}
+GOOD = {
+    "version": VERSION,
+    "units": {"measured/joint1": "rad"},
+    "provenance": {"robot": "bros"},
+    "robot": get_robot("bros").to_dict(),
+}
 T = pa.array([0.0, 1.0])
 
 
@@ -178,7 +183,7 @@ T = pa.array([0.0, 1.0])
         ("{", "metadata is damaged"),
         ([1], "metadata is damaged"),
         (GOOD | {"version": "1"}, "metadata is damaged"),
-        (GOOD | {"version": 0}, "metadata is damaged"),
+        (GOOD | {"version": 1}, "is of version 1, this truejoint reads 2"),
         (GOOD | {"version": 99}, "is of version 99"),
         (GOOD | {"units": {}}, "metadata is damaged"),
         (GOOD | {"units": {"measured/joint1": 3}}, "metadata is damaged"),
@@ -195,7 +200,7 @@ def test_metadata_that_is_not_ours_is_refused(tmp_path: Path, header: object, me
 
 def test_columns_of_another_kind_are_refused(tmp_path: Path) -> None:
     path = tmp_path / "a.parquet"
-    rewrite(path, GOOD, **{"t": T, "measured/joint1": pa.array(["a", "b"])})
+    rewrite(path, json.dumps(GOOD), **{"t": T, "measured/joint1": pa.array(["a", "b"])})
     with pytest.raises(RecordingError, match="not float64"):
         read_parquet(path)
 
@@ -239,7 +244,7 @@ def test_a_robot_of_a_file_comes_with_the_recording(
     assert again.robot.joint("jaw").upper == 1.0
     (tmp_path / "tool.toml").write_text(TOOL.replace("1.0", "2.0"))
     assert get_robot(tmp_path / "tool.toml").joint("jaw").upper == 2.0
-    assert read_parquet(tmp_path / "run.parquet").robot.joint("jaw").upper == 2.0
+    assert read_parquet(tmp_path / "run.parquet").robot.joint("jaw").upper == 1.0
     (tmp_path / "other.toml").write_text(TOOL.replace("jaw", "hook"))
     with pytest.raises(RobotError, match=r"another robot called 'parquet_tool' than .*tool\.toml"):
         get_robot(tmp_path / "other.toml")
@@ -252,9 +257,9 @@ def test_a_damaged_robot_is_refused_in_one_line(
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)
     table = pq.read_table(path)
-    header = json.loads(table.schema.metadata[b"truejoint"]) | {"robot": robot, "version": 1}
+    header = json.loads(table.schema.metadata[KEY]) | {"robot": robot}
     del header["sha256"]
-    pq.write_table(table.replace_schema_metadata({b"truejoint": json.dumps(header).encode()}), path)
+    rewrite(path, header, **{name: table[name] for name in table.column_names})
     message = refusal(lambda: read_parquet(path))
     assert message.startswith(f"{path}: ")
     assert "\n" not in message
@@ -264,7 +269,7 @@ def test_a_damaged_robot_is_refused_in_one_line(
 def test_a_header_without_units_describes_stamps_alone(tmp_path: Path) -> None:
     path = tmp_path / "stamps.parquet"
     write_parquet(Recording.from_columns({"t": [0.0, 1.0]}, "bros"), path)
-    header = json.loads(pq.read_schema(path).metadata[METADATA_KEY])
+    header = json.loads(pq.read_schema(path).metadata[KEY])
     del header["units"], header["sha256"]
     bare = tmp_path / "bare.parquet"
     _write(bare, header, {"t": np.array([0.0, 1.0])}, overwrite=False)

@@ -100,7 +100,7 @@ def test_what_is_no_such_file_is_refused(tmp_path: Path) -> None:
         StreamWriter(path, {})
     path.unlink()
     StreamWriter(path, {}).close()
-    with pytest.raises(RecordingError, match="header is damaged"):
+    with pytest.raises(RecordingError, match="metadata is damaged"):
         read_recording(path)
     path.unlink()
     writer = StreamWriter(path, HEADER)

@@ -91,12 +91,12 @@ class MechanismEstimator(JawEstimator):
 
 
 def mechanism_of(recordings: Sequence[Recording]) -> Forceps:
-    """Mechanism that recordings were made with: their metadata's, else the robot's, else Table 1's.
+    """Mechanism of the robots that were recorded, else Table 1's.
 
     Raises CalibrationError where they differ, and RobotError for one that cannot be.
     """
     found = dict.fromkeys(
-        TABLE_1 if recording.mechanism is None else Forceps.of(recording.mechanism)
+        TABLE_1 if recording.robot.mechanism is None else Forceps.of(recording.robot.mechanism)
         for recording in recordings
     )
     if len(found) > 1:

@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -16,22 +15,19 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 
-from truejoint.array_types import Array
-from truejoint.errors import RecordingError, RobotError, words
-from truejoint.files import (
-    UNHASHED,
-    check_ending,
-    content_hash,
-    is_as_written,
-    write_atomically,
-)
+from truejoint.errors import RecordingError, words
+from truejoint.files import check_ending, content_hash, is_as_written, write_atomically
 from truejoint.recordings.bounded_file import MAX_VALUES, most_unpacked, require_file
-from truejoint.recordings.table.recording import Provenance, Recording, as_recording
-from truejoint.robots import adopt_robot
+from truejoint.recordings.table.header import (
+    KEY,
+    check_version,
+    parse_header,
+    recorded,
+    recording_header,
+)
+from truejoint.recordings.table.recording import Recording, as_recording
 
-METADATA_KEY: Final = b"truejoint"
-# Of the JSON under `METADATA_KEY`: a newer one is refused; that of version 1 has no hash.
-VERSION: Final = 2
+VERSION: Final = 2  # of the header; another one is refused
 PARQUET_MAGIC: Final = b"PAR1"
 
 _DAMAGED: Final = "its metadata is damaged; copy or record it again"
@@ -71,8 +67,7 @@ def write_parquet(
     header = {
         "version": VERSION,
         "units": {name: unit for name, unit in recording.units.items() if name in columns},
-        "provenance": recording.provenance.to_dict(),
-        "robot": recording.robot.to_dict(),
+        **recording_header(recording.provenance, recording.robot),
     }
     _write(target, header, columns, overwrite=overwrite)
 
@@ -84,8 +79,7 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     ------
     RecordingError
         If the file is not there, cut short, damaged, edited (its content differs from its hash),
-        larger than is read, from a newer version, or was not written by truejoint. One from before
-        there were hashes is read, and its notes say so.
+        larger than is read, from another version, or was not written by truejoint.
 
     Examples
     --------
@@ -94,17 +88,16 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     'motion_9.csv'
     """
     source = require_file(Path(path))
-    header, columns, unhashed = _read(source)
-    _check_described(source, header, columns)
+    header, columns = _read(source)
+    units: dict[str, str] = header.get("units") or {}
+    if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
+        raise RecordingError(f"{source}: {_DAMAGED}")
+    if set(units) != set(columns) - {"t"}:
+        raise RecordingError(f"{source}: {_DAMAGED}")
+    provenance, robot = recorded(source, header)
     try:
-        provenance = Provenance.from_dict(header["provenance"])
-        if unhashed and UNHASHED not in provenance.notes:
-            notes = "; ".join(filter(None, (provenance.notes, UNHASHED)))
-            provenance = replace(provenance, notes=notes)
-        if "robot" in header:
-            adopt_robot(header["robot"], source.name)
-        return Recording.from_columns(columns, provenance, header.get("units"))
-    except (RecordingError, RobotError) as error:
+        return Recording.from_columns(columns, provenance, units, robot=robot)
+    except RecordingError as error:
         raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
 
 
@@ -160,8 +153,8 @@ def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
     'OK'
     """
     source = require_file(Path(path))
-    header, columns, unhashed = _read(source, _TEXTS)
-    if unhashed or header.get("kind") != _CORRECTED:
+    header, columns = _read(source, _TEXTS)
+    if header.get("kind") != _CORRECTED:
         raise RecordingError(f"{source}: is no table of corrected positions that states its hash")
     return pd.DataFrame(columns)
 
@@ -169,8 +162,8 @@ def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
 def is_corrected(path: Path) -> bool:
     """Whether a file says that it is a table of corrected positions."""
     with suppress(pa.ArrowException, OSError, ValueError):
-        text = (pq.read_schema(path).metadata or {}).get(METADATA_KEY, b"")
-        return f'"kind": "{_CORRECTED}"'.encode() in text
+        header = parse_header(pq.read_schema(path).metadata) or {}
+        return header.get("kind") == _CORRECTED
     return False
 
 
@@ -183,8 +176,10 @@ def _write(
     overwrite: bool,
 ) -> None:
     """Write columns of numbers, those named in `texts` of text, with a hash of all that is said."""
-    signed = {**header, "sha256": content_hash(*_content(header, columns, texts))}
-    metadata = {METADATA_KEY: json.dumps(signed, allow_nan=False).encode()}
+    text_columns = {name: column for name, column in columns.items() if name in texts}
+    numbers = {name: column for name, column in columns.items() if name not in texts}
+    digest = content_hash({**header, **text_columns}, numbers)
+    metadata = {KEY: json.dumps({**header, "sha256": digest}, allow_nan=False).encode()}
     # Numbers that change a little from row to row pack best with their bytes split apart.
     packing = {
         "compression": "zstd",
@@ -195,16 +190,8 @@ def _write(
     write_atomically(path, write, overwrite=overwrite, error=RecordingError)
 
 
-def _content(
-    header: Mapping[str, Any], columns: Mapping[str, Any], texts: Collection[str]
-) -> tuple[dict[str, Any], dict[str, Array]]:
-    """Give what the hash is taken of: the header with the columns of text, and the numbers."""
-    said = {name: column for name, column in columns.items() if name in texts}
-    return {**header, **said}, {n: column for n, column in columns.items() if n not in said}
-
-
-def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], dict[str, Any], bool]:
-    """Header and columns of a file, those in `texts` lists of text, and whether it has no hash."""
+def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Header and columns of a file, those in `texts` lists of text."""
     try:
         with pq.ParquetFile(
             source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
@@ -227,14 +214,14 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             f"{source}: is not a whole Parquet file ({words(error)}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
-    digest = header.pop("sha256", None)
-    unhashed = digest is None and header["version"] == 1
-    if not unhashed and not is_as_written(digest, *_content(header, columns, texts)):
+    text_columns = {name: column for name, column in columns.items() if name in texts}
+    numbers = {name: column for name, column in columns.items() if name not in texts}
+    if not is_as_written(header.pop("sha256", None), {**header, **text_columns}, numbers):
         raise RecordingError(
             f"{source}: its content does not match its hash; it was damaged or edited: copy or "
             "record it again"
         )
-    return header, columns, unhashed
+    return header, columns
 
 
 def check_size(source: Path, file: Any) -> None:
@@ -266,34 +253,13 @@ def _check_columns(source: Path, schema: Any, texts: Collection[str]) -> None:
 
 
 def _header(source: Path, schema: Any) -> dict[str, Any]:
-    text = (schema.metadata or {}).get(METADATA_KEY)
-    if text is None:
+    if KEY not in (schema.metadata or {}):
         raise RecordingError(
             f"{source}: was not written by truejoint: it states neither robot nor units; "
             "save it as CSV and read that with a column map"
         )
-    header = None
-    with suppress(ValueError, RecursionError):
-        header = json.loads(text)
-    version = header.get("version") if isinstance(header, dict) else None
-    if not (isinstance(header, dict) and isinstance(version, int) and version >= 1):
+    header = parse_header(schema.metadata)
+    if header is None or not isinstance(header.get("version"), int):
         raise RecordingError(f"{source}: {_DAMAGED}")
-    if version > VERSION:
-        raise RecordingError(
-            f"{source}: is of version {version!s:.20}, this truejoint reads up to {VERSION}; "
-            "update truejoint"
-        )
+    check_version(source, header, VERSION)
     return header
-
-
-def _check_described(source: Path, header: Mapping[str, Any], columns: Collection[str]) -> None:
-    """Refuse a recording whose header does not describe its columns."""
-    units = header.get("units", {})
-    others = header.get("robot", {}), header.get("provenance")
-    whole = all(isinstance(part, dict) for part in (units, *others))
-    if not (
-        whole
-        and all(isinstance(unit, str) for unit in units.values())
-        and set(units) == set(columns) - {"t"}
-    ):
-        raise RecordingError(f"{source}: {_DAMAGED}")

@@ -14,12 +14,9 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from truejoint import schema
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.errors import RecordingError, RobotError, other_kind
+from truejoint.errors import RecordingError, other_kind
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.cable_mechanism import CableMechanism
-from truejoint.robots.forceps import Forceps
 from truejoint.summary import Summarised
 from truejoint.units import SI_UNITS
 
@@ -56,9 +53,6 @@ class Provenance:
         Which homing the positions refer to; positions of two homings differ by an offset.
     load : float
         Mass hung on the tool [kg]; NaN when not known.
-    mechanism : mapping
-        What is known of a cable-driven jaw by the names of `Forceps`, in SI units; where
-        it is empty, that of the robot counts.
     rates : mapping
         Nominal rate [Hz] of each stream, for instance ``{"state": 30.0, "truth": 100.0}``.
     dropped : mapping
@@ -89,7 +83,6 @@ class Provenance:
     session: str = ""
     homing_id: str = ""
     load: float = math.nan
-    mechanism: Mapping[str, float] = field(default_factory=dict)
     rates: Mapping[str, float] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)
     start: float = math.nan
@@ -122,13 +115,6 @@ class Provenance:
             return cls(**clean)
         except RecordingError as error:
             raise RecordingError(f"{error}; was the file edited?") from None
-
-
-def _mechanism(provenance: Provenance, robot: Robot) -> CableMechanism | None:
-    stated = provenance.mechanism
-    if not stated:
-        return robot.mechanism
-    return schema.read(Forceps, stated, "mechanism", RobotError).mechanism()
 
 
 def _plain(name: str, kind: str, value: Any) -> Any:
@@ -168,11 +154,15 @@ class Recording(Summarised):
     units : mapping
         SI unit of each column but ``t``; ``"1"`` for a quantity without a known unit.
     provenance : Provenance
+    robot : Robot, optional
+        The arm that was recorded; by default the one that the provenance names.
 
     Raises
     ------
     RecordingError
         If the table breaks one of these rules; the message names column, row and value.
+    RobotError
+        If there is no such robot.
 
     Examples
     --------
@@ -185,12 +175,16 @@ class Recording(Summarised):
     table: pd.DataFrame
     units: Mapping[str, str]
     provenance: Provenance
+    robot: Robot = None  # type: ignore[assignment]  # never None once it is made
 
     def __post_init__(self) -> None:
-        if not isinstance(self.provenance, Provenance):
+        origin = self.provenance
+        if not isinstance(origin, Provenance):
             raise RecordingError(
                 "a recording needs a Provenance; Recording.from_columns(table, robot) makes one"
             )
+        if self.robot is None or (self.robot.name, self.robot.arm) != (origin.robot, origin.arm):
+            object.__setattr__(self, "robot", get_robot(origin.robot, origin.arm))
         _check_table(self.table, self.units, self.provenance.source or "recording")
 
     @classmethod
@@ -200,14 +194,16 @@ class Recording(Summarised):
         provenance: Provenance | str,
         units: Mapping[str, str] | None = None,
         *,
+        robot: Robot | None = None,
         copy: bool = True,
     ) -> Recording:
         """Make a recording of columns by name; units of joint positions come from the robot.
 
         `columns` is a mapping or a DataFrame of ``t`` [s] and ``<quantity>/<joint>`` (n,), SI;
         `provenance` says where they come from, or no more than the robot's name; `units` those for
-        which `default_unit` is not right. Of a joint whose mechanism is known, the measured
-        position is that of its motor where it is not given. Without a `copy` the recording keeps
+        which `default_unit` is not right; `robot` is the arm where its name does not tell all.
+        The measured positions of a robot whose mechanism is known follow from those of its motors
+        where they are not given. Without a `copy` the recording keeps
         the arrays themselves, which then must not change: those of a day take much memory. Raises
         RecordingError or RobotError if the columns break a rule of a recording, or there is no such
         robot.
@@ -240,8 +236,8 @@ class Recording(Summarised):
             advice = "give units by column; an arm is named by Provenance(robot, arm)"
             raise RecordingError(other_kind(units, "mapping", advice))
         _check_shapes(arrays, provenance.source or "recording")
-        robot = get_robot(provenance.robot, provenance.arm)
-        mechanism = _mechanism(provenance, robot)
+        robot = robot or get_robot(provenance.robot, provenance.arm)
+        mechanism = robot.mechanism
         motors = [f"motor/{joint}" for joint in robot.joint_names]
         measured = [f"measured/{joint}" for joint in robot.joint_names]
         if mechanism is not None and arrays.keys() >= set(motors) and not {*measured} & {*arrays}:
@@ -250,7 +246,7 @@ class Recording(Summarised):
         table = pd.DataFrame(arrays, copy=copy)
         filled = {name: default_unit(name, robot) for name in table.columns if name != "t"}
         filled.update(units or {})
-        return cls(table, filled, provenance)
+        return cls(table, filled, provenance, robot)
 
     def __len__(self) -> int:
         return len(self.table)
@@ -269,19 +265,6 @@ class Recording(Summarised):
             **{name: ", ".join(self.joints_of(name)) or "-" for name in shown},
             **({"others": others} if others else {}),
         }
-
-    @property
-    def robot(self) -> Robot:
-        """The arm that was recorded."""
-        return get_robot(self.provenance.robot, self.provenance.arm)
-
-    @property
-    def mechanism(self) -> CableMechanism | None:
-        """What opens and shuts the jaw, as the provenance or else the robot states it.
-
-        Raises RobotError for one that cannot be.
-        """
-        return _mechanism(self.provenance, self.robot)
 
     @property
     def t(self) -> Array:
@@ -412,7 +395,7 @@ def recordings_of_file(
         own = replace(provenance, start=start, dropped=counts if count == 1 else {})
         if len(sessions) > 1:
             own = replace(own, session=f"{provenance.session}#{count}")
-        found.append(Recording.from_columns(rows, own, units))
+        found.append(Recording.from_columns(rows, own, units, robot=robot))
     return found
 
 

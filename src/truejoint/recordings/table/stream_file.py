@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
 from collections.abc import Callable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO, Final
 
@@ -17,19 +16,26 @@ import pyarrow as pa
 
 from truejoint.array_types import Array
 from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
-from truejoint.errors import RecordingError, RobotError, words
-from truejoint.files import content_hash, is_as_written, reason
+from truejoint.errors import RecordingError, words
+from truejoint.files import reason
 from truejoint.recordings.bounded_file import MAX_VALUES, require_file
+from truejoint.recordings.table.header import (
+    KEY,
+    check_version,
+    is_unchanged,
+    parse_header,
+    recorded,
+    sign,
+)
 from truejoint.recordings.table.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.table.stream import BACK, Stream, forward_rows, synchronise
-from truejoint.robots import adopt_robot
+from truejoint.robots import Robot
 
 SUFFIX: Final = ".arrows"  # Arrow's own for streams
 TOPICS_SUFFIX: Final = f".topics{SUFFIX}"  # of what stands beside a recording
 STATE: Final = "state"
 TRUTH: Final = "truth"
 _END: Final = "end"  # whose one block stands last in a file that was closed
-_KEY: Final = b"truejoint"
 _VERSION: Final = 1
 _DAMAGE: Final = (pa.ArrowException, OSError, MemoryError, UnicodeDecodeError)  # says Arrow
 # A block is one row of bytes, float64 little-endian: arrays that Arrow itself would unpack could,
@@ -112,10 +118,8 @@ class StreamWriter:
             self._file: BinaryIO = self.path.open("xb")
         except OSError as error:
             raise RecordingError(f"{path}: {reason(error)}; choose another name") from None
-        header = {"version": _VERSION, **header}
-        signed = {**header, "sha256": content_hash(header, {})}
-        described = json.dumps(signed, allow_nan=False).encode()
-        self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata({_KEY: described}))
+        signed = {KEY: sign({"version": _VERSION, **header}, {})}
+        self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata(signed))
         self.size = self._file.tell()
 
     def write(self, stream: str, t: Array, columns: Mapping[str, Array]) -> None:
@@ -124,14 +128,14 @@ class StreamWriter:
         Raises RecordingError if the disk is full or gone; what was written before stays.
         """
         values = np.column_stack([*columns.values()]) if columns else np.empty((len(t), 0))
-        described = {"stream": stream, "columns": list(columns)}
-        signed = {**described, "sha256": content_hash(described, {"t": t, "values": values})}
+        block = {"stream": stream, "columns": list(columns)}
+        signed = {KEY: sign(block, {"t": t, "values": values})}
         row = [pa.array([np.asarray(a, "<f8").tobytes()], pa.binary()) for a in (t, values)]
         batch = pa.record_batch(row, schema=_SCHEMA)
         if self._file.closed:
             raise RecordingError(f"{self.path}: is closed; open another")
         try:
-            self._stream.write_batch(batch, custom_metadata={_KEY: json.dumps(signed).encode()})
+            self._stream.write_batch(batch, custom_metadata=signed)
             self._file.flush()
         except (OSError, pa.ArrowException) as error:
             why = reason(error) if isinstance(error, OSError) else words(error)
@@ -202,19 +206,16 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     """
     source = Path(path)
     header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))
+    provenance, robot = recorded(source, header)
     try:
-        if "robot" in header:
-            adopt_robot(header["robot"], source.name)
-        provenance = Provenance.from_dict(header["provenance"])
         gap_limit, rate = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
-        notes = "; ".join(filter(None, (provenance.notes, end)))
-        return assembled(
-            streams.get(STATE), streams.get(TRUTH), provenance, gap_limit, rate, notes, str(source)
-        )
-    except (KeyError, TypeError, ValueError, RobotError) as error:
-        if isinstance(error, RecordingError):
-            raise
+    except (KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{source}: its header is damaged ({error!s:.80})") from None
+    notes = "; ".join(filter(None, (provenance.notes, end)))
+    origin = replace(provenance, source=str(source), notes=notes)
+    return recording_of_streams(
+        streams.get(STATE), streams.get(TRUTH), origin, robot, gap_limit, rate
+    )
 
 
 def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
@@ -256,63 +257,53 @@ def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame
     return tables
 
 
-def assembled(
+def recording_of_streams(
     state: Stream | None,
     truth: Stream | None,
     provenance: Provenance,
+    robot: Robot,
     gap_limit: float,
     state_rate: float,
-    notes: str,
-    source: str,
-    dropped: Mapping[str, int] | None = None,
 ) -> Recording:
     """Make a recording of its streams, the truth at the stamps of the state.
 
-    `state_rate` [Hz] is that of the recorder, infinite where it kept all rows; `dropped` counts
-    rows that it left out. Raises RecordingError if there are fewer than 2 rows of the state.
+    `state_rate` [Hz] is that of the recorder, infinite where it kept all rows. Raises
+    RecordingError if there are fewer than 2 rows of the state.
     """
     if state is None or len(state.t) < 2:
         raise RecordingError(
-            f"{source}: {0 if state is None else len(state.t)} rows; an arm reports only while "
-            "homed and moving or holding"
+            f"{provenance.source}: {0 if state is None else len(state.t)} rows; an arm reports "
+            "only while homed and moving or holding"
         )
-    state, back = _forward(state)
-    lost = {**(dropped or {}), f"state: {BACK}": back}
+    state, dropped = _forward(state, "state")
     columns = {"t": state.t, **state.columns}
     rates = nominal_rates(state=state.t)
     if not math.isinf(state_rate):
         rates |= {"state": state_rate}
     if truth is not None and len(truth.t) >= 2:
-        truth, back = _forward(truth)
+        truth, counts = _forward(truth, "truth")
         columns, unmatched = synchronise(state, truth, gap_limit)
-        lost |= {f"truth: {BACK}": back} | unmatched
+        dropped |= counts | unmatched
         rates |= nominal_rates(truth=truth.t)
     start = float(columns["t"][0])
     columns["t"] = columns["t"] - start
-    known = vars(provenance) | {
-        "source": source, "rates": rates, "dropped": lost, "start": start, "notes": notes
-    }  # fmt: skip
-    return Recording.from_columns(columns, Provenance(**known))
+    dropped = {**provenance.dropped, **dropped}
+    origin = replace(provenance, rates=rates, dropped=dropped, start=start)
+    return Recording.from_columns(columns, origin, robot=robot)
 
 
-def _forward(stream: Stream) -> tuple[Stream, int]:
+def _forward(stream: Stream, name: str) -> tuple[Stream, dict[str, int]]:
     """All rows but those of a clock that was set back, and how many those are."""
     forward = forward_rows(stream.t)
-    return stream.rows(forward), int((~forward).sum())
+    return stream.rows(forward), {f"{name}: {BACK}": int((~forward).sum())}
 
 
 def _header(source: Path, schema: Any) -> dict[str, Any]:
-    header = None
-    with suppress(ValueError, RecursionError):
-        header = json.loads((schema.metadata or {}).get(_KEY, b""))
-    if not isinstance(header, dict) or not schema.equals(_SCHEMA):
+    header = parse_header(schema.metadata)
+    if header is None or not schema.equals(_SCHEMA):
         raise RecordingError(f"{source}: was not written by truejoint's recorder")
-    if header.get("version") != _VERSION:
-        raise RecordingError(
-            f"{source}: is of version {header.get('version')!s:.20}, this truejoint reads "
-            f"{_VERSION}; update truejoint"
-        )
-    if not is_as_written(header.pop("sha256", None), header, {}):
+    check_version(source, header, _VERSION)
+    if not is_unchanged(header, {}):
         raise RecordingError(f"{source}: its header is not as it was written; the file was damaged")
     return header
 
@@ -320,19 +311,16 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
 def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str], Array, Array]]:
     """Stream that a block belongs to, its columns, stamps (n,) and values (n, n_columns)."""
     batch.validate(full=True)
-    described: Any = None
-    with suppress(ValueError, RecursionError):
-        described = json.loads((metadata or {}).get(_KEY, b""))
-    named = isinstance(described, dict) and isinstance(described.get("columns"), list)
-    if named and batch.num_rows == 1:
-        digest = described.pop("sha256", None)
-        names, pair = described["columns"], [column[0].as_py() for column in batch.columns]
+    block = parse_header(metadata) or {}
+    names = block.get("columns")
+    if isinstance(names, list) and batch.num_rows == 1:
+        pair = [column[0].as_py() for column in batch.columns]
         whole = all(isinstance(a, bytes) and len(a) % 8 == 0 for a in pair)
         t, values = (np.frombuffer(a, "<f8") if whole else np.empty(1) for a in pair)
         if whole and values.size == len(t) * len(names):
             values = values.reshape(len(t), len(names))
-            if is_as_written(digest, described, {"t": t, "values": values}):
-                return str(described["stream"]), (names, t, values)
+            if is_unchanged(block, {"t": t, "values": values}):
+                return str(block["stream"]), (names, t, values)
     raise RecordingError(
         f"{source}: a block is not as it was written; the file was damaged or edited"
     )

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
 from truejoint.recordings.table.recording import Provenance, Recording
+from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift
@@ -54,8 +56,10 @@ def record_forceps(
         homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
         f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",
         load=mass,
-        mechanism=parameters.mechanism._asdict(),
         rates={"state": 1.0 / float(run.t[1] - run.t[0])},
         notes=notes,
     )
-    return Recording.from_columns(columns, provenance)
+    robot = replace(
+        get_robot("forceps"), mechanism=parameters.mechanism.mechanism(), transmission=None
+    )
+    return Recording.from_columns(columns, provenance, robot=robot)
