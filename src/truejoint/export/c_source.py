@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from collections.abc import Callable, Mapping
 from functools import cache, partial
 from pathlib import Path
-from textwrap import wrap
 from typing import Any, Final, Literal, get_args
 
 import jinja2
-import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import ExportError
+from truejoint.export.c_values import Style
 from truejoint.files import write_all_atomically
 
 Precision = Literal["double", "float"]
@@ -23,7 +22,6 @@ Precision = Literal["double", "float"]
 MAX_PREFIX: Final = 40
 _PREFIX: Final = re.compile(r"[A-Za-z](?:_?[A-Za-z0-9])*", re.ASCII)
 _UNSAFE: Final = re.compile(r"[^A-Za-z0-9 _.,:;()\[\]{}<>=+/'%^-]")
-_WIDTH: Final = 96
 
 
 def check_precision(precision: str) -> None:
@@ -42,30 +40,16 @@ def check_prefix(prefix: str) -> str:
     return prefix
 
 
-def number(value: float, precision: Precision) -> str:
-    """Hexadecimal C99 constant that is exactly `value`, or the float nearest to it.
-
-    Infinity and NaN become the macros of math.h; raises ExportError if a number does not fit.
-    """
-    if not math.isfinite(value):
-        return "NAN" if math.isnan(value) else "INFINITY" if value > 0 else "-INFINITY"
-    if precision == "double":
-        return float(value).hex()
-    with np.errstate(over="ignore"):
-        kept = float(np.float32(value))
-    if not math.isfinite(kept):
-        raise ExportError(f"{float(value)!r} does not fit a {precision}; export in double")
-    return f"{kept.hex()}f"
-
-
 def table(values: ArrayLike, precision: Precision) -> str:
-    """Braced initialiser of the values of an array, row by row, in lines of text."""
-    items = [f"{number(value, precision)}," for value in np.asarray(values, dtype=float).ravel()]
-    pad = "    "
-    lines = wrap(
-        " ".join(items), _WIDTH, initial_indent=pad, subsequent_indent=pad, break_on_hyphens=False
-    )
-    return "\n".join(["{", *lines, "}"])
+    """Braced initialiser of the values of an array, row by row."""
+    return f"{{{', '.join(Style(precision == 'float').literals(values))}}}"
+
+
+def rows(values: Array, precision: Precision) -> list[str]:
+    """Braced initialisers of the rows of an array (n, k)."""
+    texts = Style(precision == "float").literals(values)
+    starts = range(0, len(texts), max(values.shape[1], 1))
+    return [f"{{{', '.join(texts[i : i + values.shape[1]])}}}" for i in starts]
 
 
 def comment(text: object) -> str:
@@ -92,8 +76,6 @@ def _environment(precision: Precision) -> jinja2.Environment:
         autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
     )
     filters: dict[str, Callable[[Any], str]] = {
-        "number": lambda value: number(value, precision),
-        "exact": lambda value: number(value, "double"),
         "table": lambda values: table(values, precision),
         "exact_table": lambda values: table(values, "double"),
         "comment": comment,

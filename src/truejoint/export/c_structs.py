@@ -215,4 +215,4 @@ def element_texts(f: Field, values: NDArray[Any], style: Style) -> list[str]:
         large = values[np.isfinite(values) & (np.abs(values) > float(np.finfo(np.float32).max))]
         if large.size:
             raise ExportError(f"{large.tolist()[0]!r} does not fit a float; export in double")
-    return [style.literal(value, kind) for value in values.tolist()]
+    return style.literals(values, kind)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 Kind = Literal["bool", "int", "real", "time"]
 """Of a number: `real` is the arithmetic's, `time` has double precision always."""
@@ -167,17 +166,25 @@ class Style:
 
     def literal(self, value: float, kind: Kind = "real") -> str:
         """Shortest decimal constant that is exactly `value`, or the float nearest to it."""
-        if math.isnan(value):
-            return "NAN"
-        if math.isinf(value):
-            return "INFINITY" if value > 0 else "-INFINITY"
+        return self.literals([value], kind)[0]
+
+    def literals(self, values: ArrayLike, kind: Kind = "real") -> list[str]:
+        """Constants of an array, row by row, as `literal`; what no float reaches is the largest."""
+        numbers = np.asarray(values, dtype=float).ravel()
         if not self.single or kind == "time":
-            return repr(float(value))
-        limits = np.finfo(np.float32)
-        size = min(abs(value), float(limits.max))
-        size = max(size, float(limits.tiny)) if value else 0.0
-        text = f"{np.float32(math.copysign(size, value))!s}f"
-        return text if "." in text or "e" in text else text[:-1] + ".0f"
+            texts = list(map(repr, numbers.tolist()))
+        else:
+            limits = np.finfo(np.float32)
+            size = np.clip(np.abs(numbers), float(limits.tiny), float(limits.max))
+            size = np.copysign(np.where(numbers == 0.0, 0.0, size), numbers).astype(np.float32)
+            texts = [f"{number!s}f" for number in size]
+        special = {**dict.fromkeys(np.flatnonzero(np.isnan(numbers)).tolist(), "NAN")}
+        for sign in (1, -1):
+            places = np.flatnonzero(numbers == sign * np.inf).tolist()
+            special |= dict.fromkeys(places, "INFINITY" if sign > 0 else "-INFINITY")
+        for place, text in special.items():
+            texts[place] = text
+        return texts
 
     def text(self, value: Scalar, needed: int = 0, kind: Kind | None = None) -> str:
         """Value as C, for a place that binds as tightly as `needed` and is of that kind."""

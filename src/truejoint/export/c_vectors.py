@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import ExportError
 from truejoint.estimators.family import EstimatorData
@@ -33,19 +33,28 @@ _LONGEST_STANDSTILL: Final = 300  # samples; a model whose limit is beyond goes 
 
 
 @dataclass(frozen=True, eq=False)
-class Vector:
-    """One sample and what comes of it."""
+class Vectors:
+    """Samples in the order of time."""
 
-    t: float  # time stamp [s]
-    sample: Array  # (n_signals,)
-    action: int = NOTHING  # or another of the four, before the sample
-    is_homed: bool = False  # for `SET_HOMING`
-    homing_id: int = HOMING_UNKNOWN
-    status: int = 0  # bits of `Status`
-    position: Array = field(default_factory=lambda: np.empty(0))  # (n_joints,) [rad or m]
-    half_width: Array = field(default_factory=lambda: np.empty(0))
-    wanted: Array = field(default_factory=lambda: np.empty(0))  # (n_joints,), of a compensator
-    setpoint: Array = field(default_factory=lambda: np.empty(0))  # and what it gives [rad or m]
+    t: Array  # (n,) time stamps [s]
+    sample: Array  # (n, n_signals)
+    action: Integers  # (n,) one of the four, before the sample
+    is_homed: Integers  # (n,) and
+    homing_id: Integers  # (n,) for `SET_HOMING`
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """What comes of vectors."""
+
+    status: Integers  # (n,) bits of `Status`
+    position: Array  # (n, n_joints) [rad or m]
+    half_width: Array  # (n, n_joints) [rad or m]
+    desired: Array  # (n, n_joints), of a compensator: where the joints are to be
+    setpoint: Array  # (n, n_joints) and what it gives [rad or m]
 
 
 def make_vectors(
@@ -56,30 +65,30 @@ def make_vectors(
     range_margin: float,
     dtype: type,
     compensator: Compensator | None = None,
-) -> tuple[list[Vector], Array, Array, Array]:
+) -> tuple[Vectors, Answers, Array, Array, Array]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
     The calibration is given as itself and as plain data, `level` and `range_margin` as `Corrector`
-    takes them; samples are numbers of type `dtype`. Gives the vectors, the offset (n_joints,)
-    [rad or m] for `REZERO`, and how far positions and half-widths of each joint (n_joints,)
-    [rad or m] move when all that the corrector keeps is rounded to `dtype` after every sample, and
-    its largest position once more; then how far set-points of the `compensator` do. Raises
-    ExportError if fewer than half of the samples are corrected: they would check little.
+    takes them; samples are numbers of type `dtype`. Gives the vectors, the answers, the offset
+    (n_joints,) [rad or m] for `REZERO`, and how far positions and half-widths of each joint
+    (n_joints,) [rad or m] move when all that the corrector keeps is rounded to `dtype` after every
+    sample, and its largest position once more; then how far set-points of the `compensator` do.
+    Raises ExportError if fewer than half of the samples are corrected: they would check little.
     """
     span = limits.correction_upper - limits.correction_lower
     offset = (0.1 * span).astype(dtype).astype(float)
+
+    def run(kind: type[Corrector], desired: Array | None = None) -> Answers:
+        corrector = kind(calibration, level=level, range_margin=range_margin)
+        loop = None if compensator is None else compensator.around(corrector)
+        return answer(corrector, calibration.metadata, vectors, offset, loop, desired)
+
     scale = 0.8
     while True:  # smaller motion is more like the middle of the training rows
-        stream = [replace(v, sample=v.sample.astype(dtype).astype(float))
-                  for v in _stream(data, limits, scale)]  # fmt: skip
-
-        def run(kind: type[Corrector], stream: list[Vector] = stream) -> list[Vector]:
-            corrector = kind(calibration, level=level, range_margin=range_margin)
-            loop = None if compensator is None else compensator.around(corrector)
-            return answer(corrector, calibration.metadata, stream, offset, loop)
-
-        vectors = run(Corrector)
-        good = sum(v.status == 0 for v in vectors)
+        vectors = _vectors(data, limits, scale)
+        vectors = replace(vectors, sample=vectors.sample.astype(dtype).astype(float))
+        answers = run(Corrector)
+        good = int((answers.status == 0).sum())
         if 2 * good >= len(vectors):
             break
         scale /= 2
@@ -89,40 +98,36 @@ def make_vectors(
                 "source by; calibrate with more data"
             )
     if dtype is np.float64:
-        return vectors, offset, *np.zeros((2, len(offset)))
-    pairs = list(zip(vectors, run(_RoundedCorrector, vectors), strict=True))
-    moved = [_difference(a, b) for a, b in pairs if a.status == b.status == 0]
+        return vectors, answers, offset, *np.zeros((2, len(offset)))
+    rounded = run(_RoundedCorrector, answers.desired)
+    rows = (answers.status == 0) & (rounded.status == 0)
+    widths = np.stack([answers.half_width, rounded.half_width])[:, rows]
+    widths[:, ~np.isfinite(widths).all(axis=0)] = 0.0
+    moved = np.maximum(
+        np.abs(answers.position[rows] - rounded.position[rows]), np.abs(widths[0] - widths[1])
+    )
     measured = [data.signals.index(f"measured/{joint}") for joint in data.joints]
     bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]]).max(axis=0)
-    nowhere = np.full_like(bounds, np.inf)
     rounding = np.finfo(np.float32).eps * bounds
-    strayed = np.zeros_like(bounds)
-    if compensator is not None:
-        strayed = np.max([np.abs(a.setpoint - b.setpoint) for a, b in pairs], axis=0)
-    return vectors, offset, np.max(moved or [nowhere], axis=0) + rounding, strayed + rounding
-
-
-def _difference(a: Vector, b: Vector) -> Array:
-    """Difference of positions or, if it is larger, of finite half-widths [rad or m]."""
-    known = np.isfinite(a.half_width) & np.isfinite(b.half_width)
-    widths = np.subtract(a.half_width, b.half_width, out=np.zeros_like(a.position), where=known)
-    return np.maximum(np.abs(a.position - b.position), np.abs(widths))
+    error = moved.max(axis=0) if len(moved) else np.full_like(bounds, np.inf)
+    strayed = np.abs(answers.setpoint - rounded.setpoint).max(axis=0, initial=0.0)
+    return vectors, answers, offset, error + rounding, strayed + rounding
 
 
 class _RoundedCorrector(Corrector):
     """Corrector whose memory, but for time stamps, is rounded to float after every sample."""
 
-    __slots__ = ("_kept",)
+    __slots__ = ("_rounded",)
 
     def __init__(self, model: Calibration, *, level: float | None, range_margin: float) -> None:
         super().__init__(model, level=level, range_margin=range_margin)
-        self._kept = np.ones(len(self._memory), dtype=np.bool_)
+        self._rounded = np.ones(len(self._memory), dtype=np.bool_)
         for field_ in self._packed.layout.fields.values():
             if field_.is_time and field_.kind == "scalar":
-                self._kept[field_.index] = False
+                self._rounded[field_.index] = False
             elif field_.is_time:
                 start = int(self._numbers[field_.index])
-                self._kept[start : start + self._packed.view(field_.name).size] = False
+                self._rounded[start : start + self._packed.view(field_.name).size] = False
 
     def step(self, t: float, sample: Any) -> Any:
         """Correct one sample, with all numbers rounded before and after."""
@@ -133,68 +138,69 @@ class _RoundedCorrector(Corrector):
 
     def _round(self) -> None:
         with np.errstate(over="ignore"):
-            self._memory[self._kept] = self._memory[self._kept].astype(np.float32)
+            self._memory[self._rounded] = self._memory[self._rounded].astype(np.float32)
 
 
 def answer(
     corrector: Corrector,
     metadata: Mapping[str, Any],
-    stream: list[Vector],
+    vectors: Vectors,
     offset: Array,
     compensator: Compensator | None = None,
-) -> list[Vector]:
-    """Fill in what a fresh `Corrector`, and a compensator around it, make of a stream.
+    desired: Array | None = None,
+) -> Answers:
+    """Give what a fresh `Corrector`, and a compensator around it, make of vectors.
 
-    What is wanted is where the joints were last; where that is not known, nothing is. Every so many
-    samples they are to stand still. Of a stream that was answered before, it is what was then.
+    The joints are to be where they were last; where that is not known, there is no such place.
+    Every so many samples they are to stand still. With `desired` (n, n_joints) [rad or m] they are
+    to be there.
     """
     ids = homing_ids(metadata)
     names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: ids[0] if ids else "of the calibration"}
-    answered: list[Vector] = []
-    wanted = np.full(len(corrector.joints), np.nan)
-    for number, vector in enumerate(stream):
-        if vector.action == SET_HOMING:
-            name = names.get(vector.homing_id, f"homing {vector.homing_id}")
-            corrector.set_homing(vector.is_homed, name)
-        elif vector.action == REZERO:
+    n, m = len(vectors), len(corrector.joints)
+    size = m if compensator else 0
+    answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *np.empty((2, n, size)))
+    target = np.full(m, np.nan)
+    for i, (t, sample, action) in enumerate(
+        zip(vectors.t.tolist(), vectors.sample, vectors.action.tolist(), strict=True)
+    ):
+        if action == SET_HOMING:
+            homing = int(vectors.homing_id[i])
+            corrector.set_homing(bool(vectors.is_homed[i]), names.get(homing, f"homing {homing}"))
+        elif action == REZERO:
             corrector.rezero(offset)
-        elif vector.action == ACKNOWLEDGE:
+        elif action == ACKNOWLEDGE:
             corrector.acknowledge()
-        told: dict[str, Any] = {}
         if compensator is None:
-            status = int(corrector.step(vector.t, vector.sample))
+            answers.status[i] = corrector.step(t, sample)
         else:
-            if number == 0:
-                compensator.start(vector.sample[compensator.measured])
-            if vector.wanted.size:
-                wanted = vector.wanted
-            setpoint = compensator.step(vector.t, vector.sample, wanted).copy()
-            status = int(compensator.status)
-            told = {"wanted": wanted, "setpoint": setpoint}
-            if number % _STANDING > _STANDING // 4:
-                wanted = np.where(status, np.nan, corrector.position)
-        position, half_width = corrector.position.copy(), corrector.half_width.copy()
-        answered.append(
-            replace(vector, status=status, position=position, half_width=half_width, **told)
-        )
-    return answered
+            if i == 0:
+                compensator.start(sample[compensator.measured])
+            answers.desired[i] = target if desired is None else desired[i]
+            answers.setpoint[i] = compensator.step(t, sample, answers.desired[i])
+            status = answers.status[i] = int(compensator.status)
+            if i % _STANDING > _STANDING // 4:
+                target = np.where(status, np.nan, corrector.position)
+        answers.position[i], answers.half_width[i] = corrector.position, corrector.half_width
+    return answers
 
 
-def _stream(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> list[Vector]:
+def _vectors(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> Vectors:
     """Smooth motion about the middle of the training rows, broken by faults, and as much whole."""
     motion = _Motion(data, limits, scale)
-    vectors = [replace(motion.next(), action=SET_HOMING, is_homed=True,
-                       homing_id=HOMING_OF_CALIBRATION)]  # fmt: skip
-    vectors += motion.run(_START)
+    motion.run(1, SET_HOMING, is_homed=True, homing_id=HOMING_OF_CALIBRATION)
+    motion.run(_START)
     for fault in (_faulty_stamps, _faulty_signals, _standstill, _homings):
-        for one in fault(motion):
-            vectors += one
-            vectors += [replace(motion.next(), action=ACKNOWLEDGE), *motion.run(_QUIET)]
-    return vectors + motion.run(len(vectors))
+        for _ in fault(motion):
+            motion.run(1, ACKNOWLEDGE)
+            motion.run(_QUIET)
+    motion.run(sum(map(len, motion.parts)))
+    columns = ([getattr(part, f.name) for part in motion.parts] for f in fields(Vectors))
+    return Vectors(*map(np.concatenate, columns))
 
 
 class _Motion:
-    """Samples of a smooth motion, one after the other."""
+    """Samples of a smooth motion, part by part, which a fault then changes."""
 
     def __init__(self, data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> None:
         training_domain = data.training_domain
@@ -212,108 +218,108 @@ class _Motion:
         room = np.minimum(self.middle - self.lower, self.upper - self.middle)
         self.amplitude = scale * room * (limits.moves > 0)
         reach = np.where(limits.moves > 0, training_domain.signal_step, 1.0) / limits.training_dt
-        fastest = np.full(len(room), 2 * np.pi * _FASTEST)
-        fastest *= 1 + 0.1 * np.arange(len(room)) / len(room)
+        self.speed = np.full(len(room), 2 * np.pi * _FASTEST)
+        self.speed *= 1 + 0.1 * np.arange(len(room)) / len(room)
         some = self.amplitude > 0
-        fastest[some] = np.minimum(fastest[some], reach[some] / self.amplitude[some])
-        self.speed = fastest
-        self.t = 10.0
-        self.count = 0
+        self.speed[some] = np.minimum(self.speed[some], reach[some] / self.amplitude[some])
+        self.t, self.count = 10.0, 0
+        self.parts: list[Vectors] = []
 
-    def next(self, steps: float = 1.0) -> Vector:
-        """Sample after a number of training time steps."""
-        self.count += 1
-        jitter = 1.0 + 0.1 * np.sin(self.count)
-        self.t += steps * jitter * self.limits.training_dt
-        phase = self.speed * self.t + np.arange(len(self.speed))
-        return Vector(self.t, self.agreeing(self.middle + self.amplitude * np.sin(phase)))
+    def run(
+        self,
+        n: int,
+        action: int = NOTHING,
+        *,
+        steps: float = 1.0,
+        is_homed: bool = False,
+        homing_id: int = HOMING_UNKNOWN,
+    ) -> Vectors:
+        """Add `n` samples so many training time steps apart, an action before the first."""
+        count = self.count + 1 + np.arange(n)
+        t = self.t + np.cumsum(steps * (1.0 + 0.1 * np.sin(count)) * self.limits.training_dt)
+        if n:
+            self.t, self.count = float(t[-1]), int(count[-1])
+        phase = np.outer(t, self.speed) + np.arange(len(self.speed))
+        sample = self.agreeing(self.middle + self.amplitude * np.sin(phase))
+        first = (np.arange(n) == 0).astype(np.int64)
+        part = Vectors(t, sample, action * first, is_homed * first, homing_id * first)
+        self.parts.append(part)
+        return part
 
-    def agreeing(self, sample: Array) -> Array:
-        """Sample with what is redundant to the measured positions changed so that it fits them."""
-        if self.parity is None:
-            return sample
-        wrong = self.parity.matrix @ sample + self.parity.intercept
-        agreeing = sample.copy()
-        agreeing[self.redundant] -= self.fitting @ wrong
-        return agreeing
+    def agreeing(self, samples: Array) -> Array:
+        """Change the redundant signals of samples (n, n_signals) so that they fit the positions."""
+        if self.parity is not None:
+            wrong = samples @ self.parity.matrix.T + self.parity.intercept
+            samples[:, self.redundant] -= wrong @ self.fitting.T
+        return samples
 
-    def run(self, n: int) -> list[Vector]:
-        """Ordinary samples."""
-        return [self.next() for _ in range(n)]
-
-    def with_signal(self, index: int, value: float) -> Vector:
-        """Ordinary sample but for one signal."""
-        vector = self.next()
-        vector.sample[index] = value
-        return vector
+    def each(self, signals: Integers, values: Array) -> None:
+        """Add ordinary samples but for one signal each."""
+        part = self.run(len(signals))
+        part.sample[np.arange(len(part)), signals] = values
 
 
-def _faulty_stamps(motion: _Motion) -> Iterator[list[Vector]]:
+def _faulty_stamps(motion: _Motion) -> Iterator[None]:
     """Numbers not finite; stale stamps; too slow for a model; a gap; a clock that was set back."""
     n = len(motion.middle)
-    yield [
-        motion.with_signal(0, np.nan), motion.with_signal(n - 1, np.inf),
-        motion.with_signal(n // 2, -np.inf), replace(motion.next(), t=np.nan),
-        replace(motion.next(), t=np.inf),
-    ]  # fmt: skip
-    first, second = motion.next(), motion.next()
-    yield [first, first, second, replace(motion.next(), t=first.t)]
+    motion.each(np.array([0, n - 1, n // 2]), np.array([np.nan, np.inf, -np.inf]))
+    motion.run(2).t[:] = np.nan, np.inf
+    yield
+    part = motion.run(4)
+    for field in (part.t, part.sample):
+        field[1:3] = field[:2].copy()
+    part.t[3] = part.t[0]
+    yield
     bridged, dt = motion.limits.longest, motion.limits.training_dt
     if np.isfinite(motion.limits.slowest):
-        yield [motion.next(1.5 * motion.limits.slowest / dt) for _ in range(_SLOW)]
-    yield [motion.next(3 * bridged / dt)]
-    yield [motion.next(-5 * bridged / dt)]
+        motion.run(_SLOW, steps=1.5 * motion.limits.slowest / dt)
+        yield
+    motion.run(1, steps=3 * bridged / dt)
+    yield
+    motion.run(1, steps=-5 * bridged / dt)
+    yield
 
 
-def _faulty_signals(motion: _Motion) -> Iterator[list[Vector]]:
+def _faulty_signals(motion: _Motion) -> Iterator[None]:
     """Of moving signals in turn: a spike; far out of range both ways; slowly out of it and back."""
     moving, span = np.flatnonzero(motion.limits.moves), motion.upper - motion.lower
-    sides = (motion.upper, span), (motion.lower, -span)
-    spikes = []
-    for i in moving:
-        vector, jump = motion.next(), 1.2 * motion.limits.reach[i]
-        vector.sample[i] += jump if vector.sample[i] < motion.middle[i] else -jump
-        spikes += [vector, motion.next()]
-    yield spikes
-    yield [motion.with_signal(int(i), at[i] + 1.1 * out[i]) for i in moving for at, out in sides]
-    for at, out in sides:
-        slowly = []
+    part = motion.run(2 * len(moving))
+    rows, jump = np.arange(0, len(part), 2), 1.2 * motion.limits.reach[moving]
+    below = part.sample[rows, moving] < motion.middle[moving]
+    part.sample[rows, moving] += np.where(below, jump, -jump)
+    yield
+    far = np.stack([motion.upper + 1.1 * span, motion.lower - 1.1 * span], axis=1)
+    motion.each(np.repeat(moving, 2), far[moving].ravel())
+    yield
+    share = np.array([*range(1, 9), *range(8, 0, -1)]) / 8
+    for end, out in ((motion.upper, span), (motion.lower, -span)):
         for i in moving[:_SLOWLY]:
-            way = at[i] + 0.3 * out[i] - motion.middle[i]
-            for share in (*range(1, 9), *range(8, 0, -1)):
-                vector = motion.next()
-                vector.sample[i] += way * share / 8
-                slowly.append(replace(vector, sample=motion.agreeing(vector.sample)))
-        yield slowly
+            part = motion.run(len(share))
+            part.sample[:, i] += (end[i] + 0.3 * out[i] - motion.middle[i]) * share
+            motion.agreeing(part.sample)
+        yield
 
 
-def _standstill(motion: _Motion) -> Iterator[list[Vector]]:
+def _standstill(motion: _Motion) -> Iterator[None]:
     """Hold a signal, but for its noise, while its partner moves, then all of them for long."""
-    held, partner = motion.next(), np.flatnonzero(np.isfinite(motion.limits.travel))[:1]
-    noise = 0.9 * motion.limits.flicker
-    yield [held] + [
-        motion.with_signal(i, held.sample[i] + n % 2 * noise[i])
-        for i in partner
-        for n in range(100)
-    ]
-    held, share = motion.next(), 0.5 * motion.limits.longest
-    held_for = motion.limits.hold / share + 3.0
-    n = int(held_for) if held_for <= _LONGEST_STANDSTILL else 0
-    steps = share / motion.limits.training_dt
-    yield [held, *(replace(motion.next(steps), sample=held.sample) for _ in range(n))]
+    first, noise = motion.run(1).sample[0], 0.9 * motion.limits.flicker
+    for i in np.flatnonzero(np.isfinite(motion.limits.travel))[:1]:
+        motion.each(np.full(100, i), first[i] + np.arange(100) % 2 * noise[i])
+    yield
+    first, share = motion.run(1).sample[0], 0.5 * motion.limits.longest
+    samples = motion.limits.hold / share + 3.0
+    n = int(samples) if samples <= _LONGEST_STANDSTILL else 0
+    motion.run(n, steps=share / motion.limits.training_dt).sample[:] = first
+    yield
 
 
-def _homings(motion: _Motion) -> Iterator[list[Vector]]:
+def _homings(motion: _Motion) -> Iterator[None]:
     """Not homed; homed again, unknown which; re-zeroed; another homing; that of the calibration."""
-    actions = [
+    for action, is_homed, homing_id in (
         (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, HOMING_UNKNOWN),
         (REZERO, False, HOMING_UNKNOWN), (SET_HOMING, True, 7), (REZERO, False, HOMING_UNKNOWN),
         (SET_HOMING, True, 7), (SET_HOMING, False, HOMING_UNKNOWN), (SET_HOMING, True, 7),
-        (SET_HOMING, True, 8),
-        (SET_HOMING, True, HOMING_OF_CALIBRATION),
-    ]  # fmt: skip
-    out = []
-    for action, is_homed, homing_id in actions:
-        first = replace(motion.next(), action=action, is_homed=is_homed, homing_id=homing_id)
-        out += [first, *motion.run(3)]
-    yield out
+        (SET_HOMING, True, 8), (SET_HOMING, True, HOMING_OF_CALIBRATION),
+    ):  # fmt: skip
+        motion.run(4, action, is_homed=is_homed, homing_id=homing_id)
+    yield

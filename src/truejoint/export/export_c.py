@@ -5,7 +5,7 @@ from __future__ import annotations
 import ast
 import inspect
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntFlag
 from importlib.metadata import version
 from pathlib import Path
@@ -19,8 +19,16 @@ from truejoint.calibration.interval import LEVEL
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.export.c_printer import print_kernels
-from truejoint.export.c_source import Precision, check_precision, check_prefix, render, write_files
-from truejoint.export.c_vectors import make_vectors
+from truejoint.export.c_source import (
+    Precision,
+    check_precision,
+    check_prefix,
+    render,
+    rows,
+    write_files,
+)
+from truejoint.export.c_values import Style
+from truejoint.export.c_vectors import Answers, Vectors, make_vectors
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
 from truejoint.runtime import fields
@@ -156,12 +164,13 @@ def source_files(
         raise ExportError(str(refused)) from None
     context = _memory_context(memory, prefix, precision)
     dtype = np.float64 if precision == "double" else np.float32
-    vectors, offset, error, strayed = make_vectors(
+    vectors, answers, offset, error, strayed = make_vectors(
         calibration, data, limits, level, range_margin, dtype, compensator
     )
     context |= {
         "prefix": prefix, "guard": prefix.upper(), "level": LEVEL if level is None else level,
-        "title": calibration.title, "estimator": calibration.estimator, "rows": vectors,
+        "title": calibration.title, "estimator": calibration.estimator,
+        "rows": _vector_rows(vectors, answers, precision), "n_vectors": len(vectors),
         "vector_offset": offset,
     }  # fmt: skip
     context |= _calibration_context(data) | _precision_context(
@@ -172,7 +181,7 @@ def source_files(
     context["compensates"] = compensator is not None
     if compensator is not None:
         context |= _compensator_context(compensator, prefix) | {
-            "vector_start": vectors[0].sample[compensator.measured],
+            "vector_start": vectors.sample[0, compensator.measured],
             "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
         }
         templates |= _COMPENSATOR_TEMPLATES
@@ -181,6 +190,18 @@ def source_files(
         for ending, template in templates.items()
     }
     return {name: text.encode("ascii") for name, text in texts.items()}
+
+
+def _vector_rows(vectors: Vectors, answers: Answers, precision: Precision) -> str:
+    """Give the initialisers of the test vectors, a line each."""
+    columns: list[Iterable[Any]] = [
+        vectors.action, vectors.is_homed, vectors.homing_id,
+        Style(single=False).literals(vectors.t), rows(vectors.sample, precision), answers.status,
+        rows(answers.position, "double"), rows(answers.half_width, "double"),
+    ]  # fmt: skip
+    if answers.setpoint.size:
+        columns += [rows(answers.desired, "double"), rows(answers.setpoint, "double")]
+    return "\n".join(f"    {{{', '.join(map(str, row))}}}," for row in zip(*columns, strict=True))
 
 
 def default_prefix(calibration: Calibration) -> str:
