@@ -110,7 +110,9 @@ def make_vectors(
     bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]]).max(axis=0)
     rounding = np.finfo(np.float32).eps * bounds
     error = moved.max(axis=0) if len(moved) else np.full_like(bounds, np.inf)
-    strayed = np.abs(answers.setpoint - rounded.setpoint).max(axis=0, initial=0.0)
+    strayed = np.zeros_like(bounds)
+    if compensator is not None:
+        strayed = np.abs(answers.setpoint - rounded.setpoint).max(axis=0)
     return vectors, answers, offset, error + rounding, strayed + rounding
 
 
