@@ -67,7 +67,7 @@ def test_a_broken_stream_gives_the_same_set_points(tmp_path, precision):
     paths = export_c(model, tmp_path, prefix="m", precision=precision, compensator=compensator)
     check = (tmp_path / "m_check.c").read_text()
     (allowed,) = re.findall(r"double setpoint_tolerance\[M_JOINTS\] = \{([^}]*)\}", check)
-    assert max(map(float.fromhex, re.findall(r"0x[^,\s]+", allowed))) < 1e-4, "it could not fail"
+    assert max(map(float, allowed.split(","))) < 1e-4, "it could not fail"
     (tmp_path / "run.c").write_text(RUN.format(real=precision))
     sources = [tmp_path / name for name in ("m.c", "m_compensator.c", "run.c")]
     compile_c(sources, tmp_path / "run.so", *FLAGS, *SAME_BITS)

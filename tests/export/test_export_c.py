@@ -161,7 +161,7 @@ def test_vectors_hold_every_status(tmp_path):
     export_c(calibration(PolynomialRegressor(3), HISTORY), tmp_path, prefix="m")
     text = (tmp_path / "m_vectors.h").read_text()
     seen = Status(0)
-    statuses = [int(s) for s in re.findall(r"^\}, (\d+),$", text, re.MULTILINE)]
+    statuses = [int(s) for s in re.findall(r"\}, (\d+), \{", text)]
     for status in statuses:
         seen |= Status(status)
     assert seen == ~(Status.WRONG_SIZE | Status.OTHER_THREAD)
