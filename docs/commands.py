@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from truejoint.cli.commands import COMMANDS, PANELS, built
+from truejoint.cli.commands import COMMANDS, built
 
 PAGE = Path(__file__).with_name("commands.md")
 
@@ -33,9 +33,9 @@ def page() -> str:
         "# Commands", "",
         "`python docs/commands.py` writes this page from the command line itself.", "",
     ]  # fmt: skip
-    for panel, commands in PANELS.items():
+    for panel in dict.fromkeys(command.panel for command in COMMANDS.values()):
         lines += [f"## {panel}", ""]
-        for name in commands:
+        for name in (name for name, entry in COMMANDS.items() if entry.panel == panel):
             command = find(name)
             about = " ".join((command.help or "").split())
             lines += [f"### `truejoint {name}`", "", about, "", "```sh"]

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+from truejoint.cli import complete
 from truejoint.cli import study as command
 from truejoint.errors import StudyError
 from truejoint.studies import STUDIES
@@ -120,4 +121,4 @@ def test_an_interrupt_says_how_to_go_on(call, tmp_path, monkeypatch):
 def test_option_names_complete(monkeypatch):
     context = type("Context", (), {"params": {"name": "forceps-rezero"}})()
     expected = ["specimen=", "count=", "prior=", "shifts_um=", "methods="]
-    assert command._options(context) == expected
+    assert complete.study_options(context) == expected

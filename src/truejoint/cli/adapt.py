@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.calibrate import Accuracy, checked_or_exit, finish, with_accuracy
-from truejoint.cli.check_options import Accept
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.recording_options import Files, check_model_target
 from truejoint.errors import CalibrationError
@@ -19,31 +15,18 @@ from truejoint.errors import CalibrationError
 
 @options.takes(accuracy=Accuracy, files=Files)
 def adapt(
-    model: options.Model,
-    recordings: options.Recordings,
-    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    model: Path,
+    recordings: list[str],
+    output: Path,
     *,
-    reference: Annotated[
-        list[str] | None,
-        options.recordings(
-            "--reference",
-            "Recording that MODEL was made from. What MODEL leaves there is its own shortcoming "
-            "and no change; ten seconds of the same motion are then enough.",
-        ),
-    ] = None,
-    fit_rate_hz: options.FitRateHz = None,
-    weights_mm: Annotated[
-        float | None,
-        typer.Option(
-            help="Identify the drive cable's stiffness of a ukf_friction model instead: lever of "
-            "weights hung on the jaw [mm], one recording a weight (--metadata load_grams=...)."
-        ),
-    ] = None,
+    reference: list[str] | None = None,
+    fit_rate_hz: float | None = None,
+    weights_mm: float | None = None,
     accuracy: Accuracy,
-    accept: Accept = None,
-    part: options.Part = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    accept: list[str] | None = None,
+    part: str | None = None,
+    force: bool = False,
+    as_json: bool = False,
     files: Files,
 ) -> None:
     """Adapt a calibration to another day, tool or arm of the same robot.

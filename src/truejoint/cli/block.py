@@ -4,31 +4,19 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import out, result_json, say
 from truejoint.errors import CalibrationError
 from truejoint.files import write_all_atomically
 
 
 def block(
-    robot: Annotated[
-        str,
-        typer.Argument(
-            metavar="ROBOT[:ARM]",
-            help="Robot model or robot file, and which arm of it.",
-            autocompletion=complete.robots,
-        ),
-    ],
-    output: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for block.stl, block.svg and block.toml.")
-    ] = Path(),
-    force: options.Force = False,
-    as_json: options.Json = False,
+    robot: str,
+    output: Path = Path(),
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
     from truejoint.tip.files import block_text

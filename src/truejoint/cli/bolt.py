@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 import truejoint
 from truejoint.cli import options
@@ -23,17 +21,8 @@ if TYPE_CHECKING:
 class Touching:
     """Touches, and what the arm did meanwhile, an option each."""
 
-    touches: Annotated[
-        Path,
-        typer.Option(
-            metavar="FILE",
-            help="Touches, t,dimple, as `touch run` writes them (.csv).",
-        ),
-    ]
-    touch_sd_mm: Annotated[
-        float,
-        typer.Option(min=1e-3, help="Standard deviation of a touch, per axis [mm] (default 0.2)."),
-    ] = 0.2
+    touches: Path
+    touch_sd_mm: float = 0.2
 
     def read(
         self, model: Path, recording: str | None, files: Files
@@ -49,20 +38,14 @@ class Touching:
 
 @options.takes(files=Files, touching=Touching)
 def bolt(
-    model: options.Model,
-    recording: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[RECORDING]",
-            help="What the arm did meanwhile (default: the .parquet file beside the touches).",
-        ),
-    ] = None,
+    model: Path,
+    recording: str | None = None,
     *,
-    block: Annotated[Path, typer.Option("--block", help="Block file, as `touch block` writes it.")],
+    block: Path,
     touching: Touching,
-    output: Annotated[Path, typer.Option("--out", "-o", help="Pose file to write (.toml).")],
-    force: options.Force = False,
-    as_json: options.Json = False,
+    output: Path,
+    force: bool = False,
+    as_json: bool = False,
     files: Files,
 ) -> None:
     """Find where a bolted block stands, on the day of the full calibration."""

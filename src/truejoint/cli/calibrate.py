@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.check_options import Accept, check_names, checked, say_failed
+from truejoint.cli.check_options import check_names, checked, say_failed
 from truejoint.cli.console import (
     command_line,
     out,
@@ -33,25 +33,9 @@ _CROSS: Final = "cross"  # in place of recordings for an interval
 class Accuracy:
     """Accuracy that the model file is to state, an option each."""
 
-    test: Annotated[
-        list[str] | None,
-        options.recordings("--test", "Recording to judge on; the file states the accuracy there."),
-    ] = None
-    interval: Annotated[
-        list[str] | None,
-        options.recordings(
-            "--interval",
-            "Recording for the confidence interval, which the fit does not see: 9 or more for "
-            "90 %, each after its own homing if the interval is to hold after any homing. 'cross' "
-            "estimates the interval from the training recordings by cross-validation.",
-        ),
-    ] = None
-    interval_rezero_s: Annotated[
-        float,
-        typer.Option(
-            help="State the interval for motions re-zeroed from this much truth at their start [s]."
-        ),
-    ] = 0.0
+    test: list[str] | None = None
+    interval: list[str] | None = None
+    interval_rezero_s: float = 0.0
 
     def __post_init__(self) -> None:
         if self.interval_rezero_s and not self.interval:
@@ -70,16 +54,16 @@ class Accuracy:
 
 @options.takes(how=FitOptions, accuracy=Accuracy, files=Files)
 def calibrate(
-    recordings: options.Recordings,
-    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    recordings: list[str],
+    output: Path,
     *,
     how: FitOptions,
     accuracy: Accuracy,
-    accept: Accept = None,
-    part: options.Part = None,
-    split: options.Split = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    accept: list[str] | None = None,
+    part: str | None = None,
+    split: str | None = None,
+    force: bool = False,
+    as_json: bool = False,
     files: Files,
 ) -> None:
     """Fit a calibration to recordings that hold the true joint positions."""

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
 
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.check_options import CHECK_FAILED
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.recording_options import Files, takes_files
@@ -28,26 +27,12 @@ _COLOURS = {True: "green", False: "red", None: "yellow"}
 
 @takes_files
 def check(
-    model: options.Model,
-    recording: Annotated[
-        str,
-        typer.Argument(
-            metavar="RECORDING",
-            help="Recording of the arm as it is now. A few readings of the truth do: one short "
-            "motion, a touched stop, a marker seen now and then.",
-            autocompletion=complete.recordings,
-        ),
-    ],
-    against: Annotated[
-        Path | None,
-        typer.Option(
-            help="Compare with a second, independent calibration instead; the recording then "
-            "needs no truth."
-        ),
-    ] = None,
-    level_percent: options.Level = None,
-    part: options.Part = None,
-    as_json: options.Json = False,
+    model: Path,
+    recording: str,
+    against: Path | None = None,
+    level_percent: float | None = None,
+    part: str | None = None,
+    as_json: bool = False,
     *,
     files: Files,
 ) -> None:

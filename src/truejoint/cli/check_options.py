@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Annotated, Any, Final
-
-import typer
+from typing import Any, Final
 
 import truejoint
 from truejoint.cli.console import err, progress
@@ -13,16 +11,6 @@ from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.judge.finding_names import FINDINGS
 
 CHECK_FAILED: Final = 1
-
-Accept = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--accept",
-        metavar="NAME",
-        help="Go on though the data check failed, for instance 'outliers'; once for each name.",
-        autocompletion=lambda: list(FINDINGS.items()),
-    ),
-]
 
 
 def check_names(accepted: Sequence[str] | None) -> tuple[str, ...]:

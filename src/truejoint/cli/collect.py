@@ -7,14 +7,11 @@ from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-import typer
+from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
-from truejoint.cli import complete
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.options import Force, Json, RobotName, Seed, robot_and_arm, takes
+from truejoint.cli.options import robot_and_arm, takes
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
@@ -107,39 +104,10 @@ def follow_until_enough(
 class Loop:
     """What closes a loop around the arm, if anything does, an option each."""
 
-    compensate: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="Take the joints themselves along the trajectories, with this calibration in the "
-            "loop.",
-        ),
-    ] = None
-    rezero_s: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="With --compensate: re-zero the model by so much truth of a random motion, after "
-            "the homing [s]; 0 for none. Default: 10.",
-        ),
-    ] = None
-    closed_loop: Annotated[
-        bool,
-        typer.Option(
-            "--closed-loop",
-            help="Keep the reported positions to the trajectories, by a loop around them; without "
-            "it the trajectories are set-points, which motors follow late.",
-        ),
-    ] = False
-    lag_s: Annotated[
-        float | None,
-        typer.Option(
-            min=0.0,
-            help="With --compensate or --closed-loop: time by which the motors follow set-points "
-            "that move evenly [s]. Default: 0.05, the simulated RAVEN-II's; docs/operating.md "
-            "finds yours.",
-        ),
-    ] = None
+    compensate: Path | None = None
+    rezero_s: float | None = None
+    closed_loop: bool = False
+    lag_s: float | None = None
 
     def check(self) -> None:
         """Raise CommandRefused where options do not go together."""
@@ -182,19 +150,11 @@ class Loop:
 class Simulated:
     """The simulated arm, an option each."""
 
-    robot: RobotName = DEFAULT
-    seed: Seed = 0
-    load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0
-    twin: Annotated[
-        str,
-        typer.Option(
-            help="Specimen of the simulated robot, such as peng2024, or a TOML file with its "
-            "parameters."
-        ),
-    ] = "nominal"
-    real_time: Annotated[
-        bool, typer.Option("--real-time", help="At the pace of the wall clock, as a robot does.")
-    ] = False
+    robot: str = DEFAULT
+    seed: int = 0
+    load_grams: float = 0.0
+    twin: str = "nominal"
+    real_time: bool = False
 
     @property
     def load(self) -> float:
@@ -212,46 +172,18 @@ class Simulated:
 
 @takes(simulated=Simulated, loop=Loop)
 def collect(
-    trajectories: Annotated[
-        list[Path], typer.Argument(metavar="TRAJECTORY", help="Trajectory files, in order.")
-    ],
-    output: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for one Parquet file a trajectory.")
-    ],
+    trajectories: list[Path],
+    output: Path,
     *,
     simulated: Simulated,
-    encoders: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PORT",
-            help="Serial port of temporary joint encoders: registered while the arm homes, and the "
-            "truth of the recordings.",
-        ),
-    ] = None,
+    encoders: str | None = None,
     loop: Loop,
-    state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 30.0,
-    topic: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME=HZ",
-            help="CRTK topic to record beside, at most so often, for instance measured_cp=100; "
-            "into FILE.topics.arrows.",
-            autocompletion=complete.topics,
-        ),
-    ] = None,
-    until_enough: Annotated[
-        bool,
-        typer.Option(
-            "--until-enough",
-            help="End a trajectory, such as a long `trajectory designed`, when twice the time is "
-            "expected to better a linear calibration by less than 5 % in every joint.",
-        ),
-    ] = False,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Leave out trajectories that are recorded already.")
-    ] = False,
-    force: Force = False,
-    as_json: Json = False,
+    state_rate_hz: float = 30.0,
+    topic: list[str] | None = None,
+    until_enough: bool = False,
+    resume: bool = False,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Home a simulated arm, drive it along trajectories and record each.
 

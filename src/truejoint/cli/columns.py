@@ -3,33 +3,19 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import out
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
 
 
 def columns(
-    path: Annotated[
-        Path, typer.Argument(metavar="FILE", help="Text, .npy or .mat file with a signal a column.")
-    ],
-    robot: Annotated[
-        str,
-        typer.Option(
-            metavar="ROBOT[:ARM]",
-            help="Robot, for the names of its joints.",
-            autocompletion=complete.robots,
-        ),
-    ] = "",
-    output: Annotated[
-        Path | None, typer.Option("--out", "-o", help="TOML file to write; default: print it.")
-    ] = None,
-    force: options.Force = False,
+    path: Path,
+    robot: str = "",
+    output: Path | None = None,
+    force: bool = False,
 ) -> None:
     """Write a column map for a file, its columns guessed by their names, for you to mend.
 

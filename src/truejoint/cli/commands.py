@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Iterator, Mapping
 from functools import cache
-from importlib import import_module
+from importlib import import_module, resources
 from typing import Annotated, Any, Final, NamedTuple
 
 import typer
@@ -12,140 +13,21 @@ from typer.core import TyperCommand, TyperGroup
 from typer.main import get_command
 
 import truejoint
+from truejoint.cli.options import described
 
 
 class Command(NamedTuple):
     """A command as a line in the list of commands."""
 
+    panel: str
     place: str  # module and function of this package
     summary: str
     example: str  # its arguments
 
 
-PANELS: Final[dict[str, dict[str, Command]]] = {
-    "Start": {
-        "demo": Command(
-            "demo:demo", "Show the whole way on a simulated RAVEN-II, from homing to report.",
-            "--out demo",
-        ),
-        "show": Command(
-            "show:show", "Describe a model file or a recording.", "left_arm.safetensors"
-        ),
-    },
-    "Data": {
-        "collect": Command(
-            "collect:collect", "Drive an arm along trajectories and record each.",
-            "zigzag.csv random.csv --out session",
-        ),
-        "trajectory": Command(
-            "trajectory:trajectory", "Make a trajectory, or describe one.",
-            "random --minutes 20 --seed 7 -o random.csv",
-        ),
-        "columns": Command(
-            "columns:columns", "Write a column map to start from for your file.",
-            "run.csv --robot raven2 -o map.toml",
-        ),
-        "extract": Command(
-            "extract:extract", "Make one recording of the bags or files of a session.",
-            "state.bag encoders.bag --robot raven2 -o session.parquet",
-        ),
-        "doctor": Command(
-            "doctor:doctor", "Check a recording, its bags, or a running ROS.",
-            "session.bag --robot raven2",
-        ),
-        "datasets": Command("datasets:datasets", "List public recordings of real joints.", ""),
-        "datasets fetch": Command(
-            "datasets:fetch", "Fetch a data set and check the hash of every file.",
-            "dvrk_psm_berkeley",
-        ),
-    },
-    "Calibrate and judge": {
-        "calibrate": Command(
-            "calibrate:calibrate", "Fit a calibration to recordings with truth.",
-            "session/zigzag.parquet -e dnn -o left_arm.safetensors",
-        ),
-        "adapt": Command(
-            "adapt:adapt", "Adapt a calibration to a new day, tool, arm or load.",
-            "left_arm.safetensors minute.parquet -o today.safetensors",
-        ),
-        "evaluate": Command(
-            "evaluate:evaluate", "Judge a calibration on recordings that it never saw.",
-            "left_arm.safetensors session/random.parquet --report report.html "
-            "--tolerance elbow=0.2",
-        ),
-        "compare": Command(
-            "compare:compare", "Compare several calibrations on the same recordings.",
-            "linear.safetensors network.safetensors session/random.parquet",
-        ),
-        "correct": Command(
-            "correct:correct", "Correct recordings as the robot's loop would.",
-            "left_arm.safetensors session/random.parquet -o corrected.csv",
-        ),
-        "check": Command(
-            "check:check", "Check with a brief truth whether a calibration still holds.",
-            "left_arm.safetensors ten_seconds.parquet",
-        ),
-        "rezero": Command(
-            "rezero:rezero", "Re-zero a calibration by truth, by touches or by its motors.",
-            "left_arm.safetensors ten_seconds.parquet -o today.safetensors",
-        ),
-    },
-    "Touch": {
-        "touch block": Command(
-            "block:block", "Design a block with dimples to print and touch.", "raven2 -o block"
-        ),
-        "touch run": Command(
-            "touch:run", "Take an arm's tip into the dimples that tell most.",
-            "left_arm.safetensors --bolted pose.toml -o today.csv",
-        ),
-        "touch bolt": Command(
-            "bolt:bolt", "Find where a bolted block stands.",
-            "left_arm.safetensors --touches touches.csv --block block.toml -o pose.toml",
-        ),
-        "touch calibrate": Command(
-            "touch_calibrate:calibrate", "Calibrate an arm without joint sensors.",
-            "session.parquet --touches touches.csv --block block.toml -o left_arm.safetensors",
-        ),
-    },
-    "Robot": {
-        "teleop": Command(
-            "teleop:teleop", "Move an arm by keys.",
-            "--robot raven2 --record session/by_hand.parquet",
-        ),
-        "monitor": Command(
-            "monitor:monitor", "Watch an arm or a recording in the browser.",
-            "session/random.parquet --model left_arm.safetensors",
-        ),
-        "node correct": Command(
-            "node:correct", "Correct an arm's joints on the topics of a running ROS.",
-            "left_arm.safetensors --profile raven2_mended",
-        ),
-        "node simulate": Command(
-            "node:simulate", "Serve a digital twin on the topics of a running ROS.",
-            "--robot raven2 --homed",
-        ),
-        "node record": Command(
-            "node:record", "Record what an arm reports on the topics of a running ROS.",
-            "left.parquet --profile raven2 --seconds 600",
-        ),
-        "export": Command(
-            "export:export", "Write a calibration as C99, ONNX or a ROS package.",
-            "left_arm.safetensors --to c --out controller",
-        ),
-    },
-    "Papers": {
-        "study": Command(
-            "study:study", "Repeat an experiment of the papers, or one of ours.",
-            "forceps-unloaded --set specimen=B",
-        ),
-    },
-}  # fmt: skip
-COMMANDS: Final = {name: c for panel in PANELS.values() for name, c in panel.items()}
-GROUPS: Final = {
-    "datasets": "List and fetch public recordings of real joints.",
-    "touch": "Calibrate and re-zero by touching a printed block (docs/touch.md).",
-    "node": "Correct, simulate or record an arm on the topics of a running ROS (docs/ros.md).",
-}
+_TABLE: Final = tomllib.loads(resources.files(__package__).joinpath("commands.toml").read_text())
+COMMANDS: Final = {name: Command(**row) for name, row in _TABLE["commands"].items()}
+GROUPS: Final = {name: row["help"] for name, row in _TABLE["groups"].items()}
 _HOW: Final[dict[str, Any]] = {
     "rich_markup_mode": "markdown",
     "pretty_exceptions_enable": False,
@@ -179,8 +61,7 @@ class _Commands(Mapping[str, Any]):
         stand_ins = {}
         for word in self:
             name = self._prefix + word
-            panel = next(p for p, c in PANELS.items() if any(f"{n} ".startswith(f"{name} ")
-                                                             for n in c))  # fmt: skip
+            panel = next(c.panel for n, c in COMMANDS.items() if f"{n} ".startswith(f"{name} "))
             summary = GROUPS[name] if name in GROUPS else COMMANDS[name].summary
             stand_ins[word] = TyperCommand(
                 word, help=summary, rich_help_panel=None if self._prefix else panel
@@ -215,9 +96,8 @@ def _command(name: str) -> Any:
     app = typer.Typer(add_completion=False, **_HOW)
     module, _, function = COMMANDS[name].place.partition(":")
     word = name.rsplit(maxsplit=1)[-1]
-    app.command(word, epilog=_example(name))(
-        getattr(import_module(f"truejoint.cli.{module}"), function)
-    )
+    command = getattr(import_module(f"truejoint.cli.{module}"), function)
+    app.command(word, epilog=_example(name))(described(command))
     return get_command(app)
 
 
@@ -230,10 +110,11 @@ def _group(name: str) -> Any:
         name=name, cls=kind, help=GROUPS[name], epilog=_example(first), add_completion=False,
         no_args_is_help=not is_command, invoke_without_command=is_command, **_HOW,
     )  # fmt: skip
-    place = COMMANDS[name].place.partition(":") if is_command else None
-    app.callback()(
-        getattr(import_module(f"truejoint.cli.{place[0]}"), place[2]) if place else _nothing
-    )
+    callback = _nothing
+    if is_command:
+        module, _, function = COMMANDS[name].place.partition(":")
+        callback = described(getattr(import_module(f"truejoint.cli.{module}"), function))
+    app.callback()(callback)
     return get_command(app)
 
 

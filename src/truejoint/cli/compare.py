@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
 from truejoint.cli.check_options import CHECK_FAILED
 from truejoint.cli.console import command_line, out, progress, result_json
 from truejoint.cli.evaluate import show_verdict
@@ -23,23 +22,14 @@ Evaluation: TypeAlias = "truejoint.evaluation.Evaluation"
 
 @takes_files
 def compare(
-    names: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="MODEL|RECORDING",
-            help="Two or more model files, and the recordings with truth to judge them on.",
-            autocompletion=complete.recordings,
-        ),
-    ],
-    tolerance: options.Tolerance = None,
-    rezero_s: options.JudgedAfter = 0.0,
-    report: Annotated[
-        Path | None, typer.Option(help="Also write a page of all models, an .html page.")
-    ] = None,
-    part: options.Part = None,
-    split: options.Split = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    names: list[str],
+    tolerance: list[str] | None = None,
+    rezero_s: float = 0.0,
+    report: Path | None = None,
+    part: str | None = None,
+    split: str | None = None,
+    force: bool = False,
+    as_json: bool = False,
     *,
     files: Files,
 ) -> None:

@@ -147,3 +147,44 @@ def message_profiles() -> list[tuple[str, str]]:
     from truejoint.crtk.messages import PROFILES  # imports NumPy
 
     return [(name, profile.summary) for name, profile in PROFILES.items()]
+
+
+def raven_quantities() -> list[str]:
+    """Quantities of RAVEN's state message."""
+    from truejoint.crtk.messages import RAVEN_FIELDS  # imports NumPy
+
+    return [*RAVEN_FIELDS]
+
+
+def trajectory_kinds() -> list[str]:
+    """Kinds of trajectories."""
+    return ["zigzag", "random", "designed", "nested"]
+
+
+def findings() -> list[tuple[str, str]]:
+    """Names of what the data check finds, and what each means."""
+    from truejoint.recordings.judge.finding_names import FINDINGS
+
+    return [*FINDINGS.items()]
+
+
+def studies() -> list[str]:
+    """Names of studies, and what runs all."""
+    from truejoint.studies.catalogue import STUDIES
+
+    return [*STUDIES, "all"]
+
+
+def presets() -> list[str]:
+    """Sizes of a study."""
+    from truejoint.studies.study import PRESETS
+
+    return [*PRESETS]
+
+
+def study_options(context: typer.Context) -> list[str]:
+    """List the options of the study that the command line names, as ``OPTION=``."""
+    from truejoint.studies.catalogue import STUDIES
+
+    study = STUDIES.get(context.params.get("name") or "")
+    return [f"{option.name}=" for option in study.options] if study else []

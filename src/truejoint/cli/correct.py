@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.check_options import CHECK_FAILED, Accept, check_names, checked, say_failed
+from truejoint.cli.check_options import CHECK_FAILED, check_names, checked, say_failed
 from truejoint.cli.console import print_table, progress, result_json, say
 from truejoint.cli.recording_options import Files, takes_files
 from truejoint.errors import RecordingError
@@ -27,26 +27,15 @@ _NOT_JUDGED = "NOT_JUDGED"
 
 @takes_files
 def correct(
-    model: options.Model,
-    recordings: options.Recordings,
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            "-o",
-            help="Table to write, .csv or .parquet: time, corrected position, "
-            "half-width (both in rad or m), what the model tells beside (of ukf_friction the load "
-            "on the jaw, of ukf_elastic and hybrid its torque, Nm) and status of every row.",
-        ),
-    ],
-    level_percent: options.Level = None,
-    rezero_s: Annotated[
-        float, typer.Option(help="Re-zero on so much truth at the start of each recording [s].")
-    ] = 0.0,
-    accept: Accept = None,
-    part: options.Part = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    model: Path,
+    recordings: list[str],
+    output: Path,
+    level_percent: float | None = None,
+    rezero_s: float = 0.0,
+    accept: list[str] | None = None,
+    part: str | None = None,
+    force: bool = False,
+    as_json: bool = False,
     *,
     files: Files,
 ) -> None:

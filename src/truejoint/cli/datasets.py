@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from contextlib import suppress
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 import typer
 
-from truejoint.cli import complete
 from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.options import Json
 from truejoint.errors import RecordingError
 
 if TYPE_CHECKING:
     from truejoint.recordings import datasets as sets
 
 
-def datasets(context: typer.Context, as_json: Json = False) -> None:
+def datasets(context: typer.Context, as_json: bool = False) -> None:
     """List public recordings of real joints, and whether they are on this machine.
 
     `truejoint show NAME` describes one; `truejoint datasets fetch NAME` fetches it.
@@ -39,14 +37,9 @@ def datasets(context: typer.Context, as_json: Json = False) -> None:
 
 
 def fetch(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="NAME", help="Name of the data set.", autocompletion=complete.datasets
-        ),
-    ],
-    pattern: Annotated[str, typer.Option(help="Only recordings whose name fits.")] = "*",
-    as_json: Json = False,
+    name: str,
+    pattern: str = "*",
+    as_json: bool = False,
 ) -> None:
     """Fetch a data set from its upstream repository and check the hash of every file."""
     from truejoint.recordings import datasets as sets

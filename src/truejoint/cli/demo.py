@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
 import typer
 
@@ -17,7 +17,6 @@ from truejoint.cli.collect import record
 from truejoint.cli.console import out, print_table, progress, result_json, say
 from truejoint.cli.evaluate import report_evaluation
 from truejoint.cli.fit_options import configured
-from truejoint.cli.options import Force, Json, Seed
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
 from truejoint.files import check_folder
@@ -45,12 +44,10 @@ REAL: Final = "kuka_kr300_dual_encoder"  # the public one whose licence leaves n
 
 
 def demo(
-    folder: Annotated[
-        Path, typer.Option("--out", "-o", help="Folder for everything that is made.")
-    ] = Path("demo"),
-    seed: Seed = 0,
-    force: Force = False,
-    as_json: Json = False,
+    folder: Path = Path("demo"),
+    seed: int = 0,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Home, move, record, calibrate, judge and correct a simulated RAVEN-II.
 

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.check_options import CHECK_FAILED
 from truejoint.cli.console import out, progress, result_json, say
 from truejoint.cli.node import as_node
@@ -22,32 +22,14 @@ _LOOK: Final = 0.1  # [s] between two looks at whether to end
 
 
 def doctor(
-    files: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="BAG|RECORDING|live",
-            help="All bags of one session, or one recording; live: what is said on the topics of a "
-            "running ROS now.",
-            autocompletion=complete.recordings,
-        ),
-    ],
-    robot: options.FilesRobot = None,
-    profile: options.Profile = "",
-    state: Annotated[str, typer.Option(help="Topic of the measured joints; default: found.")] = "",
-    truth: Annotated[str, typer.Option(help="Topic of joint sensors; default: found.")] = "",
-    seconds: Annotated[
-        float | None,
-        typer.Option(
-            min=1.0,
-            max=600.0,
-            help="For how long to listen, live [s]; default: 10. Ctrl-C ends it. The latest "
-            "100,000 messages of a topic count.",
-        ),
-    ] = None,
-    ros: Annotated[
-        int | None, typer.Option("--ros", min=1, max=2, help="Which ROS, live; default: 1.")
-    ] = None,
-    as_json: options.Json = False,
+    files: list[Path],
+    robot: str | None = None,
+    profile: str = "",
+    state: str = "",
+    truth: str = "",
+    seconds: float | None = None,
+    ros: int | None = None,
+    as_json: bool = False,
 ) -> None:
     """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
     sets = truejoint.recordings

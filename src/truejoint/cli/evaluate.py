@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Final
 
 import typer
 
 import truejoint
-from truejoint.cli import options
-from truejoint.cli.check_options import CHECK_FAILED, Accept, check_names, checked, say_failed
+from truejoint.cli.check_options import CHECK_FAILED, check_names, checked, say_failed
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.recording_options import Files, check_page_target, parse_tolerances, takes_files
 from truejoint.errors import CalibrationError, RecordingError
@@ -21,34 +20,20 @@ _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 @takes_files
 def evaluate(
-    model: options.Model,
-    recordings: options.Recordings,
-    seeds: Annotated[
-        list[Path] | None,
-        typer.Option("--seed-of", help="Model file of the same estimator with another seed."),
-    ] = None,
-    training: Annotated[
-        list[str] | None,
-        options.recordings("--training", "Training recording, for the report's figures only."),
-    ] = None,
-    report: Annotated[Path | None, typer.Option(help="Also write the report, an .html page.")] = (
-        None
-    ),
-    tables: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FOLDER",
-            help="Also write a table per joint, as .csv and .tex, into a new folder.",
-        ),
-    ] = None,
-    tolerance: options.Tolerance = None,
-    rezero_s: options.JudgedAfter = 0.0,
-    window_s: Annotated[float, typer.Option(help="Length of the worst stretches [s].")] = 10.0,
-    accept: Accept = None,
-    part: options.Part = None,
-    split: options.Split = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    model: Path,
+    recordings: list[str],
+    seeds: list[Path] | None = None,
+    training: list[str] | None = None,
+    report: Path | None = (None),
+    tables: Path | None = None,
+    tolerance: list[str] | None = None,
+    rezero_s: float = 0.0,
+    window_s: float = 10.0,
+    accept: list[str] | None = None,
+    part: str | None = None,
+    split: str | None = None,
+    force: bool = False,
+    as_json: bool = False,
     *,
     files: Files,
 ) -> None:

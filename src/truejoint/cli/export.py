@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
-
-import typer
+from typing import Any, Literal
 
 import truejoint
 from truejoint.cli import options
@@ -18,48 +16,17 @@ from truejoint.files import check_folder, check_target
 
 @takes_files
 def export(
-    name: Annotated[
-        str,
-        typer.Argument(metavar="MODEL|RECORDING", help="Model file; with --to bag a recording."),
-    ],
-    kind: Annotated[
-        Literal["c", "onnx", "ros", "bag"], typer.Option("--to", help="What to write.")
-    ],
-    output: Annotated[
-        Path,
-        typer.Option(
-            "--out",
-            "-o",
-            help="Folder to write into; a bag is a file: .bag for ROS 1, .mcap for ROS 2.",
-        ),
-    ],
-    precision: Annotated[
-        Literal["double", "float"], typer.Option(help="Precision of the numbers.")
-    ] = "double",
-    prefix: Annotated[
-        str | None,
-        typer.Option(
-            help="Beginning of file names and of the names in C (default: robot and arm)."
-        ),
-    ] = None,
-    level_percent: options.Level = None,
-    range_margin: Annotated[
-        float | None,
-        typer.Option(
-            help="Share of its trained range by which a feature may lie outside, 0 to 1; not ONNX "
-            "(default: that of `Corrector`)."
-        ),
-    ] = None,
-    compensate: Annotated[
-        bool,
-        typer.Option(
-            "--compensate",
-            help="Also write the compensator, which moves the joints to their targets; C only.",
-        ),
-    ] = False,
-    profile: options.Profile = "",
-    force: options.Force = False,
-    as_json: options.Json = False,
+    name: str,
+    kind: Literal["c", "onnx", "ros", "bag"],
+    output: Path,
+    precision: Literal["double", "float"] = "double",
+    prefix: str | None = None,
+    level_percent: float | None = None,
+    range_margin: float | None = None,
+    compensate: bool = False,
+    profile: str = "",
+    force: bool = False,
+    as_json: bool = False,
     *,
     files: Files,
 ) -> None:

@@ -5,20 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-import typer
+from typing import Any, Final
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.recording_options import Files, say_dropped
 from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target
-
-if TYPE_CHECKING:
-    from truejoint.crtk.messages import RAVEN_FIELDS
-
 
 _MANY: Final = 0.05  # stray readings, as a share of all
 
@@ -27,50 +21,14 @@ _MANY: Final = 0.05  # stray readings, as a share of all
 class Truth:
     """Source of the truth, an option each."""
 
-    truth: Annotated[
-        str,
-        typer.Option(
-            help="Joint sensors: their topic, or a file with t and truth/<joint> (default: the "
-            "topic is found in the bags)."
-        ),
-    ] = ""
-    truth_columns: Annotated[
-        Path | None,
-        typer.Option(help="Column map (.toml) of the file that --truth names."),
-    ] = None
-    tracker: Annotated[
-        str,
-        typer.Option(
-            help="Tracker or camera that saw the tool: its topic, or a CSV or Parquet file with "
-            "t, x, y, z[, qx, qy, qz, qw] (default with --registration: the topic is found by "
-            "type)."
-        ),
-    ] = ""
-    registration: Annotated[
-        Path | None,
-        typer.Option(help="TOML file with what is known of the tracker (docs/tracker.md)."),
-    ] = None
-    unit: Annotated[
-        str, typer.Option(help="Unit of the points in a tracker's file: m, cm, mm or um.")
-    ] = "m"
-    joint: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="Joint that the tracker gives the truth of; once for each (default: the joints "
-            "that place the tool)."
-        ),
-    ] = None
-    near_s: Annotated[
-        float | None,
-        typer.Option(help="Rough offset of the clocks, where the motion repeats itself [s]."),
-    ] = None
-    offset_s: Annotated[
-        float | None,
-        typer.Option(
-            help="Time to add to the stamps of the truth [s]; 0 on one clock (default: estimated "
-            "from the motion; for topics of bags only if their stamps hardly overlap)."
-        ),
-    ] = None
+    truth: str = ""
+    truth_columns: Path | None = None
+    tracker: str = ""
+    registration: Path | None = None
+    unit: str = "m"
+    joint: list[str] | None = None
+    near_s: float | None = None
+    offset_s: float | None = None
 
     def __post_init__(self) -> None:
         if self.truth_columns is not None and not self.is_file:
@@ -155,32 +113,16 @@ class Truth:
 
 @options.takes(truth=Truth, files=Files)
 def extract(
-    names: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="BAG|RECORDING",
-            help="All bags of one session (.bag, .mcap, .db3, folder), or the robot's file.",
-            autocompletion=complete.recordings,
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", help="Recording to write, .parquet; default: list the topics."),
-    ] = None,
+    names: list[Path],
+    output: Path | None = None,
     *,
-    profile: options.Profile = "",
-    state: Annotated[str, typer.Option(help="Topic of the measured joints; default: found.")] = "",
+    profile: str = "",
+    state: str = "",
     truth: Truth,
-    quantity: Annotated[
-        list[str] | None,
-        typer.Option(
-            help="More of RAVEN's state, for instance motor; once for each.",
-            autocompletion=lambda: [*RAVEN_FIELDS],
-        ),
-    ] = None,
+    quantity: list[str] | None = None,
     files: Files,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Make one recording of the bags or files of a session, or list the topics of bags.
 

@@ -5,14 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, Final, Literal, TypeAlias
-
-import typer
+from typing import Any, Final, Literal, TypeAlias
 
 import truejoint
-from truejoint.cli import complete, options
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.registry import AUTO, DEFAULT, OWN
+from truejoint.estimators.registry import AUTO, DEFAULT
 
 Unfitted: TypeAlias = "truejoint.estimators.JointRegressor | truejoint.calibration.Automatic"
 """What is fitted, or chosen."""
@@ -24,69 +21,15 @@ _NONE: Final = "none"  # in place of redundant columns
 class FitOptions:
     """Estimator, features and joints to fit, an option each."""
 
-    estimator: Annotated[
-        str | None,
-        typer.Option(
-            "--estimator",
-            "-e",
-            help=f"One of {', '.join(OWN)}, or of an installed package; or {AUTO}: what is best "
-            "on recordings that are left out in turn, the linear model where nothing is. Default: "
-            f"{DEFAULT}.",
-            autocompletion=complete.estimators,
-        ),
-    ] = None
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="NAME=VALUE",
-            help="Its parameter, as epochs=400 or hidden_layer_sizes=50,50.",
-            autocompletion=complete.settings,
-        ),
-    ] = None
-    features: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--feature",
-            metavar="FEATURE",
-            help="Input of the model, such as 'measured/jaw' or 'play(measured/jaw, 0.02)'; give "
-            "it once for each, or the name of a public data set for the features that suit it. "
-            "Default: measured position and effort of every channel.",
-            autocompletion=complete.features,
-        ),
-    ] = None
-    joints: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--joint",
-            help="Joint to correct; default: all with truth.",
-            autocompletion=complete.joints,
-        ),
-    ] = None
-    target: Annotated[
-        Literal["error", "position"] | None,
-        typer.Option(help="What the model predicts: error (the default) or position."),
-    ] = None
-    redundant: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--redundant",
-            metavar="COLUMN",
-            help="Column, such as 'motor/elbow', by which the loop checks measured positions; give "
-            "it once for each, or 'none'. Default: every motor, driver and setpoint that tells.",
-            autocompletion=complete.features,
-        ),
-    ] = None
-    fit_rate_hz: options.FitRateHz = None
-    zero: Annotated[
-        Literal["shared", "recording", "homing"] | None,
-        typer.Option(
-            help="Whether the recordings share one zero, or a second fit, for motions that begin "
-            "with re-zeroing, takes one for each recording (truth) or homing (measured positions). "
-            f"Default: shared; with {AUTO}, one for each recording where that is better."
-        ),
-    ] = None
-    seed: options.Seed = 0
+    estimator: str | None = None
+    settings: list[str] | None = None
+    features: list[str] | None = None
+    joints: list[str] | None = None
+    target: Literal["error", "position"] | None = None
+    redundant: list[str] | None = None
+    fit_rate_hz: float | None = None
+    zero: Literal["shared", "recording", "homing"] | None = None
+    seed: int = 0
 
     def suited_to(self, dataset: str | None) -> FitOptions:
         """Take for what is not said what suits a public data set, if it is of one.

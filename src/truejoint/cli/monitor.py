@@ -7,12 +7,8 @@ import threading
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import truejoint
-from truejoint.cli import complete
 from truejoint.cli.console import out, say
 from truejoint.cli.recording_options import Files, read_trajectory, takes_files
 from truejoint.errors import TruejointError
@@ -24,36 +20,13 @@ _DAY = 86400.0  # for which a pause may last [s]
 
 @takes_files
 def monitor(
-    recording: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="RECORDING",
-            help="Recording to play and scrub through; without one a simulated arm is shown, in "
-            "real time.",
-            autocompletion=complete.recordings,
-        ),
-    ] = None,
-    model: Annotated[
-        Path | None, typer.Option(help="Model file: shows the corrected position as well.")
-    ] = None,
-    follow: Annotated[
-        Path | None,
-        typer.Option(
-            help="Trajectory that the simulated arm follows; by default it moves at random."
-        ),
-    ] = None,
-    twin: Annotated[
-        str | None, typer.Option(help="Specimen of the simulated robot, or a file with one.")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(min=0, max=2**31 - 1, help="Of the simulated robot; default 0.")
-    ] = None,
-    host: Annotated[
-        str, typer.Option(help="Address to listen at; another lets other computers in.")
-    ] = "127.0.0.1",
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port to listen at; 0 takes a free one.")
-    ] = 8080,
+    recording: str | None = None,
+    model: Path | None = None,
+    follow: Path | None = None,
+    twin: str | None = None,
+    seed: int | None = None,
+    host: str = "127.0.0.1",
+    port: int = 8080,
     *,
     files: Files,
 ) -> None:

@@ -52,25 +52,16 @@ Parameters = Annotated[
         help="TOML file with options by their names; the command line goes before it.",
     ),
 ]
-Ros = Annotated[int, typer.Option("--ros", min=1, max=2, help="Which ROS.")]
-Namespace = Annotated[
-    str, typer.Option("--namespace", help="Of the arm's topics, for instance /PSM1.")
-]
-Seconds = Annotated[
-    float, typer.Option("--seconds", help="End after so long [s]; default: with Ctrl-C.")
-]
 
 
 def correct(
-    model: options.Model,
-    profile: options.Profile = "",
-    namespace: Namespace = "",
-    level_percent: options.Level = None,
-    homing_id: Annotated[
-        str | None, typer.Option(help="Name of the homing that the positions refer to now.")
-    ] = None,
-    seconds: Seconds = math.inf,
-    ros: Ros = 1,
+    model: Path,
+    profile: str = "",
+    namespace: str = "",
+    level_percent: float | None = None,
+    homing_id: str | None = None,
+    seconds: float = math.inf,
+    ros: int = 1,
     parameters: Parameters = None,
 ) -> None:
     """Correct an arm's joints as they come.
@@ -100,25 +91,16 @@ def correct(
 
 
 def simulate(
-    robot: options.RobotName = DEFAULT,
-    seed: options.Seed = 0,
-    twin: Annotated[
-        str, typer.Option(help="Specimen, such as peng2024, or a TOML file with its parameters.")
-    ] = "nominal",
-    load_grams: Annotated[float, typer.Option(help="Mass hung on the tool [g].")] = 0.0,
-    quirks: Annotated[
-        bool,
-        typer.Option(
-            "--quirks", help="Publish as RAVEN-II's software does: arms swapped, no effort, ..."
-        ),
-    ] = False,
-    homed: Annotated[
-        bool, typer.Option("--homed", help="Begin enabled and homed, which else takes 13 s.")
-    ] = False,
-    rate_hz: Annotated[float, typer.Option(min=1.0, max=1000.0, help="State messages [Hz].")] = 1e3,
-    namespace: Namespace = "",
-    seconds: Seconds = math.inf,
-    ros: Ros = 1,
+    robot: str = DEFAULT,
+    seed: int = 0,
+    twin: str = "nominal",
+    load_grams: float = 0.0,
+    quirks: bool = False,
+    homed: bool = False,
+    rate_hz: float = 1e3,
+    namespace: str = "",
+    seconds: float = math.inf,
+    ros: int = 1,
     parameters: Parameters = None,
 ) -> None:
     """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
@@ -140,18 +122,16 @@ def simulate(
 
 
 def record(
-    output: Annotated[Path, typer.Argument(metavar="OUT", help="Parquet file to write.")],
-    robot: options.RobotName = DEFAULT,
-    profile: options.Profile = "",
-    namespace: Namespace = "",
-    truth: Annotated[
-        str, typer.Option(help="Topic of joint sensors, for instance /ext_jpos.")
-    ] = "",
-    state_rate_hz: Annotated[float, typer.Option(help="Rate of the recorded state [Hz].")] = 100.0,
-    metadata: options.Metadata = None,
-    seconds: Seconds = math.inf,
-    ros: Ros = 1,
-    force: options.Force = False,
+    output: Path,
+    robot: str = DEFAULT,
+    profile: str = "",
+    namespace: str = "",
+    truth: str = "",
+    state_rate_hz: float = 100.0,
+    metadata: list[str] | None = None,
+    seconds: float = math.inf,
+    ros: int = 1,
+    force: bool = False,
     parameters: Parameters = None,
 ) -> None:
     """Record what an arm reports while others move it; it is only looked at."""

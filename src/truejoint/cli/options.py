@@ -1,45 +1,20 @@
-"""Options that several commands share, so that they read the same everywhere."""
+"""How options are read: each is a parameter of its command, and described in `help.toml`."""
 
 from __future__ import annotations
 
 import inspect
+import tomllib
 from collections.abc import Callable
-from functools import wraps
-from itertools import chain
-from pathlib import Path
-from typing import Annotated, Any, Final
+from functools import cache, wraps
+from importlib import resources
+from typing import Annotated, Any, get_origin
 
 import typer
 
 import truejoint
 from truejoint.cli import complete
 from truejoint.errors import CommandRefused
-
-RobotName = Annotated[
-    str,
-    typer.Option(
-        "--robot",
-        metavar="ROBOT[:ARM]",
-        help="Robot model or robot file (.toml), and which arm of it, as raven2:right "
-        "(default: its first arm).",
-        autocompletion=complete.robots,
-    ),
-]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite what is there.")]
-Json = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
-Seed = Annotated[int, typer.Option("--seed", min=0, max=2**31 - 1, help="Same seed, same result.")]
-
-Model = Annotated[
-    Path, typer.Argument(metavar="MODEL", help="Model file, from `truejoint calibrate`.")
-]
-Level = Annotated[
-    float | None,
-    typer.Option(
-        "--level",
-        help="Probability of the stated interval [%]; default: 90.",
-        autocompletion=complete.levels,
-    ),
-]
+from truejoint.estimators.registry import OWN
 
 
 def share(percent: float | None) -> float | None:
@@ -62,126 +37,68 @@ def get_robot(text: str) -> truejoint.robots.Robot:
     return truejoint.get_robot(*robot_and_arm(text))
 
 
-def recordings(name: str, help: str) -> Any:  # noqa: A002  # as typer calls it
-    """Option that takes recordings as the argument of a command does."""
-    return typer.Option(name, help=help, autocompletion=complete.recordings)
-
-
-Recordings = Annotated[
-    list[str],
-    typer.Argument(
-        metavar="RECORDING",
-        help="Recording files, folders of a data set, or NAME:PATTERN of a public data set "
-        "(`truejoint datasets` lists them).",
-        autocompletion=complete.recordings,
-    ),
-]
-
-
-_OVERRIDES: Final = "Metadata overrides"
-Columns = Annotated[
-    Path | None,
-    typer.Option(
-        "--columns",
-        help="Column map (.toml) of the file; `truejoint columns` writes one.",
-        rich_help_panel=_OVERRIDES,
-    ),
-]
-FilesRobot = Annotated[
-    str | None,
-    typer.Option(
-        "--robot",
-        metavar="ROBOT[:ARM]",
-        help="Robot, if the file does not name it, and which arm, as raven2:right.",
-        rich_help_panel=_OVERRIDES,
-        autocompletion=complete.robots,
-    ),
-]
-Metadata = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--metadata",
-        metavar="KEY=VALUE",
-        help="What the file does not say; once for each: homing_id, load_grams, session, format, "
-        "rate_hz (of rows without stamps), truth_unit (rad_m, deg_m, deg_mm or ravenstate).",
-        rich_help_panel=_OVERRIDES,
-        autocompletion=complete.metadata,
-    ),
-]
-FitRateHz = Annotated[
-    float | None,
-    typer.Option(
-        "--fit-rate-hz",
-        help="Fit to rows at most at this rate [Hz]; features with a memory still see every row.",
-    ),
-]
-Part = Annotated[
-    str | None,
-    typer.Option(
-        "--part",
-        metavar="FROM:TO",
-        help="Only this part of each recording by time, for instance 0:0.7 or 0.7:1.",
-    ),
-]
-Split = Annotated[
-    str | None,
-    typer.Option(
-        "--split",
-        help="Recommended split of a public data set: calibrate takes its training side, "
-        "evaluate its held-out side.",
-        autocompletion=complete.splits,
-    ),
-]
-Profile = Annotated[
-    str,
-    typer.Option(
-        "--profile",
-        help="How the robot's messages differ from CRTK (default: the robot's own profile).",
-        autocompletion=complete.message_profiles,
-    ),
-]
-Tolerance = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--tolerance",
-        metavar="JOINT=VALUE",
-        help="Largest RMSE that you accept, in deg or mm, for instance elbow=0.2. Without "
-        "one, a joint must beat raw position, fixed offset and any simpler model.",
-        autocompletion=complete.tolerances,
-    ),
-]
-JudgedAfter = Annotated[
-    float,
-    typer.Option(
-        "--rezero-s",
-        help="Re-zero on so much truth at the start of each recording, and judge the rest [s].",
-    ),
-]
-
-
 def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options that are the fields of dataclasses; it takes each by its name.
-
-    In the help they stand where the dataclass does among the command's own.
-    """
+    """Give a command the options that are the fields of dataclasses; it takes each by its name."""
 
     def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        own = inspect.signature(command, eval_str=True).parameters
-        of = {name: inspect.signature(kind, eval_str=True).parameters
-              for name, kind in groups.items()}  # fmt: skip
-
-        @wraps(command)
-        def run(**given: Any) -> None:
-            made = {
-                name: groups[name](**{field: given.pop(field) for field in fields})
-                for name, fields in of.items()
-            }
-            command(**given, **made)
-
-        taken = (of[name].values() if name in of else [p] for name, p in own.items())
-        parameters = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in chain(*taken)]
-        run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
-        run.__annotations__ = {p.name: p.annotation for p in parameters}
-        return run
+        command.groups = groups  # type: ignore[attr-defined]
+        return command
 
     return decorate
+
+
+def described(command: Callable[..., None]) -> Callable[..., None]:
+    """Make of a command what typer takes: every option with what `help.toml` says of it.
+
+    An option is described in the section of its group's class, of the command (its module, or
+    module and function), or in ``shared``.
+    """
+    groups: dict[str, type] = getattr(command, "groups", {})
+    module = command.__module__.rpartition(".")[2]
+    sections = (f"{module}.{command.__name__}", module)
+    fields = {name: inspect.signature(kind, eval_str=True).parameters
+              for name, kind in groups.items()}  # fmt: skip
+    parameters = []
+    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
+        if name in groups:
+            own = (groups[name].__name__, *sections)
+            parameters += [_described(each, own) for each in fields[name].values()]
+        else:
+            parameters.append(_described(parameter, sections))
+
+    @wraps(command)
+    def run(**values: Any) -> None:
+        made = {
+            name: groups[name](**{field: values.pop(field) for field in fields[name]})
+            for name in groups
+        }
+        command(**values, **made)
+
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    return run
+
+
+@cache
+def _help() -> dict[str, Any]:
+    text = resources.files(__package__).joinpath("help.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text.replace("{estimators}", ", ".join(OWN)))
+
+
+def _described(parameter: inspect.Parameter, sections: tuple[str, ...]) -> inspect.Parameter:
+    """Give a parameter its option or argument, unless the command itself has stated one."""
+    parameter = parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+    kind, name = parameter.annotation, parameter.name
+    if kind is typer.Context or get_origin(kind) is Annotated:
+        return parameter
+    pages = (_help().get(section, {}) for section in (*sections, "shared"))
+    entry = next((page[name] for page in pages if name in page), None)
+    if entry is None:
+        raise TypeError(f"help.toml says nothing of {name} of {sections[-1]}")
+    make = typer.Argument if entry.get("argument") else typer.Option
+    how = {key: entry[key] for key in ("help", "metavar", "min", "max") if key in entry}
+    if "panel" in entry:
+        how["rich_help_panel"] = entry["panel"]
+    if "complete" in entry:
+        how["autocompletion"] = getattr(complete, entry["complete"])
+    return parameter.replace(annotation=Annotated[kind, make(*entry.get("flags", ()), **how)])

@@ -47,8 +47,8 @@ def parse_metadata(texts: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
 class Origin:
     """Robot and metadata of recordings, an option each."""
 
-    robot: options.FilesRobot = None
-    metadata: options.Metadata = None
+    robot: str | None = None
+    metadata: list[str] | None = None
 
     _KEYS: ClassVar[tuple[str, ...]] = _OF_RECORDING
 
@@ -81,7 +81,7 @@ class Origin:
 class Files(Origin):
     """How recordings are read whose files do not say it themselves, an option each."""
 
-    columns: options.Columns = None
+    columns: Path | None = None
 
     _KEYS: ClassVar[tuple[str, ...]] = (*_OF_RECORDING, *_OF_FILE)
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.bolt import say_left_out, touch_facts
 from truejoint.cli.console import out, print_table, progress, result_json
 from truejoint.cli.recording_options import Files, check_model_target
@@ -22,30 +20,11 @@ from truejoint.units import with_unit
 class Source:
     """Where the zero comes from, an option each; the truth in a recording by default."""
 
-    seconds: Annotated[
-        float | None,
-        typer.Option(min=0.0, help="Use the first seconds of the truth only [s] (default: all)."),
-    ] = None
-    touches: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Touches of a bolted block, in place of truth (.csv)."),
-    ] = None
-    bolted: Annotated[
-        Path | None,
-        typer.Option(help="Pose of that block, as `touch bolt` writes it; with --touches."),
-    ] = None
-    touch_sd_mm: Annotated[
-        float | None,
-        typer.Option(min=1e-3, help="Standard deviation of a touch, per axis [mm] (default 0.2)."),
-    ] = None
-    motor: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL",
-            help="Find the zero of a jaw's reset encoder by its motor, without truth: a model of "
-            "ukf_friction made of the same motion, which may be MODEL itself.",
-        ),
-    ] = None
+    seconds: float | None = None
+    touches: Path | None = None
+    bolted: Path | None = None
+    touch_sd_mm: float | None = None
+    motor: Path | None = None
 
     def __post_init__(self) -> None:
         if (self.touches is None) != (self.bolted is None):
@@ -66,22 +45,13 @@ class Source:
 
 @options.takes(source=Source, files=Files)
 def rezero(
-    model: options.Model,
-    recording: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[RECORDING]",
-            help="Recording after the homing: with brief truth; or, with --motor, whole unloaded "
-            "cycles about zero. With --touches, what the arm did meanwhile (default: the .parquet "
-            "file beside them).",
-            autocompletion=complete.recordings,
-        ),
-    ] = None,
+    model: Path,
+    recording: str | None = None,
     *,
-    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    output: Path,
     source: Source,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    force: bool = False,
+    as_json: bool = False,
     files: Files,
 ) -> None:
     """Re-zero a calibration after a homing or hours of work, and write it.

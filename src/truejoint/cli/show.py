@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final
-
-import typer
+from typing import Any, Final
 
 import truejoint
-from truejoint.cli import complete, datasets, options
+from truejoint.cli import datasets, options
 from truejoint.cli.console import out, print_facts, print_table, result_json, shortened
 from truejoint.cli.correct import accepted_homings
 from truejoint.cli.recording_options import Files, takes_files
@@ -22,16 +20,8 @@ _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajec
 
 @takes_files
 def show(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="FILE|NAME",
-            help="Model file, recording, corrected table (.parquet), trajectory (.csv), public "
-            "data set, or NAME:PATTERN of its recordings.",
-            autocompletion=complete.recordings,
-        ),
-    ],
-    as_json: options.Json = False,
+    name: str,
+    as_json: bool = False,
     *,
     files: Files,
 ) -> None:

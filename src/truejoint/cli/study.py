@@ -5,16 +5,13 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-import typer
+from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.options import Force, Json, Seed
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import check_folder
 from truejoint.studies.catalogue import STUDIES, get_study
-from truejoint.studies.study import PRESETS, Settings, Study, shown
+from truejoint.studies.study import Settings, Study, shown
 
 if TYPE_CHECKING:
     from truejoint.studies.runner import StudyResult
@@ -22,50 +19,16 @@ if TYPE_CHECKING:
 ALL: Final = "all"
 
 
-def _options(context: typer.Context) -> list[str]:
-    known = STUDIES.get(context.params.get("name") or "")
-    return [f"{option.name}=" for option in known.options] if known else []
-
-
 def study(
-    name: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="NAME",
-            help="Which study, forceps for those of the forceps, or all; listed without one.",
-            autocompletion=lambda: [*STUDIES, ALL],
-        ),
-    ] = None,
-    preset: Annotated[
-        str,
-        typer.Option(help="full, or small for a first look.", autocompletion=lambda: list(PRESETS)),
-    ] = "full",
-    seed: Seed = 0,
-    chosen: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="OPTION=VALUE",
-            help="An option of the study, for instance specimen=B; `truejoint study` lists them.",
-            autocompletion=_options,
-        ),
-    ] = None,
-    folder: Annotated[
-        Path,
-        typer.Option("--out", "-o", help="Folder that gets one folder a study, parts included."),
-    ] = Path("studies"),
-    jobs: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one for each core by default.")
-    ] = None,
-    cluster: Annotated[
-        str | None,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Dask scheduler, such as tcp://10.0.0.5:8786, whose workers compute the parts.",
-        ),
-    ] = None,
-    force: Force = False,
-    as_json: Json = False,
+    name: str | None = None,
+    preset: str = "full",
+    seed: int = 0,
+    chosen: list[str] | None = None,
+    folder: Path = Path("studies"),
+    jobs: int | None = None,
+    cluster: str | None = None,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Make the tables and figures of an experiment, beside the paper's numbers.
 

@@ -11,13 +11,11 @@ import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
-
-import typer
+from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
 from truejoint.cli.console import command_line, out, say
-from truejoint.cli.options import Force, RobotName, Seed, robot_and_arm
+from truejoint.cli.options import robot_and_arm
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.files import check_target, read_small, write_atomically
 from truejoint.robots.catalogue import DEFAULT
@@ -39,21 +37,13 @@ Events = list[tuple[float, str, "Event"]]
 
 
 def teleop(
-    robot: RobotName = DEFAULT,
-    seed: Seed = 0,
-    record: Annotated[
-        Path | None, typer.Option(help="Also record the arm, to a Parquet file.")
-    ] = None,
-    save_keys: Annotated[
-        Path | None, typer.Option(help="Also keep the keys with their times, as CSV.")
-    ] = None,
-    keys: Annotated[
-        Path | None, typer.Option(help="Replay keys of such a file instead of reading them.")
-    ] = None,
-    gamepad: Annotated[
-        bool, typer.Option("--gamepad", help="Also move it by the sticks of a gamepad.")
-    ] = False,
-    force: Force = False,
+    robot: str = DEFAULT,
+    seed: int = 0,
+    record: Path | None = None,
+    save_keys: Path | None = None,
+    keys: Path | None = None,
+    gamepad: bool = False,
+    force: bool = False,
 ) -> None:
     """Move a simulated arm in real time by keys: joints, tool and grasper.
 

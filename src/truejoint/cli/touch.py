@@ -9,12 +9,12 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, print_table, say
 from truejoint.cli.options import takes
@@ -39,24 +39,9 @@ _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
 class Aim:
     """What touches are for, an option each."""
 
-    block: Annotated[
-        Path | None,
-        typer.Option(
-            help="Block file: touches that find where the block stands or, without a model, "
-            "calibrate the arm."
-        ),
-    ] = None
-    bolted: Annotated[
-        Path | None, typer.Option(help="Pose of a bolted block: touches that re-zero the model.")
-    ] = None
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL|DIR",
-            help="Without a model: an older one of this arm, or a folder of three or more of other "
-            "arms, by which touches are judged.",
-        ),
-    ] = None
+    block: Path | None = None
+    bolted: Path | None = None
+    prior: Path | None = None
 
     def task(self, arm: str, model: Path | None) -> Task:
         """Task of the touches; refuse what does not go together."""
@@ -105,45 +90,18 @@ class Aim:
 
 @takes(aim=Aim)
 def run(
-    arm: Annotated[
-        str,
-        typer.Argument(
-            metavar="MODEL|ROBOT[:ARM]",
-            help="Model file of the arm; of an arm without one, the name of its robot or a robot "
-            "file.",
-            autocompletion=complete.robots,
-        ),
-    ],
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            "--out",
-            "-o",
-            help="Touches to write (.csv), their recording (.parquet) beside them. "
-            "Without it the plan alone is printed.",
-        ),
-    ] = None,
+    arm: str,
+    output: Path | None = None,
     *,
     aim: Aim,
-    touches: Annotated[
-        int | None,
-        typer.Option(min=3, max=200, help="How many at most; default: 30 and, with --bolted, 6."),
-    ] = None,
-    until_mm: Annotated[
-        float,
-        typer.Option(min=0.0, help="Stop when the tip is stated to be as near as this [mm]."),
-    ] = 0.0,
-    by_hand: Annotated[
-        bool,
-        typer.Option(
-            "--by-hand", help="Look on, over ROS, while you steer the arm; a prompt a touch."
-        ),
-    ] = False,
-    namespace: Annotated[str, typer.Option(help="Of the arm's topics, with --by-hand.")] = "",
-    ros: Annotated[int, typer.Option(min=1, max=2, help="ROS 1 or 2, with --by-hand.")] = 1,
-    twin: Annotated[str, typer.Option(help="Specimen of the simulated robot.")] = "nominal",
-    seed: options.Seed = 0,
-    force: options.Force = False,
+    touches: int | None = None,
+    until_mm: float = 0.0,
+    by_hand: bool = False,
+    namespace: str = "",
+    ros: int = 1,
+    twin: str = "nominal",
+    seed: int = 0,
+    force: bool = False,
 ) -> None:
     """Touch a block's dimples: which, in which order, and from which sides.
 

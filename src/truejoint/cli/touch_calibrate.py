@@ -5,12 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.bolt import say_left_out
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.cli.recording_options import Files, check_model_target, check_page_target
@@ -23,27 +20,11 @@ from truejoint.units import with_unit
 class Sightings:
     """What was touched or shot, an option each."""
 
-    touches: Annotated[
-        Path | None, typer.Option(help="Touches of a block (docs/touch.md).", metavar="FILE")
-    ] = None
-    block: Annotated[
-        Path | None, typer.Option(help="Block file, as `touch block` writes it; with --touches.")
-    ] = None
-    points: Annotated[
-        Path | None,
-        typer.Option(help="Single shots of a tracker at rest: t,x_mm,y_mm,z_mm.", metavar="FILE"),
-    ] = None
-    registration: Annotated[
-        Path | None,
-        typer.Option(help="TOML file with what is known of the tracker; with --points."),
-    ] = None
-    touch_sd_mm: Annotated[
-        float | None,
-        typer.Option(
-            help="Standard deviation of a touch or a shot, per axis [mm] (default 0.2 and 0.25).",
-            min=1e-3,
-        ),
-    ] = None
+    touches: Path | None = None
+    block: Path | None = None
+    points: Path | None = None
+    registration: Path | None = None
+    touch_sd_mm: float | None = None
 
     def __post_init__(self) -> None:
         if (self.touches is None) == (self.points is None):
@@ -56,33 +37,15 @@ class Sightings:
 
 @options.takes(sightings=Sightings, files=Files)
 def calibrate(
-    recording: Annotated[
-        str,
-        typer.Argument(
-            metavar="RECORDING",
-            help="What the arm did meanwhile.",
-            autocompletion=complete.recordings,
-        ),
-    ],
-    output: Annotated[Path, typer.Option("--out", "-o", help="Model file to write.")],
+    recording: str,
+    output: Path,
     *,
     sightings: Sightings,
-    prior: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="MODEL|DIR",
-            help="Older model of this arm, or a folder with models of three or more other arms.",
-        ),
-    ] = None,
-    report: Annotated[
-        Path | None,
-        typer.Option(
-            help="Page to write: errors before and after, and what was not seen.", metavar="HTML"
-        ),
-    ] = None,
+    prior: Path | None = None,
+    report: Path | None = None,
     files: Files,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Calibrate an arm without joint sensors, and say what the touches could not determine."""
     from truejoint.evaluation.report.touches import write_touch_report

@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, NamedTuple
-
-import typer
+from typing import Any, Final, NamedTuple
 
 import truejoint
-from truejoint.cli import complete, options
+from truejoint.cli import options
 from truejoint.cli.console import say
 from truejoint.cli.show import tell_trajectory
 from truejoint.errors import TrajectoryError, unknown
@@ -65,53 +63,18 @@ KINDS: Final = {
 
 
 def trajectory(
-    kind: Annotated[
-        str,
-        typer.Argument(
-            metavar="KIND",
-            help="zigzag: lines over the calibration workspace. random: a test motion that no "
-            "model was trained on. designed: the motion that is expected to tell most about the "
-            "joints in its time. nested: loops of three sizes, for a robot of one joint.",
-            autocompletion=lambda: list(KINDS),
-        ),
-    ],
-    output: Annotated[Path, typer.Option("--out", "-o", help="CSV file to write.")],
-    direction: Annotated[
-        str | None,
-        typer.Option(
-            help="zigzag: joints that move, such as J2, J1-J3 or J1-J2-J3 (default J2-J3).",
-            autocompletion=complete.directions,
-        ),
-    ] = None,
-    sparsity: Annotated[
-        str | None,
-        typer.Option(help="zigzag: line spacing as a share of the range (default 1/4)."),
-    ] = None,
-    published: Annotated[
-        bool | None,
-        typer.Option("--published", help="zigzag J1-J2-J3 in the box of peng2024's generator."),
-    ] = None,
-    minutes: Annotated[
-        float | None,
-        typer.Option(help="random, designed, nested: duration [min] (default 20, 2.5 and 1.08)."),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(min=0, max=2**31 - 1, help="random, designed: same seed, same motion."),
-    ] = None,
-    profile: Annotated[
-        str | None,
-        typer.Option(
-            help="random: speed along a swing, cosine (the default) or laboratory as in peng2024.",
-            autocompletion=complete.profiles,
-        ),
-    ] = None,
-    robot: options.RobotName = "",
-    plot: Annotated[
-        Path | None, typer.Option(help="Also draw it in 3-D: a .png picture or an .html page.")
-    ] = None,
-    force: options.Force = False,
-    as_json: options.Json = False,
+    kind: str,
+    output: Path,
+    direction: str | None = None,
+    sparsity: str | None = None,
+    published: bool | None = None,
+    minutes: float | None = None,
+    seed: int | None = None,
+    profile: str | None = None,
+    robot: str = "",
+    plot: Path | None = None,
+    force: bool = False,
+    as_json: bool = False,
 ) -> None:
     """Make a trajectory for an arm to follow; `truejoint show` describes one."""
     if kind not in KINDS:
