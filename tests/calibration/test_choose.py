@@ -22,9 +22,9 @@ from truejoint.calibration.choose import Group, Rows, apart, share_of, stacking_
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     GRU,
-    Combination,
     NeuralNetwork,
     PolynomialRegressor,
+    Stack,
     candidates,
     get_estimator,
     registry,
@@ -443,7 +443,7 @@ def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):
 def test_what_learns_a_filters_residual_is_tried_without_the_filter_too(monkeypatch):
     small = registry.PRESETS["ukf_elastic"]._replace(params={"elements": 1})
     monkeypatch.setitem(registry.PRESETS, "ukf_elastic", small)
-    both = Combination(("ukf_elastic", "poly2_ridge"))
+    both = Stack(("ukf_elastic", "poly2_ridge"))
     recordings = [grasper(seed) for seed in range(3)]
     model = calibrate(recordings, Automatic([get_estimator("poly2_ridge"), both]), fit_rate=20.0)
     own = [t for t in model.metadata["choice"]["tried"] if "driver/jaw" in t["features"]]

@@ -14,10 +14,10 @@ from tests.estimators.test_elastic_joint import fit, recording, rows
 from truejoint import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
-    Combination,
     ElasticJointFilter,
     ElasticJointHybrid,
     PolynomialRegressor,
+    Stack,
     registry,
 )
 from truejoint.estimators.family import EstimatorData
@@ -108,7 +108,7 @@ def test_a_mean_tells_the_torque_of_its_member(fitted):
     recordings = [recording(seed) for seed in range(4)]
     members = ElasticJointHybrid(elements=ELEMENTS), PolynomialRegressor(1)
     with patch.dict(registry.BOOSTED, max_iter=10):
-        mean = Combination((Combination(members, ((0.9,), (0.1,))),), ((1.0,),))
+        mean = Stack((Stack(members, ((0.9,), (0.1,))),), ((1.0,),))
         model = calibrate(recordings[:3], mean, fit_rate=25.0)
     unseen = recordings[3]
     loop = Corrector(model)

@@ -14,11 +14,11 @@ from tests.runtime.streams import trained
 from truejoint.calibration.zero import moved
 from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import (
-    Combination,
     FixedOffset,
     LinearRegressor,
     NeuralNetwork,
     PolynomialRegressor,
+    Stack,
 )
 from truejoint.export.export_onnx import export_onnx
 
@@ -69,7 +69,7 @@ def test_graph_gives_what_correct_gives(tmp_path, estimator, features, target):
 
 def test_a_combination_is_the_graphs_of_its_members(tmp_path):
     tried = (LinearRegressor(), NeuralNetwork(hidden_layer_sizes=(5,), epochs=2))
-    model = trained(Combination(tried, ((0.25, 0.0), (0.75, 1.0))))
+    model = trained(Stack(tried, ((0.25, 0.0), (0.75, 1.0))))
     test = stream_recording(np.arange(0.0, 5.0, 1 / 30), seed=3)
     _, position = run(export_onnx(model, tmp_path / "m.onnx"), model, test)
     np.testing.assert_allclose(position, model.correct(test), rtol=0, atol=1e-12)

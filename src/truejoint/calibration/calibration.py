@@ -317,7 +317,7 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
     description, arrays = read_model_file(path)
     try:
         data = decode(description, arrays)
-        counts = data.feature_set.counts_samples or find_family(data.model.family).counts_samples
+        counts = data.feature_set.counts_samples or data.model.kind.counts_samples
         dt = data.metadata.get("sample_dt")
         if counts and not (isinstance(dt, float) and 0.0 < dt < 1e9):
             raise ModelFileError("the model counts samples, and the time step is not stated")

@@ -20,7 +20,7 @@ from truejoint.estimators.base import JointRegressor, Progress, untold
 from truejoint.estimators.family import Target
 from truejoint.estimators.polynomial.learn import FixedOffset, Raw
 from truejoint.estimators.registry import LINEAR, OFFSET
-from truejoint.estimators.stack.learn import Combination
+from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import FeatureSet
 
@@ -368,7 +368,7 @@ class Group:
         members = tuple(self.trials[number].candidate for number in used)
         if len(members) == 1:
             return members[0]
-        return Combination(members, tuple(map(tuple, weights[used].tolist())))
+        return Stack(members, tuple(map(tuple, weights[used].tolist())))
 
 
 _TINY: Final = np.finfo(float).tiny

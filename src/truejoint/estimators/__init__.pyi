@@ -22,7 +22,7 @@ from .polynomial.learn import LinearRegressor as LinearRegressor
 from .polynomial.learn import PolynomialRegressor as PolynomialRegressor
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
-from .stack.learn import Combination as Combination
+from .stack.learn import Stack as Stack
 from .wrapped import Regressor as Regressor
 from .wrapped import WrappedRegressor as WrappedRegressor
 from .wrapped import candidates as candidates

@@ -8,7 +8,7 @@ loop, and the C source.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from typing import Any, Final, Literal, cast, get_args
 
@@ -122,6 +122,11 @@ class EstimatorData:
     params: Params  # as JSON values or tuples of them
     arrays: Mapping[str, Array]  # what was learnt, float64
 
+    @property
+    def kind(self) -> Family:
+        """The family, with the fields that the parameters decide."""
+        return find_family(self.family).of(self.params)
+
 
 @dataclass(frozen=True)
 class Family:
@@ -162,9 +167,18 @@ class Family:
     """How far (n_outputs, n_beside) the joints give way to each quantity beside, per its unit, at
     motors that stand: of the learnt arrays."""
     offline: str = "uses later rows"  # why there is no row, where there is none
+    specialise: Callable[[Params], Mapping[str, Any]] | None = None
+    """Fields of the family that the parameters decide."""
 
     def __reduce__(self) -> tuple[Callable[[str], Family], tuple[str]]:
         return find_family, (self.name,)  # pickled, by an estimator that holds it, by its name
+
+    def of(self, params: Params) -> Family:
+        """Give the family with what these parameters decide; CalibrationError if one is wrong."""
+        if self.specialise is None:
+            return self
+        self.check_params(params)
+        return replace(self, **self.specialise(params))
 
     def knows_deviation(self, params: Params) -> bool:
         """Whether the row states half-widths of its own, with these parameters."""

@@ -65,7 +65,7 @@ PRESETS: Final[dict[str, Preset]] = {
     "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
     "poly2_ridge": Preset("polynomial.ridge.Ridge", "polynomial.interactions", {}, {}),
     "linear_trees": Preset(
-        "stack.learn.Combination",
+        "stack.learn.Stack",
         "stack.run",
         {"members": (LINEAR, BOOSTED_TREES)},
         {"rows": _MANY},
@@ -95,7 +95,7 @@ PRESETS: Final[dict[str, Preset]] = {
     "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
     "hybrid_cables": Preset("cables.hybrid.CableHybrid", "cables.hybrid_rows"),
 }
-_COMPONENTS: Final = {"trees.run", "stack.combination_with_filter", "stack.combination_with_memory"}
+_COMPONENTS: Final = {"trees.run"}
 """Modules that run what other estimators are made of."""
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""

@@ -11,7 +11,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.calibration.encoding import CalibrationData
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.family import EstimatorData, find_family
+from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.products import padded
 from truejoint.features.feature_set import MAX_RATE_RATIO
 
@@ -119,7 +119,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    family = find_family(data.model.family)
+    family = data.model.kind
     counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper

@@ -29,7 +29,7 @@ from truejoint.estimators.plays.coupling import identify_coupling
 from truejoint.estimators.polynomial import interactions, offset
 from truejoint.estimators.polynomial.learn import polynomial_design
 from truejoint.estimators.polynomial.ridge import MOST_PRODUCTS, Ridge
-from truejoint.estimators.stack.learn import Combination
+from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.stack.run import members
 
 if TYPE_CHECKING:
@@ -343,7 +343,7 @@ class Plays(JointRegressor):
         else:
             n = min(trees.max_iter, _FEWER_TREES)
             trees.set_params(max_leaf_nodes=_LEAVES // 2, max_iter=n)
-        return Combination((ridge, trees), None, self.random_state)
+        return Stack((ridge, trees), None, self.random_state)
 
 
 def feature_scales(X: Array) -> Arrays:

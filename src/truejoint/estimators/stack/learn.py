@@ -20,13 +20,11 @@ from truejoint.estimators.family import (
     Family,
     Params,
     Rule,
-    find_family,
     integer,
     optional,
     random_state,
 )
-from truejoint.estimators.stack import combination_with_filter, combination_with_memory
-from truejoint.estimators.stack import run as combination
+from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 
 if TYPE_CHECKING:
@@ -35,15 +33,15 @@ if TYPE_CHECKING:
 
 
 class _FamilyOfMembers:
-    """Family of a combination, as its members make it; of the class, that without a memory."""
+    """Family of a stack, as its members make it; of the class, that without a memory."""
 
-    def __get__(self, one: Combination | None, _owner: type) -> Family:
+    def __get__(self, one: Stack | None, _owner: type) -> Family:
         own: Mapping[str, Any] = {} if one is None else vars(one)
-        return own.get("_by_members", combination.FAMILY)  # type: ignore[no-any-return]
+        return own.get("_by_members", stack.FAMILY)  # type: ignore[no-any-return]
 
 
 @dataclass(eq=False, repr=False)
-class Combination(JointRegressor):
+class Stack(JointRegressor):
     """Sum of estimators: by `weights`, or each fitted to what those before it leave.
 
     With weights, it is what Breiman calls stacked regressions (Machine Learning 24, 1996), the
@@ -74,7 +72,7 @@ class Combination(JointRegressor):
     Examples
     --------
     >>> X = np.linspace(-1.0, 1.0, 200)[:, None]
-    >>> model = Combination().fit(X, X[:, 0] + (X[:, 0] > 0.5))
+    >>> model = Stack().fit(X, X[:, 0] + (X[:, 0] > 0.5))
     >>> model.name, [member.name for member in model.members_]
     ('linear_trees', ['linear', 'HistGradientBoostingRegressor'])
     >>> model.predict([[0.2], [0.8]]).round(1)
@@ -95,7 +93,7 @@ class Combination(JointRegressor):
         if not isinstance(self.members, list | tuple):
             return  # `fit` says so, and what else is wrong
         with suppress(CalibrationError):
-            self._by_members = _family([member.family for member in self._unfitted()])
+            self._by_members = stack.FAMILY.of(_described(self._unfitted()))
 
     def set_params(self, **params: Any) -> Self:
         """Set parameters by name; other members may make another family of it."""
@@ -111,7 +109,7 @@ class Combination(JointRegressor):
         """Raise CalibrationError if a member cannot be one, or the weights are not theirs."""
         if not isinstance(self.members, list | tuple):
             raise CalibrationError(
-                f"members of a combination are {self.members!r:.60}; give a list of estimators"
+                f"members of a stack are {self.members!r:.60}; give a list of estimators"
             )
         unfitted = self._unfitted()
         for member in unfitted:
@@ -130,7 +128,7 @@ class Combination(JointRegressor):
             good = weights.ndim == 2 and len(weights) == len(unfitted)
             if not (good and np.isfinite(weights).all() and weights.any(axis=0).all()):
                 raise CalibrationError(
-                    f"weights of a combination have shape {weights.shape}; give a finite one for "
+                    f"weights of a stack have shape {weights.shape}; give a finite one for "
                     f"each of {len(unfitted)} members and each output, not all 0 for an output"
                 )
         super().check_params()
@@ -139,7 +137,7 @@ class Combination(JointRegressor):
         """Raise CalibrationError for numbers of either that a member does not take."""
         if self.weights is not None and np.shape(self.weights)[1] != n_outputs:
             raise CalibrationError(
-                f"weights of a combination are for {np.shape(self.weights)[1]} outputs; it must be "
+                f"weights of a stack are for {np.shape(self.weights)[1]} outputs; it must be "
                 f"{n_outputs}"
             )
         for member in self._unfitted():
@@ -176,16 +174,15 @@ class Combination(JointRegressor):
         """Make one of these parameters, to be run only."""
         same = (one for one in map(registry.registered, registry.OWN) if type(one) is cls)
         made = next((one for one in same if one.model_params() == params), cls())
-        made.params_ = params
+        made.params_, made._by_members = params, stack.FAMILY.of(params)
         return made
 
     @classmethod
     def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
         """Fitted estimator of its data; raises as `JointRegressor.from_data`."""
-        family = find_family(data.family)
-        family.check(data, n_features, n_outputs)
+        data.kind.check(data, n_features, n_outputs)
         made = super().from_data(data, n_features, n_outputs)
-        made.members, made._by_members = (), family
+        made.members, made._by_members = (), data.kind
         return made
 
     def settled(self) -> Self:
@@ -239,14 +236,6 @@ class Combination(JointRegressor):
     def _used(self) -> tuple[tuple[float, ...], ...]:
         """Weights of the members that have any."""
         return tuple(tuple(map(float, own)) for own in self.weights or () if np.any(own))
-
-
-def _family(members: Sequence[Family]) -> Family:
-    """Give the family of a combination of members of these."""
-    if any(one.inputs for one in members):
-        return combination_with_filter.FAMILY
-    remembers = any(one.remembers for one in members)
-    return combination_with_memory.FAMILY if remembers else combination.FAMILY
 
 
 def _described(members: Sequence[JointRegressor], weights: Array | None = None) -> Params:

@@ -11,6 +11,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, fill, unrolled, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import (
+    TARGETS,
     EstimatorData,
     Family,
     Params,
@@ -44,7 +45,7 @@ for _i in range(1, MAX_MEMBERS):
 
 
 @compiled
-def combination_row(
+def stack_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a weighted sum of what the members predict."""
@@ -117,7 +118,7 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
         known |= set(outputs)
     if known != set(range(n_outputs)):
         raise CalibrationError(
-            f"the members of a combination are for outputs {sorted(known)}; it must be each of "
+            f"the members of a stack are for outputs {sorted(known)}; it must be each of "
             f"{n_outputs}"
         )
     return {"weights": (n_weights,), **shapes}
@@ -156,6 +157,19 @@ def _beside(params: Params) -> dict[str, Path]:
     return found
 
 
+def _specialised(params: Params) -> dict[str, Any]:
+    """Fields of the family that the members decide: of those with a memory, and with features."""
+    kinds = [(data.kind, data.params) for data, _ in members(params, {})]
+    remembers = any(kind.remembers for kind, _ in kinds)
+    own = next((kind.inputs(found) for kind, found in kinds if kind.inputs), None)
+    return {
+        "remembers": remembers,
+        "counts_samples": remembers,
+        "inputs": None if own is None else lambda _params: own,
+        "targets": TARGETS if own is None else ("position",),
+    }
+
+
 FAMILY: Final = Family(
     "stack",
     rules={
@@ -165,6 +179,7 @@ FAMILY: Final = Family(
     },
     shapes=_shapes,
     pack=_pack,
-    row=combination_row,
+    row=stack_row,
     beside=_beside,
+    specialise=_specialised,
 )

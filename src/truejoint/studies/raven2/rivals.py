@@ -14,7 +14,7 @@ from sklearn.preprocessing import StandardScaler
 
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
-from truejoint.estimators import Combination, get_estimator
+from truejoint.estimators import Stack, get_estimator
 from truejoint.evaluation.metrics import rmse, tool_error
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import claims
@@ -77,7 +77,7 @@ def _unfitted(name: str) -> Any:
     if name == "forest":
         return forest
     if name == "network_forest":
-        return Combination(("dnn", forest))
+        return Stack(("dnn", forest))
     return get_estimator(name)
 
 
