@@ -47,17 +47,17 @@ NIS: Final = LAYOUT.scalar("nis", "normalised innovation squared")
 LOGLIK: Final = LAYOUT.scalar("loglik", "log-likelihood of the measurement")
 INFLATION: Final = LAYOUT.scalar("inflation", "of the covariance, where a measurement was far off")
 
-X: Final = LAYOUT.array("x", "state")
-P: Final = LAYOUT.array("covariance", "of the state")
+X: Final = LAYOUT.array("x", "state", "n_states")
+P: Final = LAYOUT.array("covariance", "of the state", "n_states", "n_states")
 S: Final = LAYOUT.array("factor", "lower factor of the covariance")
-Z: Final = LAYOUT.array("z", "measurement, NaN where missing")
-U: Final = LAYOUT.array("u", "control input")
+Z: Final = LAYOUT.array("z", "measurement, NaN where missing", "n_measurements")
+U: Final = LAYOUT.array("u", "control input", "n_inputs")
 INNOVATION: Final = LAYOUT.array("innovation", "measured less predicted, NaN where missing")
 Q: Final = LAYOUT.array("noise_factor", "lower factor of the process noise")
 X_PRIOR: Final = LAYOUT.array("x_prior", "state before the first step")
 P_PRIOR: Final = LAYOUT.array("covariance_prior", "of the state before the first step")
 S_PRIOR: Final = LAYOUT.array("factor_prior", "its lower factor")
-THETA: Final = LAYOUT.array("theta", "parameters of the model")
+THETA: Final = LAYOUT.array("theta", "parameters of the model", "n_parameters")
 R: Final = LAYOUT.array("sensor_factor", "lower factor of the measurement noise")
 GATE: Final = LAYOUT.array("gate", "NIS limit for 0, 1, ... components, all 0 without a gate")
 X_MEAN: Final = LAYOUT.array("x_mean", "predicted state")
@@ -83,6 +83,9 @@ HIGHEST: Final = LAYOUT.array("highest", "possible of each state, then measureme
 ANGLES: Final = LAYOUT.integers("angles", "1 for each state, then measurement, that is an angle")
 CHOSEN: Final = LAYOUT.integers("chosen", "components of the measurement in use")
 ADVANCE: Final = LAYOUT.address("step", "of the filter")
+
+unpack_filter = LAYOUT.unpacker()
+"""Give a kernel the filter's numbers, state, covariance, measurement, inputs and parameters."""
 
 
 def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, Any]) -> Memory:

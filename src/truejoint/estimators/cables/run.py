@@ -14,14 +14,14 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, local_vector, matrix, vector
+from truejoint.compiled import compiled, local_vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.cables import loops
-from truejoint.estimators.cables.loops import INPUTS, LOAD, PARAMETERS, RIGID, STATES, N
+from truejoint.estimators.cables.loops import LOAD, PARAMETERS, RIGID, STATES, N
 from truejoint.estimators.family import Family, Params, Rule, Shape
 from truejoint.estimators.filtered import advance, quadratic
 from truejoint.filters import StateSpaceModel, UnscentedFilter
-from truejoint.filters import fields as at
+from truejoint.filters.fields import unpack_filter
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
@@ -167,16 +167,17 @@ LAYOUT: Final = Layout()
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 BESIDE: Final = LAYOUT.scalar("beside_deviations", "that a load's half-width is")
 STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
-LAST: Final = LAYOUT.array("last", "motor angles of the row before [rad]")
-PLAYED: Final = LAYOUT.array("played", "the same without what trembles [rad]")
-RAW: Final = LAYOUT.array("raw", "joints of cables that give nowhere [rad]")
-ADDED: Final = LAYOUT.array("added", "what geometry adds, by term and joint")
-BY_STATE: Final = LAYOUT.array("by_state", "derivative of the joints by the state")
-STRUCTURE: Final = LAYOUT.array("structure", "factor and share of the load, of angles and loads")
-GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]")
-TIP_FIRST: Final = LAYOUT.array("tip_first", "torque of the tip's first arm, its half-width [Nm]")
-TIP_SECOND: Final = LAYOUT.array("tip_second", "torque of its second arm, its half-width [Nm]")
+LAYOUT.array("last", "motor angles of the row before [rad]", N)
+LAYOUT.array("played", "the same without what trembles [rad]", N)
+LAYOUT.array("raw", "joints of cables that give nowhere [rad]", N)
+LAYOUT.array("added", "what geometry adds, by term and joint", TERMS, N)
+LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
+LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
+GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
+TIP_FIRST: Final = LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
+TIP_SECOND: Final = LAYOUT.array("tip_second", "torque of its second arm, half-width [Nm]", 2)
 FILTER: Final = LAYOUT.part("filter", "of friction of loops, motors and pins, and loads")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -213,39 +214,33 @@ def cable_filter_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the filter of the cables."""
+    m = unpack(numbers, memory)
     own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    if dt == 0.0 or memory[STARTED] == 0.0:
+    f = unpack_filter(own, state)
+    if dt == 0.0 or m.started == 0.0:
         restart(own, state)
         dt = 0.0
-    played, raw = vector(memory, numbers[PLAYED], N), vector(memory, numbers[RAW], N)
-    u = vector(state, own[at.U], INPUTS)
-    take_motors(dt, x, vector(memory, numbers[LAST], N), played, u)
-    z = vector(state, own[at.Z], N)
-    for m in range(N):
-        z[m] = x[N + m]
+    take_motors(dt, x, m.last, m.played, f.u)
+    for j in range(N):
+        f.z[j] = x[N + j]
     good = advance(own, state, dt)
     memory[STARTED] = 1.0 if good else 0.0
-    estimate = vector(state, own[at.X], STATES)
-    spread = matrix(state, own[at.P], STATES, STATES)
-    p = vector(state, own[at.THETA], PARAMETERS)
-    loops.joints(estimate, played, p, out)
-    add_geometry(played, p, matrix(memory, numbers[ADDED], TERMS, N), raw, out)
-    structure = matrix(memory, numbers[STRUCTURE], 4, N)
-    seen = seen_load(estimate)
-    by_state = matrix(memory, numbers[BY_STATE], N, STATES)
+    loops.joints(f.x, m.played, f.theta, out)
+    add_geometry(m.played, f.theta, m.added, m.raw, out)
+    seen = seen_load(f.x)
     for j in range(N):
         out[j] = out[j] if good else nan
-        if memory[DEVIATIONS] > 0.0:
-            own_variance = quadratic(by_state[j], spread, STATES)
-            half_width[j] = memory[DEVIATIONS] * stated(
-                own_variance, seen, structure[0, j], structure[1, j]
+        if m.deviations > 0.0:
+            variance = quadratic(m.by_state[j], f.covariance, STATES)
+            half_width[j] = m.deviations * stated(
+                variance, seen, m.structure[0, j], m.structure[1, j]
             )
-        raw[j] = memory[BESIDE] * stated(
-            spread[LOAD + j, LOAD + j], seen, structure[2, j], structure[3, j]
+        m.raw[j] = m.beside_deviations * stated(
+            f.covariance[LOAD + j, LOAD + j], seen, m.structure[2, j], m.structure[3, j]
         )
-    state_load(vector(memory, numbers[GRIP], 2), estimate[LOAD], raw[0])
-    state_load(vector(memory, numbers[TIP_FIRST], 2), estimate[LOAD + 1], raw[1])
-    state_load(vector(memory, numbers[TIP_SECOND], 2), estimate[LOAD + 2], raw[2])
+    state_load(m.grip, f.x[LOAD], m.raw[0])
+    state_load(m.tip_first, f.x[LOAD + 1], m.raw[1])
+    state_load(m.tip_second, f.x[LOAD + 2], m.raw[2])
 
 
 def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:

@@ -11,7 +11,7 @@ from typing import Final, Self
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled
 from truejoint.estimators.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
 from truejoint.estimators.filtered import advance
 from truejoint.estimators.jaw.signals import (
@@ -24,7 +24,7 @@ from truejoint.estimators.jaw.signals import (
     bounded_error,
 )
 from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
-from truejoint.filters import fields as at
+from truejoint.filters.fields import unpack_filter
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
@@ -216,18 +216,19 @@ def jaw_filter(params: Params) -> UnscentedFilter:
 
 
 LAYOUT: Final = Layout()
-COMPENSATED: Final = LAYOUT.integer("compensated", "1: less the error model (25)")
+LAYOUT.integer("compensated", "1: less the error model (25)")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]; NaN: start anew")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
-DRIVE_PER_ANGLE: Final = LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
-RESET_STIFFNESS: Final = LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
-DIVISOR: Final = LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
-CONSTANT: Final = LAYOUT.scalar("constant", "added to the angle [rad]")
-SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
-ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
-ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
+LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
+LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
+LAYOUT.scalar("divisor", "tensions at rest per jaw angle [N/rad]")
+LAYOUT.scalar("constant", "added to the angle [rad]")
+LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
+LAYOUT.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
+LAYOUT.array("error_range", "within which that is believed [rad]", 2)
 FILTER: Final = LAYOUT.part("filter", "of jaw [rad] and its speed, reset cable [m] and its speed")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -235,37 +236,28 @@ def jaw_filter_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the filter of yan2020."""
+    m = unpack(numbers, memory)
     own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    estimate = vector(state, own[at.X], 4)
+    f = unpack_filter(own, state)
     motor, reset = x[0], x[1]
-    speed = nan
-    fresh = dt == 0.0 or math.isnan(memory[LAST_MOTOR])
-    if fresh:
+    f.z[0] = reset
+    if dt == 0.0 or math.isnan(m.motor):
         restart(own, state)
-        tension = memory[DRIVE_PER_ANGLE] * motor + memory[RESET_STIFFNESS] * reset
-        estimate[0] = tension / memory[DIVISOR]
-        estimate[2] = reset
-        memory[LAST_MOTOR] = motor
+        f.x[0] = (m.drive_tension * motor + m.reset_stiffness * reset) / m.divisor
+        f.x[2] = reset
+        f.z[1], f.u[0] = nan, motor
         dt = 0.0
     else:
-        speed = (reset - memory[LAST_RESET]) / dt
-    z = vector(state, own[at.Z], 2)
-    z[0] = reset
-    z[1] = speed
-    vector(state, own[at.U], 1)[0] = memory[LAST_MOTOR]
+        f.z[1], f.u[0] = (reset - m.reset) / dt, m.motor
     good = advance(own, state, dt)
-    if memory[DEVIATIONS] > 0.0:
-        half_width[0] = memory[DEVIATIONS] * sqrt(max(vector(state, own[at.P], 1)[0], 0.0))
-    added = memory[CONSTANT]
-    if numbers[COMPENSATED] == 1:
-        scale = vector(memory, numbers[SCALE], 2)
-        added = -bounded_error(
-            motor, reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
-            vector(memory, numbers[ERROR_RANGE], 2), half_width,
-        )  # fmt: skip
+    if m.deviations > 0.0:
+        half_width[0] = m.deviations * sqrt(max(f.covariance[0, 0], 0.0))
+    added = m.constant
+    if m.compensated == 1:
+        added = -bounded_error(motor, reset, m.scale, m.error_coef, m.error_range, half_width)
     memory[LAST_MOTOR] = motor if good else nan
     memory[LAST_RESET] = reset
-    out[0] = estimate[0] + added if good else nan
+    out[0] = f.x[0] + added if good else nan
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:

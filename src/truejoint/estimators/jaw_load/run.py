@@ -18,7 +18,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import (
     POSITIVE,
@@ -33,7 +33,7 @@ from truejoint.estimators.family import (
 from truejoint.estimators.filtered import advance, quadratic
 from truejoint.estimators.jaw.signals import MECHANISM_RULES, MOTOR, RESET, SLIDING, stand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
-from truejoint.filters import fields as at
+from truejoint.filters.fields import unpack_filter
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
@@ -222,18 +222,19 @@ def friction_prior(elements: int) -> tuple[Array, Array]:
 
 
 LAYOUT: Final = Layout()
-ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
+LAYOUT.integer("elements", "of friction")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]; NaN: start anew")
-DRIVE_FACTOR: Final = LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
-INVERSE: Final = LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
-MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
+LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
+LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
+LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
 BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the load's half-width is")
-ANGLE: Final = LAYOUT.array("angle", "constant, powers and elements of the angle [rad]")
-LOAD: Final = LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]")
-CABLE: Final = LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest")
-HOLD: Final = LAYOUT.array("hold", "where both cables stand [m], for how long; a load not shown")
+LAYOUT.array("angle", "constant, powers and elements of the angle [rad]", "n_terms")
+LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]", 2)
+LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest", 8)
+LAYOUT.array("hold", "where both cables stand [m], for how long; a load not shown", 5)
 FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the stretch [m]")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -241,34 +242,26 @@ def friction_filter_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the filter with friction and load."""
+    m = unpack(numbers, memory)
     own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    reset = x[1]
-    moved = reset - memory[LAST_RESET]
+    f = unpack_filter(own, state)
+    drive, reset = x[0] * m.drive_factor, x[1]
+    moved = reset - m.reset
     if dt == 0.0 or isnan(moved):
         restart(own, state)
         moved = dt = 0.0
-    drive = x[0] * memory[DRIVE_FACTOR]
-    vector(state, own[at.Z], 1)[0] = drive
-    u = vector(state, own[at.U], 2)
-    u[0] = moved
-    u[1] = reset
+    f.z[0] = drive
+    f.u[0], f.u[1] = moved, reset
     good = advance(own, state, dt)
     memory[LAST_RESET] = reset if good else nan
-    elements = numbers[ELEMENTS]
-    weights = vector(memory, numbers[ANGLE], 1 + DEGREE + elements)
-    estimate = vector(state, own[at.X], elements + 1)
-    out[0] = response(reset * memory[INVERSE], estimate, elements, weights) if good else nan
-    spread = matrix(state, own[at.P], elements + 1, elements + 1)
-    cable, hold = vector(memory, numbers[CABLE], 8), vector(memory, numbers[HOLD], 5)
-    load = vector(memory, numbers[LOAD], 2)
-    hidden = judge(
-        dt, drive, reset, estimate[elements], spread[elements, elements], cable, hold, load
-    )
-    load[1] *= memory[BESIDE]
-    if memory[DEVIATIONS] > 0.0:
-        variance = quadratic(weights[1 + DEGREE :], spread, elements) + memory[MISFIT] ** 2
-        half_width[0] = memory[DEVIATIONS] * sqrt(variance + hidden)
-    if not abs(load[0]) <= cable[7]:
+    n, load = m.elements, m.load
+    out[0] = response(reset * m.inverse_scale, f.x, n, m.angle) if good else nan
+    hidden = judge(dt, drive, reset, f.x[n], f.covariance[n, n], m.cable, m.hold, load)
+    load[1] *= m.beside_deviations
+    if m.deviations > 0.0:
+        variance = quadratic(m.angle[1 + DEGREE :], f.covariance, n) + m.misfit**2
+        half_width[0] = m.deviations * sqrt(variance + hidden)
+    if not abs(load[0]) <= m.cable[7]:
         half_width[0] = nan  # no load is as large: a sensor has slipped, or the cable is slack
 
 

@@ -15,7 +15,7 @@ from typing import Final, Self
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.compiled import compiled, copy, matrix, vector
+from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import (
     Family,
@@ -28,7 +28,7 @@ from truejoint.estimators.family import (
 )
 from truejoint.estimators.filtered import advance, quadratic
 from truejoint.filters import StateSpaceModel, UnscentedFilter
-from truejoint.filters import fields as at
+from truejoint.filters.fields import unpack_filter
 from truejoint.filters.kernels import restart
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
@@ -226,21 +226,21 @@ class ElasticJoint:
 
 
 LAYOUT: Final = Layout()
-ELEMENTS: Final = LAYOUT.integer("elements", "of friction")
-N_TERMS: Final = LAYOUT.integer("n_terms", "of an output's response")
+LAYOUT.integer("elements", "of friction")
 DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges; NaN: start anew")
-MIDDLE: Final = LAYOUT.scalar("middle", "of the driver's range [rad]")
-HALF_RANGE: Final = LAYOUT.scalar("half_range", "of the driver [rad]")
-TORQUE_SCALE: Final = LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
-RESPONSES: Final = LAYOUT.array("responses", "coefficients of each output")
-OUTPUT_MISFIT: Final = LAYOUT.array("misfit", "standard deviation of what a response misses")
-N_TOLD: Final = LAYOUT.integer("n_told", "responses: of the angle, and of the torque if learnt")
+LAYOUT.scalar("middle", "of the driver's range [rad]")
+LAYOUT.scalar("half_range", "of the driver [rad]")
+LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
+LAYOUT.array("responses", "coefficients of each output", "n_told", "n_terms")
+LAYOUT.array("misfit", "standard deviation of what a response misses", "n_told")
 BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
-TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]")
-NEAR: Final = LAYOUT.array("near", "a state beside the estimate")
-SLOPE: Final = LAYOUT.array("slope", "of an output over the state")
+TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
+LAYOUT.array("near", "a state beside the estimate", "n_states")
+LAYOUT.array("slope", "of an output over the state", "n_states")
 FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
+N_TOLD: Final = LAYOUT.fields["n_told"].index
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -248,38 +248,28 @@ def elastic_joint_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the filter of the elastic joint."""
+    m = unpack(numbers, memory)
     own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    angle = (x[0] - memory[MIDDLE]) / memory[HALF_RANGE]
-    moved = angle - memory[LAST]
+    f = unpack_filter(own, state)
+    angle = (x[0] - m.middle) / m.half_range
+    moved = angle - m.last
     if dt == 0.0 or math.isnan(moved):
         restart(own, state)
         moved = dt = 0.0
-    vector(state, own[at.Z], 1)[0] = x[1] / memory[TORQUE_SCALE]
-    u = vector(state, own[at.U], 2)
-    u[0] = angle
-    u[1] = moved
+    f.z[0] = x[1] / m.torque_scale
+    f.u[0], f.u[1] = angle, moved
     good = advance(own, state, dt)
     memory[LAST] = angle if good else nan
-    elements, n_terms = numbers[ELEMENTS], numbers[N_TERMS]
-    n = elements + 2
-    estimate = vector(state, own[at.X], n)
-    spread = matrix(state, own[at.P], n, n)
-    near = vector(memory, numbers[NEAR], n)
-    slope = vector(memory, numbers[SLOPE], n)
-    misfit = vector(memory, numbers[OUTPUT_MISFIT], numbers[N_TOLD])
-    responses = matrix(memory, numbers[RESPONSES], numbers[N_TOLD], n_terms)
-    torque = vector(memory, numbers[TOLD], 2)
-    for j in range(numbers[N_TOLD]):
-        coefficients = responses[j]
-        value = output(angle, estimate, elements, coefficients) if good else nan
-        deviations = memory[DEVIATIONS] if j == 0 else memory[BESIDE]
+    for j in range(m.n_told):
+        coefficients = m.responses[j]
+        value = output(angle, f.x, m.elements, coefficients) if good else nan
+        deviations = m.deviations if j == 0 else m.beside_deviations
         width = 0.0
         if deviations > 0.0:
-            variance = output_variance(angle, estimate, spread, coefficients, near, slope)
-            width = deviations * sqrt(variance + misfit[j] ** 2)
+            variance = output_variance(angle, f.x, f.covariance, coefficients, m.near, m.slope)
+            width = deviations * sqrt(variance + m.misfit[j] ** 2)
         if j > 0:
-            torque[0] = value
-            torque[1] = width
+            m.torque[0], m.torque[1] = value, width
         else:
             out[0] = value
             if deviations > 0.0:
@@ -347,8 +337,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
     elements = int(params["elements"])
     return LAYOUT.pack(
         elements=elements,
-        n_terms=arrays["outputs"].shape[1],
-        n_told=n_told(params),
         torque=np.zeros(2),
         middle=middle,
         half_range=half_range,
