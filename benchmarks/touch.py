@@ -50,16 +50,13 @@ from truejoint.simulation.raven2.twin import Raven2Twin
 from truejoint.tip import (
     Block,
     BlockPose,
-    Shots,
     Touches,
-    calibrate_by_points,
     calibrate_by_touch,
     find_block,
     rezeroed_by_touch,
 )
 from truejoint.tip.guide import Guide, learning
-from truejoint.tip.rests import known_kinematics
-from truejoint.tip.touch import tip_rows, zero_prior
+from truejoint.tip.touch import known_kinematics, tip_rows, zero_prior
 from truejoint.tip.touch_plan import choose_touches
 
 Row = dict[str, Any]
@@ -350,7 +347,6 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
     unmeasured = replace(block, measured=float("nan"))
     small = replace(unmeasured, points={name: p / 0.995 for name, p in block.points.items()})
     robot, older = recording.robot, [calibrate(session.training, "linear", random_state=0)]
-    shots = Shots(touches.t, block.at(touches.dimple))
     straight, crooked = known_kinematics(robot), bent(robot, 0.2)
 
     def touch(*given: Any, known: list[Calibration] | tuple[()] = ()) -> Calibration:
@@ -366,7 +362,6 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
         "other arms, small": (straight, lambda: touch(recording, touches, small, known=others)),
         "older": (straight, lambda: touch(recording, touches, block, known=older)),
         "older, small": (straight, lambda: touch(recording, touches, small, known=older)),
-        "shots": (straight, lambda: calibrate_by_points(recording, shots, shot_sd=2e-4)[0]),
         "links .2 deg off": (
             crooked, lambda: touch(recording, touches, touched_by(session, robot, crooked))
         ),

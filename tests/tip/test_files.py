@@ -3,13 +3,25 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.tip.test_touch_calibration import session
 
 from truejoint.errors import CalibrationError
-from truejoint.tip import Block, BlockPose, read_block, read_pose, write_block, write_pose
+from truejoint.tip import (
+    Block,
+    BlockPose,
+    Touches,
+    calibrate_by_touch,
+    read_block,
+    read_pose,
+    read_shots,
+    write_block,
+    write_pose,
+)
 
 POINTS = {"1": np.array([0.0, 0.01, 0.02]), "12": np.array([0.04, -0.03, 0.0])}
 BLOCK = Block("stairs", "raven2", POINTS, 0.08, 0.0803)
@@ -67,7 +79,7 @@ def test_a_pose_comes_back_bit_for_bit(tmp_path):
         ("name = ", "title = ", "no key called 'title'"),
         ("[points_mm]", "[points]", "did you mean 'points_mm'"),
         ("[0.0, 10.0, 20.0]", "[0.0, 10.0]", "three numbers"),
-        ("[0.0, 10.0, 20.0]", "[0.0, 10.0, 2e4]", "less than 1 m"),
+        ("[0.0, 10.0, 20.0]", "[0.0, 10.0, 2e4]", "less than 10 m"),
         ('robot = "raven2"\n', "", "'robot' is missing"),
     ],
 )
@@ -107,3 +119,43 @@ def test_a_pose_without_size_is_refused(tmp_path):
 def test_a_plate_without_dimples_is_none():
     with pytest.raises(CalibrationError, match="no dimples"):
         Block("empty", "raven2", {}, 0.08)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "want t,x_mm,y_mm,z_mm"),
+        ("t,x,y,z\n1,2,3,4\n", "want t,x_mm,y_mm,z_mm"),
+        ("t,x_mm,y_mm,z_mm\n", "no dimples; write a line for each"),
+        ("t,x_mm,y_mm,z_mm\n1,2,3\n", "line 2"),
+        ("t,x_mm,y_mm,z_mm\n1,2,far,4\n", "line 2"),
+        ("t,x_mm,y_mm,z_mm\n1,2,nan,4\n", "three numbers of less than 10 m"),
+        ("t,x_mm,y_mm,z_mm\n2,2,3,4\n1,2,3,4\n", "must go up"),
+    ],
+)
+def test_a_file_that_is_not_of_shots_is_refused(tmp_path, text, said):
+    path = tmp_path / "shots.csv"
+    path.write_text(text)
+    with pytest.raises(CalibrationError, match=said):
+        read_shots(path)
+
+
+def test_shots_come_back_in_metres(tmp_path):
+    path = tmp_path / "shots.csv"
+    path.write_text("x_mm,t,note,y_mm,z_mm\n100,1.5,good,-20,1500.25\n\n0,2.5,,1,2\n")
+    touches, block = read_shots(path)
+    assert touches == Touches((1.5, 2.5), ("1", "2"), str(path))
+    expected = np.array([[0.1, -0.02, 1.50025], [0.0, 0.001, 0.002]])
+    assert block.at(touches.dimple) == pytest.approx(expected)
+    assert (block.scale, block.scale_sd) == (1.0, pytest.approx(0.0, abs=1e-4))
+
+
+def test_shots_calibrate_as_touches_do(tmp_path):
+    recording, touches, block, _ = session()
+    rows = zip(touches.t, 1e3 * block.at(touches.dimple), strict=True)
+    lines = [",".join(map(str, [t, *point])) for t, point in rows]
+    (tmp_path / "shots.csv").write_text("\n".join(["t,x_mm,y_mm,z_mm", *lines]))
+    blind, _ = calibrate_by_touch(recording, *read_shots(tmp_path / "shots.csv"))
+    measured = replace(block, measured=block.calliper)
+    expected = calibrate_by_touch(recording, touches, measured)[0].correct(recording)
+    assert blind.correct(recording) == pytest.approx(expected, abs=2e-5)

@@ -106,8 +106,7 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         with suppress(KeyError, TypeError):  # not by touches, or by somebody else's rules
             told = facts["touch"]
             near = with_unit(told["left_out_error"], "m")
-            where = f"in the {told['frame']}'s frame"
-            about["truth"] = f"{told['touches']} {told['what']}; tip within {near} {where}"
+            about["truth"] = f"{told['touches']} touches; tip within {near} in the block's frame"
             about["not seen"] = "; ".join(told["not_seen"]) or "-"
         with suppress(KeyError, TypeError):  # not stated, or by somebody else's rules
             about["held out"] = "RMSE " + ", ".join(

@@ -80,13 +80,13 @@ def touch_facts(fit: TipFit, touches: truejoint.tip.Touches) -> dict[str, Any]:
     return {"touches": len(touches), "left_out": outliers, "residual_rms": float(rms)}
 
 
-def say_left_out(fit: TipFit, touches: truejoint.tip.Touches, what: str = "touches") -> None:
+def say_left_out(fit: TipFit, touches: truejoint.tip.Touches) -> None:
     """Print how well touches fit, and which were left out as outliers."""
     facts = touch_facts(fit, touches)
-    out.print(f"{len(touches)} {what}, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
+    out.print(f"{len(touches)} touches, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
     for i in fit.left_out.nonzero()[0]:
         off = with_unit(float((fit.residual[i] ** 2).sum() ** 0.5), "m")
         say(
-            f"left out: {touches.kind} {touches.dimple[i]} at {touches.t[i]:.1f} s, {off} off: "
-            f"{touches.doubt}"
+            f"left out: dimple {touches.dimple[i]} at {touches.t[i]:.1f} s, {off} off: badly "
+            "seated, or another number?"
         )

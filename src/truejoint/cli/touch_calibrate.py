@@ -23,7 +23,6 @@ class Sightings:
     touches: Path | None = None
     block: Path | None = None
     points: Path | None = None
-    registration: Path | None = None
     touch_sd_mm: float | None = None
 
     def __post_init__(self) -> None:
@@ -31,8 +30,6 @@ class Sightings:
             raise CalibrationError("give --touches with --block, or --points; one of the two")
         if (self.touches is None) != (self.block is None):
             raise CalibrationError("--touches and --block belong together: give both, or neither")
-        if self.points is None and self.registration is not None:
-            raise CalibrationError("--registration describes a tracker: give it with --points")
 
 
 @options.takes(sightings=Sightings, files=Files)
@@ -64,13 +61,12 @@ def calibrate(
     if as_json:
         result_json({"model": str(output), "metadata": fitted.metadata})
         return
-    facts = fitted.metadata["touch"]
-    say_left_out(touch_report.fit, touch_report.rests, facts["what"])
+    say_left_out(touch_report.fit, touch_report.touches)
     near = with_unit(touch_report.left_out_error, "m")
     sd = with_unit(touch_report.left_out_sd, "m")
     out.print(
-        f"{output}: the tip is within {near} ± {sd} (RMS) in the {facts['frame']}'s frame, by "
-        f"{facts['what']} left out in turn",
+        f"{output}: the tip is within {near} ± {sd} (RMS) in the block's frame, by touches "
+        "left out in turn",
         soft_wrap=True,
     )
     for text in touch_report.not_seen:
@@ -94,23 +90,13 @@ def _fitting(
 ) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, truejoint.tip.TouchReport]]:
     """Read what was touched or shot, and give what fits a recording to it."""
     from truejoint.tip.block import TOUCH_SD
-    from truejoint.tip.rests import SHOT_SD
+    from truejoint.tip.files import SHOT_SD
 
     tip = truejoint.tip
-    sd = None if sightings.touch_sd_mm is None else sightings.touch_sd_mm / 1e3
     if sightings.touches is not None and sightings.block is not None:
         touches, block = tip.read_touches(sightings.touches), tip.read_block(sightings.block)
-        return lambda whole: tip.calibrate_by_touch(
-            whole, touches, block, touch_sd=sd or TOUCH_SD, priors=priors
-        )
-    shots = tip.read_shots(sightings.points or Path())
-
-    def fit(whole: truejoint.Recording) -> tuple[truejoint.Calibration, truejoint.tip.TouchReport]:
-        registration = None
-        if sightings.registration is not None:
-            registration = tip.read_registration(sightings.registration, whole.robot)
-        return tip.calibrate_by_points(
-            whole, shots, registration, shot_sd=sd or SHOT_SD, priors=priors
-        )
-
-    return fit
+        default = TOUCH_SD
+    else:
+        (touches, block), default = tip.read_shots(sightings.points or Path()), SHOT_SD
+    sd = default if sightings.touch_sd_mm is None else sightings.touch_sd_mm / 1e3
+    return lambda whole: tip.calibrate_by_touch(whole, touches, block, touch_sd=sd, priors=priors)

@@ -13,11 +13,9 @@ from .files import write_block as write_block
 from .files import write_pose as write_pose
 from .registration import Registered as Registered
 from .registration import Registration as Registration
-from .rests import Shots as Shots
-from .rests import Touches as Touches
+from .touch import Touches as Touches
 from .touch import find_block as find_block
 from .touch import rezeroed_by_touch as rezeroed_by_touch
 from .touch_calibration import TouchReport as TouchReport
-from .touch_calibration import calibrate_by_points as calibrate_by_points
 from .touch_calibration import calibrate_by_touch as calibrate_by_touch
 from .track import tracked_truth as tracked_truth

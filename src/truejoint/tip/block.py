@@ -19,7 +19,7 @@ CALLIPER_SD: Final = 3e-5
 """Standard deviation of a calliper's reading [m]."""
 TOUCH_SD: Final = 2e-4
 """Standard deviation of a tip from its dimple at rest, per axis [m]."""
-_LARGEST: Final = 1.0  # coordinate [m]
+_LARGEST: Final = 10.0  # coordinate [m]
 _MM: Final = 1e-3
 
 _Text = Annotated[str, Length(0, 200)]
@@ -81,7 +81,7 @@ class Block:
                     f"block {self.name}: dimple {number} is at {point.tolist()} m; want three "
                     f"numbers of less than {_LARGEST:g} m"
                 )
-        if not 0.0 < self.calliper < _LARGEST:
+        if not 0.0 < self.calliper < 1.0:
             raise CalibrationError(f"block {self.name}: calliper length {self.calliper:g} m")
         if not (math.isnan(self.measured) or abs(self.measured / self.calliper - 1.0) < 0.03):
             raise CalibrationError(

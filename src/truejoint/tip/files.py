@@ -22,11 +22,14 @@ from truejoint.robots import Robot
 from truejoint.schema import Bounds, Key, Positive, Shape
 from truejoint.tip.block import Block, BlockPose
 from truejoint.tip.registration import Registration
-from truejoint.tip.rests import Shots, Touches
+from truejoint.tip.touch import Touches
 from truejoint.toml_file import read_toml
 from truejoint.units import display_unit
 
 _MAX_BYTES: Final = 1 << 20
+SHOT_SD: Final = 2.5e-4
+"""Standard deviation of a marker at rest that a tracker sees, per axis [m]."""
+_TRACKER: Final = 0.99  # m, a length that a tracker measures as it is
 _COMMENTS: Final = {
     "calliper_mm": "Measure the print here with a calliper and enter measured_mm = ... below.",
     "rotation": "Where it stands in the robot's base.",
@@ -128,21 +131,24 @@ def read_touches(path: str | os.PathLike[str]) -> Touches:
     return Touches(tuple(float(t) for t, _ in rows), tuple(name for _, name in rows), str(path))
 
 
-def read_shots(path: str | os.PathLike[str]) -> Shots:
-    r"""Shots of a CSV file with a header: ``t`` [s], ``x_mm``, ``y_mm``, ``z_mm``.
+def read_shots(path: str | os.PathLike[str]) -> tuple[Touches, Block]:
+    r"""Single shots of a tracker at rest: a CSV file with ``t`` [s], ``x_mm``, ``y_mm``, ``z_mm``.
 
-    Raises CalibrationError naming line and value.
+    They are touches of a block of those points, each numbered by its place in the file. Raises
+    CalibrationError naming line and value.
 
     Examples
     --------
     >>> _ = Path("shots.csv").write_text("t,x_mm,y_mm,z_mm\n4.0,1,2,800\n9.5,1,3,800\n")
-    >>> read_shots(Path("shots.csv")).point[1]
+    >>> read_shots(Path("shots.csv"))[1].points["2"]
     array([0.001, 0.003, 0.8  ])
     """
     columns = ("t", "x_mm", "y_mm", "z_mm")
     rows = _read_rows(Path(path), columns, "shots", "a time [s] and three numbers", 4)
     table = np.array([[float(text) for text in row] for row in rows]).reshape(-1, 4)
-    return Shots(tuple(table[:, 0].tolist()), table[:, 1:] / 1e3, str(path))
+    points = {str(k): point / 1e3 for k, point in enumerate(table[:, 1:], 1)}
+    touches = Touches(tuple(table[:, 0].tolist()), tuple(points), str(path))
+    return touches, Block(str(path)[-200:], "", points, _TRACKER, _TRACKER)
 
 
 def _read_rows(

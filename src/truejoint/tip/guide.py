@@ -16,18 +16,20 @@ from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipFit, fit_rows
-from truejoint.tip.rests import RestPoints, Touches, known_kinematics, resting
 from truejoint.tip.rows import TipPrior, TipRows
 from truejoint.tip.terms import LEFT, Terms, check_priors, wide_priors
 from truejoint.tip.touch import (
     FEWEST,
     FEWEST_OF_BLOCK,
+    Touches,
     check_pose,
     fit_block,
+    known_kinematics,
+    resting,
     tip_rows,
     zero_prior,
 )
-from truejoint.tip.touch_calibration import features_of, fewest_touches, fit_terms
+from truejoint.tip.touch_calibration import features_of, fewest_touches, fit_terms, terms_prior
 from truejoint.tip.touch_plan import approach_sides, choose_touches, shortest_order
 
 if TYPE_CHECKING:
@@ -186,14 +188,11 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
             TOUCH_SD,
             np.zeros(joint.shape[1]),
         ).with_joint_sd(LEFT * terms.scale)
-        first = Touches((0.0,), tuple(block.points)[:1])
-        seen = RestPoints.of_touches(first, block, robot, TOUCH_SD)
-        return rows, seen.prior(rows, *wide_priors(terms)[0])
+        return rows, terms_prior(rows, block, *wide_priors(terms)[0])
 
     def fit(recording: Recording, touches: Touches) -> TipFit:
-        seen = RestPoints.of_touches(touches, block, robot, TOUCH_SD)
         features = features_of(recording, terms)
-        return fit_terms(recording, seen, terms, features, priors).fit
+        return fit_terms(recording, touches, block, terms, features, priors).fit
 
     return Task(robot, pose, fewest_touches(priors), unknowns, fit)
 

@@ -1,20 +1,21 @@
-"""Touched dimples of a block: find where the block stands, and re-zero a calibration by it."""
+"""Touched dimples of a block: when, where the block stands, and the zero that they give."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
-from truejoint.calibration.compatibility import check_columns
+from truejoint.array_types import Array, floats
+from truejoint.calibration.compatibility import check_columns, source_of
 from truejoint.calibration.zero import moved
-from truejoint.errors import CalibrationError
+from truejoint.errors import CalibrationError, other_kind
+from truejoint.robots.parts import Kinematics
+from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipFit, fit_rows
-from truejoint.tip.rests import Touches, at_rest, check_count, known_kinematics
 from truejoint.tip.rows import TipPrior, TipRows, TipState, align
 from truejoint.units import shown
 
@@ -34,6 +35,106 @@ _FARTHEST: Final = {"rad": np.deg2rad(3.0), "m": 3e-3}
 _FACTORS: Final = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
 """By which errors of another motion are larger than the training's."""
 _ROUNDS: Final = 5  # of moving the inputs of a model until its output fits
+REST: Final = 0.3
+"""Time before a touch's stamp over which positions are averaged [s]."""
+_SLACK: Final = {"rad": 5e-4, "m": 5e-5}  # by which positions may move within `REST`
+
+
+@dataclass(frozen=True)
+class Touches:
+    """When the tip rested in which dimple.
+
+    Attributes
+    ----------
+    t : tuple of float
+        End of each rest, on the clock of the recording [s].
+    dimple : tuple of str
+        Its number on the block.
+    source : str
+        File of the touches, for messages.
+
+    Raises
+    ------
+    CalibrationError
+        If there are none, or time does not advance.
+
+    Examples
+    --------
+    >>> len(Touches((4.0, 9.5), ("3", "17")))
+    2
+    """
+
+    t: tuple[float, ...]
+    dimple: tuple[str, ...]
+    source: str = "touches"
+
+    def __post_init__(self) -> None:
+        t = floats(self.t, f"{self.source}: times", CalibrationError)
+        if not t.size or t.shape != (len(self.dimple),):
+            raise CalibrationError(
+                f"{self.source}: no dimples; write a line for each: a time and a name"
+            )
+        if not (np.isfinite(t).all() and (np.diff(t) > 0.0).all()):
+            raise CalibrationError(f"{self.source}: the times must go up")
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+
+def resting(recording: Recording, touches: Touches) -> list[slice]:
+    """Rows of a recording in which the tip rests, of each touch.
+
+    Raises CalibrationError if there is no row, or the arm moves.
+    """
+    stamps, rests = np.array(recording.t), []
+    joints = [j for j in recording.robot.positioning if f"measured/{j}" in recording.units]
+    measured = recording.columns("measured", joints)
+    units = [recording.robot.joint(joint).unit for joint in joints]
+    slack = np.array([_SLACK[unit] for unit in units])
+    for t, dimple in zip(touches.t, touches.dimple, strict=True):
+        first, last = np.searchsorted(stamps, [t - REST, t], side="right")
+        if last - first < 2:
+            raise CalibrationError(
+                f"{touches.source}: dimple {dimple} is of {t:g} s, but "
+                f"{source_of(recording)} runs from {stamps[0]:.1f} to {stamps[-1]:.1f} s with "
+                f"{last - first} rows there; is it their recording?"
+            )
+        span = np.ptp(measured[first:last], axis=0)
+        if (span > slack).any():
+            k = int(np.argmax(span / slack))
+            raise CalibrationError(
+                f"{touches.source}: {joints[k]} moves by {shown(float(span[k]), units[k])} while "
+                f"dimple {dimple} is taken, at {t:g} s; rest for {REST:g} s before the "
+                "stamp"
+            )
+        rests.append(slice(int(first), int(last)))
+    return rests
+
+
+def at_rest(recording: Recording, touches: Touches, values: Array) -> Array:
+    """Means (m, ...) of `values` (n, ...), a row of the recording each, at each rest."""
+    return np.array([values[rows].mean(axis=0) for rows in resting(recording, touches)])
+
+
+def check_count(touches: Touches, fewest: int, what: str) -> None:
+    """Refuse touches of fewer dimples, or fewer shots; `what` they are for, in the message."""
+    if not isinstance(touches, Touches):
+        raise CalibrationError(other_kind(touches, "Touches", "read_touches(path) gives them"))
+    different = len(set(touches.dimple))
+    if different < fewest:
+        raise CalibrationError(
+            f"{touches.source}: {different} different dimples; to {what} it takes {fewest} or more"
+        )
+
+
+def known_kinematics(robot: Robot) -> Kinematics:
+    """Kinematics of a robot; raises CalibrationError where they are not known."""
+    if robot.kinematics is None:
+        raise CalibrationError(
+            f"the kinematics of {robot.title} are not known, so a point of its tool says nothing "
+            "of its joints; give its robot file a table [kinematics] (docs/robots.md)"
+        )
+    return robot.kinematics
 
 
 def tip_rows(

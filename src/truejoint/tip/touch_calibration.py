@@ -20,9 +20,7 @@ from truejoint.features.feature_set import default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.tip.block import TOUCH_SD, Block
 from truejoint.tip.fit import TipFit, fit_rows
-from truejoint.tip.registration import Registration
-from truejoint.tip.rests import SHOT_SD, RestPoints, Shots, Touches, at_rest, check_count
-from truejoint.tip.rows import SCALE, TipPrior, TipRows, align
+from truejoint.tip.rows import SCALE, TipPrior, TipRows, TipState, align
 from truejoint.tip.terms import (
     LEFT,
     SPREAD,
@@ -31,7 +29,14 @@ from truejoint.tip.terms import (
     learned_priors,
     wide_priors,
 )
-from truejoint.tip.touch import likelihood, with_estimated_errors
+from truejoint.tip.touch import (
+    Touches,
+    at_rest,
+    check_count,
+    known_kinematics,
+    likelihood,
+    with_estimated_errors,
+)
 from truejoint.units import with_unit
 
 _CALIBRATING: Final = 12  # touches of an unknown arm; half as many with a prior
@@ -55,8 +60,7 @@ class TouchReport:
 
     Attributes
     ----------
-    rests : Touches
-        When the tip rested, and where.
+    touches : Touches
     fit : TipFit
     left_out_error : float
         RMS distance [m] of the tip, in the block's frame, from points that a fit without them
@@ -78,7 +82,7 @@ class TouchReport:
     'Array'
     """
 
-    rests: Touches
+    touches: Touches
     fit: TipFit
     left_out_error: float
     left_out_sd: float
@@ -148,44 +152,11 @@ def calibrate_by_touch(
     truejoint.errors.CalibrationError: ...
     """
     check_count(touches, fewest_touches(priors), "calibrate")
-    seen = RestPoints.of_touches(touches, block, recording.robot, touch_sd)
-    return _calibrate(recording, seen, priors)
-
-
-def calibrate_by_points(
-    recording: Recording,
-    shots: Shots,
-    registration: Registration | None = None,
-    *,
-    shot_sd: float = SHOT_SD,
-    priors: Sequence[Calibration] = (),
-) -> tuple[Calibration, TouchReport]:
-    """Fit joints and a tracker's pose together to single shots of the tool at rest.
-
-    As `calibrate_by_touch`, whose ``block`` is the tracker's frame: the tip is right in that, and
-    in the robot's base as far as the `registration` says where the tracker stands. Without one
-    nothing is known of that, and what the tracker sees is the tip itself (a pivot calibration).
-
-    Examples
-    --------
-    >>> calibrate_by_points(test, Shots((1.0,), np.zeros((1, 3))))
-    Traceback (most recent call last):
-    truejoint.errors.CalibrationError: ...
-    """
-    check_count(shots.rests, fewest_touches(priors), "calibrate")
-    seen = RestPoints.of_shots(shots, registration or Registration(), recording.robot, shot_sd)
-    return _calibrate(recording, seen, priors)
-
-
-def _calibrate(
-    recording: Recording, seen: RestPoints, priors: Sequence[Calibration]
-) -> tuple[Calibration, TouchReport]:
-    """Fit, judge, and make an ordinary calibration of it."""
     terms = Terms.of_workspace(recording.robot)
     features = features_of(recording, terms)
-    _check_spread(recording, seen, terms, features, is_flat_fine=bool(priors))
-    terms_fit = fit_terms(recording, seen, terms, features, priors)
-    report = _report(seen, terms_fit, terms, has_priors=bool(priors))
+    _check_spread(recording, touches, block, terms, features, is_flat_fine=bool(priors))
+    terms_fit = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
+    report = _report(touches, block, terms_fit, terms, has_priors=bool(priors))
     coefficients = terms_fit.fit.state.coefficients
     correction = terms.basis(*terms.columns(features)) @ coefficients
     table: dict[str, Array] = {"t": recording.t}
@@ -207,30 +178,28 @@ def _calibrate(
         estimator=model.name,
         settings=" ".join(repr(model).split()),
         truth="touch",
-        touch=_facts(seen, terms_fit, report, priors),
+        touch=_facts(terms_fit, report, priors),
     )
     return calibration, report
 
 
 def _facts(
-    seen: RestPoints, terms_fit: TermsFit, report: TouchReport, priors: Sequence[Calibration]
+    terms_fit: TermsFit, report: TouchReport, priors: Sequence[Calibration]
 ) -> dict[str, Any]:
     """Plain values about the touches for the model file."""
     fit = terms_fit.fit
     state = fit.state
     return {
-        "touches": len(seen.rests),
-        "what": seen.what,
-        "frame": seen.frame,
+        "touches": len(report.touches),
         "prior": [prior.title for prior in priors] if terms_fit.is_learned else [],
-        "left_out": [seen.rests.dimple[i] for i in np.flatnonzero(fit.left_out)],
+        "left_out": [report.touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
         "left_out_error": report.left_out_error,
         "left_out_sd": report.left_out_sd,
         "zero_sd": report.zero_sd.tolist(),
         "joint_sd": terms_fit.rows.corrected_sd.tolist(),
         "scale": state.scale,
-        "rotation": (state.rotation @ seen.stated[:3, :3]).tolist(),
-        "translation": (state.rotation @ seen.stated[:3, 3] + state.translation).tolist(),
+        "rotation": state.rotation.tolist(),
+        "translation": state.translation.tolist(),
         "not_seen": list(report.not_seen),
     }
 
@@ -244,21 +213,25 @@ def features_of(recording: Recording, terms: Terms) -> Array:
 
 def fit_terms(
     recording: Recording,
-    seen: RestPoints,
+    touches: Touches,
+    block: Block,
     terms: Terms,
     features: Array,
     priors: Sequence[Calibration],
+    touch_sd: float = TOUCH_SD,
 ) -> TermsFit:
-    """Fit terms and frame to points at rest, under the likeliest prior.
+    """Fit terms and a block's pose to touches, under the likeliest prior.
 
     `features` (n, k) are the terms', of the recording. The points themselves choose the prior and
     the errors that joints keep (empirical Bayes). Raises as `fit_rows` and `resting`, and
     CalibrationError for a prior of another robot or arm.
     """
     check_priors(priors, recording.robot)
-    rows = _rows(recording, seen, terms, features)
+    rows = _rows(recording, touches, block, terms, features, touch_sd)
     learned = learned_priors(terms, priors, recording) if priors else []
-    candidates = [seen.prior(rows, *expected) for expected in [*learned, *wide_priors(terms)]]
+    candidates = [
+        terms_prior(rows, block, *expected) for expected in [*learned, *wide_priors(terms)]
+    ]
     first = fit_rows(rows, candidates[len(learned)])
     best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
     rows = with_estimated_errors(rows, candidates[best])
@@ -266,58 +239,81 @@ def fit_terms(
     return TermsFit(fit, rows, candidates[best], best < len(learned))
 
 
-def _rows(recording: Recording, seen: RestPoints, terms: Terms, features: Array) -> TipRows:
+def _rows(
+    recording: Recording,
+    touches: Touches,
+    block: Block,
+    terms: Terms,
+    features: Array,
+    touch_sd: float,
+) -> TipRows:
     robot = recording.robot
     measured = recording.columns("measured", robot.joint_names)
-    basis = terms.basis(*terms.columns(features))
     rows = TipRows(
-        seen.kinematics,
-        at_rest(recording, seen.rests, measured),
+        known_kinematics(robot),
+        at_rest(recording, touches, measured),
         tuple(robot.index(terms.joints)),
-        at_rest(recording, seen.rests, basis),
-        seen.point,
-        seen.sd,
+        at_rest(recording, touches, terms.basis(*terms.columns(features))),
+        block.at(touches.dimple),
+        touch_sd,
         np.zeros(measured.shape[1]),
     )
     return rows.with_joint_sd(LEFT * terms.scale)
 
 
+def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior:
+    """Prior of coefficients, `mean` and `sd` (k,), and of a block that may stand anywhere.
+
+    The fit starts where the tool, as it is measured, meets the points. Raises CalibrationError if
+    they lie in a line.
+    """
+    tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
+    start = TipState(mean, *align(tip, rows.point * block.scale), scale=block.scale)
+    return TipPrior.of(start, sd, scale=block.scale_sd)
+
+
 def _check_spread(
-    recording: Recording, seen: RestPoints, terms: Terms, features: Array, *, is_flat_fine: bool
+    recording: Recording,
+    touches: Touches,
+    block: Block,
+    terms: Terms,
+    features: Array,
+    *,
+    is_flat_fine: bool,
 ) -> None:
     """Refuse touches in one plane, unless `is_flat_fine`, and those that come from one side."""
-    source = seen.rests.source
-    plays = terms.columns(at_rest(recording, seen.rests, features))[1]
-    extent = np.linalg.svd(seen.point - seen.point.mean(axis=0), compute_uv=False)
+    source, point = touches.source, block.at(touches.dimple)
+    plays = terms.columns(at_rest(recording, touches, features))[1]
+    extent = np.linalg.svd(point - point.mean(axis=0), compute_uv=False)
     if extent[2] < _FLAT * extent[0] and not is_flat_fine:
         raise CalibrationError(
-            f"{source}: all {seen.what} lie in one plane, which leaves slopes and a turn open; "
+            f"{source}: all touches lie in one plane, which leaves slopes and a turn open; "
             "touch stairs (truejoint touch block), or give a prior (--prior)"
         )
     for joint, rising in zip(terms.joints, (plays < 0.0).mean(axis=(0, 2)), strict=True):
         if not _SIDED <= rising <= 1.0 - _SIDED:
             raise CalibrationError(
                 f"{source}: {joint} comes from one side in {max(rising, 1 - rising):.0%} of the "
-                f"{seen.what}, which hides what its cable loses; come from both"
+                "touches, which hides what its cable loses; come from both"
             )
 
 
 def _report(
-    seen: RestPoints, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
+    touches: Touches, block: Block, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
 ) -> TouchReport:
     fit, rows = terms_fit.fit, terms_fit.rows
     off, inlier = _held_out_errors(terms_fit), ~fit.left_out
     squares = (off[inlier] ** 2).sum(axis=1)
-    error = math.sqrt(max(float(squares.mean()) - 3.0 * seen.sd**2, 0.0))
+    error = math.sqrt(max(float(squares.mean()) - 3.0 * rows.point_sd**2, 0.0))
     spread = float(squares.std(ddof=1)) / math.sqrt(len(squares))
     error_sd = spread / (2.0 * max(error, math.sqrt(spread)))
     uncorrected = replace(fit.state, coefficients=np.zeros(len(fit.state.coefficients)))
     tip = rows.tool_points(uncorrected)[1]
-    turn, shift = align(tip[inlier], rows.point[inlier] * seen.scale)
+    turn, shift = align(tip[inlier], rows.point[inlier] * block.scale)
     zero_sd = fit.sd[terms.zeros] * terms.scale
-    before = (tip - shift) @ turn - rows.point * seen.scale
-    not_seen = _unseen(seen, terms_fit, terms, has_priors=has_priors)
-    return TouchReport(seen.rests, fit, error, error_sd, zero_sd, not_seen, rows.point, before, off)
+    before = (tip - shift) @ turn - rows.point * block.scale
+    not_seen = _unseen(block, terms_fit, terms, has_priors=has_priors)
+    return TouchReport(touches, fit, error, error_sd, zero_sd, not_seen, rows.point, before, off)
 
 
 def _held_out_errors(terms_fit: TermsFit) -> Array:
@@ -335,7 +331,7 @@ def _held_out_errors(terms_fit: TermsFit) -> Array:
 
 
 def _unseen(
-    seen: RestPoints, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
+    block: Block, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
 ) -> tuple[str, ...]:
     """Say in words what the touches did not show, and how far off it may be."""
     words, fit = [], terms_fit.fit
@@ -347,11 +343,12 @@ def _unseen(
             words.append(f"zero of {joint}: not seen, assumed within {within}")
         elif sd > _UNSURE:
             words.append(f"zero of {joint}: ± {within}")
-    size = float(np.sqrt(((seen.point - seen.point.mean(axis=0)) ** 2).sum(axis=1).mean()))
-    if seen.scale_sd * size > _WORTH:  # nobody has measured it
+    point = terms_fit.rows.point
+    size = float(np.sqrt(((point - point.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    if block.scale_sd * size > _WORTH:  # nobody has measured it
         size_sd = float(fit.sd[fit.state.names.index(SCALE)])
-        share = f"{100 * (fit.state.scale / seen.scale - 1.0):+.2f} % ± {100 * size_sd:.2f} %"
-        if size_sd > _SIZED * seen.scale_sd:
+        share = f"{100 * (fit.state.scale / block.scale - 1.0):+.2f} % ± {100 * size_sd:.2f} %"
+        if size_sd > _SIZED * block.scale_sd:
             share = f"not seen, assumed within {100 * size_sd:.1f} %"
         words.append(
             f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "

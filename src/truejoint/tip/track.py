@@ -27,10 +27,12 @@ from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import EPOCH, Recording, as_recording, runs
 from truejoint.recordings.table.stream import Stream
 from truejoint.robots import Robot
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Kinematics
 from truejoint.tip.fit import GATE
 from truejoint.tip.registration import Registered, Registration, Stretch
-from truejoint.tip.rests import carrier
 from truejoint.tip.rows import MARKER, POSE, TipRows
+from truejoint.tip.touch import known_kinematics
 from truejoint.tip.track_fit import NORM_MEDIAN, TrackedMotion, TrackFit, TrackStart, fit_track
 
 _UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it
@@ -145,6 +147,19 @@ def tracked_truth(
         stretches=readings.stretches,
     )
     return _described(joined, registered, track), registered
+
+
+def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
+    """Kinematics of what carries a marker, and the joint that moves it; the tool without a `link`.
+
+    Raises CalibrationError where kinematics are not known, or are not those of a chain.
+    """
+    kinematics = known_kinematics(robot)
+    if not link:
+        return kinematics, robot.joint_names[-1]
+    if not isinstance(kinematics, SerialChain):
+        raise CalibrationError(f"{robot.title}: only the tool of its kinematics can carry a marker")
+    return kinematics.up_to(robot.index([link])[0]), link
 
 
 def _checked_joints(source: str, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:

@@ -70,7 +70,7 @@ def write_touch_report(
 
 def _render(calibration: Calibration, report: TouchReport, command: str) -> str:
     about, left_out = calibration.metadata["touch"], report.fit.left_out
-    frame, what = about["frame"], about["what"]
+    frame, what = "block", "touches"
     before, after = (_rms(errors[~left_out]) for errors in (report.before, report.left_out))
     sentence = (
         f"The tip is within {with_unit(report.left_out_error, 'm')} ± "
@@ -78,7 +78,7 @@ def _render(calibration: Calibration, report: TouchReport, command: str) -> str:
         "turn, less what they err themselves."
     )
     facts = [
-        f"{len(report.rests)} {what}, {int(left_out.sum())} of them rejected",
+        f"{len(report.touches)} {what}, {int(left_out.sum())} of them rejected",
         f"before {with_unit(before, 'm')}, after {with_unit(after, 'm')} off (RMS)",
         f"prior: {', '.join(about['prior']) or 'none'}",
         f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
@@ -94,7 +94,7 @@ def _render(calibration: Calibration, report: TouchReport, command: str) -> str:
         what=what,
         not_seen=report.not_seen,
         rows=list(_rows(report)),
-        source=report.rests.source,
+        source=report.touches.source,
         command=command,
     )
 
@@ -103,10 +103,10 @@ def _rows(report: TouchReport) -> Iterator[Row]:
     """Tell of each touch, the rejected and the worst first."""
     size = np.linalg.norm(report.left_out, axis=1)
     for i in np.lexsort((-size, ~report.fit.left_out)):
-        said = f"rejected: {report.rests.doubt}" if report.fit.left_out[i] else ""
+        said = "rejected: badly seated, or another number?" if report.fit.left_out[i] else ""
         cells = [f"{1e3 * np.linalg.norm(report.before[i]):.2f}", f"{1e3 * size[i]:.2f}"]
-        stamp = f"{report.rests.t[i]:.1f}"
-        yield Row(report.rests.dimple[i], [said, stamp, *cells])
+        stamp = f"{report.touches.t[i]:.1f}"
+        yield Row(report.touches.dimple[i], [said, stamp, *cells])
 
 
 def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
@@ -120,7 +120,7 @@ def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
             y = {"title": f"{'xyz'[b]} [mm]", "scaleanchor": "x" if not panels else "x2"}
             panels.append((x, y, _arrows(report.point, error, (a, b), report.fit.left_out)))
         caption = (
-            f"Each dot is a {report.rests.kind}, seen {where}; its colour is how far off the tip "
+            f"Each dot is a dimple, seen {where}; its colour is how far off the tip "
             "was [mm], the line from it in which direction, drawn out for each panel. Before: as "
             f"measured, the {frame} laid over all as well as it can be. After: by fits that did "
             "not see it, its own error included." + rejected
