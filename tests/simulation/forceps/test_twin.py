@@ -120,17 +120,6 @@ def test_the_twin_and_a_run_are_the_same_forceps():
     assert output.effort.shape == (4000, 0)
 
 
-def test_a_motion_is_the_same_however_it_is_cut():
-    whole, cut = ForcepsTwin(NOMINAL, seed=5), ForcepsTwin(NOMINAL, seed=5)
-    for twin in (whole, cut):
-        twin.tip_force = np.sin
-    one = whole.run(MOTION[:, None])
-    pieces = [cut.run(piece[:, None]) for piece in np.split(MOTION, [1, 1, 700, 701, 3000])]
-    for name, values in columns(one).items():
-        joined = np.concatenate([columns(piece)[name] for piece in pieces])
-        np.testing.assert_array_equal(joined, values, err_msg=name)
-
-
 def test_homing_zeroes_the_cables_where_the_jaw_stands_and_errs():
     parameters = NOMINAL.with_values({"homing.registration_sd": 20e-6})
     zeros = []
@@ -175,21 +164,10 @@ def test_a_load_test_is_the_same_behind_the_twin():
             twin.run(np.zeros((100, 1)))
 
 
-def test_time_passes_at_rest():
-    twin = ForcepsTwin(NOMINAL)
-    twin.idle(3600.0)
-    assert twin.run(np.zeros((5, 1))).t == pytest.approx(3600.0 + np.arange(1, 6) * 1e-3)
-
-
 @pytest.mark.parametrize(
     ("call", "says"),
     [
-        (lambda: ForcepsTwin(seed=-1), "seed is -1"),
-        (lambda: ForcepsTwin(load=math.nan), "load is nan kg"),
-        (lambda: ForcepsTwin(arm="left"), "no arm called"),
-        (lambda: ForcepsTwin().run(np.zeros((3, 2))), "got shape"),
         (lambda: ForcepsTwin().run(np.full((3, 1), 1.4)), "80.2 deg"),
-        (lambda: ForcepsTwin().idle(-1.0), "duration is -1"),
     ],
 )
 def test_a_bad_call_of_the_twin_is_refused(call, says):

@@ -1,0 +1,93 @@
+"""What every digital twin does alike: seeds, pieces, time, going back, and refusing bad calls."""
+
+import math
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from truejoint.errors import CommandRefused, RobotError, TruejointError
+from truejoint.simulation import TwinOutput, make_twin, twin_names
+
+SIZES = {"raven2": [0.05, 0.05, 5e-3, 0.05, 0.05, 0.05, 0.05], "forceps": [0.3], "wrist": 0.1}
+CUTS = (0, 1, 1, 2, 777, 1400, 1401, 2000)
+
+
+def moved(name, seed=3, cuts=(0, 2000)):
+    """Homed twin, and what it reports of a motion in pieces, with something at the tip."""
+    twin = make_twin(name, seed=seed)
+    twin.home()
+    if name == "forceps":
+        twin.tip_force = np.sin
+    t = np.arange(2000)[:, None] / 2000
+    goal = twin.robot.home + np.sin(7.0 * t) * np.array(SIZES[name])
+    return twin, TwinOutput.whole([twin.run(goal[a:b]) for a, b in pairwise(cuts)])
+
+
+def arrays(output):
+    flat = {**vars(output), **output.extra, "encoder_t": output.truth.t}
+    flat["encoder"] = output.truth.position
+    return {name: values for name, values in flat.items() if isinstance(values, np.ndarray)}
+
+
+def assert_same(output, other):
+    for name, values in arrays(output).items():
+        # A matrix product of a single row rounds otherwise than one of many.
+        tolerance = 1e-14 if name in ("measured", "velocity") else 0.0
+        np.testing.assert_allclose(
+            values, arrays(other)[name], rtol=tolerance, atol=tolerance, err_msg=name
+        )
+
+
+@pytest.fixture(params=twin_names())
+def name(request):
+    return request.param
+
+
+def test_the_same_seed_gives_the_same_numbers_however_a_motion_is_cut(name):
+    whole, pieces = moved(name)[1], moved(name, cuts=CUTS)[1]
+    assert_same(whole, pieces)
+    assert not np.array_equal(whole.truth.position, moved(name, seed=4)[1].truth.position)
+
+
+def test_a_twin_goes_back_to_what_was_noted(name):
+    twin, _ = moved(name)
+    back, time = twin.saved(), twin.time
+    goal = np.tile(twin.robot.home, (300, 1))
+    first = twin.run(goal)
+    back()
+    assert twin.time == time
+    assert_same(first, twin.run(goal))
+
+
+def test_time_passes_at_rest(name):
+    twin, out = moved(name)
+    twin.idle(3600.0)
+    assert twin.time == pytest.approx(out.t[-1] + 3600.0, abs=2e-3)
+    after = twin.run(np.tile(twin.robot.home, (5, 1)))
+    assert after.t[0] - out.t[-1] == pytest.approx(3600.0, abs=2e-3)
+    np.testing.assert_allclose(np.diff(after.t), 1e-3, atol=1e-9)
+    assert twin.homing_count == 1
+
+
+def test_bad_calls_are_refused(name):
+    for load in (-1, math.nan, 1e3):
+        with pytest.raises(TruejointError, match=f"load is {load} kg; it must lie in"):
+            make_twin(name, load=load)
+    for seed in (-1, 2**63, True, 1.0):
+        with pytest.raises(TruejointError, match=f"seed is {seed}; give a whole number"):
+            make_twin(name, seed=seed)
+    with pytest.raises(RobotError, match="no arm called 'middle'"):
+        make_twin(name, "middle")
+    twin = make_twin(name)
+    n = len(twin.robot.joints)
+    with pytest.raises(CommandRefused, match=rf"shape \({n + 1},\) per sample, want {n} values"):
+        twin.run(np.zeros((5, n + 1)))
+    bad = np.tile(twin.robot.home, (5, 1))
+    bad[3, -1] = math.nan
+    with pytest.raises(CommandRefused, match=f"{twin.robot.joint_names[-1]} is nan at sample 3 of"):
+        twin.run(bad)
+    for duration in (-1.0, math.nan, math.inf):
+        with pytest.raises(TruejointError, match=f"duration is {duration}; give a finite number"):
+            twin.idle(duration)
+    assert twin.time == 0.0
