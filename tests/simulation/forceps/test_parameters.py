@@ -18,19 +18,6 @@ from truejoint.simulation.forceps.parameters import (
 )
 
 NOMINAL = ForcepsParameters.read()
-NAMES = [
-    (section, key, value)
-    for section, values in NOMINAL.to_dict().items()
-    for key, value in values.items()
-]
-
-
-def refused(call, *args):
-    with pytest.raises(TruejointError) as caught:
-        call(*args)
-    message = str(caught.value)
-    assert "\n" not in message
-    return message
 
 
 def test_the_shipped_file_has_what_the_paper_states():
@@ -44,12 +31,9 @@ def test_the_shipped_file_has_what_the_paper_states():
 
 
 def test_modes_faster_than_the_integrator_are_refused():
-    message = refused(
-        NOMINAL.with_values,
-        {"jaw.inertia": 1e-7, "jaw_friction.constant": 0.05, "jaw_friction.presliding": 1e-4},
-    )
-    assert "Hz" in message
-    assert "presliding" in message
+    stiff = {"jaw.inertia": 1e-7, "jaw_friction.constant": 0.05, "jaw_friction.presliding": 1e-4}
+    with pytest.raises(TruejointError, match=r"mode has \d+ Hz, .* presliding distance"):
+        NOMINAL.with_values(stiff)
 
 
 def test_eigenfrequencies_are_those_of_the_model_matrices():
