@@ -10,9 +10,9 @@ from contextlib import suppress
 from typing import Any, Final, Self
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.crtk import cartesian
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.handle import Motion
 from truejoint.crtk.messages import (
@@ -29,6 +29,7 @@ from truejoint.crtk.messages import (
 )
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import OperatingState
+from truejoint.crtk.topics import topic_columns
 from truejoint.errors import CommandRefused, MotionStopped, TruejointError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
@@ -245,7 +246,7 @@ class ArmServer:
         if self._is_read("measured_js"):
             self._publish_joints("measured_js", t, "measured", columns)
         if self._is_read("measured_cp"):
-            self._publish_pose(t, block.measured[0, robot.joint_channels])
+            self._publish_pose(block, t)
         if self._is_read("ravenstate"):
             levels = "stopped", "pedal up", "pedal down"
             state = self._arm.operating_state()
@@ -269,12 +270,14 @@ class ArmServer:
             "operating_state", t, state=now.state, is_homed=now.is_homed, is_busy=now.is_busy
         )
 
-    def _publish_pose(self, t: float, position: Array) -> None:
-        kinematics = self._arm.robot.kinematics
-        if kinematics is None:
-            return
+    def _publish_pose(self, block: StateBlock, t: float) -> None:
+        columns = topic_columns(self._arm.robot, "measured_cp", block)
         message = self._transport.stamped(self._pose_kind, self._stamp(t))
-        write_pose(message, cartesian.pose(kinematics, position))
+        place, turn = _parts(message)
+        place.x, place.y, place.z = (float(columns[axis][0]) for axis in ("x", "y", "z"))
+        turn.x, turn.y, turn.z, turn.w = (
+            float(columns[axis][0]) for axis in ("qx", "qy", "qz", "qw")
+        )
         self._publishers["measured_cp"].publish(message)
 
     def _is_read(self, name: str) -> bool:
@@ -303,12 +306,7 @@ def matrix_of(message: Any) -> Array:
 
     Raises CommandRefused where its quaternion is no turn.
     """
-    if hasattr(message, "pose"):
-        place, turn = message.pose.position, message.pose.orientation
-    else:
-        place, turn = message.transform.translation, message.transform.rotation
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415  # not for the joints
-
+    place, turn = _parts(message)
     quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
     if not (np.isfinite(quaternion).all() and abs(np.linalg.norm(quaternion) - 1.0) < 1e-3):
         raise CommandRefused(f"pose refused: quaternion {quaternion.tolist()} is no turn")
@@ -318,14 +316,8 @@ def matrix_of(message: Any) -> Array:
     return pose
 
 
-def write_pose(message: Any, pose: Array) -> None:
-    """Put a pose (4, 4) [m] into a PoseStamped or TransformStamped."""
-    from scipy.spatial.transform import Rotation  # noqa: PLC0415
-
-    quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat()
+def _parts(message: Any) -> tuple[Any, Any]:
+    """Place and orientation of a PoseStamped or TransformStamped."""
     if hasattr(message, "pose"):
-        place, turn = message.pose.position, message.pose.orientation
-    else:
-        place, turn = message.transform.translation, message.transform.rotation
-    place.x, place.y, place.z = pose[:3, 3].tolist()
-    turn.x, turn.y, turn.z, turn.w = quaternion.tolist()
+        return message.pose.position, message.pose.orientation
+    return message.transform.translation, message.transform.rotation

@@ -191,29 +191,6 @@ def test_homing_again_registers_anew():
     assert np.abs(errors[0] - errors[1]).max() > 1e-4
 
 
-def test_each_arm_has_its_own_random_numbers():
-    positions = []
-    for seed in (4, 4, 5):
-        arm = simulated_arm(seed=seed)
-        arm.enable()
-        arm.home()
-        arm.wait(0.1)
-        positions.append(arm.measured_js().position)
-    assert np.array_equal(positions[0], positions[1])
-    assert not np.array_equal(positions[0], positions[2])
-
-
-def test_load_reaches_the_twin():
-    efforts = []
-    for load in (0.0, 0.5):
-        arm = simulated_arm(seed=6, load=load)
-        arm.enable()
-        arm.home()
-        arm.wait(0.5)
-        efforts.append(arm.measured_js().effort[:3])
-    assert np.abs(efforts[0] - efforts[1]).max() > 1e-3
-
-
 def test_the_forceps_stands_behind_the_same_arm():
     arm = simulated_arm("forceps", seed=2)
     states, truths = record(arm)

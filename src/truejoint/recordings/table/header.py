@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError
 from truejoint.files import content_hash, is_as_written
 from truejoint.recordings.table.recording import Provenance
-from truejoint.robots import Robot, adopt_robot, get_robot, robot_names
+from truejoint.robots import Robot, adopt_robot, robot_of
 
 KEY: Final = b"truejoint"
 """Key of the header among an Arrow schema's metadata."""
@@ -59,18 +57,7 @@ def recorded(source: Path, header: Mapping[str, Any]) -> tuple[Provenance, Robot
     if not isinstance(values, dict) or not isinstance(robot, dict):
         raise RecordingError(f"{source}: its metadata is damaged; copy or record it again")
     try:
-        return Provenance.from_dict(values), _robot_of(robot, source.name)
+        adopt_robot(robot, source.name)  # a calibration goes by the robot's name
+        return Provenance.from_dict(values), robot_of(robot, source.name)
     except (RecordingError, RobotError) as error:
         raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None
-
-
-def _robot_of(values: Mapping[str, Any], source: str) -> Robot:
-    """Robot that a file describes; a built-in one has the mechanism that the file states."""
-    described = Robot.from_dict(values, source)
-    adopt_robot(values, source)
-    if described.name not in robot_names():
-        return described
-    known = get_robot(described.name, described.arm)
-    if schema.plain(known.mechanism) == schema.plain(described.mechanism):
-        return known
-    return replace(known, mechanism=described.mechanism, transmission=described.transmission)
