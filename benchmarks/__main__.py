@@ -17,9 +17,9 @@ from pathlib import Path
 BENCHMARKS = (
     "twin_speed", "stopping", "compensation", "following", "recorder", "forceps_speed",
     "filter_speed", "corrector_speed", "exported_c_speed", "step_speed", "bag_extraction",
-    "speed_training", "beyond_chance", "clock_offset", "histories", "beginnings", "sensor_floors",
+    "speed_training", "clock_offset", "histories",
     "raven_estimators", "grasper", "tracker", "wrist_tool", "moved_zeros",
-    "told_mechanism", "data_check", "training_outliers", "staleness",
+    "data_check", "staleness",
     "lab_recordings", "automatic_choice", "interval_coverage", "faults", "disk_faults",
     "effort_monitor", "touch", "monitor", "soak", "paced_loop", "ros_node",
 )  # fmt: skip
