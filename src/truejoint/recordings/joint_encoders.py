@@ -148,13 +148,13 @@ class JointEncoders:
         The mean of all within the tolerance. Raises RecordingError if nothing was read, or a joint
         did not move.
         """
-        seen, self._seen = self._seen, None
-        if not seen:
+        readings, self._seen = self._seen, None
+        if not readings:
             raise RecordingError(
                 f"{self.port}: no counts were read during the homing ({self.garbage} lines of "
                 "garbage); check the cable and the encoders' power"
             )
-        counts = np.array(seen)
+        counts = np.array(readings)
         still = counts.max(axis=0) - counts.min(axis=0) <= self._tolerance
         if still.any():
             joint = self.encoders[int(np.argmax(still))].joint
@@ -229,9 +229,9 @@ class JointEncoders:
 
     def _position(self, t: float, values: Array) -> TruthBlock | None:
         """Positions at counts (n,); None before the hard stops are registered."""
-        seen = self._seen  # which `register` may take away meanwhile
-        if seen is not None and t - self._began <= REGISTRATION:
-            seen.append(values)
+        readings = self._seen  # which `register` may take away meanwhile
+        if readings is not None and t - self._began <= REGISTRATION:
+            readings.append(values)
         if self._zero is None:
             return None
         stops = np.array([encoder.hard_stop for encoder in self.encoders])

@@ -153,22 +153,22 @@ class Dataset:
 
     def match(self, pattern: str = "*") -> tuple[DatasetRecording, ...]:
         """Find recordings by a shell pattern of names; raises RecordingError when none fits."""
-        found = tuple(r for r in self.recordings if fnmatchcase(r.name, pattern))
-        if not found:
+        matching = tuple(r for r in self.recordings if fnmatchcase(r.name, pattern))
+        if not matching:
             some = ", ".join(r.name for r in self.recordings[:4])
             more = ", ..." if len(self.recordings) > 4 else ""
             raise RecordingError(
                 f"{self.name}: no recording fits {pattern!r}; there are {some}{more}"
             )
-        return found
+        return matching
 
     def split(self, name: str = "") -> HeldOut:
         """Recommended split by name, the first by default; raises RecordingError if unknown."""
         for split in self.splits:
             if name in {"", split.name}:
                 return split
-        known = [split.name for split in self.splits]
-        raise RecordingError(f"{self.name}: {unknown('split', name, known)}")
+        names = [split.name for split in self.splits]
+        raise RecordingError(f"{self.name}: {unknown('split', name, names)}")
 
     def url(self, file: DatasetFile) -> str:
         """Where to fetch a file of it."""
@@ -205,8 +205,10 @@ def _load() -> dict[str, Dataset]:
     for name, values in catalogue.items():
         values["features"] = tuple(values.get("features", ()))
         values["splits"] = tuple(HeldOut(**split) for split in values.get("splits", ()))
-        found = recordings[name].items()
-        values["recordings"] = tuple(DatasetRecording(key, tuple(f)) for key, f in found)
+        files_by_recording = recordings[name].items()
+        values["recordings"] = tuple(
+            DatasetRecording(key, tuple(f)) for key, f in files_by_recording
+        )
     return {name: Dataset(name, **values) for name, values in catalogue.items()}
 
 

@@ -62,8 +62,8 @@ def data_folders() -> tuple[Path, ...]:
         return Path(stated), cache_folder()
     project = Path(__file__).parents[4]
     beside = project.parent / "shared" / "data"
-    known = (project / "pyproject.toml").is_file() and beside.is_dir()
-    return (beside, cache_folder()) if known else (cache_folder(),)
+    is_project = (project / "pyproject.toml").is_file() and beside.is_dir()
+    return (beside, cache_folder()) if is_project else (cache_folder(),)
 
 
 def locate(name: str) -> Path:
@@ -182,12 +182,12 @@ def read_dataset(
     dataset = get_dataset(name)
     wanted = dataset.match(pattern)
     folder = locate(name)
-    found = []
+    recordings = []
     for recording in wanted:
-        found.append(_read_one(dataset, folder, recording))
+        recordings.append(_read_one(dataset, folder, recording))
         if progress:
-            progress(len(found) / len(wanted))
-    return found
+            progress(len(recordings) / len(wanted))
+    return recordings
 
 
 def _read_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Recording:
@@ -209,8 +209,8 @@ def _read_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Re
         paths.append(path)
     alone = len(paths) == 1
     path = paths[0] if alone else paths[0].parent
-    given = {"column_map": dataset.maps[recording.name]} if recording.name in dataset.maps else {}
-    result = read_recording(path, dataset.format or None, session=recording.name, **given)
+    options = {"column_map": dataset.maps[recording.name]} if recording.name in dataset.maps else {}
+    result = read_recording(path, dataset.format or None, session=recording.name, **options)
     repository, commit, upstream = dataset.origin(recording.files[0])
     place = upstream if alone else PurePosixPath(upstream).parent
     source = f"{repository}@{commit[:8]}:{place}"
@@ -263,8 +263,8 @@ def _fetch_one(store: Any, dataset: Dataset, file: DatasetFile, meter: _Meter) -
         store.fetch(file.name, downloader=attempt)
         return
     except _TooLongError:
-        known = f"is longer than the {file.size} bytes that are known"
-        fault = f"{known}; it is not the file that was published"
+        too_long = f"is longer than the {file.size} bytes that are known"
+        fault = f"{too_long}; it is not the file that was published"
     except requests.RequestException as error:
         fault = (
             f"cannot be fetched ({type(error).__name__}); check the network, "

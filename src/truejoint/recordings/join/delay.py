@@ -64,16 +64,16 @@ def delays_apart(
         return []
     alone = []
     for k in range(count):
-        own = [replace(e, samples=e.samples[k : k + 1]) for e in explained]
-        alone.append(estimate_delay([[each[k]] for each in recordings], own))
+        single = [replace(e, samples=e.samples[k : k + 1]) for e in explained]
+        alone.append(estimate_delay([[each[k]] for each in recordings], single))
     values = np.array([(delay.seconds, delay.uncertainty) for delay in alone])
-    found = []
+    late = []
     for k, delay in enumerate(alone):
         usual, uncertainty = np.median(np.delete(values, k, axis=0), axis=0)
         least = max(LATE, _APART * (delay.uncertainty + float(uncertainty)))
         if abs(delay.seconds - usual) > least:
-            found.append((k, delay))
-    return found
+            late.append((k, delay))
+    return late
 
 
 def _by_velocity(pairs: Sequence[tuple[Sequence[Recording], Explained]]) -> Delay:
@@ -81,31 +81,31 @@ def _by_velocity(pairs: Sequence[tuple[Sequence[Recording], Explained]]) -> Dela
 
     What a joint itself lags by differs between joints, so their scatter tells the uncertainty.
     """
-    found, deviations = [], []
+    lags, deviations = [], []
     for recordings, explained in pairs:
         names = [*explained.features.names, "square", "cube"]
-        kept = [i for i, name in enumerate(names) if not name.startswith("lag(")]
+        inputs = [i for i, name in enumerate(names) if not name.startswith("lag(")]
         normal, right = [], []
         for recording, sample in zip(recordings, explained.samples, strict=True):
             measured = recording.column(f"measured/{explained.joint}")
             velocity = np.gradient(measured, recording.t)[sample.rows, None]
-            rows = np.hstack([velocity, explained.scaled(sample.inputs)[:, kept]])
+            rows = np.hstack([velocity, explained.scaled(sample.inputs)[:, inputs]])
             weights = sample.weights[:, None]
             rows -= (weights * rows).sum(axis=0) / weights.sum()
             for part in np.array_split(np.arange(len(rows)), _BLOCKS):
                 normal.append(rows[part].T @ (weights[part] * rows[part]))
                 right.append(rows[part].T @ (sample.weights * sample.error)[part])
-        penalty = np.diag(np.r_[0.0, np.full(len(kept), _RIDGE * len(rows))])
+        penalty = np.diag(np.r_[0.0, np.full(len(inputs), _RIDGE * len(rows))])
         every = np.sum(normal, axis=0) + penalty, np.sum(right, axis=0)
-        found.append(-float(np.linalg.solve(*every)[0]))
+        lags.append(-float(np.linalg.solve(*every)[0]))
         left_out = [
             -np.linalg.solve(every[0] - n, every[1] - r)[0]
             for n, r in zip(normal, right, strict=True)
         ]
         deviations.append(float(np.sqrt((len(left_out) - 1) * np.var(left_out))))
-    own = float(np.sqrt(np.mean(np.square(deviations))))
-    between = float(np.std(found, ddof=1)) if len(found) > 1 else 0.0
-    return Delay(float(np.mean(found)), max(own, between) / len(found) ** 0.5, 0.0, slow=True)
+    within = float(np.sqrt(np.mean(np.square(deviations))))
+    between = float(np.std(lags, ddof=1)) if len(lags) > 1 else 0.0
+    return Delay(float(np.mean(lags)), max(within, between) / len(lags) ** 0.5, 0.0, slow=True)
 
 
 def _lowest(shifts: Array, squares: Sequence[Array]) -> tuple[float, float]:
@@ -124,16 +124,16 @@ def _lowest(shifts: Array, squares: Sequence[Array]) -> tuple[float, float]:
 def _squares(recordings: Sequence[Recording], explained: Explained, shifts: Array) -> Array:
     """Weighted sums of squared residuals (blocks, shifts), at `shifts` [s] of the truth."""
     samples = explained.samples
-    own = f"/{explained.joint}"
+    channel = f"/{explained.joint}"
     targets, blocks = [], []
     for number, (recording, sample) in enumerate(zip(recordings, samples, strict=True)):
-        t, truth = recording.t, recording.column("truth" + own)
-        known = np.isfinite(truth)
+        t, truth = recording.t, recording.column("truth" + channel)
+        has_truth = np.isfinite(truth)
         # Interpolating between rows averages noise; so does this, at every shift alike.
-        padded = np.pad(truth[known], 1, mode="edge")
+        padded = np.pad(truth[has_truth], 1, mode="edge")
         smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
-        at, measured = t[sample.rows], recording.column("measured" + own)[sample.rows]
-        shifted = [np.interp(at + shift, t[known], smooth) for shift in shifts]
+        at, measured = t[sample.rows], recording.column("measured" + channel)[sample.rows]
+        shifted = [np.interp(at + shift, t[has_truth], smooth) for shift in shifts]
         targets.append(np.stack(shifted, axis=1) - measured[:, None])
         blocks.append(np.arange(len(at)) * _BLOCKS // len(at) + _BLOCKS * number)
     groups = np.repeat(np.arange(len(samples)), [len(sample.rows) for sample in samples])

@@ -68,8 +68,8 @@ class Explained:
     def residual(self, recording: Recording) -> Array:
         """Residual (n,) of every row about its median; NaN where there is no truth."""
         values = self.features.compute(recording)
-        own, slopes = _own(values), self.coefficients / self.scale
-        explained = values @ slopes[:-2] + own**2 * (slopes[-2] + own * slopes[-1])
+        position, slopes = _own(values), self.coefficients / self.scale
+        explained = values @ slopes[:-2] + position**2 * (slopes[-2] + position * slopes[-1])
         target = _target(recording, self.joint, self.quantity, self.ratio)
         residual = target - explained
         return np.asarray(residual - np.nanmedian(residual))
@@ -88,11 +88,11 @@ def explain(
     parts: list[tuple[Integers, Array, Array]] = []
     for recording in recordings:
         error = _target(recording, joint, quantity, ratio)
-        known = np.flatnonzero(np.isfinite(error))
-        rows = known[:: max(1, -(-len(known) // most))]
+        finite = np.flatnonzero(np.isfinite(error))
+        rows = finite[:: max(1, -(-len(finite) // most))]
         values = features.compute(recording)
-        own = _own(values)[rows, None]
-        parts.append((rows, np.hstack([values[rows], own**2, own**3]), error[rows]))
+        position = _own(values)[rows, None]
+        parts.append((rows, np.hstack([values[rows], position**2, position**3]), error[rows]))
     inputs, error = (np.concatenate([part[i] for part in parts]) for i in (1, 2))
     groups = np.repeat(np.arange(len(parts)), [len(part[0]) for part in parts])
     centre, scale = inputs.mean(axis=0), inputs.std(axis=0)
@@ -129,15 +129,15 @@ def _features(
     recordings: Sequence[Recording], joint: str, explained: str, plays: Sequence[float]
 ) -> FeatureSet:
     """Features of columns that change in every recording, but what is `explained`."""
-    own = f"measured/{joint}"
+    measured = f"measured/{joint}"
     common = [
         name
         for name in recordings[0].units
         if name.partition("/")[0] in ("measured", "motor", "effort", "current")
         and all(name in r.table.columns and np.ptp(r.column(name)) > 0.0 for r in recordings)
     ]
-    span = max(float(np.ptp(np.quantile(r.column(own), [0.02, 0.98]))) for r in recordings)
-    texts = [own, *(f"play({own}, {share * span:.4g})" for share in plays if span > 0.0)]
+    span = max(float(np.ptp(np.quantile(r.column(measured), [0.02, 0.98]))) for r in recordings)
+    texts = [measured, *(f"play({measured}, {share * span:.4g})" for share in plays if span > 0.0)]
     for name in common:
         quantity, _, channel = name.partition("/")
         if quantity in ("effort", "current"):
@@ -145,7 +145,7 @@ def _features(
         elif quantity == "measured" or (channel == joint and quantity != explained):
             texts.append(name)
     if np.median(np.diff(recordings[0].t)) > SLOW:
-        texts += [f"lag({own}, 1)", f"lag({own}, 2)"]
+        texts += [f"lag({measured}, 1)", f"lag({measured}, 2)"]
     return FeatureSet.parse(dict.fromkeys(texts))
 
 
@@ -162,7 +162,7 @@ def _bisquare(
     member = groups[:, None] == np.arange(groups.max() + 1)
     design = np.hstack([scaled, member])
     penalty = np.diag(np.r_[np.full(k, _RIDGE * n), np.full(member.shape[1], 1e-9 * n)])
-    residual = error - np.array([np.median(error[own]) for own in member.T])[groups]
+    residual = error - np.array([np.median(error[members]) for members in member.T])[groups]
     for _ in range(_ROUNDS):
         spread = max(robust_spread(residual), least)
         weights = np.clip(1.0 - (residual / (_BISQUARE * spread)) ** 2, 0.0, None) ** 2

@@ -59,8 +59,8 @@ class ClockOffset:
     joints: tuple[str, ...] = ()
 
     def __repr__(self) -> str:
-        found = f" ± {self.sd:.4f} s by {', '.join(self.joints)}" if self.joints else " as stated"
-        return f"{type(self).__name__}({self}{found})"
+        basis = f" ± {self.sd:.4f} s by {', '.join(self.joints)}" if self.joints else " as stated"
+        return f"{type(self).__name__}({self}{basis})"
 
     def __str__(self) -> str:
         return f"{round(self.seconds, 4):.14g} s"
@@ -120,24 +120,24 @@ def join_truth(
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
     if offset is None:
         about = None if near is None else near - begins
-        found = find_clock_offset(Stream(recording.t, robot), truth, about)
-        found = _refined(recording, truth, found)
-        found = replace(found, seconds=found.seconds + begins)
+        clock = find_clock_offset(Stream(recording.t, robot), truth, about)
+        clock = _refined(recording, truth, clock)
+        clock = replace(clock, seconds=clock.seconds + begins)
     elif math.isfinite(offset):
-        found = ClockOffset(float(offset))
+        clock = ClockOffset(float(offset))
     else:
         raise RecordingError(f"{source}: an offset of {offset} s; state a number")
-    joined, counts = _shifted(recording, truth, found.seconds - begins)
+    joined, counts = _shifted(recording, truth, clock.seconds - begins)
     provenance = recording.provenance
-    sd = "" if math.isnan(found.sd) else f" (sd {found.sd:.2g} s)"
-    notes = f"{found}{sd} added to the stamps of the truth, a file of its own"
+    sd = "" if math.isnan(clock.sd) else f" (sd {clock.sd:.2g} s)"
+    notes = f"{clock}{sd} added to the stamps of the truth, a file of its own"
     described = replace(
         provenance,
         rates={**provenance.rates, **nominal_rates(truth=truth.t)},
         dropped={**provenance.dropped, **dropped, **counts},
         notes="; ".join(filter(None, (provenance.notes, notes))),
     )
-    return replace(joined, provenance=described), found
+    return replace(joined, provenance=described), clock
 
 
 def cover_same_time(t: Array, other: Array) -> bool:
@@ -162,37 +162,37 @@ def _shifted(
     return Recording.from_columns(columns, recording.provenance, units, copy=False), counts
 
 
-def _refined(recording: Recording, truth: Stream, found: ClockOffset) -> ClockOffset:
+def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockOffset:
     """Offset at which the robot's signals explain most of truth minus measured.
 
     Plays and efforts tell friction from a delay where a motion of one speed, as a zig-zag is, does
-    not. It counts where `found` is unsure, and this one is surer and no further off than may be.
+    not. It counts where `coarse` is unsure, and this one is surer and no further off than may be.
     By how much it differs with plays of other half-widths is part of its deviation: of strokes that
-    are all alike a wrong width and a delay explain the same. So is half its way from `found`: rows
+    are all alike a wrong width and a delay explain the same. So is half its way from `coarse`: rows
     at a turn tell most, and what is far off at the first offset weighs little. Where it does not
-    count, how far off it is adds to the deviation of `found`.
+    count, how far off it is adds to the deviation of `coarse`.
     """
-    if found.sd < _UNSURE:
-        return found
-    joined, _ = _shifted(recording, truth, found.seconds)
-    joined = joined.with_truth(found.joints)
+    if coarse.sd < _UNSURE:
+        return coarse
+    joined, _ = _shifted(recording, truth, coarse.seconds)
+    joined = joined.with_truth(coarse.joints)
     if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
-        return found
+        return coarse
     with one_thread():
         delay, other = (
             estimate_delay(
-                [[joined]] * len(found.joints),
-                [explain([joined], joint, plays=plays) for joint in found.joints],
+                [[joined]] * len(coarse.joints),
+                [explain([joined], joint, plays=plays) for joint in coarse.joints],
             )
             for plays in (PLAYS, OTHER_PLAYS)
         )
     uncertainty = math.hypot(delay.uncertainty, other.seconds - delay.seconds)
-    if not (uncertainty < found.sd and abs(delay.seconds) < _SURE * found.sd):
-        apart = max(abs(delay.seconds), abs(other.seconds))
-        return replace(found, sd=math.hypot(found.sd, apart))
+    if not (uncertainty < coarse.sd and abs(delay.seconds) < _SURE * coarse.sd):
+        farthest = max(abs(delay.seconds), abs(other.seconds))
+        return replace(coarse, sd=math.hypot(coarse.sd, farthest))
     steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
     sd = math.hypot(uncertainty, delay.seconds / 2, *(step / math.sqrt(12.0) for step in steps))
-    return replace(found, seconds=found.seconds - delay.seconds, sd=sd)
+    return replace(coarse, seconds=coarse.seconds - delay.seconds, sd=sd)
 
 
 def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:
@@ -213,10 +213,12 @@ def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -
         )
     joints = tuple(joints[k] for k in moving)
     measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
-    found = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
-    coarse = _coarse_offset(state.t, measured, truth.t, found, ", ".join(joints), near, _each_joint)
+    positions = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
+    coarse = _coarse_offset(
+        state.t, measured, truth.t, positions, ", ".join(joints), near, _each_joint
+    )
     with one_thread():  # many small regressions, of which each would wait for its threads
-        seconds, sd = _fine_offset(state.t, measured, truth.t, found, coarse)
+        seconds, sd = _fine_offset(state.t, measured, truth.t, positions, coarse)
     steps = [float(np.median(np.diff(stamps))) for stamps in (state.t, truth.t)]
     return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)
 
@@ -297,7 +299,7 @@ def _turned(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
     The best turn leaves what the singular values of the paths' covariance say (Kabsch, Acta Cryst.
     A32, 1976).
     """
-    pairs = [[_moments(one, other, lags) for other in theirs.T] for one in ours.T]
+    pairs = [[_moments(axis, truth_axis, lags) for truth_axis in theirs.T] for axis in ours.T]
     covariance = np.array([[pair[0] for pair in row] for row in pairs]).transpose(2, 0, 1)
     spread = sum(pairs[k][k][1] + pairs[k][k][2] for k in range(3))
     sizes = np.linalg.svd(covariance, compute_uv=False)
@@ -326,15 +328,15 @@ def _moments(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array, 
     ours, theirs = ours - ours.mean(), theirs - theirs.mean()
 
     def across(a: Array, b: Array) -> Array:
-        found: Array = irfft(rfft(a, size) * np.conj(rfft(b, size)), size)[lags]
-        return found
+        product: Array = irfft(rfft(a, size) * np.conj(rfft(b, size)), size)[lags]
+        return product
 
-    one, other = np.ones(len(ours)), np.ones(len(theirs))
-    count = np.round(across(one, other))
-    mine, their = across(ours, other), across(one, theirs)
+    unit, truth_unit = np.ones(len(ours)), np.ones(len(theirs))
+    count = np.round(across(unit, truth_unit))
+    mine, their = across(ours, truth_unit), across(unit, theirs)
     covariance = across(ours, theirs) - mine * their / count
-    variance = across(ours**2, other) - mine**2 / count
-    of_theirs = across(one, theirs**2) - their**2 / count
+    variance = across(ours**2, truth_unit) - mine**2 / count
+    of_theirs = across(unit, theirs**2) - their**2 / count
     return covariance, variance, of_theirs
 
 
@@ -354,17 +356,17 @@ def _fine_offset(
             np.column_stack([np.interp(stamps[inside], t, column) for column in values.T])
             for values in (measured, velocity, direction)
         )
-        known = np.column_stack([np.ones(len(position)), position, way])
-        step = _delay(known, speed, truth[inside])
+        regressors = np.column_stack([np.ones(len(position)), position, way])
+        step = _delay(regressors, speed, truth[inside])
         offset += float(np.clip(step, -limit, limit))
         if abs(step) < 1e-6:
             break
-    parts = np.arange(len(known)) * _BLOCKS // len(known)
+    parts = np.arange(len(regressors)) * _BLOCKS // len(regressors)
     left_out = [
-        _delay(known[parts != part], speed[parts != part], truth[inside][parts != part])
+        _delay(regressors[parts != part], speed[parts != part], truth[inside][parts != part])
         for part in range(_BLOCKS)
     ]
-    frictionless = _delay(known[:, : 1 + position.shape[1]], speed, truth[inside])
+    frictionless = _delay(regressors[:, : 1 + position.shape[1]], speed, truth[inside])
     jackknife = math.sqrt(_BLOCKS - 1) * float(np.std(left_out))
     return offset, math.hypot(jackknife, frictionless - step)
 
@@ -376,20 +378,20 @@ def _direction(velocity: Array) -> Array:
     return np.asarray(np.sign(velocity)[last])
 
 
-def _delay(known: Array, velocity: Array, truth: Array) -> float:
+def _delay(regressors: Array, velocity: Array, truth: Array) -> float:
     """Delay [s] of measured positions behind the truth, of each joint by how well it is known.
 
-    Each truth is regressed on `known` (one, the positions, the directions) and its joint's
+    Each truth is regressed on `regressors` (one, the positions, the directions) and its joint's
     velocity: a position that comes `d` too late lacks `d` times the velocity.
     """
     delays, weights = [], []
     for k in range(truth.shape[1]):
-        X = np.column_stack([known, velocity[:, k]])
-        found, *_ = np.linalg.lstsq(X, truth[:, k])
+        X = np.column_stack([regressors, velocity[:, k]])
+        coefficients, *_ = np.linalg.lstsq(X, truth[:, k])
         # What of the velocity nothing else explains tells how well its coefficient is known.
-        own = X[:, -1] - known @ np.linalg.lstsq(known, X[:, -1])[0]
-        residual = np.sum((truth[:, k] - X @ found) ** 2) + np.finfo(float).tiny
-        slope = found[1 + k]
-        delays.append(found[-1] / slope)
-        weights.append(slope**2 * np.sum(own**2) / residual)
+        unexplained = X[:, -1] - regressors @ np.linalg.lstsq(regressors, X[:, -1])[0]
+        residual = np.sum((truth[:, k] - X @ coefficients) ** 2) + np.finfo(float).tiny
+        slope = coefficients[1 + k]
+        delays.append(coefficients[-1] / slope)
+        weights.append(slope**2 * np.sum(unexplained**2) / residual)
     return float(np.average(delays, weights=weights))

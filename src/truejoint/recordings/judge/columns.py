@@ -39,15 +39,15 @@ def judge_columns(
         yield from _jumps(recording, f"measured/{joint}", every)
         if f"truth/{joint}" in recording.units:
             truth = recording.column(f"truth/{joint}")
-            known = np.isfinite(truth)
+            has_truth = np.isfinite(truth)
             if needs_truth:
-                yield from _missing_truth(recording.t, joint, known)
-            rows = np.flatnonzero(known)
+                yield from _missing_truth(recording.t, joint, has_truth)
+            rows = np.flatnonzero(has_truth)
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
             if len(rows) >= _FEWEST:
-                told = _told(recording, joint)[rows]
-                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows], told)
+                target = _told(recording, joint)[rows]
+                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows], target)
 
 
 def _clock(t: Array) -> Iterable[Defect]:
@@ -95,14 +95,14 @@ def _dropped(recording: Recording) -> Iterable[Defect]:
         yield Defect(level, "dropped", what, "rows", advice, size=share)
 
 
-def _missing_truth(t: Array, joint: str, known: Mask) -> Iterable[Defect]:
-    share = 1.0 - float(known.mean())
+def _missing_truth(t: Array, joint: str, has_truth: Mask) -> Iterable[Defect]:
+    share = 1.0 - float(has_truth.mean())
     if share > 0.05:
         what = f"{100 * share:.0f} % of the rows have no true position"
         advice = "only rows with truth are used; check the joint sensor and its clock"
         level: Level = "fail" if share > 0.5 else "warn"
         yield Defect(level, "missing", what, f"truth/{joint}", advice, size=share)
-    silent = float(t[-1] - t[known][-1]) if known.any() else 0.0
+    silent = float(t[-1] - t[has_truth][-1]) if has_truth.any() else 0.0
     if silent > 0.1 * (t[-1] - t[0]):
         what = f"the truth stops {silent:.1f} s before the end"
         advice = "the joint sensor stopped; what follows is not used"
@@ -148,13 +148,13 @@ def _told(recording: Recording, joint: str) -> Array:
 
 
 def _stands(
-    joint: str, t: Array, rows: Integers, truth: Array, measured: Array, told: Array
+    joint: str, t: Array, rows: Integers, truth: Array, measured: Array, target: Array
 ) -> Iterable[Defect]:
     """Find a sensor that repeats one value while the other end of the cable moves far.
 
     At an end of its own range it is saturated, and the other end needs to move only outwards and
     only a little: at a turning point with slack it moves back. A motor that stands where it was
-    `told` to is none, though a load turns its joint; but from where it stands it goes on without
+    `target` to is none, though a load turns its joint; but from where it stands it goes on without
     a leap.
     """
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
@@ -166,7 +166,7 @@ def _stands(
             repeats = [
                 (a, b)
                 for a, b in repeats
-                if steps[b] > leap or not np.ptp(told[a : b + 1]) < 0.5 * np.ptp(other[a : b + 1])
+                if steps[b] > leap or not np.ptp(target[a : b + 1]) < 0.5 * np.ptp(other[a : b + 1])
             ]
         if not repeats or span == 0.0:
             continue

@@ -180,16 +180,16 @@ def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
         yield Finding("warn", "homing", what, _EVERYWHERE, advice)
     loads = [r.provenance.load for r in recordings if np.isfinite(r.provenance.load)]
     unknown = len(recordings) - len(loads)
-    known = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
+    masses = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
     if unknown:
         what = (
             f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
-            + (f"; elsewhere {known}" if known else "")
+            + (f"; elsewhere {masses}" if masses else "")
         )
         advice = "state it when recording: cables stretch with load"
         yield Finding("info", "load", what, _EVERYWHERE, advice)
     elif len(set(loads)) == 1:
-        what = f"one load only: {known}"
+        what = f"one load only: {masses}"
         advice = "accuracy under another load is not shown by these data"
         yield Finding("info", "load", what, _EVERYWHERE, advice)
 
@@ -219,12 +219,12 @@ def _strange(
 
     The Mahalanobis distance of half of a recording's `rows` (n, k), in that of a training row.
     """
-    seen = model.training_domain
-    if seen is None:
+    domain = model.training_domain
+    if domain is None:
         return
-    usual = np.sqrt(np.count_nonzero(np.abs(seen.whitening).sum(axis=0)))
-    for recording, own in zip(recordings, rows, strict=True):
-        away = np.linalg.norm((own - seen.feature_mean) @ seen.whitening.T, axis=1)
+    usual = np.sqrt(np.count_nonzero(np.abs(domain.whitening).sum(axis=0)))
+    for recording, features in zip(recordings, rows, strict=True):
+        away = np.linalg.norm((features - domain.feature_mean) @ domain.whitening.T, axis=1)
         times = float(np.median(away) / max(usual, 1.0))
         if times > _STRANGE:
             another = times > _ANOTHER

@@ -21,15 +21,15 @@ def distances(explained: Explained) -> Array:
     sums = np.array([x.sum(axis=0) for x in inputs])
     squares = np.array([x.T @ x for x in inputs])
     counts = np.array([len(x) for x in inputs])
-    found = []
-    for own, x in enumerate(inputs):
-        n = counts.sum() - counts[own]
-        mean = (sums.sum(axis=0) - sums[own]) / n
-        covariance = (squares.sum(axis=0) - squares[own]) / n - np.outer(mean, mean)
+    rms = []
+    for index, x in enumerate(inputs):
+        n = counts.sum() - counts[index]
+        mean = (sums.sum(axis=0) - sums[index]) / n
+        covariance = (squares.sum(axis=0) - squares[index]) / n - np.outer(mean, mean)
         values, vectors = np.linalg.eigh(covariance)
         away = (x - mean) @ vectors / np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
-        found.append(np.sqrt(np.mean(away**2)))
-    return np.array(found)
+        rms.append(np.sqrt(np.mean(away**2)))
+    return np.array(rms)
 
 
 def foreign(explained: Explained) -> Iterable[tuple[int, float]]:

@@ -124,11 +124,11 @@ class LiveLink:
     def recordings(self) -> tuple[Recording, Recording | None]:
         """Make the recording of the arm, and of RAVEN-II that of the other arm meanwhile."""
         robot, wiring = self._wiring()
-        found = self._recording(robot, wiring)
+        recording = self._recording(robot, wiring)
         if not self._heard[wiring.state].is_raven or robot.arm not in ARMS:
-            return found, None
+            return recording, None
         other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
-        return found, self._recording(other, Wiring(wiring.state, profile=wiring.profile))
+        return recording, self._recording(other, Wiring(wiring.state, profile=wiring.profile))
 
     def diagnose(self) -> DataCheck:
         """Judge the link, and what came over it (`truejoint.recordings.diagnose`)."""
@@ -137,17 +137,17 @@ class LiveLink:
 
     def _wiring(self) -> tuple[Robot, Wiring]:
         self._heard[self._expected.state].check()
-        return self._wire({n: (one.kind, len(one.times)) for n, one in self._heard.items()})
+        return self._wire({n: (topic.kind, len(topic.times)) for n, topic in self._heard.items()})
 
     def _of(self, wiring: Wiring) -> list[Heard]:
         return [self._heard[name] for name in wiring.joints]
 
     def _recording(self, robot: Robot, wiring: Wiring) -> Recording:
         heard = self._of(wiring)
-        lost = {f"{one.name}: {NO_STAMP}": one.invalid for one in heard}
+        lost = {f"{topic.name}: {NO_STAMP}": topic.invalid for topic in heard}
         origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
         homed = [self._heard[wiring.homed]] if wiring.homed else []
-        lots = (lot for one in (*heard, *homed) for lot in one.lots())
+        lots = (lot for topic in (*heard, *homed) for lot in topic.lots())
         return assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
 
 
@@ -205,12 +205,12 @@ class Heard:
         places: dict[_Layout, list[int]] = {}
         for place, (_, _, layout, _) in enumerate(rows):
             places.setdefault(layout, []).append(place)
-        for (names, lengths), own in places.items():
-            stamps = np.array([round(rows[place][1] * _SECOND) for place in own])
-            table = np.stack([rows[place][3] for place in own])
+        for (names, lengths), rows_alike in places.items():
+            stamps = np.array([round(rows[place][1] * _SECOND) for place in rows_alike])
+            table = np.stack([rows[place][3] for place in rows_alike])
             parts = np.split(table, np.cumsum(lengths)[:-1], axis=1)
             fields = dict(zip(self._fields, parts, strict=True))
-            yield Lot(self.name, np.array(own), stamps, fields, {"name": names})
+            yield Lot(self.name, np.array(rows_alike), stamps, fields, {"name": names})
 
 
 def judge_link(heard: Sequence[Heard], ended: float) -> Finding:
@@ -218,25 +218,25 @@ def judge_link(heard: Sequence[Heard], ended: float) -> Finding:
 
     It fails where one stopped, and warns where the first one's stamps are of another clock.
     """
-    told, stopped, late = [], [], 0.0
-    for one in heard:
-        arrival, stamp = one.times.T
+    rates, stopped, late = [], [], 0.0
+    for topic in heard:
+        arrival, stamp = topic.times.T
         if len(arrival) < 2:
-            stopped.append(f"{one.name} said {'nothing' if not len(arrival) else 'one thing'}")
+            stopped.append(f"{topic.name} said {'nothing' if not len(arrival) else 'topic thing'}")
             continue
         step = np.diff(arrival)
-        text = f"{one.name} {1.0 / max(step.mean(), 1e-9):.4g} Hz"
-        if one is heard[0]:
+        text = f"{topic.name} {1.0 / max(step.mean(), 1e-9):.4g} Hz"
+        if topic is heard[0]:
             late, most = np.quantile(arrival - stamp, [0.5, 0.99])
             text += f", here {1e3 * late:.3g} ms after its stamp, 99 % within {1e3 * most:.3g} ms"
-        told.append(text)
+        rates.append(text)
         silent = ended - arrival[-1]
         if silent > max(SILENCE, _STEPS * float(np.median(step))):
-            stopped.append(f"{one.name} stopped {silent:.1f} s before the end")
+            stopped.append(f"{topic.name} stopped {silent:.1f} s before the end")
     if stopped:
         advice = "does its node still run, and the network?"
-        return Finding("fail", "link", "; ".join([*stopped, *told]), "", advice)
-    evidence = "; ".join(told)
+        return Finding("fail", "link", "; ".join([*stopped, *rates]), "", advice)
+    evidence = "; ".join(rates)
     if abs(late) > _CLOCK:
         advice = (
             "stamps and this computer's clock differ: keep the clocks of all computers together "

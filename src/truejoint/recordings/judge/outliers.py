@@ -39,8 +39,8 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
     counts.
     """
     residual = explained.residual(recording)
-    known = np.flatnonzero(np.isfinite(residual))
-    t, level = recording.t[known], residual[known]
+    finite = np.flatnonzero(np.isfinite(residual))
+    t, level = recording.t[finite], residual[finite]
     dt = float(np.median(np.diff(t)))
     limit = share * explained.spread * (_STEP_OF_SLOW if dt > SLOW else _STEP)
     longest = max(_LONGEST, round(1.0 / dt))
@@ -67,7 +67,7 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
     rows, good = np.flatnonzero(bad), np.flatnonzero(~bad)
     size = level[rows] - np.interp(rows, good, level[good])
     rise = np.array([level[k : k + _LONGEST].mean() - level[k - 1] for k in stays])
-    return Steps(known[rows], size, known[np.array(stays, dtype=np.int64)], rise)
+    return Steps(finite[rows], size, finite[np.array(stays, dtype=np.int64)], rise)
 
 
 def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:

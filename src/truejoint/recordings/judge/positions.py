@@ -27,7 +27,7 @@ from truejoint.recordings.judge.zeros import left_out_zeros
 from truejoint.recordings.table.recording import Recording
 from truejoint.units import shown
 
-Seen = tuple[Defect, Recording]
+Marked = tuple[Defect, Recording]
 
 REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a joint once more
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
@@ -45,27 +45,27 @@ def judge_positions(
     recordings: Sequence[Recording], joints: Sequence[str], broken: Collection[tuple[int, str]]
 ) -> Iterable[Finding]:
     """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further."""
-    seen: list[Seen] = []
+    marked: list[Marked] = []
     judged: dict[str, list[Recording]] = {}
     for joint in joints:
         judged[joint] = []
         for recording in recordings:
-            found = list(judge_scale(recording, joint))
-            seen += [(defect, recording) for defect in found]
-            sound = not any(d.level == "fail" for d in found)
+            scale_defects = list(judge_scale(recording, joint))
+            marked += [(defect, recording) for defect in scale_defects]
+            sound = not any(d.level == "fail" for d in scale_defects)
             if sound and (id(recording), joint) not in broken:
                 judged[joint].append(recording)
     truths: list[tuple[list[Recording], Explained]] = []
     for joint, whole in judged.items():
-        known = [r for r in whole if _truths(r, joint) >= FEWEST]
-        if known:
-            explained = explain(known, joint)
-            cleaned, defects = _judge_truth(known, explained)
-            seen += defects
+        with_truth = [r for r in whole if _truths(r, joint) >= FEWEST]
+        if with_truth:
+            explained = explain(with_truth, joint)
+            cleaned, defects = _judge_truth(with_truth, explained)
+            marked += defects
             truths.append((cleaned, explained))
         for quantity in REDUNDANT:
-            seen += _judge_redundant(whole, joint, quantity)
-    yield from one_line_each(seen, recordings)
+            marked += _judge_redundant(whole, joint, quantity)
+    yield from one_line_each(marked, recordings)
     yield from _judge_delay(truths, recordings)
     if truths:
         yield from _judge_instruments(*truths[0])
@@ -78,17 +78,17 @@ def _truths(recording: Recording, joint: str) -> int:
 
 def _judge_truth(
     recordings: Sequence[Recording], explained: Explained
-) -> tuple[list[Recording], list[Seen]]:
+) -> tuple[list[Recording], list[Marked]]:
     """Take the outliers out of recordings, and say what was found."""
-    cleaned, seen = [], []
+    cleaned, defects = [], []
     column = f"truth/{explained.joint}"
     for recording in recordings:
         steps = find_steps(recording, explained)
-        seen += [(d, recording) for d in _judge_steps(recording, explained, steps, "zero")]
+        defects += [(d, recording) for d in _judge_steps(recording, explained, steps, "zero")]
         truth = recording.column(column).copy()
         truth[steps.outliers] = np.nan
         cleaned.append(replace(recording, table=recording.table.assign(**{column: truth})))
-    return cleaned, seen + _judge_zeros(recordings, explained, "zero", seen)
+    return cleaned, defects + _judge_zeros(recordings, explained, "zero", defects)
 
 
 def _judge_steps(
@@ -121,8 +121,8 @@ def _judge_steps(
 
 
 def _judge_zeros(
-    recordings: Sequence[Recording], explained: Explained, name: str, steps: Sequence[Seen]
-) -> list[Seen]:
+    recordings: Sequence[Recording], explained: Explained, name: str, steps: Sequence[Marked]
+) -> list[Marked]:
     """Find recordings whose zero is not that of the others, nor seen to step within them."""
     stepped = {id(recording) for defect, recording in steps if defect.name == name}
     if len(recordings) < 2:
@@ -130,34 +130,34 @@ def _judge_zeros(
     zeros = left_out_zeros(explained)
     column = f"{explained.quantity}/{explained.joint}"
     limit = max(_MOVED * zeros.spread, _MOVED_OF_NOISE * explained.spread)
-    seen = []
+    moved = []
     for number in np.flatnonzero(np.abs(zeros.offsets) > limit).tolist():
-        recording, apart = recordings[number], float(zeros.apart[number])
+        recording, offset = recordings[number], float(zeros.apart[number])
         if id(recording) not in stepped:
-            what = f"its zero is {shown(apart, recording.units[column])} off that of the others"
+            what = f"its zero is {shown(offset, recording.units[column])} off that of the others"
             advice = "re-zero, calibrate each homing on its own, or give each recording its zero"
-            defect = Defect("fail", name, what, column, advice, size=abs(apart))
-            seen.append((defect, recording))
-    return seen[:1] if len(recordings) == 2 else seen
+            defect = Defect("fail", name, what, column, advice, size=abs(offset))
+            moved.append((defect, recording))
+    return moved[:1] if len(recordings) == 2 else moved
 
 
-def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Seen]:
+def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Marked]:
     """Two sensors of one joint that disagree, in a recording or from a row on."""
     column = f"{quantity}/{joint}"
-    known = [
+    moving = [
         r
         for r in recordings
         if len(r) >= FEWEST and column in r.units and np.ptp(r.column(column)) > 0.0
     ]
-    if not known:
+    if not moving:
         return []
-    explained = explain(known, joint, quantity)
-    seen: list[Seen] = []
-    for recording in known:
+    explained = explain(moving, joint, quantity)
+    marked: list[Marked] = []
+    for recording in moving:
         steps = find_steps(recording, explained, _STEP_OF_REDUNDANT)
         defects = _judge_steps(recording, explained, steps, "redundant")
-        seen += [(defect, recording) for defect in defects]
-    return seen + _judge_zeros(known, explained, "redundant", seen)
+        marked += [(defect, recording) for defect in defects]
+    return marked + _judge_zeros(moving, explained, "redundant", marked)
 
 
 def _judge_delay(
@@ -173,15 +173,15 @@ def _judge_delay(
     where = ", ".join(f"truth/{e.joint}" for e in explained)
     together = estimate_delay(recordings, explained)
     single = [
-        (replace(found, where=where, size=abs(delay.seconds)), recordings[0][number])
+        (replace(defect, where=where, size=abs(delay.seconds)), recordings[0][number])
         for number, delay in ([] if together.slow else delays_apart(recordings, explained))
-        for found in _late(delay)
+        for defect in _late(delay)
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
         yield from one_line_each(single, every)
     else:
-        found = (replace(found, where=where) for found in _late(together))
-        yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in found)
+        defect = (replace(defect, where=where) for defect in _late(together))
+        yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in defect)
 
 
 def _late(delay: Delay) -> Iterable[Defect]:

@@ -25,10 +25,10 @@ _SLACK: Final = 0.1  # of the travel between limits
 
 def judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
     """Judge unit, sign and limits, the first only that is wrong: each upsets the next."""
-    measured, known = recording.robot.joint(joint), recording.joints_of("truth")
+    measured, with_truth = recording.robot.joint(joint), recording.joints_of("truth")
     reported = recording.column(f"measured/{joint}")
     low, high = _range(reported)
-    if joint in known:
+    if joint in with_truth:
         truth = recording.column(f"truth/{joint}")
         rows = np.flatnonzero(np.isfinite(truth))
         rows = rows[:: max(1, len(rows) // _MOST_ROWS)]

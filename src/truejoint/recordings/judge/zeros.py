@@ -35,8 +35,8 @@ def left_out_zeros(explained: Explained) -> Zeros:
     right = np.array([d.T @ (s.weights * s.error) for d, s in pairs])
     all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)
     medians, spreads = [], []
-    for own, own_right, (design, sample) in zip(normal, right, pairs, strict=True):
-        others = all_normal - own
+    for matrix, own_right, (design, sample) in zip(normal, right, pairs, strict=True):
+        others = all_normal - matrix
         k = len(others) - 1
         others[np.arange(k), np.arange(k)] += _RIDGE * others[-1, -1]
         residual = sample.error - design @ np.linalg.solve(others, all_right - own_right)

@@ -60,10 +60,10 @@ def read_npy(path: Path) -> tuple[Array, str]:
         raise RecordingError(
             f"{path}: its header does not announce an array of real numbers; save it as float64"
         )
-    expected, left = math.prod(shape) * dtype.itemsize, len(data) - file.tell()
-    if expected != left or not expected:
+    expected, size = math.prod(shape) * dtype.itemsize, len(data) - file.tell()
+    if expected != size or not expected:
         raise RecordingError(
-            f"{path}: holds {left} bytes, its header announces {expected}; "
+            f"{path}: holds {size} bytes, its header announces {expected}; "
             "the file is empty, cut short or damaged"
         )
     if 8 * math.prod(shape) > MAX_BINARY_BYTES:
@@ -117,14 +117,14 @@ def _unpacked(data: bytes) -> bytes:
         raise _MatError("its header is cut short")
     order = "<" if data[126:128] == b"IM" else ">"
     pieces: list[bytes | memoryview] = [data[:_HEADER_BYTES]]
-    limit = left = min(MAX_MAT_BYTES, most_unpacked(len(data)))
+    limit = room = min(MAX_MAT_BYTES, most_unpacked(len(data)))
     for element in _elements(memoryview(data)[_HEADER_BYTES:], order, aligned=False):
         kind, body = element
         if kind == _COMPRESSED:
             unpack = zlib.decompressobj()
-            content = unpack.decompress(body, left + 1)
-            left -= len(content)
-            if left < 0:
+            content = unpack.decompress(body, room + 1)
+            room -= len(content)
+            if room < 0:
                 raise _MatError(f"unpacks to more than {limit} bytes")
             if not unpack.eof:
                 raise _MatError("a variable is cut short")
@@ -163,7 +163,7 @@ def _class_of(flags: bytes | memoryview, order: str) -> int:
 
 def _check(variable: memoryview, order: str) -> None:
     """Refuse more arrays than anyone keeps, and what SciPy would read past the end of."""
-    waiting, seen = [variable], 0
+    waiting, nested = [variable], 0
     while waiting:
         body = waiting.pop()
         parts = list(_elements(body, order))
@@ -181,6 +181,6 @@ def _check(variable: memoryview, order: str) -> None:
                     raise _MatError(f"{len(body)} bytes cannot hold an array of shape {shape}")
             if kind == _MATRIX:
                 waiting.append(part)
-                seen += 1
-        if seen > _MAX_NESTED:
+                nested += 1
+        if nested > _MAX_NESTED:
             raise _MatError(f"a variable holds more than {_MAX_NESTED} others")

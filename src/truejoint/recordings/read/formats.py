@@ -59,9 +59,11 @@ def _own(
 ) -> Format:
     """Layout whose reader, a function of a module of this package, is imported when called."""
 
-    def read(*given: Any, **named: Any) -> Recording:
-        found: Recording = resolve_name(f"truejoint.recordings.{reader}")(*given, **named, **stated)
-        return found
+    def read(*args: Any, **named: Any) -> Recording:
+        recording: Recording = resolve_name(f"truejoint.recordings.{reader}")(
+            *args, **named, **stated
+        )
+        return recording
 
     return Format(name, summary, read, options, folder, reads_head=reader in _READ_HEAD)
 

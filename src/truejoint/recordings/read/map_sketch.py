@@ -70,7 +70,7 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     """
     path = Path(path)
     machine = get_robot(robot, arm) if robot else None
-    given = {"robot": machine.name, "arm": machine.arm} if machine else {}
+    entries = {"robot": machine.name, "arm": machine.arm} if machine else {}
     columns = list(_columns(path))
     numbers = [_number(name) for name, _ in columns]
     from_zero = 0 in numbers
@@ -87,7 +87,7 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
         f"# Columns of {_quoted(path.name)[1:-1]} as their names suggest; mend what is wrong, "
         "delete what is not needed."
     ]
-    lines += [f"{key} = {_quoted(text)}" for key, text in given.items() if text]
+    lines += [f"{key} = {_quoted(text)}" for key, text in entries.items() if text]
     if not machine:
         lines.append('# robot = "<name, or a robot file beside this one>"')
     if "t" not in sketched:
@@ -144,7 +144,7 @@ def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
         return "t"
     if isinstance(name, str) and re.fullmatch(r"[A-Za-z]\w*/\w+", name, re.ASCII):
         return name
-    quantity = next((q for q, known in _QUANTITIES.items() if words & known), "")
+    quantity = next((q for q, synonyms in _QUANTITIES.items() if words & synonyms), "")
     channels: Sequence[str] = robot.channels if robot else ()
     named = [channel for channel in channels if channel in str(name).lower()]
     if named and not words - set(_UNITS) - set(named):
@@ -159,10 +159,10 @@ def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
 
 def _unit(ours: str, name: str | int, robot: Robot | None) -> str:
     """Give the unit as a part of an entry, where the name says one that the column may have."""
-    found = next((_UNITS[word] for word in reversed(_words(name)) if word in _UNITS), "")
-    si = SI_UNITS[found][0] if found else ""
+    unit = next((_UNITS[word] for word in reversed(_words(name)) if word in _UNITS), "")
+    si = SI_UNITS[unit][0] if unit else ""
     expected = "s" if ours == "t" else default_unit(ours, robot) if ours and robot else si
-    return f', unit = "{found}"' if found and expected in {si, "1"} and found != si else ""
+    return f', unit = "{unit}"' if unit and expected in {si, "1"} and unit != si else ""
 
 
 def _quoted(name: str | int) -> str:

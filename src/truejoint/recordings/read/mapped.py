@@ -261,10 +261,10 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) ->
                 f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
                 f"{', '.join(machine.channels)}"
             )
-    known = {name.partition("/")[0] for name in mapping.columns}
+    quantities = {name.partition("/")[0] for name in mapping.columns}
     # Where the mechanism is known, the measured position may be its motor's.
-    if needed not in known and not (
-        needed == "measured" and machine.mechanism and "motor" in known
+    if needed not in quantities and not (
+        needed == "measured" and machine.mechanism and "motor" in quantities
     ):
         why = "there is nothing to correct" if needed == "measured" else "it is no truth"
         raise RecordingError(f"{path}: no '{needed}/<joint>' column; {why}")

@@ -57,7 +57,7 @@ def read_numbers(
     # The last column tells a short line from a whole one.
     wanted = {column: column in may_miss for column in sorted({*use, layout.columns - 1})}
     pieces: list[Array] = []
-    left = most = MAX_VALUES // len(wanted)
+    room = most = MAX_VALUES // len(wanted)
     incomplete = 0
     raw = BoundedFile(require_file(path), lines=True)
     with raw, io.BufferedReader(raw, _PIECE_BYTES) as file:
@@ -65,16 +65,16 @@ def read_numbers(
             try:
                 values = _parse(piece, layout, wanted)
             except pa.ArrowInvalid:
-                values, incomplete = _parse_by_line(path, piece, layout, wanted, left < most)
-            left -= len(values)
-            if left < 0:
+                values, incomplete = _parse_by_line(path, piece, layout, wanted, room < most)
+            room -= len(values)
+            if room < 0:
                 raise RecordingError(
                     f"{path}: more than {most} rows of {len(wanted)} columns, the most that is "
                     "read; cut the recording into parts"
                 )
             pieces.append(values)
         digest = raw.sha256()
-    if left == most:
+    if room == most:
         raise RecordingError(f"{path}: holds no rows of numbers")
     values = np.concatenate(pieces)
     return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)

@@ -167,15 +167,15 @@ def without_homing(levels: Array) -> tuple[Mask, dict[str, int]]:
 def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
     """Column in the 240-column layout and factor to SI, by name; the time stands first."""
     second = robot.arm == "right"
-    found = {"t": (0, 1.0)}
+    columns = {"t": (0, 1.0)}
     for quantity, (name, factor) in RAVEN_FIELDS.items():
         first = _FIRST[name]
         for i, channel in enumerate(robot.channels):
-            found[f"{quantity}/{channel}"] = (first + i + (CHANNELS if second else 0), factor)
+            columns[f"{quantity}/{channel}"] = (first + i + (CHANNELS if second else 0), factor)
     for quantity, (first, names, factor) in _OF_ARM.items():
         for i, name in enumerate(names):
-            found[f"{quantity}/{name}"] = (first + i + (len(names) if second else 0), factor)
-    return found | {name: (column, 1.0) for name, column in _OF_STATE.items()}
+            columns[f"{quantity}/{name}"] = (first + i + (len(names) if second else 0), factor)
+    return columns | {name: (column, 1.0) for name, column in _OF_STATE.items()}
 
 
 def _read(
@@ -199,8 +199,8 @@ def _recording(
     others: Mapping[str, Array],
     dropped: Mapping[str, int],
 ) -> list[Recording]:
-    known = _state_columns(robot)
-    state = zip(known.items(), table.values.T, strict=False)
+    layout = _state_columns(robot)
+    state = zip(layout.items(), table.values.T, strict=False)
     columns = {name: values * factor for (name, (_, factor)), values in state} | dict(others)
     keep, homing = without_homing(columns["state/run_level"])
     return recordings_of_file(
@@ -220,12 +220,12 @@ def _recording(
 def _check_truth_unit(
     path: Path, robot: Robot, raw: Array, measured: Array, truth_unit: str
 ) -> None:
-    known = np.isfinite(raw).all(axis=1)
-    if not known.any():
+    finite = np.isfinite(raw).all(axis=1)
+    if not finite.any():
         raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
 
     def fits(unit: str) -> Mask:
-        distance = np.median(np.abs(raw[known] * TRUTH_UNITS[unit] - measured[known]), axis=0)
+        distance = np.median(np.abs(raw[finite] * TRUTH_UNITS[unit] - measured[finite]), axis=0)
         return np.asarray(distance < _PLAUSIBLE)
 
     if fits(truth_unit).all():

@@ -51,13 +51,13 @@ def read_recording(
     >>> read_recording("run.csv", robot="davinci_grasper").joints_of("truth")
     ('jaw',)
     """
-    found = read_recordings(path, format, **context)
-    if len(found) > 1:
+    recordings = read_recordings(path, format, **context)
+    if len(recordings) > 1:
         raise RecordingError(
-            f"{path}: its clock restarts, so it holds {len(found)} recordings; "
+            f"{path}: its clock restarts, so it holds {len(recordings)} recordings; "
             "read_recordings(path) gives all of them"
         )
-    return found[0]
+    return recordings[0]
 
 
 def read_recordings(
@@ -97,14 +97,14 @@ def read_recordings(
     try:
         if entry.reads_head:
             context["head"] = head
-        found = as_recordings(entry.read(source, **context))
+        recordings = as_recordings(entry.read(source, **context))
     except RecordingError as error:
         # The rules of a recording name it as its provenance does; a person wants the path.
         text = str(error)
         if text.startswith(f"{source.name}:") and str(source) != source.name:
             raise RecordingError(str(source) + text.removeprefix(source.name)) from None
         raise
-    return state(found, about)
+    return state(recordings, about)
 
 
 def state(recordings: Sequence[Recording], about: Mapping[str, Any]) -> list[Recording]:
@@ -141,8 +141,8 @@ def why_no_recording(
                 return "no 'measured/<joint>' column"
     except RecordingError as error:
         return str(error).removeprefix(f"{path}: ")
-    own = format in FORMATS and not (format == "csv" and name == "arrays")
-    return f"is {name}, not {format}" if own and name != format else ""
+    is_ours = format in FORMATS and not (format == "csv" and name == "arrays")
+    return f"is {name}, not {format}" if is_ours and name != format else ""
 
 
 def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> str:
@@ -212,7 +212,7 @@ def _detect_text(source: Path, head: Head) -> str:
     )
 
 
-def _unknown(source: Path, found: str) -> RecordingError:
+def _unknown(source: Path, reason: str) -> RecordingError:
     return RecordingError(
-        f"{source}: format not recognised ({found}); known: {', '.join(format_names())}"
+        f"{source}: format not recognised ({reason}); known: {', '.join(format_names())}"
     )

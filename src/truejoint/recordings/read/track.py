@@ -131,35 +131,35 @@ class Track:
         >>> len(Track.of_readings(t, np.column_stack([seen, seen + 1, seen])))
         60
         """
-        given = cls(t, position, orientation, source)
-        t, position, orientation = given.t, given.position, given.orientation
+        raw = cls(t, position, orientation, source)
+        t, position, orientation = raw.t, raw.position, raw.orientation
         values = position if orientation is None else np.hstack([position, orientation])
         with np.errstate(invalid="ignore"):
-            seen = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)
+            visible = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)
             if orientation is not None:
                 length = np.linalg.norm(orientation, axis=1)
-                seen &= np.abs(length - 1.0) < 0.1  # rounded to a few digits, or no quaternion
-        before = np.flatnonzero(seen)
+                visible &= np.abs(length - 1.0) < 0.1  # rounded to a few digits, or no quaternion
+        before = np.flatnonzero(visible)
         fresh = np.append([True], (np.diff(values[before], axis=0) != 0.0).any(axis=1))
-        kept = before[fresh[: len(before)]]
-        forward = forward_rows(t[kept])
+        usable = before[fresh[: len(before)]]
+        forward = forward_rows(t[usable])
         dropped = {
-            LOST: int((~seen).sum()),
-            FROZEN: len(before) - len(kept),
+            LOST: int((~visible).sum()),
+            FROZEN: len(before) - len(usable),
             BACK: int((~forward).sum()),
         }
-        kept = kept[forward]
-        if len(kept) < (1.0 - _MOST_LOST) * len(t):
+        usable = usable[forward]
+        if len(usable) < (1.0 - _MOST_LOST) * len(t):
             worst = max(dropped, key=lambda reason: dropped[reason]).removeprefix("tracker: ")
             raise RecordingError(
-                f"{source}: only {len(kept)} of {len(t)} readings can be used ({worst}: "
+                f"{source}: only {len(usable)} of {len(t)} readings can be used ({worst}: "
                 f"{max(dropped.values())}); bring the marker into sight and record again"
             )
         turns = None
         if orientation is not None:
-            turns = orientation[kept] / np.linalg.norm(orientation[kept], axis=1, keepdims=True)
-        found = {reason: count for reason, count in dropped.items() if count}
-        return cls(t[kept], position[kept], turns, source, found)
+            turns = orientation[usable] / np.linalg.norm(orientation[usable], axis=1, keepdims=True)
+        counts = {reason: count for reason, count in dropped.items() if count}
+        return cls(t[usable], position[usable], turns, source, counts)
 
 
 def read_track(
@@ -193,7 +193,7 @@ def read_track(
     >>> len(read_track("points.csv"))
     100
     """
-    sources = [Path(path)] if isinstance(path, str | os.PathLike) else [Path(one) for one in path]
+    sources = [Path(path)] if isinstance(path, str | os.PathLike) else [Path(part) for part in path]
     if not sources:
         raise RecordingError("there is no file of points to read; give at least one")
     source = sources[0]
@@ -263,24 +263,24 @@ def _read_bags(sources: Sequence[Path], topic: str) -> Track:
         raise RecordingError(
             f"{source}: no topic has points or poses; give the bag that has the tracker's too"
         )
-    found = [topic] if topic else [name for name in kinds if crtk_name(name) not in _OWN]
-    if len(found) != 1 or found[0] not in kinds:
+    candidates = [topic] if topic else [name for name in kinds if crtk_name(name) not in _OWN]
+    if len(candidates) != 1 or candidates[0] not in kinds:
         listed = ", ".join(f"{name} ({kind})" for name, kind in sorted(kinds.items()))
         what = f"no points or poses on {topic!r}." if topic else "which topic is the tracker's?"
         raise RecordingError(
             f"{source}: {what} Name it (--tracker, of track --topic); of points or poses there are "
             f"{listed}"
         )
-    point, turn = _FIELDS[kinds[found[0]]]
+    point, turn = _FIELDS[kinds[candidates[0]]]
     fields = [f"{point}.{axis}" for axis in "xyz"]
     fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
-    stamps, values = read_topic(sources, found[0], fields)
+    stamps, values = read_topic(sources, candidates[0], fields)
     columns = [_number(values, name) for name in fields]
     return Track.of_readings(
         stamps / 1e9,
         np.column_stack(columns[:3]),
         np.column_stack(columns[3:]) if turn else None,
-        f"{source}: {found[0]}",
+        f"{source}: {candidates[0]}",
     )
 
 

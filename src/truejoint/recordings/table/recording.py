@@ -292,8 +292,8 @@ class Recording(Summarised):
 
     def columns(self, quantity: str, joints: Sequence[str]) -> Array:
         """Columns of `quantity` for `joints` as one array (n, n_joints)."""
-        found = [self.column(f"{quantity}/{joint}") for joint in joints]
-        return np.column_stack([np.empty((len(self), 0)), *found])
+        arrays = [self.column(f"{quantity}/{joint}") for joint in joints]
+        return np.column_stack([np.empty((len(self), 0)), *arrays])
 
     def error(self, joints: Sequence[str]) -> Array:
         """Truth minus measured (n, n_joints) [rad or m]; the correction to be added."""
@@ -388,15 +388,15 @@ def recordings_of_file(
     }
     provenance = Provenance(robot.name, robot.arm, **(stated | about))
     sessions = _sessions(columns["t"])
-    found = []
+    recordings = []
     for count, (first, end) in enumerate(sessions, 1):
         rows = {name: values[first:end] for name, values in columns.items()}
         rows["t"], start = since_first(rows["t"])
-        own = replace(provenance, start=start, dropped=counts if count == 1 else {})
+        origin = replace(provenance, start=start, dropped=counts if count == 1 else {})
         if len(sessions) > 1:
-            own = replace(own, session=f"{provenance.session}#{count}")
-        found.append(Recording.from_columns(rows, own, units, robot=robot))
-    return found
+            origin = replace(origin, session=f"{provenance.session}#{count}")
+        recordings.append(Recording.from_columns(rows, origin, units, robot=robot))
+    return recordings
 
 
 def _whole_rows(columns: Mapping[str, Array], source: str) -> tuple[Mapping[str, Array], int]:
@@ -436,14 +436,14 @@ def default_unit(column: str, robot: Robot) -> str:
     """Give the SI unit that a column has unless another is stated; ``"1"`` if none is known."""
     quantity, _, channel = column.partition("/")
     if channel in robot.channels:
-        known = channel in robot.joint_names
-        unit = robot.joint(channel).unit if known else "rad"
+        is_joint = channel in robot.joint_names
+        unit = robot.joint(channel).unit if is_joint else "rad"
         if quantity in POSITION_QUANTITIES:
             return unit
         if quantity == "velocity":
             return unit + "/s"
         if quantity in ("effort", "truth_effort", "truth_load"):
-            at_joint = known and (robot.effort == "joint" or quantity != "effort")
+            at_joint = is_joint and (robot.effort == "joint" or quantity != "effort")
             return robot.joint(channel).effort_unit if at_joint else "Nm"
     return _UNITS.get(quantity, "1")
 

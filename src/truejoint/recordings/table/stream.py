@@ -113,12 +113,12 @@ def synchronise(
     return columns, dropped
 
 
-def _in_gap(t: Array, known: Array, limit: float) -> Mask:
-    """Which rising stamps (n,) lie between two of those `known` (m,) that are `limit` apart."""
-    wide = np.flatnonzero(np.diff(known) > limit)
+def _in_gap(t: Array, samples: Array, limit: float) -> Mask:
+    """Which rising stamps (n,) lie between two of those `samples` (m,) that are `limit` apart."""
+    wide = np.flatnonzero(np.diff(samples) > limit)
     edge = np.zeros(t.size + 1, dtype=np.int8)
-    np.add.at(edge, np.searchsorted(t, known[wide], side="right"), 1)
-    np.add.at(edge, np.searchsorted(t, known[wide + 1], side="left"), -1)
+    np.add.at(edge, np.searchsorted(t, samples[wide], side="right"), 1)
+    np.add.at(edge, np.searchsorted(t, samples[wide + 1], side="left"), -1)
     return np.asarray(np.cumsum(edge[:-1], dtype=np.int8) > 0)
 
 
@@ -144,12 +144,12 @@ def usable_rows(stream: Stream, name: str, dropped: dict[str, int]) -> Stream:
     if not isinstance(stream, Stream):
         advice = "give Stream(t, columns), or what read_truth(path) reads"
         raise RecordingError(f"{name}: {other_kind(stream, 'Stream', advice)}")
-    known = np.isfinite(stream.t)
+    finite = np.isfinite(stream.t)
     for values in stream.columns.values():
-        known &= np.isfinite(values)
-    if not known.all():
-        dropped[f"{name}: {MISSING}"] = int((~known).sum())
-        stream = stream.rows(known)
+        finite &= np.isfinite(values)
+    if not finite.all():
+        dropped[f"{name}: {MISSING}"] = int((~finite).sum())
+        stream = stream.rows(finite)
     forward = forward_rows(stream.t)
     lost = int((~forward).sum())
     if lost > max(1, _MAX_LOST * forward.size):

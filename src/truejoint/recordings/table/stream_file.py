@@ -141,9 +141,9 @@ class StreamWriter:
             why = reason(error) if isinstance(error, OSError) else words(error)
             raise RecordingError(f"{self.path}: {why}; what was written before is kept") from None
         if len(t):
-            known = self.streams.setdefault(stream, StreamSize(first=float(t[0])))
-            known.rows, known.last = known.rows + len(t), float(t[-1])
-            known.size += self._file.tell() - self.size
+            size = self.streams.setdefault(stream, StreamSize(first=float(t[0])))
+            size.rows, size.last = size.rows + len(t), float(t[-1])
+            size.size += self._file.tell() - self.size
         self.size = self._file.tell()
 
     def close(self) -> None:

@@ -175,20 +175,20 @@ def _columns(series: Series, base: int, name: str, dropped: dict[str, int]) -> d
     rows = np.flatnonzero(last & keep).astype(np.float64)
     t = (stamps[last & keep] - base) / _SECOND
     # By their numbers alone: the columns of a day take much memory.
-    kept = usable_rows(Stream(t, {"row": rows}), name, dropped)
-    if len(kept.t) < len(stamps):
-        keep_rows(columns, kept.columns["row"].astype(np.int64))
-    return {"t": kept.t, **columns}
+    usable = usable_rows(Stream(t, {"row": rows}), name, dropped)
+    if len(usable.t) < len(stamps):
+        keep_rows(columns, usable.columns["row"].astype(np.int64))
+    return {"t": usable.t, **columns}
 
 
 def _leave_out_unhomed(
-    columns: dict[str, Array], told: Series, base: int, dropped: dict[str, int]
+    columns: dict[str, Array], homed: Series, base: int, dropped: dict[str, int]
 ) -> None:
     """Leave out rows of a state before, and amid which, its arm said that it was not homed.
 
     One that never says that it is homed has no homing.
     """
-    stamps, said = told.joined()
+    stamps, said = homed.joined()
     order = np.argsort(stamps, kind="stable")
     t, is_homed = (stamps[order] - base) / _SECOND, said[HOMED][order] > 0.0
     last = np.maximum(np.searchsorted(t, columns["t"], side="right") - 1, 0)
@@ -203,13 +203,13 @@ def _leave_out_unhomed(
 
 def _keep_known(columns: dict[str, Array]) -> dict[str, int]:
     """Keep the rows in which no value is missing, and count the others."""
-    known = np.ones(len(columns["t"]), dtype=np.bool_)
+    finite = np.ones(len(columns["t"]), dtype=np.bool_)
     for values in columns.values():
-        known &= np.isfinite(values)
-    if known.all():
+        finite &= np.isfinite(values)
+    if finite.all():
         return {}
-    keep_rows(columns, np.flatnonzero(known))
-    return {f"state: {MISSING} in one of its topics": int((~known).sum())}
+    keep_rows(columns, np.flatnonzero(finite))
+    return {f"state: {MISSING} in one of its topics": int((~finite).sum())}
 
 
 def _at(t: Array, other: Stream, names: Collection[str]) -> dict[str, Array]:

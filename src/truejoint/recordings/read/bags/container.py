@@ -187,13 +187,13 @@ def _unpacked_pieces(packed: BinaryIO, lost: Counter[str]) -> Iterator[bytes]:
 
 def _parts(folder: Path) -> list[Path]:
     """Files of a bag of ROS 2 in the order in which they were recorded: name_0, name_1, ..."""
-    found = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3") or _inner_suffix(p)]
+    parts = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3") or _inner_suffix(p)]
 
     def number(path: Path) -> tuple[int, str]:
         digits = path.name.partition(".")[0].rpartition("_")[2]
         return int(digits) if digits.isdecimal() else 0, path.name
 
-    return sorted(found, key=number)
+    return sorted(parts, key=number)
 
 
 class _NoIndexError(Exception):
@@ -357,12 +357,12 @@ def _unpacked(data: bytes, packing: str) -> bytes:
         return data
     unpacker = _unpacker(packing)
     try:
-        found: bytes = unpacker.decompress(data, _MOST_CHUNK)
+        unpacked: bytes = unpacker.decompress(data, _MOST_CHUNK)
     except Exception as error:  # each packing has errors of its own
         raise _ChunkError from error
-    if not found:
+    if not unpacked:
         raise _ChunkError
-    return found
+    return unpacked
 
 
 def _unpacker(packing: str) -> Any:

@@ -56,31 +56,33 @@ def field_types(topic: Topic) -> Types:
     """
     system = typesys()
     # ROS 1 brings its own header, which has a number that ROS 2 left out.
-    known = dict(system.get_typestore(system.Stores.EMPTY).fielddefs)
+    definitions = dict(system.get_typestore(system.Stores.EMPTY).fielddefs)
     name = full_name(topic.type)
     if not topic.definition:
-        known |= system.get_typestore(system.Stores.LATEST).fielddefs
+        definitions |= system.get_typestore(system.Stores.LATEST).fielddefs
         for kind in DEFINITIONS:
-            known |= system.get_types_from_msg(ros2_definition(kind), full_name(kind))
+            definitions |= system.get_types_from_msg(ros2_definition(kind), full_name(kind))
     else:
         parse = system.get_types_from_idl if topic.language == "idl" else system.get_types_from_msg
         try:
             if topic.language == "idl":
                 for text in topic.definition.split("=" * 80 + "\n"):
-                    known |= parse(text.partition("\n")[2] if text.startswith("IDL: ") else text)
+                    definitions |= parse(
+                        text.partition("\n")[2] if text.startswith("IDL: ") else text
+                    )
             else:
-                known |= parse(topic.definition, name)
+                definitions |= parse(topic.definition, name)
         except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
             raise RecordingError(
                 f"{topic.name}: the definition of {topic.type} in the bag is damaged "
                 f"({words(error, 60)})"
             ) from None
-    if name not in known:
+    if name not in definitions:
         raise RecordingError(
             f"{topic.name}: the bag has no definition of {topic.type}, nor has truejoint; record "
             "with MCAP, which brings it"
         )
-    return known
+    return definitions
 
 
 def full_name(kind: str) -> str:
@@ -263,14 +265,14 @@ class _Walk:
 
     def read(self, raw: NDArray[np.uint8], wanted: Collection[str]) -> dict[str, NDArray[Any]]:
         """Fields of messages (m, size) that have the same layout."""
-        found = {name: self._field(raw, name) for name in wanted if name in self.places}
+        fields = {name: self._field(raw, name) for name in wanted if name in self.places}
         for header in ("header", "hdr"):
             parts = [f"{header}.stamp.{seconds}" for seconds in ("sec", "nanosec")]
             if all(self.places.get(part, (0, "", 0))[1:] in _ONE_INTEGER for part in parts):
                 seconds, rest = (self._field(raw, p)[:, 0].astype(np.int64) for p in parts)
-                found[STAMP] = seconds * 1_000_000_000 + rest
-        found.setdefault(STAMP, np.zeros(len(raw), dtype=np.int64))
-        return found
+                fields[STAMP] = seconds * 1_000_000_000 + rest
+        fields.setdefault(STAMP, np.zeros(len(raw), dtype=np.int64))
+        return fields
 
     def _field(self, raw: NDArray[np.uint8], name: str) -> NDArray[Any]:
         begin, kind, count = self.places[name]

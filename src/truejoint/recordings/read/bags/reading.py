@@ -43,12 +43,12 @@ def bag_topics(
     >>> truejoint.recordings.bag_topics("session.bag")["/ext_jpos"]
     ('sensor_msgs/JointState', 400)
     """
-    found: dict[str, tuple[str, int]] = {}
+    topics: dict[str, tuple[str, int]] = {}
     for path in _paths(bags):
         for topic, count in list_topics(path).items():
-            before = found.get(topic.name, ("", 0))[1]
-            found[topic.name] = message_type(topic.type), before + count
-    return found
+            before = topics.get(topic.name, ("", 0))[1]
+            topics[topic.name] = message_type(topic.type), before + count
+    return topics
 
 
 def read_bag(
@@ -188,10 +188,10 @@ def read_topic(
     if not series.count:
         raise RecordingError(f"{paths[0]}: {topic} has no message that can be read")
     stamps, columns = series.joined()
-    found = [sum(column.startswith(f"{name}[") for column in columns) for name in fields]
+    lengths = [sum(column.startswith(f"{name}[") for column in columns) for name in fields]
     return stamps, {
         name: np.column_stack([columns[f"{name}[{k}]"] for k in range(count)])
-        for name, count in zip(fields, found, strict=True)
+        for name, count in zip(fields, lengths, strict=True)
         if count
     }
 
@@ -199,8 +199,8 @@ def read_topic(
 def _paths(
     bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
 ) -> list[Path]:
-    given = [bags] if isinstance(bags, str | os.PathLike) else list(bags)
-    paths = [Path(bag) for bag in given]
+    listed = [bags] if isinstance(bags, str | os.PathLike) else list(bags)
+    paths = [Path(bag) for bag in listed]
     for path in paths:
         if not path.exists():
             raise RecordingError(f"{path}: there is no such file or folder; check the path")

@@ -54,14 +54,14 @@ class Series:
         [ns], `columns` (m,) what they hold. Raises RecordingError where there are too many.
         """
         rows = slice(self.count, self.count + len(stamps))
-        known = {**self._columns, **columns}
-        if rows.stop * (len(known) + 1) > MAX_VALUES:
+        all_columns = {**self._columns, **columns}
+        if rows.stop * (len(all_columns) + 1) > MAX_VALUES:
             raise RecordingError(f"more than {MAX_VALUES} values; extract fewer bags at a time")
-        room = max(rows.stop, min(self.expected, MAX_VALUES // (len(known) + 1)))
+        room = max(rows.stop, min(self.expected, MAX_VALUES // (len(all_columns) + 1)))
         self._places = _with_room(self._places, rows, room)
         self._stamps = _with_room(self._stamps, rows, room)
         self._places[rows], self._stamps[rows] = places, stamps
-        for name in known:
+        for name in all_columns:
             if name not in self._columns:
                 self._columns[name] = np.empty(room)
                 self._columns[name][: self.count] = np.nan

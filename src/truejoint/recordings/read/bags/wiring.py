@@ -87,42 +87,42 @@ def find_wiring(
     chosen = profile_of(robot, profile)
     for named in filter(None, (state, truth)):
         require_topic(path, topics, named)
-    own = {name: told for name, told in topics.items() if f"/{CORRECTED}/" not in name}
+    of_robot = {name: about for name, about in topics.items() if f"/{CORRECTED}/" not in name}
     if not state:
-        state = _find_state(path, own, robot, chosen)
+        state = _find_state(path, of_robot, robot, chosen)
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
     space = state.rpartition("/")[0]
     others, homed = [], ""
     if topics[state][0] == JOINT_STATE:
-        for name in sorted(own):
+        for name in sorted(of_robot):
             what, near = crtk_name(name), name.rpartition("/")[0]
             inside = near.startswith(space + "/") and what == "measured_js"
             aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
-            if name != state and own[name][0] == JOINT_STATE and (inside or aim):
+            if name != state and of_robot[name][0] == JOINT_STATE and (inside or aim):
                 others.append(name)
             of_arm = chosen.arm_of(name)
             here = of_arm == robot.arm if of_arm else near == space
-            if own[name][0] in OPERATING_STATES and what == "operating_state" and here:
+            if of_robot[name][0] in OPERATING_STATES and what == "operating_state" and here:
                 homed = name
-    left = {name: told for name, told in own.items() if name not in (state, *others)}
-    found = "" if truth is None else truth or _find_truth(left)
+    others_left = {name: about for name, about in of_robot.items() if name not in (state, *others)}
+    truth_topic = "" if truth is None else truth or _find_truth(others_left)
     counts = {name: count for name, (_, count) in topics.items()}
-    return Wiring(state, tuple(others), found, homed, chosen, counts)
+    return Wiring(state, tuple(others), truth_topic, homed, chosen, counts)
 
 
 def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile) -> str:
     raven = [name for name, (kind, _) in topics.items() if kind.endswith(f"/{RAVEN_TYPE}")]
     if raven and robot.name == "raven2":
         return max(raven, key=lambda name: topics[name][1])  # one may be thinned out
-    found = [
+    measured = [
         name
         for name, (kind, count) in topics.items()
         if kind == JOINT_STATE and crtk_name(name) == "measured_js" and count
     ]
-    told = {name: profile.arm_of(name) or _space_of_arm(name, robot) for name in found}
-    of_arm = [name for name in found if told[name] == robot.arm] or [
-        name for name in found if not told[name] or not robot.arm
+    arms = {name: profile.arm_of(name) or _space_of_arm(name, robot) for name in measured}
+    of_arm = [name for name in measured if arms[name] == robot.arm] or [
+        name for name in measured if not arms[name] or not robot.arm
     ]
     outer = [n for n in of_arm if not any(_holds(other, n) for other in of_arm)]
     spaces = {name.rpartition("/")[0] for name in outer}
@@ -153,14 +153,14 @@ def _space_of_arm(topic: str, robot: Robot) -> str:
 def _find_truth(topics: Topics) -> str:
     """Topic of joint sensors: the known one, or the only joint state that is nothing of CRTK's."""
     joints = [n for n, (kind, count) in topics.items() if kind == JOINT_STATE and count]
-    known = [name for name in joints if f"/{crtk_name(name)}" == TRUTH_TOPIC]
+    standard = [name for name in joints if f"/{crtk_name(name)}" == TRUTH_TOPIC]
     others = [
         name
         for name in joints
         if crtk_name(name) not in _NO_TRUTH and not crtk_name(name).startswith(_COMMANDS)
     ]
-    if known:
-        return max(known, key=lambda name: topics[name][1])
+    if standard:
+        return max(standard, key=lambda name: topics[name][1])
     return others[0] if len(others) == 1 else ""
 
 

@@ -109,8 +109,8 @@ def _topics(recording: Recording, profile: Profile) -> Iterator[_Messages]:
             rows = np.asarray(~np.isnan(truth).any(axis=1))
         else:
             name = profile.topic(robot.arm, f"{quantity}_js")
-        kept = {column: values[rows] for column, values in columns.items()}
-        names, fields = joint_state_fields(robot, quantity, name, kept, profile)
+        with_truth = {column: values[rows] for column, values in columns.items()}
+        names, fields = joint_state_fields(robot, quantity, name, with_truth, profile)
         if names and not (quantity == "setpoint" and profile.no_setpoint):
             yield name, JOINT_STATE, stamps[rows], {"name": list(names), **fields}
 
@@ -153,8 +153,8 @@ def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> 
         _, kind, _, fields = topics[topic]
         message = blanks[topic]
         for name, values in fields.items():
-            one = values if isinstance(values, list) else values[number]
-            setattr(message, name, one if isinstance(one, list | np.ndarray) else one.item())
+            value = values if isinstance(values, list) else values[number]
+            setattr(message, name, value if isinstance(value, list | np.ndarray) else value.item())
         header = message.hdr if kind == RAVEN_STATE else message.header
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         if hasattr(header, "seq"):
