@@ -4,15 +4,20 @@ from __future__ import annotations
 
 import io
 import math
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain, cycle
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.errors import RecordingError
 from truejoint.extras import require
+from truejoint.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -250,6 +255,36 @@ def _groups(
 
 def png(figure: Figure) -> bytes:
     """Picture of a figure; raises TruejointError if matplotlib is not installed."""
+    data = io.BytesIO()
+    _picture(figure).savefig(data, format="png", dpi=_DPI)
+    return data.getvalue()
+
+
+def write_figure(figure: Figure, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
+    """Write a picture of a figure, whose suffix says its format; png without one.
+
+    Raises
+    ------
+    RecordingError
+        If the file exists and may not be replaced, cannot be written, or is of another format.
+
+    Examples
+    --------
+    >>> write_figure(Figure("", [[Panel([Curve([0, 1], [0, 1])])]]), "line.svg").name
+    'line.svg'
+    """
+    path, picture = Path(path), _picture(figure)
+    formats = picture.canvas.get_supported_filetypes()
+    kind = path.suffix.removeprefix(".").lower() or "png"
+    if kind not in formats:
+        raise RecordingError(f"{path}: no picture is .{kind}; choose one of {', '.join(formats)}")
+    draw = partial(picture.savefig, dpi=_DPI, format=kind)
+    write_atomically(path, draw, overwrite=overwrite, error=RecordingError)
+    return path
+
+
+def _picture(figure: Figure) -> Any:
+    """Draw a figure by matplotlib."""
     mpl = require("matplotlib", "plots", "a figure")
     mpl_figure = require("matplotlib.figure", "plots", "a figure")
     with mpl.rc_context(_STYLE):
@@ -263,9 +298,7 @@ def png(figure: Figure) -> bytes:
             lines = max(1, math.ceil(len(labels) / _LEGEND))
             columns = max(1, math.ceil(len(labels) / lines))  # lines of about the same length
             picture.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
-    data = io.BytesIO()
-    picture.savefig(data, format="png", dpi=_DPI)
-    return data.getvalue()
+    return picture
 
 
 def _draw(panel: Panel, axis: Axes) -> None:

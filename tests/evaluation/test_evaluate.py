@@ -10,7 +10,7 @@ from truejoint.calibration import Calibration, calibrate, find_zero
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.evaluation import Evaluation, evaluate
-from truejoint.evaluation.trial import unique_names
+from truejoint.evaluation.evaluate import unique_names
 from truejoint.recordings import Recording, check_data
 from truejoint.robots import get_robot
 

@@ -3,6 +3,8 @@ from .comparison import compare as compare
 from .comparison import simplest as simplest
 from .deployment import to_deploy as to_deploy
 from .evaluate import evaluate as evaluate
+from .judge import Corrects as Corrects
+from .judge import JointCalibration as JointCalibration
 from .metrics import max_abs as max_abs
 from .metrics import mean_error as mean_error
 from .metrics import percent_of as percent_of
@@ -12,13 +14,11 @@ from .report import render_report as render_report
 from .report import write_comparison as write_comparison
 from .report import write_report as write_report
 from .report.curves import plot_corrected as plot_corrected
-from .results import CartesianScore as CartesianScore
 from .results import Comparison as Comparison
 from .results import Domain as Domain
 from .results import Evaluation as Evaluation
 from .results import IntervalScore as IntervalScore
 from .results import JointVerdict as JointVerdict
-from .results import RecordingScore as RecordingScore
 from .results import Score as Score
 from .results import Stretch as Stretch
 from .results import Trace as Trace
@@ -30,8 +30,6 @@ from .splits import split_by_time as split_by_time
 from .tables import ScoreTable as ScoreTable
 from .tables import score_tables as score_tables
 from .tables import write_tables as write_tables
-from .tested import Corrects as Corrects
-from .tested import JointCalibration as JointCalibration
 from .verdict import judge as judge
 from .view import domain_table as domain_table
 from .view import interval_table as interval_table

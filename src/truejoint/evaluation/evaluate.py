@@ -4,19 +4,49 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from numbers import Real
-from typing import Any
+from pathlib import PurePath
+from typing import Any, Final
 
+import numpy as np
+
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
-from truejoint.errors import CalibrationError, other_kind
-from truejoint.evaluation.results import Evaluation
-from truejoint.evaluation.tested import JointCalibration
-from truejoint.evaluation.trial import Trial, estimator_of
+from truejoint.errors import CalibrationError, RecordingError, other_kind, unknown
+from truejoint.evaluation import scoring
+from truejoint.evaluation.comparison import compare
+from truejoint.evaluation.deployment import PLAIN, to_deploy
+from truejoint.evaluation.intervals import judge_interval
+from truejoint.evaluation.judge import (
+    Corrects,
+    JointCalibration,
+    domain_of,
+    judge_recording,
+    why_no_cartesian,
+)
+from truejoint.evaluation.metrics import rmse
+from truejoint.evaluation.results import (
+    BASELINES,
+    OFFSET,
+    RAW,
+    TOOL,
+    Comparison,
+    Evaluation,
+    Trace,
+)
+from truejoint.evaluation.verdict import doubts_about, judge, objections_to, rezero_remark
+from truejoint.recordings import check_data
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.table.recording import Recording, as_recordings
+from truejoint.robots import Robot
+from truejoint.summary import json_values
 
 Model = Calibration | str | os.PathLike[str]
+Models = Mapping[str, Sequence[JointCalibration]]
+
+_REZEROED_RAW: Final = f"{RAW}, re-zeroed"  # a chosen raw position, beside the baseline
 
 
 def evaluate(
@@ -72,8 +102,77 @@ def evaluate(
     True
     """
     _check_times(window, rezero)
-    trial = Trial.of(_by_estimator(models), as_recordings(recordings), chosen, rezero)
-    return trial.evaluation(tolerance or {}, window, check or trial.data_check())
+    given = _by_estimator(models)
+    recordings = as_recordings(recordings)
+    if rezero > 0.0 and RAW in given:  # no correction, but not as it comes: another row
+        given = {_REZEROED_RAW if name == RAW else name: own for name, own in given.items()}
+        chosen = _REZEROED_RAW if chosen == RAW else chosen
+    calibrations = _fitted_for(given, rezeroing=rezero > 0.0)
+    chosen, joints = _checked_models(calibrations, chosen)
+    robot, model = _checked_robot(recordings), calibrations[chosen][0]
+    if check is None:
+        fitted = model if isinstance(model, Calibration) else None
+        check = check_data(recordings, joints=joints, model=fitted)
+    units = tuple(robot.joint(joint).unit for joint in joints)
+    note = why_no_cartesian(robot, recordings)
+    against = _with_baselines(calibrations, chosen)
+    names = unique_names([recording.provenance.source for recording in recordings])
+    judged = [
+        judge_recording(recording, name, against, joints, None if note else robot, chosen, rezero)
+        for recording, name in zip(recordings, names, strict=True)
+    ]
+    traces, domain = [own.trace for own in judged], domain_of([own.trace for own in judged])
+    errors = tuple(scoring.score_errors(judged, joints, units))
+    scores = [score for score in errors if not score.recording and score.joint != TOOL]
+    comparisons = tuple(_comparisons(traces, joints, chosen))
+    of_plain = {n for n, own in calibrations.items() if estimator_of(own[0]) in PLAIN}
+    verdict = judge(
+        scores,
+        chosen,
+        tolerance=tolerance or {},
+        comparisons=comparisons,
+        deploy=to_deploy(traces, PLAIN | of_plain),
+        objections=tuple(dict.fromkeys(objections_to(model.metadata, recordings, domain))),
+        doubts=tuple(doubts_about(model.metadata, recordings, domain, check, rezero)),
+    )
+    if rezero > 0.0:
+        plain = _fitted_for(given, rezeroing=False)[chosen][0]
+        own = {score.joint: score for score in scores if score.estimator == chosen}
+        before = _rmse_without_rezero(plain, recordings, traces)
+        verdict = rezero_remark(verdict, own, before, rezero)
+    return Evaluation(
+        robot=robot.name,
+        arm=robot.arm,
+        title=robot.title,
+        joints=joints,
+        units=units,
+        chosen=chosen,
+        estimators=tuple(judged[0].errors),
+        baseline_notes=dict(model.metadata.get("baseline_notes", {})),
+        errors=errors,
+        cartesian_note=note,
+        worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
+        window=window,
+        rezero=rezero,
+        verdict=verdict,
+        check=check,
+        domain=domain,
+        comparisons=comparisons,
+        training=json_values(model.metadata),
+        **judge_interval(given[chosen][0], recordings, traces),
+    )
+
+
+def _comparisons(
+    traces: Sequence[Trace], joints: Sequence[str], chosen: str
+) -> Iterator[Comparison]:
+    """Compare the chosen model with each other one, in each joint, over all rows."""
+    step = float(np.median(np.concatenate([np.diff(trace.t) for trace in traces])))
+    others = [name for name in traces[0].estimates if name != chosen]
+    for (column, joint), other in product(enumerate(joints), others):
+        own, its = ([t.error(name)[:, column] for t in traces] for name in (chosen, other))
+        found = compare(own, its)
+        yield Comparison(other, joint, found.outcome, found.stretches, found.rows * step)
 
 
 def _check_times(window: float, rezero: float) -> None:
@@ -110,3 +209,89 @@ def _read(given: Any) -> JointCalibration:
         raise CalibrationError(other_kind(model, "Calibration", advice))
     found: JointCalibration = model
     return found
+
+
+def estimator_of(model: JointCalibration) -> str:
+    """Name of a calibration's estimator; empty for what is none of ours."""
+    return model.estimator if isinstance(model, Calibration) else ""
+
+
+def _fitted_for(models: Models, *, rezeroing: bool) -> dict[str, list[JointCalibration]]:
+    return {
+        name: [
+            seed.fitted_for(rezeroing=rezeroing) if isinstance(seed, Calibration) else seed
+            for seed in seeds
+        ]
+        for name, seeds in models.items()
+    }
+
+
+def _rmse_without_rezero(
+    model: Corrects, recordings: Sequence[Recording], traces: Sequence[Trace]
+) -> Array:
+    """RMSE (n_joints,) [rad or m] of positions that are not re-zeroed, on the rows of `traces`."""
+    errors = [
+        model.correct(recording)[np.isin(recording.t, trace.t)] - trace.truth
+        for recording, trace in zip(recordings, traces, strict=True)
+    ]
+    return np.asarray(rmse(np.concatenate(errors)))
+
+
+def _checked_models(calibrations: Models, chosen: str | None) -> tuple[str, tuple[str, ...]]:
+    if not calibrations or not all(calibrations.values()):
+        raise CalibrationError("there is no calibration to evaluate; give at least one")
+    chosen = chosen or next(iter(calibrations))
+    if chosen not in calibrations:
+        raise CalibrationError(f"the verdict: {unknown('calibration', chosen, calibrations)}")
+    joints = tuple(calibrations[chosen][0].joints)
+    for name, seed in ((name, seed) for name, seeds in calibrations.items() for seed in seeds):
+        if tuple(seed.joints) != joints:
+            raise CalibrationError(
+                f"{name} corrects {', '.join(seed.joints)} but {chosen} corrects "
+                f"{', '.join(joints)}; compare calibrations of the same joints"
+            )
+    return chosen, joints
+
+
+def _checked_robot(recordings: Sequence[Recording]) -> Robot:
+    if not recordings:
+        raise RecordingError("there is no recording to evaluate on; give at least one")
+    first = recordings[0].provenance
+    for other in (recording.provenance for recording in recordings):
+        if (other.robot, other.arm) != (first.robot, first.arm):
+            raise RecordingError(
+                f"{other.source or 'recording'} is of {other.robot} {other.arm} but "
+                f"{first.source or 'the first'} is of {first.robot} {first.arm}; evaluate one "
+                "arm at a time"
+            )
+    return recordings[0].robot
+
+
+def _with_baselines(calibrations: Models, chosen: str) -> Mapping[str, Sequence[Corrects]]:
+    """Fitted models by estimator, baselines first; one that is given replaces its baseline.
+
+    It does under another name too; the fixed offset stays, as the yardstick.
+    """
+    first = calibrations[chosen][0]
+    given = {estimator_of(seed) for seeds in calibrations.values() for seed in seeds} - {OFFSET}
+    baselines = {k: [model] for k, model in first.baselines.items() if k not in given}
+    known = baselines | dict(calibrations)
+    models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
+    if OFFSET not in models:
+        raise CalibrationError(
+            f"the calibration {chosen} carries no fixed offset, the yardstick; calibrate it again"
+        )
+    return models
+
+
+def unique_names(sources: Sequence[str]) -> list[str]:
+    """Short names of recordings: the file's name, with its folder where two are the same."""
+    short = [PurePath(source).name or "recording" for source in sources]
+    longer = [
+        "/".join(PurePath(source).parts[-2:]) if short.count(name) > 1 and source else name
+        for source, name in zip(sources, short, strict=True)
+    ]
+    return [
+        name if longer.count(name) == 1 else f"{name} #{longer[: i + 1].count(name)}"
+        for i, name in enumerate(longer)
+    ]

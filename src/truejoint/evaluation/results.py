@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -19,6 +19,8 @@ from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit
 
 if TYPE_CHECKING:
+    from pandas import DataFrame
+
     from truejoint.recordings import DataCheck
 
 RAW: Final = registry.RAW
@@ -28,8 +30,19 @@ BASELINES: Final = (RAW, *registry.BASELINES)
 
 _TITLES: Final = {RAW: ("Raw", "the raw position"), **registry.TITLES}
 
+TOOL: Final = "tool position"
+"""Stands for a joint in scores of the tool."""
+
 # Attributes of an evaluation that its JSON has not, or has by another name.
-_LEFT_OUT: Final = ("title", "recording_scores", "interval_level", "traces")
+_LEFT_OUT: Final = ("title", "errors", "interval_level", "traces")
+_RECORDING_KEYS: Final = ("recording", "estimator", "joint", "unit", "rmse", "max_abs", "mean")
+_TOOL_KEYS: Final = (
+    "estimator", "rmse", "max_abs", "x", "y", "z", "percent_of_offset", "spread", "seeds",
+)  # fmt: skip
+_JOINT_KEYS: Final = (
+    "estimator", "joint", "unit", "rmse", "max_abs", "mean", "percent_of_offset", "spread",
+    "seeds", "rmse_inside", "rmse_outside",
+)  # fmt: skip
 
 
 def estimator_phrase(name: str) -> str:
@@ -50,16 +63,16 @@ def estimator_title(name: str) -> str:
 
 @dataclass(frozen=True)
 class Score:
-    """Accuracy of one estimator in one joint, over all rows of all test recordings.
+    """Accuracy of one estimator in one joint or of the tool, on one recording or over all of them.
 
     Attributes
     ----------
     estimator, joint, unit : str
-        The unit is the SI unit of the errors, ``"rad"`` or ``"m"``.
-    rmse, mean : float
-        Root mean square and mean error (bias); the mean over seeds.
-    max_abs : float
-        Largest absolute error of any seed.
+        The joint is `TOOL` for the tool's distance from its true position; the unit is that of the
+        errors, ``"rad"`` or ``"m"``.
+    rmse, max_abs, mean : float
+        Root mean square, largest absolute and mean error (bias); the largest of any seed, means
+        over seeds. A distance has no mean error.
     percent_of_offset : float
         `rmse` as a percentage of that of the fixed offset.
     spread, seeds : float, int
@@ -67,6 +80,10 @@ class Score:
     rmse_inside, rmse_outside : float
         Root mean square over the rows that the loop would correct, and over those that it would
         refuse (`Domain`); NaN where there is none.
+    x, y, z : float
+        RMSE of the tool's position along each axis of the base frame [m]; NaN for a joint.
+    recording : str
+        Name of the recording; empty for all of them.
 
     Examples
     --------
@@ -86,49 +103,10 @@ class Score:
     seeds: int = 1
     rmse_inside: float = math.nan
     rmse_outside: float = math.nan
-
-
-@dataclass(frozen=True)
-class CartesianScore:
-    """Accuracy of the tool position through forward kinematics, all lengths in m.
-
-    `rmse` and `max_abs` are of the distance between estimated and true tool position, `x`, `y`
-    and `z` the RMSE along each axis of the base frame; over seeds as in `Score`.
-
-    Examples
-    --------
-    >>> CartesianScore("linear", 1e-3, 2e-3, 6e-4, 6e-4, 5e-4, 40.0).percent_of_offset
-    40.0
-    """
-
-    estimator: str
-    rmse: float
-    max_abs: float
-    x: float
-    y: float
-    z: float
-    percent_of_offset: float
-    spread: float = math.nan
-    seeds: int = 1
-
-
-@dataclass(frozen=True)
-class RecordingScore:
-    """Accuracy of one estimator in one joint on one test recording; SI, as in `Score`.
-
-    Examples
-    --------
-    >>> evaluation.recording_scores[0].recording
-    'motion_9.csv'
-    """
-
-    recording: str
-    estimator: str
-    joint: str
-    unit: str
-    rmse: float
-    max_abs: float
-    mean: float
+    x: float = math.nan
+    y: float = math.nan
+    z: float = math.nan
+    recording: str = ""
 
 
 @dataclass(frozen=True)
@@ -425,10 +403,10 @@ class Evaluation(Summarised):
         the others; the order of `scores`.
     baseline_notes : mapping of str to str
         What is to be known about a baseline that is missing or weak.
-    scores, recording_scores : tuple of Score, tuple of RecordingScore
-        One row per estimator and joint; the latter also per test recording.
-    cartesian, cartesian_note : tuple of CartesianScore, str
-        One row per estimator; empty when the note says why.
+    errors : tuple of Score
+        Every score: of joints and of the tool, over all recordings and on each.
+    cartesian_note : str
+        Why there are no scores of the tool; empty where there are.
     worst, window : tuple of Stretch, float
         Worst first, and their length [s].
     rezero : float
@@ -465,9 +443,7 @@ class Evaluation(Summarised):
     chosen: str
     estimators: tuple[str, ...]
     baseline_notes: Mapping[str, str]
-    scores: tuple[Score, ...]
-    recording_scores: tuple[RecordingScore, ...]
-    cartesian: tuple[CartesianScore, ...]
+    errors: tuple[Score, ...]
     cartesian_note: str
     worst: tuple[Stretch, ...]
     window: float
@@ -499,10 +475,39 @@ class Evaluation(Summarised):
             "advice": self.verdict.advice,
         }
 
+    @property
+    def scores(self) -> tuple[Score, ...]:
+        """Scores of joints over all recordings, by estimator."""
+        return tuple(s for s in self.errors if not s.recording and s.joint != TOOL)
+
+    @property
+    def cartesian(self) -> tuple[Score, ...]:
+        """Scores of the tool over all recordings, by estimator; none without kinematics."""
+        return tuple(s for s in self.errors if not s.recording and s.joint == TOOL)
+
+    @property
+    def recording_scores(self) -> tuple[Score, ...]:
+        """Scores of joints on each recording, by estimator."""
+        return tuple(s for s in self.errors if s.recording)
+
+    def frame(self) -> DataFrame:
+        """Give all scores as a tidy DataFrame, a row each; SI units.
+
+        Examples
+        --------
+        >>> frame = evaluation.frame()
+        >>> table = frame[frame.recording == ""].pivot(index="estimator", columns="joint")
+        >>> table["rmse", "jaw"].idxmin()
+        'linear'
+        """
+        import pandas as pd  # noqa: PLC0415  # half a second, for those who ask
+
+        return pd.DataFrame([vars(score) for score in self.errors])
+
     def score(self, estimator: str, joint: str) -> Score:
         """Give the row of an estimator and a joint; raises CalibrationError if there is none."""
-        for row in self.scores:
-            if row.estimator == estimator and row.joint == joint:
+        for row in self.errors:
+            if row.estimator == estimator and row.joint == joint and not row.recording:
                 return row
         if joint in self.joints:
             raise CalibrationError(
@@ -515,9 +520,22 @@ class Evaluation(Summarised):
         units = map(display_unit, self.units)
         return list(zip(range(len(self.joints)), self.joints, units, strict=True))
 
+    def shown_scores(self) -> Iterator[tuple[str, DisplayUnit, list[Score]]]:
+        """Joints, then the tool: name, unit for a person, and the scores of all estimators."""
+        scores: dict[tuple[str, str], list[Score]] = {}
+        for score in self.errors:
+            if not score.recording:
+                scores.setdefault((score.joint, score.unit), []).append(score)
+        for (joint, unit), own in scores.items():
+            yield joint, display_unit(unit), own
+
     def error(self, estimator: str, column: int) -> Array:
         """Error (n,) [rad or m] of an estimator in one joint, over the rows of all `traces`."""
         return np.concatenate([trace.error(estimator)[:, column] for trace in self.traces])
+
+    def tool_error(self, estimator: str) -> Array:
+        """Error (n, 3) [m] of the tool's position in the base frame, over the rows of `traces`."""
+        return np.concatenate([t.tool[estimator] - t.tool["truth"] for t in self.traces])
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the curves, as values for JSON; SI units, NaN becomes None."""
@@ -525,7 +543,9 @@ class Evaluation(Summarised):
             {name: value for name, value in vars(self).items() if name not in _LEFT_OUT}
             | {
                 "units": dict(zip(self.joints, self.units, strict=True)),
-                "recordings": self.recording_scores,
+                "scores": _chosen(_JOINT_KEYS, self.scores),
+                "recordings": _chosen(_RECORDING_KEYS, self.recording_scores),
+                "cartesian": _chosen(_TOOL_KEYS, self.cartesian),
                 "verdict": vars(self.verdict) | {"level": self.verdict.level},
                 "worst": [
                     {**vars(s), "recording": self.traces[s.recording].name} for s in self.worst
@@ -538,6 +558,10 @@ class Evaluation(Summarised):
             }
         )
         return values
+
+
+def _chosen(keys: Sequence[str], scores: Sequence[Score]) -> list[dict[str, Any]]:
+    return [{key: getattr(score, key) for key in keys} for score in scores]
 
 
 def as_evaluation(value: object) -> Evaluation:

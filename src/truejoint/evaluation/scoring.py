@@ -4,21 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from truejoint.array_types import Array
-from truejoint.evaluation.metrics import max_abs, mean_error, percent_of, rmse
-from truejoint.evaluation.results import (
-    OFFSET,
-    CartesianScore,
-    JointVerdict,
-    RecordingScore,
-    Score,
-    Stretch,
-    Trace,
-)
+from truejoint.array_types import Array, Mask
+from truejoint.evaluation.metrics import percent_of
+from truejoint.evaluation.results import OFFSET, TOOL, JointVerdict, Score, Stretch, Trace
 
 _COUNT = 3  # worst windows of each joint
 
@@ -32,74 +24,67 @@ class JudgedRecording:
     tool_errors: Mapping[str, list[Array]]
 
 
-def joint_scores(
+def score_errors(
     tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
-) -> tuple[Score, ...]:
-    """One `Score` per estimator and joint, over the rows of all recordings together."""
-    pooled = {name: _pooled([test.errors[name] for test in tested]) for name in tested[0].errors}
-    found = _over_seeds(pooled)
+) -> Iterator[Score]:
+    """Score estimators in each joint over all recordings, the tool likewise, then each recording.
+
+    Joints are `joints`, with their SI `units`.
+    """
+    pooled = _stacked([test.errors for test in tested])
     inside = np.concatenate([test.trace.inside for test in tested])
-    for name, seeds in pooled.items():
-        for key, rows in (("rmse_inside", inside), ("rmse_outside", ~inside)):
-            roots = [rmse(error[rows]) for error in seeds] if rows.any() else [math.nan]
-            found[name][key] = np.broadcast_to(np.mean(roots, axis=0), len(joints))
-    return tuple(
-        Score(
-            estimator=name,
-            joint=joint,
-            unit=unit,
-            seeds=len(seeds),
-            **{key: float(values[j]) for key, values in found[name].items()},
-        )
-        for name, seeds in pooled.items()
-        for j, (joint, unit) in enumerate(zip(joints, units, strict=True))
-    )
-
-
-def recording_scores(
-    tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
-) -> Iterator[RecordingScore]:
-    """One `RecordingScore` per recording, estimator and joint."""
+    yield from _scores(pooled, joints, units, inside=inside)
+    vectors = _stacked([test.tool_errors for test in tested])
+    lengths = {name: np.linalg.norm(e, axis=2)[..., None] for name, e in vectors.items()}
+    for score in _scores(lengths, [TOOL], ["m"]):
+        axes = _rmse(vectors[score.estimator]).mean(axis=0).tolist()
+        yield replace(score, mean=math.nan, **dict(zip("xyz", axes, strict=True)))
     for test in tested:
-        for name, seeds in test.errors.items():
-            for j, (joint, unit) in enumerate(zip(joints, units, strict=True)):
-                own = [error[:, j] for error in seeds]
-                root, bias = (np.mean([how(e) for e in own]) for how in (rmse, mean_error))
-                values = map(float, (root, np.max([max_abs(e) for e in own]), bias))
-                yield RecordingScore(test.trace.name, name, joint, unit, *values)
+        yield from _scores(_stacked([test.errors]), joints, units, recording=test.trace.name)
 
 
-def cartesian_scores(tested: Sequence[JudgedRecording]) -> Iterator[CartesianScore]:
-    """One `CartesianScore` per estimator; none where there are no tool errors."""
-    pooled = {
-        name: _pooled([test.tool_errors[name] for test in tested]) for name in tested[0].tool_errors
-    }
-    distances = {k: [np.linalg.norm(e, axis=1) for e in seeds] for k, seeds in pooled.items()}
-    for name, found in _over_seeds(distances).items():
-        axes = np.mean([rmse(error) for error in pooled[name]], axis=0)
-        values = {key: float(value) for key, value in found.items() if key != "mean"}
-        values |= dict(zip("xyz", map(float, axes), strict=True))
-        yield CartesianScore(estimator=name, seeds=len(pooled[name]), **values)
-
-
-def _pooled(by_recording: Sequence[Sequence[Array]]) -> list[Array]:
-    """Rows of all recordings together, seed by seed."""
-    return [np.concatenate(parts) for parts in zip(*by_recording, strict=True)]
-
-
-def _over_seeds(errors: Mapping[str, Sequence[Array]]) -> dict[str, dict[str, Array]]:
-    """RMSE and the like, () or (k,), of errors (n,) or (n, k) by estimator and seed."""
-    roots = {name: np.array([rmse(error) for error in seeds]) for name, seeds in errors.items()}
+def _stacked(recordings: Sequence[Mapping[str, Sequence[Array]]]) -> dict[str, Array]:
+    """Errors (seeds, rows, k) by estimator, the rows of all recordings together."""
     return {
-        name: {
-            "rmse": roots[name].mean(axis=0),
-            "max_abs": np.max([max_abs(error) for error in seeds], axis=0),
-            "mean": np.mean([mean_error(error) for error in seeds], axis=0),
-            "percent_of_offset": percent_of(roots[name].mean(axis=0), roots[OFFSET].mean(axis=0)),
+        name: np.stack([np.concatenate(own) for own in zip(*parts, strict=True)])
+        for name in recordings[0]
+        if (parts := [errors[name] for errors in recordings])
+    }
+
+
+def _rmse(errors: Array) -> Array:
+    """RMSE (seeds, k) of errors (seeds, rows, k); NaN without rows."""
+    if not errors.shape[1]:
+        return np.full(errors.shape[::2], np.nan)
+    return np.asarray(np.sqrt(np.mean(np.square(errors), axis=1)))
+
+
+def _scores(
+    errors: Mapping[str, Array],
+    joints: Sequence[str],
+    units: Sequence[str],
+    *,
+    inside: Mask | None = None,
+    recording: str = "",
+) -> Iterator[Score]:
+    """Score errors (seeds, rows, n_joints) by estimator; `inside` (rows,) splits them."""
+    roots = {name: _rmse(error) for name, error in errors.items()}
+    for name, error in errors.items():
+        root = roots[name].mean(axis=0)
+        columns = {
+            "rmse": root,
+            "max_abs": np.abs(error).max(axis=(0, 1)),
+            "mean": error.mean(axis=1).mean(axis=0),
+            "percent_of_offset": percent_of(root, roots[OFFSET].mean(axis=0)),
             "spread": spread(roots[name]),
         }
-        for name, seeds in errors.items()
-    }
+        if inside is not None:
+            columns["rmse_inside"] = _rmse(error[:, inside]).mean(axis=0)
+            columns["rmse_outside"] = _rmse(error[:, ~inside]).mean(axis=0)
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        for joint, unit, row in zip(joints, units, rows, strict=True):
+            values = dict(zip(columns, row, strict=True))
+            yield Score(name, joint, unit, seeds=len(error), recording=recording, **values)
 
 
 def spread(values: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -12,33 +12,16 @@ from typing import Any, Final
 import pandas as pd
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.results import (
-    CartesianScore,
-    Evaluation,
-    Score,
-    as_evaluation,
-    estimator_title,
-)
+from truejoint.evaluation.results import Evaluation, as_evaluation, estimator_title
 from truejoint.files import check_target, write_atomically
 from truejoint.tables import decimals_for
-from truejoint.units import DisplayUnit, display_unit
 
-_OF_JOINTS: Final = {
-    "RMSE": "rmse",
-    "spread": "spread",
-    "largest": "max_abs",
-    "mean": "mean",
-    "RMSE inside": "rmse_inside",
-    "RMSE outside": "rmse_outside",
-}
-_OF_TOOL: Final = {
-    "RMSE": "rmse",
-    "spread": "spread",
-    "largest": "max_abs",
-    "RMSE x": "x",
-    "RMSE y": "y",
-    "RMSE z": "z",
-}
+_COLUMNS: Final = {
+    "RMSE": "rmse", "spread": "spread", "largest": "max_abs", "mean": "mean",
+    "RMSE inside": "rmse_inside", "RMSE outside": "rmse_outside",
+    "RMSE x": "x", "RMSE y": "y", "RMSE z": "z",
+}  # fmt: skip
+"""Attributes of scores by column; a column without a number is left out."""
 
 
 @dataclass(frozen=True)
@@ -92,28 +75,15 @@ def score_tables(evaluation: Evaluation) -> Iterator[ScoreTable]:
     >>> [table.name for table in score_tables(evaluation)]
     ['jaw']
     """
-    for _, joint, unit in as_evaluation(evaluation).shown_joints():
-        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
-        yield _table(evaluation, joint, unit, scores, _OF_JOINTS)
-    if evaluation.cartesian:
-        yield _table(evaluation, "tool position", display_unit("m"), evaluation.cartesian, _OF_TOOL)
-
-
-def _table(
-    evaluation: Evaluation,
-    name: str,
-    unit: DisplayUnit,
-    scores: Sequence[Score | CartesianScore],
-    lengths: Mapping[str, str],
-) -> ScoreTable:
-    """Lay out attributes of scores that are `lengths`, by column; those without a number go."""
-    columns: dict[str, Any] = {"estimator": [estimator_title(s.estimator) for s in scores]}
-    for title, attribute in lengths.items():
-        columns[f"{title} [{unit.name}]"] = [unit.scale * getattr(s, attribute) for s in scores]
-    columns["percent of fixed offset"] = [s.percent_of_offset for s in scores]
-    columns["seeds"] = [s.seeds for s in scores]
-    data = pd.DataFrame(columns).dropna(axis="columns", how="all")
-    return ScoreTable(name, evaluation.title, unit.name, data)
+    for name, unit, scores in as_evaluation(evaluation).shown_scores():
+        columns: dict[str, Any] = {"estimator": [estimator_title(s.estimator) for s in scores]}
+        for title, attribute in _COLUMNS.items():
+            values = [unit.scale * getattr(score, attribute) for score in scores]
+            columns[f"{title} [{unit.name}]"] = values
+        columns["percent of fixed offset"] = [score.percent_of_offset for score in scores]
+        columns["seeds"] = [score.seeds for score in scores]
+        data = pd.DataFrame(columns).dropna(axis="columns", how="all")
+        yield ScoreTable(name, evaluation.title, unit.name, data)
 
 
 def write_tables(

@@ -33,7 +33,7 @@ from truejoint.tables import (
     shown,
     spread_text,
 )
-from truejoint.units import DisplayUnit, display_unit
+from truejoint.units import display_unit
 
 Grid = list[list[str]]  # header and rows
 
@@ -69,17 +69,9 @@ class Row:
     chosen: bool = False
 
 
-def _judged(evaluation: Evaluation) -> Iterator[tuple[str, DisplayUnit, Sequence[Any]]]:
-    """Joints, then the tool's distance, with the scores of all estimators."""
-    for _, joint, unit in evaluation.shown_joints():
-        yield joint, unit, [evaluation.score(name, joint) for name in evaluation.estimators]
-    if evaluation.cartesian:
-        yield "tool position", display_unit("m"), evaluation.cartesian
-
-
 def main_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Joints and the tool by estimator: RMSE, spread, largest, percent."""
-    for name, unit, scores in _judged(evaluation):
+    for name, unit, scores in evaluation.shown_scores():
         values = [unit.scale * score.rmse for score in scores]
         decimals = decimals_for(values)
         cells = [
@@ -99,7 +91,7 @@ def main_rows(evaluation: Evaluation) -> Iterator[Row]:
 def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """Give the chosen model's RMSE of each joint, and of the tool, for the first screen."""
     verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
-    for name, unit, scores in _judged(evaluation):
+    for name, unit, scores in evaluation.shown_scores():
         rows = {score.estimator: score for score in scores}
         own, verdict = rows[evaluation.chosen], verdicts.get(name)
         limit = verdict.limit if verdict else rows[OFFSET].rmse

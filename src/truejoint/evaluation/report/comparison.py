@@ -13,7 +13,7 @@ import numpy as np
 from truejoint import drawing
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.comparison import compare
-from truejoint.evaluation.report import plot
+from truejoint.evaluation.report.curves import error_shares
 from truejoint.evaluation.report.page import facts, render_figures, write_page
 from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.report.residuals import error_panels
@@ -76,7 +76,7 @@ def _render(together: Evaluation, alone: Mapping[str, Evaluation], command: str)
         "comparison.html.j2",
         {
             "residuals": list(_residuals(together, list(alone))),
-            "distribution": list(_distributions(together, list(alone))),
+            "distribution": [_distribution(together, list(alone))],
         },
         evaluation=picked,
         verdicts=verdicts,
@@ -117,17 +117,12 @@ def _residuals(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]:
         yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
-def _distributions(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]:
-    """Share of the rows within an error, a curve a model."""
-    share = np.linspace(0.0, 1.0, 201)
-    for column, joint, unit in evaluation.shown_joints():
-        curves = []
-        for name, colour in zip(names, cycle(drawing.PALETTE), strict=False):
-            size = np.abs(unit.scale * evaluation.error(name, column))
-            curves.append(plot.curve(np.quantile(size, share), 100 * share, name, colour))
-        x = {"title": f"|error| [{unit.name}]", "rangemode": "tozero"}
-        y = {"title": "share of rows within [%]", "range": [0, 101]}
-        caption = f"{joint}: share of the test's rows within a given error [{unit.name}]."
-        label = f"Distribution of the error of {joint}"
-        spec = plot.panels([(x, y, curves)], 300)
-        yield Figure(f"within-{column}", label, caption, [spec], wide=False)
+def _distribution(evaluation: Evaluation, names: list[str]) -> Figure:
+    """Share of the rows within an error, a curve a model and a panel a joint."""
+    shown = [
+        (joint, unit, {name: unit.scale * evaluation.error(name, column) for name in names})
+        for column, joint, unit in evaluation.shown_joints()
+    ]
+    spec = error_shares(shown, dict(zip(names, cycle(drawing.PALETTE), strict=False)))
+    caption = "Share of the test's rows within a given absolute error, a panel a joint."
+    return Figure("within", "Distribution of the error", caption, [spec])

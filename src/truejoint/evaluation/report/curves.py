@@ -5,17 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Mask
-from truejoint.errors import CalibrationError, RecordingError
+from truejoint import drawing
+from truejoint.array_types import Array, Mask
+from truejoint.errors import CalibrationError
 from truejoint.evaluation.report import plot
-from truejoint.evaluation.report.plot import COLOURS, GRID, Figure, Spec, colour_of
+from truejoint.evaluation.report.plot import COLOURS, Figure, Spec, colour_of
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -24,8 +24,6 @@ from truejoint.evaluation.results import (
     as_evaluation,
     estimator_title,
 )
-from truejoint.extras import require
-from truejoint.files import write_atomically
 from truejoint.recordings.table.signals import gaps
 from truejoint.tables import fixed, shown
 from truejoint.units import DisplayUnit, display_unit
@@ -133,8 +131,8 @@ def loops(evaluation: Evaluation) -> Figure:
     """Error against position, before and after; cable hysteresis shows as loops."""
     most = _LOOP_POINTS // len(evaluation.joints)
     pairs = ((OFFSET, COLOURS[OFFSET], 0.45), (evaluation.chosen, COLOURS["chosen"], 0.8))
-
-    def draw(column: int, unit: DisplayUnit) -> list[Spec]:
+    panels = []
+    for column, joint, unit in evaluation.shown_joints():
         curves = []
         for name, colour, opacity in pairs:
             paths = [
@@ -143,94 +141,65 @@ def loops(evaluation: Evaluation) -> Figure:
             ]
             path, title = unit.scale * plot.joined(paths, most), estimator_title(name)
             options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip"}
+            options["showlegend"] = column == 0
             curves.append(plot.curve(path[:, 0], path[:, 1], title, colour, **options))
-        return curves
-
+        x = {"title": f"{joint} position [{unit.name}]"}
+        panels.append((x, {"title": f"error [{unit.name}]"}, curves))
     caption = (
         "Error against true position, as the motion runs through it: before (fixed offset) and "
         "after calibration. Width of a loop is hysteresis, slope is stretch under changing load."
     )
-    spec = _small_multiples(evaluation, draw, "position", "error", 300)
-    return Figure("loops", "Hysteresis loops", caption, [spec])
+    return Figure("loops", "Hysteresis loops", caption, [plot.grid(panels, 300)])
 
 
-def histograms(evaluation: Evaluation) -> Figure:
-    """How errors are distributed, before and after."""
-
-    def draw(column: int, unit: DisplayUnit) -> list[Spec]:
-        errors = {
-            name: evaluation.error(name, column) * unit.scale
-            for name in (OFFSET, evaluation.chosen)
+def distributions(evaluation: Evaluation) -> Figure:
+    """Draw the share of the test's rows within an error of each joint, and of the tool."""
+    shown = [
+        (
+            joint,
+            unit,
+            {name: unit.scale * evaluation.error(name, column) for name in _pair(evaluation)},
+        )
+        for column, joint, unit in evaluation.shown_joints()
+    ]
+    if evaluation.cartesian:
+        unit = display_unit("m")
+        distances = {
+            name: unit.scale * np.linalg.norm(evaluation.tool_error(name), axis=1)
+            for name in _pair(evaluation)
         }
-        low = min(float(e.min()) for e in errors.values())
-        high = max(float(e.max()) for e in errors.values())
-        edges = np.linspace(low, high if high > low else low + 1e-9, 91)
-        middle = 0.5 * (edges[1:] + edges[:-1])
-        curves = []
-        for name, error in errors.items():
-            share = 100.0 * np.histogram(error, edges)[0] / len(error)
-            colour = colour_of(name, evaluation)
-            fill = {"fill": "tozeroy", "fillcolor": colour, "opacity": 0.75, "shape": "hvh"}
-            curves.append(plot.curve(middle, share, estimator_title(name), colour, **fill))
-        return curves
-
-    spec = _small_multiples(evaluation, draw, "error", "share of rows [%]", 280)
-    caption = "Distribution of the error over all rows of the test; 90 equal bins a joint."
-    return Figure("histograms", "Distribution of errors", caption, [spec])
-
-
-def _small_multiples(
-    evaluation: Evaluation,
-    draw: Callable[[int, DisplayUnit], list[Spec]],
-    x_title: str,
-    y_title: str,
-    row_height: int,
-) -> Spec:
-    """One panel a joint, at most three side by side; `draw(column, unit)` gives its curves."""
-    count = len(evaluation.joints)
-    across = min(3, count) if count != 4 else 2
-    down = -(-count // across)
-    panels = []
-    band, domains = 1.0 / down, plot.columns(across, 0.075)
-    for column, joint, unit in evaluation.shown_joints():
-        row, left = divmod(column, across)
-        top = 1.0 - row * band
-        y_unit = "" if "[" in y_title else f" [{unit.name}]"
-        bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
-        x = {"title": f"{joint} {x_title} [{unit.name}]", "domain": domains[left]}
-        y = {"title": f"{y_title}{y_unit}" if left == 0 or y_unit else "", "domain": [bottom, top]}
-        panels.append((x, y, draw(column, unit)))
-    spec = plot.panels(panels, row_height * down + 40)
-    for curve in spec["data"]:  # the legend of the first panel serves all
-        curve["showlegend"] = curve["xaxis"] == "x"
-    return spec
-
-
-def cartesian_errors(evaluation: Evaluation) -> list[Figure]:
-    """Tool position error along each axis and as a distance; nothing without kinematics."""
-    if not evaluation.cartesian:
-        return []
-    panels = []
-    share = np.linspace(0.0, 1.0, 201)
-    titles = [*(f"|{name} error| [mm]" for name in "xyz"), "distance [mm]"]
-    for i, (title, domain) in enumerate(zip(titles, plot.columns(4, 0.07), strict=True)):
-        x = {"title": title, "domain": domain, "rangemode": "tozero"}
-        y = {"title": "" if i else "share of rows within [%]", "range": [0, 101]}
-        drawn = []
-        for name in dict.fromkeys((OFFSET, evaluation.chosen)):
-            error = np.concatenate([t.tool[name] - t.tool["truth"] for t in evaluation.traces])
-            size = np.linalg.norm(error, axis=1) if i == 3 else np.abs(error[:, i])
-            within = np.quantile(1e3 * size, share), 100.0 * share
-            style = {"width": 1.6, "showlegend": i == 0}
-            colour = colour_of(name, evaluation)
-            drawn.append(plot.curve(*within, estimator_title(name), colour, **style))
-        panels.append((x, y, drawn))
+        shown.append(("tool", unit, distances))
+    colours = {name: colour_of(name, evaluation) for name in _pair(evaluation)}
+    spec = error_shares(shown, colours)
     caption = (
-        "Share of the test's rows in which the tool is within a given distance of its true "
-        "position: along each axis of the base frame and in space [mm]."
+        "Share of the test's rows within a given error: absolute error of each joint, and distance "
+        "of the tool from its true position where its kinematics are known."
     )
-    title, spec = "Error of the tool position", plot.panels(panels, 300)
-    return [Figure("cartesian", title, caption, [spec])]
+    return Figure("distribution", "Distribution of errors", caption, [spec])
+
+
+def error_shares(
+    shown: Sequence[tuple[str, DisplayUnit, Mapping[str, Array]]], colours: Mapping[str, str]
+) -> Spec:
+    """Cumulative distribution of absolute errors (n,) by estimator, a panel each of `shown`."""
+    share = np.linspace(0.0, 1.0, 201)
+    panels = []
+    for i, (name, unit, errors) in enumerate(shown):
+        curves = [
+            plot.curve(
+                np.quantile(np.abs(error), share), 100.0 * share, estimator_title(key),
+                colours[key], width=1.6, showlegend=i == 0,
+            )
+            for key, error in errors.items()
+        ]  # fmt: skip
+        x = {"title": f"|error| of {name} [{unit.name}]", "rangemode": "tozero"}
+        panels.append((x, {"title": "share of rows within [%]", "range": [0, 101]}, curves))
+    return plot.grid(panels, 280)
+
+
+def _pair(evaluation: Evaluation) -> Sequence[str]:
+    """Give the estimators of before and after: fixed offset and chosen one."""
+    return list(dict.fromkeys((OFFSET, evaluation.chosen)))
 
 
 def plot_corrected(
@@ -274,30 +243,19 @@ def plot_corrected(
     trace = evaluation.traces[recording]
     rows = trace.t <= trace.t[0] + seconds
     t, count = trace.t[rows], len(evaluation.joints)
-    drawing = require("matplotlib.figure", "plots", "a figure")
-    figure = drawing.Figure(figsize=(4.2 * count, 4.4), layout="constrained")
-    axes = figure.subplots(2, count, sharex="col", squeeze=False, height_ratios=[1.6, 1.0])
+    panels: list[list[drawing.Panel]] = [[], []]
     for column, joint, unit in evaluation.shown_joints():
         truth = unit.scale * trace.truth[rows, column]
-        upper, lower = axes[:, column]
-        upper.plot(t, truth, color=COLOURS["truth"], lw=1.6, ls=":", label="True")
-        for name in dict.fromkeys((OFFSET, evaluation.chosen)):
-            colour = colour_of(name, evaluation)
-            values = unit.scale * trace.estimates[name][rows, column]
-            upper.plot(t, values, color=colour, lw=1.0, label=estimator_title(name))
-            lower.plot(t, values - truth, color=colour, lw=0.9)
-        upper.set_title(joint, fontsize=10, loc="left")
-        lower.set_xlabel("time [s]")
-        for panel, what in ((upper, "position"), (lower, "error")):
-            panel.set_ylabel(f"{what} [{unit.name}]")
-            panel.spines[["top", "right"]].set_visible(False)
-            panel.grid(color=GRID, lw=0.7)
-    legend = {"loc": "outside upper right", "ncols": 3, "frameon": False, "fontsize": 9}
-    figure.legend(*axes[0, 0].get_legend_handles_labels(), **legend)
-    picture, known = Path(path), figure.canvas.get_supported_filetypes()
-    kind = picture.suffix.removeprefix(".").lower() or "png"
-    if kind not in known:
-        raise RecordingError(f"{picture}: no picture is .{kind}; choose one of {', '.join(known)}")
-    draw = partial(figure.savefig, dpi=150, format=kind)
-    write_atomically(picture, draw, overwrite=overwrite, error=RecordingError)
-    return picture
+        positions = [drawing.Curve(t, truth, "True", COLOURS["truth"], ":", 1.6)]
+        errors = []
+        for name in _pair(evaluation):
+            values, colour = (
+                unit.scale * trace.estimates[name][rows, column],
+                colour_of(name, evaluation),
+            )
+            positions.append(drawing.Curve(t, values, estimator_title(name), colour))
+            errors.append(drawing.Curve(t, values - truth, "", colour))
+        panels[0].append(drawing.Panel(positions, "", f"position [{unit.name}]", joint))
+        panels[1].append(drawing.Panel(errors, "time [s]", f"error [{unit.name}]"))
+    figure = drawing.Figure("", panels, width=4.2 * count, height=4.4, legend=True)
+    return drawing.write_figure(figure, path, overwrite=overwrite)

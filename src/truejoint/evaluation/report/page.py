@@ -115,14 +115,12 @@ def render_report(
         "paths": [
             space.trajectories(evaluation, training),
             *space.tool_paths(evaluation),
-            space.coloured_path(evaluation),
         ],
         "maps": list(space.error_maps(evaluation)),
         "time": curves.over_time(evaluation),
         "residuals": list(residuals.residuals(evaluation)),
         "loops": [curves.loops(evaluation)],
-        "histograms": [curves.histograms(evaluation)],
-        "tool": curves.cartesian_errors(evaluation),
+        "distribution": [curves.distributions(evaluation)],
         "intervals": residuals.stated_interval(evaluation),
     }
     seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds

@@ -147,6 +147,19 @@ def panels(parts: Iterable[Panel], height: int) -> Spec:
     return drawing(data, height, **axes)
 
 
+def grid(parts: Sequence[Panel], row_height: int) -> Spec:
+    """Draw panels at most three side by side, in rows of a height [px]."""
+    across = min(3, len(parts)) if len(parts) != 4 else 2
+    down = -(-len(parts) // across)
+    placed, band, domains = [], 1.0 / down, columns(across, 0.075)
+    for i, (x, y, curves) in enumerate(parts):
+        row, column = divmod(i, across)
+        top = 1.0 - row * band
+        bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
+        placed.append((x | {"domain": domains[column]}, y | {"domain": [bottom, top]}, curves))
+    return panels(placed, row_height * down + 40)
+
+
 def columns(count: int, gap: float) -> list[list[float]]:
     """Domains of `count` panels side by side, as shares of the width."""
     width = (1.0 - gap * (count - 1)) / count

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -74,40 +73,16 @@ def tool_paths(evaluation: Evaluation) -> list[Figure]:
     return [_space("tool-paths", "Tool path", caption, groups, names, "data")]
 
 
-def coloured_path(evaluation: Evaluation) -> Figure:
-    """Path of the tool or, without kinematics, of the joints, by the chosen model's error."""
-    place = _workspace(evaluation)
-    keep = plot.every(len(place.points), _POINTS)
-    columns = min(3, place.points.shape[1])
-    axes = dict(zip("xyz", place.points[keep, :columns].T, strict=False))
-    error, title = place.error, f"error [{place.unit}]"
-    size = 2 if columns == 3 else 4
-    dots = plot.coloured(axes, error[keep], title, float(np.quantile(error, 0.99)), size=size)
-    dots["showlegend"] = False
-    caption = (
-        f"{place.what}, coloured by {place.measure} of {estimator_phrase(evaluation.chosen)} "
-        f"[{place.unit}]; the scale ends at the 99th percentile."
-    )
-    names = place.names[:columns]
-    if columns == 2:
-        axis = {"xaxis": plot.axis(names[0]), "yaxis": plot.axis(names[1])}
-        margin = {"l": 56, "r": 90, "t": 10, "b": 44}
-        spec = plot.drawing([dots | {"xaxis": "x", "yaxis": "y"}], 380, **axis, margin=margin)
-    else:
-        spec = _scene([dots], names, place.aspect)
-    return Figure("coloured", "Error along the path", caption, [spec])
-
-
 def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
     """Map each joint's RMSE, and the mean half-width that it states, over the workspace."""
-    place = _workspace(evaluation)
-    widest = np.argsort(-np.ptp(place.points[:, :3], axis=0), kind="stable")[:2]
+    points, names, where = _workspace(evaluation)
+    widest = np.argsort(-np.ptp(points[:, :3], axis=0), kind="stable")[:2]
     a, b = sorted(widest.tolist())
     # A cell that an even motion would cross in three times the rows that it needs.
-    count = int(np.clip(np.sqrt(len(place.points) / (3 * _FEW)), *_CELLS))
-    edges = [np.linspace(*_ends(place.points[:, i]), count + 1) for i in (a, b)]
+    count = int(np.clip(np.sqrt(len(points) / (3 * _FEW)), *_CELLS))
+    edges = [np.linspace(*_ends(points[:, i]), count + 1) for i in (a, b)]
     cells = [
-        np.clip(np.searchsorted(edge, place.points[:, i], side="right") - 1, 0, count - 1)
+        np.clip(np.searchsorted(edge, points[:, i], side="right") - 1, 0, count - 1)
         for i, edge in zip((a, b), edges, strict=True)
     ]
     cell = cells[0] * count + cells[1]
@@ -136,12 +111,12 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
             dots = plot.coloured({"x": x, "y": y}, values, title, highest, symbol="square")
             dots |= {"showlegend": False, "meta": {"cells": count}}  # for the size of the squares
             bounded = {"domain": [0.9 * end for end in domain], "range": list(edges[0][[0, -1]])}
-            across = {"title": place.names[a], **bounded}
-            up = {"title": place.names[b], "range": list(edges[1][[0, -1]]), "zeroline": False}
+            across = {"title": names[a], **bounded}
+            up = {"title": names[b], "range": list(edges[1][[0, -1]]), "zeroline": False}
             panels.append((across | {"zeroline": False}, up, [dots]))
         said = " and the mean half-width that is stated" if len(layers) > 1 else ""
         caption = (
-            f"{joint}: RMSE of {estimator_phrase(evaluation.chosen)}{said} over {place.where}, in "
+            f"{joint}: RMSE of {estimator_phrase(evaluation.chosen)}{said} over {where}, in "
             f"cells that at least {_FEW} rows of the test crossed; scales end at the 95th "
             "percentile."
         )
@@ -150,49 +125,26 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
         yield Figure(f"map-{column}", title, caption, [spec], wide=wide)
 
 
-@dataclass(frozen=True)
-class _Workspace:
-    """Where the test went: points (n, k) with their axis titles, and the error (n,) there."""
+def _workspace(evaluation: Evaluation) -> tuple[Array, list[str], str]:
+    """Points (n, k) that the test crossed, their axis titles, and what they are.
 
-    points: Array
-    names: Sequence[str]
-    what: str
-    where: str
-    error: Array
-    measure: str
-    unit: str
-    aspect: str
-
-
-def _workspace(evaluation: Evaluation) -> _Workspace:
-    """Tool positions [mm] or, without kinematics, joint positions and of one joint its speed."""
-    traces, chosen = evaluation.traces, evaluation.chosen
+    These are tool positions [mm] or, without kinematics, joint positions and of one joint its
+    speed.
+    """
+    traces = evaluation.traces
     if evaluation.cartesian:
         true = 1e3 * np.concatenate([trace.tool["truth"] for trace in traces])
-        found = 1e3 * np.concatenate([trace.tool[chosen] for trace in traces])
-        names = ["x [mm]", "y [mm]", "z [mm]"]
-        return _Workspace(
-            true, names, "True path of the tool", "the tool's position", _length(found - true),
-            "the tool's distance from it", "mm", "data",
-        )  # fmt: skip
-    shown = evaluation.shown_joints()
+        return true, ["x [mm]", "y [mm]", "z [mm]"], "the tool's position"
+    joints = evaluation.shown_joints()
     points = np.concatenate([trace.truth for trace in traces])
-    names = [f"{joint} [{unit.name}]" for _, joint, unit in shown]
-    points = points * [unit.scale for _, _, unit in shown]
-    unit = shown[0][2]
-    if len(shown) == 1:
-        speed = unit.scale * np.concatenate([trace.velocity for trace in traces])
-        error = np.abs(unit.scale * evaluation.error(chosen, 0))
-        return _Workspace(
-            np.hstack((points, speed)), [*names, f"speed [{unit.name}/s]"], "Position and speed",
-            "position and speed", error, "the absolute error", unit.name, "cube",
-        )  # fmt: skip
-    limits = np.array([joint.limit for joint in evaluation.verdict.joints])
-    errors = np.concatenate([np.abs(trace.error(chosen)) for trace in traces])
-    return _Workspace(
-        points, names, "Path of the joints", "two joints", (errors / limits).max(axis=1),
-        "the worst joint's absolute error as a multiple of its limit", "limit", "cube",
-    )  # fmt: skip
+    points = points * [unit.scale for _, _, unit in joints]
+    names = [f"{joint} [{unit.name}]" for _, joint, unit in joints]
+    if len(joints) > 1:
+        return points, names, "two joints"
+    unit = joints[0][2]
+    speed = unit.scale * np.concatenate([trace.velocity for trace in traces])
+    names.append(f"speed [{unit.name}/s]")
+    return np.hstack((points, speed)), names, "position and speed"
 
 
 def _ends(values: Array) -> tuple[float, float]:
@@ -203,10 +155,6 @@ def _ends(values: Array) -> tuple[float, float]:
 def _means(values: Array, cell: Integers, rows: Integers) -> Array:
     """Mean of `values` (n,) in each cell, where there is a row."""
     return np.bincount(cell, values, minlength=len(rows)) / np.maximum(rows, 1)
-
-
-def _length(vectors: Array) -> Array:
-    return np.asarray(np.linalg.norm(vectors, axis=1))
 
 
 def _space(

@@ -1,4 +1,4 @@
-"""One recording of a test: what every model makes of it where truth is known, and how far off."""
+"""Errors of every model on a recording of the test, and what the control loop says of its rows."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration import Calibration
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation.domain import believable, loop_status
 from truejoint.evaluation.metrics import tool_positions
-from truejoint.evaluation.results import OFFSET, RAW, Trace
+from truejoint.evaluation.results import OFFSET, RAW, Domain, Trace
 from truejoint.evaluation.scoring import JudgedRecording
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.signals import direction, velocity
 from truejoint.robots import Robot
+from truejoint.runtime import Status
+from truejoint.runtime.corrector import corrector_for
+from truejoint.runtime.limits import believable_corrections
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
+_HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
 
 
 class Corrects(Protocol):
@@ -47,7 +50,7 @@ class JointCalibration(Corrects, Protocol):
         """What it says about itself: JSON values."""
 
 
-def judged_recording(
+def judge_recording(
     recording: Recording,
     name: str,
     models: Mapping[str, Sequence[Corrects]],
@@ -186,3 +189,46 @@ def all_joints(recording: Recording, robot: Robot) -> Array:
     positions = np.tile(robot.home, (len(recording), 1))
     positions[:, robot.index(known)] = recording.columns("measured", known)
     return positions
+
+
+def loop_status(model: object, recording: Recording) -> Integers | None:
+    """`Status` bits (n,) of every row, by the corrector's own kernel; None if it takes no `model`.
+
+    A moved zero is another matter than rows unlike the training, so bits of the homing are left
+    out. An estimator that uses later rows runs in no loop; its training domain is judged by alone.
+    """
+    if not isinstance(model, Calibration) or model.training_domain is None:
+        return None
+    try:
+        corrector = corrector_for(model, [recording])
+    except CalibrationError:
+        corrector = corrector_for(model.baselines[OFFSET], [recording])
+    corrector.set_homing(True)
+    return corrector.run(recording).status & _HOMING
+
+
+def believable(model: object, error: Array) -> Mask | None:
+    """Tell in which rows the loop would believe a correction by `error` (n, n_joints) [rad or m].
+
+    That is truth minus measured position; None if no loop takes the `model`.
+    """
+    if not isinstance(model, Calibration) or model.training_domain is None:
+        return None
+    lower, upper = believable_corrections(model.training_domain)
+    return np.asarray(((error >= lower) & (error <= upper)).all(axis=1))
+
+
+def domain_of(traces: Sequence[Trace]) -> Domain | None:
+    """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
+    known = [trace.status for trace in traces if trace.status is not None]
+    fits = [trace.believable for trace in traces if trace.believable is not None]
+    if not known or not fits:
+        return None
+    status = np.concatenate(known)
+    shares = {str(bit.name): float(np.mean(status & bit != 0)) for bit in Status if bit}
+    found = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
+    return Domain(
+        inside=float(np.mean(np.concatenate([trace.inside for trace in traces]))),
+        flags={name: share for share, name in found},
+        beyond=1.0 - float(np.concatenate(fits).mean()),
+    )
