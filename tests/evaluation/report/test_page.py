@@ -174,8 +174,8 @@ def test_every_figure_has_its_place_and_its_data(report: tuple[Evaluation, _Page
     for joint in range(len(evaluation.joints)):
         assert f"time-{joint}" in keys
         assert f"residual-{joint}" in keys
-    assert {"trajectories", "coloured", "map-0", "loops", "histograms", "stretch-0"} <= set(keys)
-    assert ("tool-paths" in keys) == ("cartesian" in keys) == bool(evaluation.cartesian)
+    assert {"trajectories", "map-0", "loops", "distribution", "stretch-0"} <= set(keys)
+    assert ("tool-paths" in keys) == bool(evaluation.cartesian)
     for figure in figures:
         for variant in figure["variants"]:
             assert variant["data"]
