@@ -88,7 +88,7 @@ unpack_filter = LAYOUT.unpacker()
 """Give a kernel the filter's numbers, state, covariance, measurement, inputs and parameters."""
 
 
-def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, Any]) -> Memory:
+def allocate(n: int, m: int, functions: Mapping[str, Any], values: Mapping[str, Any]) -> Memory:
     """Memory of a filter of n states and m measurements, zero but for what is given by field."""
     widest = max(n, m)
     shapes: dict[str, tuple[int, ...]] = {
@@ -103,10 +103,10 @@ def allocate(n: int, m: int, functions: Mapping[str, Any], given: Mapping[str, A
     }  # fmt: skip
     empty = {name: np.zeros(shape) for name, shape in shapes.items()}
     sizes = {
-        "n_states": n, "n_measurements": m, "n_inputs": len(given["u"]),
-        "n_parameters": len(given["theta"]),
+        "n_states": n, "n_measurements": m, "n_inputs": len(values["u"]),
+        "n_parameters": len(values["theta"]),
     }  # fmt: skip
-    return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **empty, **given})
+    return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **empty, **values})
 
 
 @intrinsic

@@ -232,7 +232,7 @@ class UnscentedFilter:
             "transition": model.transition, "measurement": model.measurement, "step": _step,
         }  # fmt: skip
         names = ("transition", "measurement", "process_noise")
-        given: dict[str, Any] = {
+        values: dict[str, Any] = {
             **dict(zip(names, model.addresses, strict=True)), "step": address(_step, at.STEP),
             "second_generation": self.second_generation, "square_root": self.square_root,
             "reach": reach, "root_weight": np.sqrt(0.5) / reach, "correction": correction,
@@ -247,14 +247,14 @@ class UnscentedFilter:
         if callable(model.process_noise):
             functions["process_noise"] = model.process_noise
         else:
-            given["noise_factor"] = covariance_factor(np.asarray(model.process_noise))
+            values["noise_factor"] = covariance_factor(np.asarray(model.process_noise))
         if self.gate is not None:
             from scipy.stats import chi2  # noqa: PLC0415  # a control loop without a gate
 
-            given["patience"] = self.gate.patience
+            values["patience"] = self.gate.patience
             limits = chi2.ppf(self.gate.probability, np.arange(1, m + 1))
-            given["gate"] = np.append(0.0, limits)
-        return allocate(n, m, functions, given)
+            values["gate"] = np.append(0.0, limits)
+        return allocate(n, m, functions, values)
 
     def step(
         self,
@@ -288,11 +288,11 @@ class UnscentedFilter:
             return _step(state.numbers, state.memory)
         factor = covariance_factor(check_covariance(R, len(state.z), "R")).ravel()
         start = state.numbers[at.R]
-        own = state.memory[start : start + len(factor)]
-        usual = own.copy()
-        own[:] = factor
+        sensor_factor = state.memory[start : start + len(factor)]
+        usual = sensor_factor.copy()
+        sensor_factor[:] = factor
         status = _step(state.numbers, state.memory)
-        own[:] = usual
+        sensor_factor[:] = usual
         return status
 
     def run(
@@ -348,8 +348,8 @@ class UnscentedFilter:
             state.numbers, state.memory, measured, control, steps, noises,
             x, P.reshape(rows, -1), innovation, nis, loglik, inflation, status,
         )  # fmt: skip
-        told = innovation, nis, loglik, inflation, status
-        return FilterResult(x, P, *told, control, steps, *prior)
+        reports = innovation, nis, loglik, inflation, status
+        return FilterResult(x, P, *reports, control, steps, *prior)
 
     def smooth(self, result: FilterResult) -> SmoothedResult:
         """Smooth the result of this filter's `run`, in one compiled call.

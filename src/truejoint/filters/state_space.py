@@ -159,8 +159,10 @@ class StateSpaceModel:
         h = _compile(self.measurement, MEASUREMENT, "measurement", (x, u, parameters), (m,))
         called = [f, h]
         if callable(self.process_noise):
-            given = (x, u, 1e-3, parameters)
-            noise_of = _compile(self.process_noise, PROCESS_NOISE, "process noise", given, (n, n))
+            arguments = (x, u, 1e-3, parameters)
+            noise_of = _compile(
+                self.process_noise, PROCESS_NOISE, "process noise", arguments, (n, n)
+            )
             called.append(noise_of)
         else:
             freeze(self, "process_noise", check_covariance(self.process_noise, n, "process noise"))
@@ -179,12 +181,12 @@ class StateSpaceModel:
         return np.array([self.possible.get(name, (-np.inf, np.inf)) for name in names]).T.copy()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        given = (getattr(self, f.name) for f in fields(self) if f.init)
-        return type(self), tuple(given)
+        values = (getattr(self, f.name) for f in fields(self) if f.init)
+        return type(self), tuple(values)
 
 
 def _compile(
-    function: Any, signature: Any, what: str, given: tuple[Any, ...], shape: tuple[int, ...]
+    function: Any, signature: Any, what: str, arguments: tuple[Any, ...], shape: tuple[int, ...]
 ) -> tuple[int, Dispatcher]:
     """Address of a model function, and the function, after a trial run that sees stray writes."""
     if not callable(function):
@@ -202,7 +204,7 @@ def _compile(
     out = np.full(shape, _UNWRITTEN if len(shape) == 1 else 0.0)
     try:
         with np.errstate(all="ignore"):
-            trial(*given, out)
+            trial(*arguments, out)
     except (IndexError, NameError, TypeError, AttributeError) as error:
         raise FilterError(f"{what}: {error}; check its names and parameters") from None
     except (ArithmeticError, ValueError, NotImplementedError):
@@ -256,11 +258,11 @@ def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Di
         stacklevel=5,
     )
 
-    def tried(*given: Any) -> None:
+    def tried(*arguments: Any) -> None:
         try:
-            function(*given)
+            function(*arguments)
         except Exception:  # noqa: BLE001  # as of a compiled one
-            given[-1][:] = np.nan
+            arguments[-1][:] = np.nan
 
     @njit
     def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:

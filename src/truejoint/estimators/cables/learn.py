@@ -112,9 +112,9 @@ def filter_inputs(X: Array, dt: Array) -> Array:
 
     Of motors and efforts `X` (n, 6), `dt` (n,) [s] after the row before.
     """
-    given = np.empty((len(X), r.INPUTS))
-    cable_filter.input_rows(X, dt, given)
-    return given
+    inputs = np.empty((len(X), r.INPUTS))
+    cable_filter.input_rows(X, dt, inputs)
+    return inputs
 
 
 def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
@@ -178,37 +178,37 @@ class _Misfit:
 def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
     angle, basis, columns, effort, run = [], [], [], [], []
     rigid = p[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
-    for n, one in enumerate(runs):
-        given = filter_inputs(one.X, one.dt)
-        (joint, torque), x = np.empty((2, *one.load.shape)), np.empty((len(given), r.STATES))
-        r.simulate(given, one.load, p, x, joint, torque)
+    for n, history in enumerate(runs):
+        inputs = filter_inputs(history.X, history.dt)
+        (joint, torque), x = np.empty((2, *history.load.shape)), np.empty((len(inputs), r.STATES))
+        r.simulate(inputs, history.load, p, x, joint, torque)
         share = x[:, r.MOTOR : r.PIN]
-        known = np.flatnonzero(np.isfinite(one.truth).all(axis=1))
-        rows = known[known >= one.settled][::_THINNED]
-        angle.append((one.truth - joint)[rows])
-        basis.append(geometry(given[rows, : r.N] @ rigid.T))
+        with_truth = np.flatnonzero(np.isfinite(history.truth).all(axis=1))
+        rows = with_truth[with_truth >= history.settled][::_THINNED]
+        angle.append((history.truth - joint)[rows])
+        basis.append(geometry(inputs[rows, : r.N] @ rigid.T))
         columns.append(
-            np.stack([torque, share, given[:, r.SPEED :], np.ones_like(torque)], axis=2)[rows]
+            np.stack([torque, share, inputs[:, r.SPEED :], np.ones_like(torque)], axis=2)[rows]
         )
-        effort.append(one.effort[rows])
+        effort.append(history.effort[rows])
         run.append(np.full(len(rows), n))
-    geometries, left = np.vstack(basis), np.vstack(angle)
-    added = np.linalg.lstsq(geometries, left, rcond=None)[0]
-    design, told = np.concatenate(columns), np.vstack(effort)
+    geometries, off_angle = np.vstack(basis), np.vstack(angle)
+    added = np.linalg.lstsq(geometries, off_angle, rcond=None)[0]
+    design, measured = np.concatenate(columns), np.vstack(effort)
     by_motor = np.array(
-        [np.linalg.lstsq(design[:, m], told[:, m], rcond=None)[0] for m in range(r.N)]
+        [np.linalg.lstsq(design[:, m], measured[:, m], rcond=None)[0] for m in range(r.N)]
     )
-    off = told - np.einsum("nmk,mk->nm", design, by_motor)
-    rows_left = np.hstack([left - geometries @ added, off])
+    off_effort = measured - np.einsum("nmk,mk->nm", design, by_motor)
+    rows_left = np.hstack([off_angle - geometries @ added, off_effort])
     return _Misfit(rows_left, added, by_motor, np.concatenate(run))
 
 
 def jackknife_deviations(
-    jacobian: Array, left: Array, labels: Sequence[Integers], prior: Array
+    jacobian: Array, misfits: Array, labels: Sequence[Integers], prior: Array
 ) -> Array:
     """Deviations (k,) of least squares by what leaving out rows that are alike changes.
 
-    Of a `jacobian` (n, k) and misfits `left` (n,). Rows of one label (n,), of each of several
+    Of a `jacobian` (n, k) and `misfits` (n,). Rows of one label (n,), of each of several
     `labels`, are left out in turn, by one step of Gauss and Newton; changes by different labels
     add up as if they were independent. A model that is not quite true errs alike all along, which
     no spread of single misfits shows, but signals then tell of the same quantity differently.
@@ -218,15 +218,15 @@ def jackknife_deviations(
     for label in labels:
         kinds = np.unique(label)
         for kind in kinds:
-            own = jacobian[label == kind]
-            change = np.linalg.solve(whole - own.T @ own, own.T @ left[label == kind])
+            part = jacobian[label == kind]
+            change = np.linalg.solve(whole - part.T @ part, part.T @ misfits[label == kind])
             variance += (1.0 - 1.0 / len(kinds)) * change**2
     return np.asarray(np.sqrt(variance))
 
 
 def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress) -> Arrays:
     """Find stiffness, friction, radii and sensors' gains by least squares on angles and efforts."""
-    short = [one.first(_LONGEST) for one in runs]
+    short = [history.first(_LONGEST) for history in runs]
     names, table = tuple(SOUGHT), np.log(np.array([_BOUNDS[name] for name in SOUGHT])).T
     scale = np.repeat([_ANGLE_NOISE, _EFFORT_NOISE], r.N)
     calls = 0
@@ -245,21 +245,24 @@ def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress)
         misfit, start, bounds=(table[0], table[1]), diff_step=[1e-3], max_nfev=_ROUNDS, x_scale=0.3
     )
     p = parameters(search.x)
-    found = _misfit(short, p)
-    signal, recording = np.tile(np.arange(2 * r.N), len(found.rows)), np.repeat(found.run, 2 * r.N)
+    misfits = _misfit(short, p)
+    signal, recording = (
+        np.tile(np.arange(2 * r.N), len(misfits.rows)),
+        np.repeat(misfits.run, 2 * r.N),
+    )
     # Where nothing tells, a quantity may be anything that is searched.
     deviation = jackknife_deviations(
         np.asarray(search.jac), search.fun, (signal, recording), 12.0 / (table[1] - table[0]) ** 2
     )
-    p[r.EFFORT : r.EFFORT + 4 * r.N] = found.by_motor.T.ravel()
+    p[r.EFFORT : r.EFFORT + 4 * r.N] = misfits.by_motor.T.ravel()
     p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * load_variances(runs) / DECAY
     return {
         "parameters": p,
-        "added": np.asarray(found.added, dtype=np.float64),
-        "effort_misfit": np.maximum(found.rows[:, r.N :].std(axis=0), 1e-6),
+        "added": np.asarray(misfits.added, dtype=np.float64),
+        "effort_misfit": np.maximum(misfits.rows[:, r.N :].std(axis=0), 1e-6),
         "structure": np.repeat([1.0, 0.0, 1.0, 0.0], r.N).reshape(4, r.N),
         "identified": np.column_stack([np.exp(search.x), np.exp(search.x) * deviation]),
-        "dt": np.array([float(np.mean([one.step for one in runs]))]),
+        "dt": np.array([float(np.mean([history.step for history in runs]))]),
     }
 
 
@@ -268,7 +271,7 @@ def load_variances(runs: Sequence[Run]) -> Array:
 
     One that always hung there counts by its size: another day it is not there.
     """
-    loaded = [one.load for one in runs if _is_loaded(one.load)]
+    loaded = [history.load for history in runs if _is_loaded(history.load)]
     varied = np.mean([np.var(load, axis=0) for load in loaded], axis=0)
     size = np.mean([np.mean(np.square(load), axis=0) for load in loaded], axis=0)
     spread: Array = np.asarray(np.where(varied > NO_LOAD**2, varied, size))
@@ -280,36 +283,36 @@ def _is_loaded(load: Array) -> bool:
     return bool((np.abs(load) > NO_LOAD).any())
 
 
-def structure(runs: Sequence[Run], found: Sequence[CableStates]) -> Array:
+def structure(runs: Sequence[Run], estimates: Sequence[CableStates]) -> Array:
     """By what variances of angles and of loads are multiplied, what is added to them (4, 3).
 
     The latter per square of the loads that are seen. The errors in each run are then as large as
-    is stated, free and, with a margin for other motions, loaded; the deviations in `found` are
+    is stated, free and, with a margin for other motions, loaded; the deviations in `estimates` are
     those of the filter alone.
     """
-    shown, stated, seen = [], [], []
-    for one, own in zip(runs, found, strict=True):
-        known = np.flatnonzero(np.isfinite(one.truth).all(axis=1))
-        known = known[known >= one.settled]
-        truth = one.truth[known]
+    shown, stated, loads = [], [], []
+    for history, estimate in zip(runs, estimates, strict=True):
+        with_truth = np.flatnonzero(np.isfinite(history.truth).all(axis=1))
+        with_truth = with_truth[with_truth >= history.settled]
+        truth = history.truth[with_truth]
         white = np.var(np.diff(truth, n=3, axis=0), axis=0) / 20.0  # of the reference
         squares = [
-            np.mean(np.square(each[known]), axis=0)
-            for each in (own.angle - one.truth, own.load - one.load)
+            np.mean(np.square(each[with_truth]), axis=0)
+            for each in (estimate.angle - history.truth, estimate.load - history.load)
         ]
         # Of an error that the reference's noise hides, some is believed all the same.
         own_squares = np.array([np.maximum(squares[0] - white, 0.1 * squares[0]), squares[1]])
-        shown.append(own_squares * (_OTHER_MOTION if _is_loaded(one.load) else 1.0))
-        deviations = (own.angle_deviation, own.load_deviation)
-        stated.append([np.mean(np.square(each[known]), axis=0) for each in deviations])
-        seen.append(np.mean(np.abs(own.load[known]).sum(axis=1) ** 2))
+        shown.append(own_squares * (_OTHER_MOTION if _is_loaded(history.load) else 1.0))
+        deviations = (estimate.angle_deviation, estimate.load_deviation)
+        stated.append([np.mean(np.square(each[with_truth]), axis=0) for each in deviations])
+        loads.append(np.mean(np.abs(estimate.load[with_truth]).sum(axis=1) ** 2))
     out = np.empty((4, r.N))
     for quantity, k in np.ndindex(2, r.N):
-        variances = np.column_stack([np.array(stated)[:, quantity, k], np.array(seen)])
+        variances = np.column_stack([np.array(stated)[:, quantity, k], np.array(loads)])
         wanted = np.array(shown)[:, quantity, k]
-        own, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
+        factor, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
         least = _FLOOR * np.min(wanted / variances[:, 0])
-        out[2 * quantity : 2 * quantity + 2, k] = max(own, least), by_load
+        out[2 * quantity : 2 * quantity + 2, k] = max(factor, least), by_load
     return out
 
 
@@ -355,16 +358,16 @@ class CableFilter(JointRegressor):
         may stay unseen.
         """
         rows = zip(SOUGHT.items(), self.arrays_["identified"].tolist(), strict=True)
-        found = {name: (value, deviation, unit) for (name, unit), (value, deviation) in rows}
-        pins = [found[name][:2] for name in ("pitch_pin", "jaw_pin", "jaw_pin")]
+        quantities = {name: (value, deviation, unit) for (name, unit), (value, deviation) in rows}
+        pins = [quantities[name][:2] for name in ("pitch_pin", "jaw_pin", "jaw_pin")]
         p = self.arrays_["parameters"]
         on_joint = np.abs(p[r.ON_JOINT : r.ON_JOINT + r.N**2].reshape(r.N, r.N))
         for name, arms in zip(cable_filter.LOADS, on_joint.T, strict=True):
             # It shows as soon as one of the joints that it turns slides.
             bands = [(level / arm, off / arm) for (level, off), arm in zip(pins, arms, strict=True)
                      if arm > 0.0]  # fmt: skip
-            found[f"{name}_dead_band"] = (*min(bands), "Nm")
-        return found
+            quantities[f"{name}_dead_band"] = (*min(bands), "Nm")
+        return quantities
 
     def for_recordings(self, recordings: Sequence[Recording]) -> Self:
         """Unfitted copy for the cables that were recorded; CalibrationError for other ones."""
@@ -399,18 +402,18 @@ class CableFilter(JointRegressor):
         Of motors in the first columns of `X`, `dt` (n,) [s] after the row before: no effort is
         needed, and no load is seen.
         """
-        parameters, given = self.arrays_["parameters"], filter_inputs(X, dt)
-        joint, torque = np.empty((2, len(given), r.N))
-        found = np.empty((len(given), r.STATES))
+        parameters, inputs = self.arrays_["parameters"], filter_inputs(X, dt)
+        joint, torque = np.empty((2, len(inputs), r.N))
+        states = np.empty((len(inputs), r.STATES))
         for rows in histories(dt):
-            r.simulate(given[rows], np.zeros((rows.stop - rows.start, r.N)), parameters,
-                       found[rows], joint[rows], torque[rows])  # fmt: skip
+            r.simulate(inputs[rows], np.zeros((rows.stop - rows.start, r.N)), parameters,
+                       states[rows], joint[rows], torque[rows])  # fmt: skip
         rigid = parameters[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
-        return joint + geometry(given[:, : r.N] @ rigid.T) @ self.arrays_["added"], found
+        return joint + geometry(inputs[:, : r.N] @ rigid.T) @ self.arrays_["added"], states
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        arrays, found = self._identified(X, y, dt, progress)
-        arrays["structure"] = self._structure(found, X, y, dt)
+        arrays, estimates = self._identified(X, y, dt, progress)
+        arrays["structure"] = self._structure(estimates, X, y, dt)
         progress(1.0)
         return arrays
 
@@ -427,13 +430,13 @@ class CableFilter(JointRegressor):
                 f"{self.name}: {unknown} rows whose load is not known (truth_load/... is NaN); "
                 "leave out the recordings that have them"
             )
-        runs = [one for _, one in self._runs(X, y, dt)]
+        runs = [history for _, history in self._runs(X, y, dt)]
         if not runs:
             raise CalibrationError(
                 f"{self.name}: no recording has more than {_SETTLED:g} s of truth after its first "
                 f"{_SETTLED:g} s; record a minute"
             )
-        if not any(_is_loaded(one.load) for one in runs):
+        if not any(_is_loaded(history.load) for history in runs):
             raise CalibrationError(
                 f"{self.name}: no recording with truth has a load, so that grip and tip torque "
                 "cannot be told from friction; add a minute under known loads (truth_load/...)"
@@ -445,24 +448,24 @@ class CableFilter(JointRegressor):
         """Histories that have truth, and the rows of each."""
         every = [(rows, Run(X[rows], y[rows], self._loads[rows], dt[rows]))
                  for rows in histories(dt)]  # fmt: skip
-        return [(rows, one) for rows, one in every if one.known > one.settled]
+        return [(rows, history) for rows, history in every if history.known > history.settled]
 
-    def _structure(self, found: CableStates, X: Array, y: Array, dt: Array) -> Array:
+    def _structure(self, estimates: CableStates, X: Array, y: Array, dt: Array) -> Array:
         """`structure` of what was found of all rows."""
-        parts = [(one, found.part(rows)) for rows, one in self._runs(X, y, dt)]
+        parts = [(history, estimates.part(rows)) for rows, history in self._runs(X, y, dt)]
         return structure(*zip(*parts, strict=True))
 
 
 def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
     """Run the filter of fitted `arrays` over rows, as `CableFilter.states`."""
-    given, parameters = filter_inputs(X, dt), arrays["parameters"]
+    inputs, parameters = filter_inputs(X, dt), arrays["parameters"]
     prior = cable_filter.cable_prior(parameters)
     unscented, efforts = cable_filter.cable_filter(arrays), np.ascontiguousarray(X[:, r.N :])
-    x, P = run_histories(unscented, prior, efforts, given, dt, smoothed=False)
+    x, P = run_histories(unscented, prior, efforts, inputs, dt, smoothed=False)
     out = np.empty((4, len(X), r.N))
     by_state = cable_filter.angles_by_state(parameters)
     cable_filter.estimate_rows(
-        given, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
+        inputs, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
     )
     return CableStates(out[0], out[1], out[2], out[3], x)
 
@@ -470,7 +473,9 @@ def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
 def _check_mechanism(name: str, mechanism: CableMechanism) -> None:
     """Raise CalibrationError for cables that are not three motors' loops of two alike."""
     by_motor = [[c for c in mechanism.cables if c.motor == m] for m in mechanism.motors]
-    loops = [own for own in by_motor if len(own) == 2 and own[0].sign == -own[1].sign]
+    loops = [
+        cables for cables in by_motor if len(cables) == 2 and cables[0].sign == -cables[1].sign
+    ]
     shafts = all(len(cable.segments) == 3 for cable in mechanism.cables)
     if not (len(by_motor) == len(loops) == r.N and shafts):
         raise CalibrationError(

@@ -147,10 +147,10 @@ def compliance(shares: Array, slope: Array, p: Array, matrix: Array) -> None:
     """Fill ``I + S diag(slope)``, where ``S`` [rad/Nm] is how the joints yield to torques."""
     for j in range(N):
         for k in range(N):
-            own = 0.0
+            yields = 0.0
             for m in range(N):
-                own += p[INVERSE + N * j + m] * shares[m, 2] * p[INVERSE + N * k + m]
-            matrix[j, k] = own * slope[k] + (1.0 if j == k else 0.0)
+                yields += p[INVERSE + N * j + m] * shares[m, 2] * p[INVERSE + N * k + m]
+            matrix[j, k] = yields * slope[k] + (1.0 if j == k else 0.0)
 
 
 @compiled
@@ -294,7 +294,7 @@ def turn_pins(began: Array, free: Array, level: Array, shares: Array, p: Array, 
     `slope` (N,) [Nm/rad] is how they hold from where they `began`; it becomes how they held. Give
     by how much that differs, as a share of what a pin holds at most.
     """
-    matrix, apart = local_matrix(N, N), 0.0
+    matrix, change = local_matrix(N, N), 0.0
     for j in range(N):
         way[j] = free[j]
     compliance(shares, slope, p, matrix)
@@ -302,10 +302,10 @@ def turn_pins(began: Array, free: Array, level: Array, shares: Array, p: Array, 
     for j in range(N):
         held[j] = dahl(began[j], level[j], level[j] / p[PIN_WAY], way[j])
         grown = held[j] - began[j]
-        apart = max(apart, abs(grown - slope[j] * way[j]) / level[j])
+        change = max(change, abs(grown - slope[j] * way[j]) / level[j])
         if way[j] != 0.0:
             slope[j] = grown / way[j]
-    return apart
+    return change
 
 
 @compiled
@@ -322,9 +322,9 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     for m in range(N):
         change[m] = loads[m] - x[LOAD + m]
         out[LOAD + m] = loads[m]
-        kept = math.exp(-abs(u[CHANGE + m]) / p[MOTOR_WAY])
+        remains = math.exp(-abs(u[CHANGE + m]) / p[MOTOR_WAY])
         end = math.copysign(1.0, u[CHANGE + m])
-        out[MOTOR + m] = end + (x[MOTOR + m] - end) * kept
+        out[MOTOR + m] = end + (x[MOTOR + m] - end) * remains
     tensions(x, p, pull)
     pulled_by(change, p, taken)
     hold_loops(x, u, taken, pull, p, before, shares)

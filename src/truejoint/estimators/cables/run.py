@@ -87,9 +87,9 @@ def seen_load(x: Array) -> float:
 
 
 @compiled
-def stated(variance: float, seen: float, factor: float, added: float) -> float:
-    """Deviation that is stated of a `variance`, under the loads `seen` [Nm]."""
-    return sqrt(max(variance, 0.0) * factor + seen * seen * added)
+def stated(variance: float, loads: float, factor: float, added: float) -> float:
+    """Deviation that is stated of a `variance`, under the loads `loads` [Nm]."""
+    return sqrt(max(variance, 0.0) * factor + loads * loads * added)
 
 
 @compiled
@@ -106,12 +106,12 @@ def estimate_rows(
     for i in range(motor.shape[0]):
         loops.joints(x[i], motor[i], p, out[0, i])
         add_geometry(motor[i], p, added, raw, out[0, i])
-        seen = seen_load(x[i])
+        loads = seen_load(x[i])
         for j in range(N):
             angle, load = quadratic(by_state[j], P[i], STATES), P[i, LOAD + j, LOAD + j]
-            out[1, i, j] = stated(angle, seen, structure[0, j], structure[1, j])
+            out[1, i, j] = stated(angle, loads, structure[0, j], structure[1, j])
             out[2, i, j] = x[i, LOAD + j]
-            out[3, i, j] = stated(load, seen, structure[2, j], structure[3, j])
+            out[3, i, j] = stated(load, loads, structure[2, j], structure[3, j])
 
 
 def angles_by_state(parameters: Array) -> Array:
@@ -130,7 +130,7 @@ def cable_filter(arrays: Mapping[str, Array]) -> UnscentedFilter:
     if not (1e-9 < dt < 1e9 and ((misfit > 0.0) & (misfit < _STRONGEST)).all()):
         raise CalibrationError("cable_filter: dt or effort_misfit is not above 0; fit it again")
     kinds = ("guide", "wrist", "motor", "pin", "load")
-    given = [f"{kind}_{k}" for kind in ("angle", "change", "speed") for k in range(N)]
+    inputs = [f"{kind}_{k}" for kind in ("angle", "change", "speed") for k in range(N)]
     model = StateSpaceModel(
         transition=loops.transition,
         measurement=loops.measurement,
@@ -139,10 +139,10 @@ def cable_filter(arrays: Mapping[str, Array]) -> UnscentedFilter:
         measurement_noise=np.diag(misfit**2 * max(ERROR_TIME / dt, 1.0)),
         states=tuple(f"{kind}_{k}" for kind in kinds for k in range(N)),
         measurements=tuple(f"effort_{k}" for k in range(N)),
-        inputs=tuple(given),
+        inputs=tuple(inputs),
         parameters=parameters,
         possible={
-            **{name: (-_FARTHEST, _FARTHEST) for name in given if not name.startswith("speed")},
+            **{name: (-_FARTHEST, _FARTHEST) for name in inputs if not name.startswith("speed")},
             **{f"{kind}_{k}": (-_STRONGEST, _STRONGEST) for kind in ("effort", *kinds)
                for k in range(N)},
         },
@@ -215,28 +215,28 @@ def cable_filter_row(
 ) -> None:
     """Predict by the filter of the cables."""
     m = unpack(numbers, memory)
-    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(own, state)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    f = unpack_filter(sizes, state)
     if dt == 0.0 or m.started == 0.0:
-        restart(own, state)
+        restart(sizes, state)
         dt = 0.0
     take_motors(dt, x, m.last, m.played, f.u)
     for j in range(N):
         f.z[j] = x[N + j]
-    good = advance(own, state, dt)
+    good = advance(sizes, state, dt)
     memory[STARTED] = 1.0 if good else 0.0
     loops.joints(f.x, m.played, f.theta, out)
     add_geometry(m.played, f.theta, m.added, m.raw, out)
-    seen = seen_load(f.x)
+    loads = seen_load(f.x)
     for j in range(N):
         out[j] = out[j] if good else nan
         if m.deviations > 0.0:
             variance = quadratic(m.by_state[j], f.covariance, STATES)
             half_width[j] = m.deviations * stated(
-                variance, seen, m.structure[0, j], m.structure[1, j]
+                variance, loads, m.structure[0, j], m.structure[1, j]
             )
         m.raw[j] = m.beside_deviations * stated(
-            f.covariance[LOAD + j, LOAD + j], seen, m.structure[2, j], m.structure[3, j]
+            f.covariance[LOAD + j, LOAD + j], loads, m.structure[2, j], m.structure[3, j]
         )
     state_load(m.grip, f.x[LOAD], m.raw[0])
     state_load(m.tip_first, f.x[LOAD + 1], m.raw[1])

@@ -43,22 +43,24 @@ class JawEstimator(JointRegressor):
                     "motor and cables relate without one: record the calibration unloaded"
                 )
             check_sensors(self.name, inputs, recording)
-        recorded, own = mechanism_of(recordings)._asdict(), self.get_params(deep=False)
-        usual = {n: v for n, v in recorded.items() if own.get(n) == getattr(TABLE_1, n)}
+        recorded, parameters = mechanism_of(recordings)._asdict(), self.get_params(deep=False)
+        usual = {n: v for n, v in recorded.items() if parameters.get(n) == getattr(TABLE_1, n)}
         return self.with_params(**usual)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
-        known = self._known(y)
-        self._check_motion(X[known], y[known, 0], np.cumsum(dt == 0.0)[known])
-        arrays = self._learn_jaw(X, y[:, 0], dt, known, progress)
+        has_truth = self._known(y)
+        self._check_motion(X[has_truth], y[has_truth, 0], np.cumsum(dt == 0.0)[has_truth])
+        arrays = self._learn_jaw(X, y[:, 0], dt, has_truth, progress)
         progress(1.0)
         return arrays
 
     @abstractmethod
-    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
-        """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `known` (n,)."""
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
+        """Learn from rows `X` (n, k) and jaw angles `y` (n,), NaN where not `has_truth` (n,)."""
 
     def _check_motion(self, X: Array, y: Array, history: Integers) -> None:
         inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
@@ -95,15 +97,16 @@ def mechanism_of(recordings: Sequence[Recording]) -> Forceps:
 
     Raises CalibrationError where they differ, and RobotError for one that cannot be.
     """
-    found = dict.fromkeys(
+    mechanisms = dict.fromkeys(
         TABLE_1 if recording.robot.mechanism is None else Forceps.of(recording.robot.mechanism)
         for recording in recordings
     )
-    if len(found) > 1:
+    if len(mechanisms) > 1:
         raise CalibrationError(
-            f"the recordings are of {len(found)} different mechanisms; calibrate each by itself"
+            f"the recordings are of {len(mechanisms)} different mechanisms; calibrate each by "
+            "itself"
         )
-    return next(iter(found))
+    return next(iter(mechanisms))
 
 
 def check_sensors(estimator: str, inputs: Sequence[str], recording: Recording) -> None:
@@ -172,13 +175,13 @@ def reversals(y: Array) -> int:
     return count
 
 
-def longest_standstill(column: Array, X: Array, own: int | None) -> float:
+def longest_standstill(column: Array, X: Array, place: int | None) -> float:
     """Longest stretch, of the rows, in which `column` (n,) repeats a value while others move.
 
-    Another signal of `X` (n, k) than its `own` must move by a fifth of its range within it.
+    Another signal of `X` (n, k) than its `place` must move by a fifth of its range within it.
     """
     edges = np.concatenate([[0], np.flatnonzero(np.diff(column)) + 1, [len(column)]])
-    others = X if own is None else np.delete(X, own, axis=1)
+    others = X if place is None else np.delete(X, place, axis=1)
     least = 0.2 * np.ptp(others, axis=0)
     for i in np.argsort(np.diff(edges))[::-1][:20]:
         if (np.ptp(others[edges[i] : edges[i + 1]], axis=0) > least).any():

@@ -104,11 +104,13 @@ class JawFilter(MechanismEstimator):
         data = EstimatorData(self.family.name, params, {"constant": np.zeros(1)})
         return JawFilter.from_data(data, 2, 1).evaluate(X, dt)[:, 0]
 
-    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
-        error = self.filtered(X, dt)[known] - y[known]
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
+        error = self.filtered(X, dt)[has_truth] - y[has_truth]
         progress(0.3)
         if self.compensated:
-            return fit_rational(X[known, 0], X[known, 1], error)
+            return fit_rational(X[has_truth, 0], X[has_truth, 1], error)
         return {"constant": np.array([-float(np.mean(error))])}
 
 
@@ -135,24 +137,26 @@ class CableLeastSquares(JawEstimator):
     intercept: bool = False
     compensated: bool = False
 
-    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
         drive, reset = X[:, -2], X[:, -1]
         observed = np.empty((len(X), cable_least_squares.OBSERVED))
         cable_least_squares.observe_rows(
             dt, np.ascontiguousarray(drive), np.ascontiguousarray(reset), observed
         )
-        rows = observed[known]
+        rows = observed[has_truth]
         columns = np.column_stack([rows, np.ones(len(rows))]) if self.intercept else rows
         # Columns from 1e-3 m to 10 m/s2 are brought to one length.
         length = np.linalg.norm(columns, axis=0)
         inverse = np.divide(1.0, length, out=np.zeros_like(length), where=length > 0.0)
-        found = np.linalg.lstsq(columns * inverse, y[known], rcond=1e-12)[0] * inverse
-        solution = np.append(found, 0.0)
+        coefficients = np.linalg.lstsq(columns * inverse, y[has_truth], rcond=1e-12)[0] * inverse
+        solution = np.append(coefficients, 0.0)
         progress(0.5)
         arrays = {"coef": solution[: rows.shape[1]].copy(), "constant": solution[7:8].copy()}
         if self.compensated:
-            error = rows @ arrays["coef"] + arrays["constant"] - y[known]
-            arrays |= fit_rational(X[known, 0], reset[known], error)
+            error = rows @ arrays["coef"] + arrays["constant"] - y[has_truth]
+            arrays |= fit_rational(X[has_truth, 0], reset[has_truth], error)
         return arrays
 
 
@@ -189,11 +193,11 @@ def fit_rational(motor: Array, reset: Array, error: Array) -> Arrays:
     arrays = {"scale": scale, "error_range": np.array([error.min() - margin, error.max() + margin])}
     u, v = motor * scale[0], reset * scale[1]
     problem = _Projection.of(u, v, error)
-    found = [
+    solutions = [
         least_squares(problem.residuals, start, problem.jacobian, x_scale="jac", max_nfev=200)
         for start in _STARTS
     ]
-    best = min(found, key=lambda solution: float(solution.cost))
+    best = min(solutions, key=lambda solution: float(solution.cost))
     design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ best.x)[:, None]
     p = np.empty(COEFFICIENTS)
     p[0::2], p[1::2] = np.linalg.lstsq(design, error, rcond=None)[0], best.x
@@ -228,9 +232,9 @@ class _Projection:
     def residuals(self, d: Array) -> Array:
         """Error left (m,) by the best numerator, and what the tube lacks in denominator (k,)."""
         basis = np.linalg.qr(self.above / self._below(d)[:, None])[0]
-        left = self.error - basis @ (basis.T @ self.error)
+        residual = self.error - basis @ (basis.T @ self.error)
         short = np.maximum(SMALLEST_DENOMINATOR - (1.0 + self.tube @ d), 0.0)
-        return np.concatenate([left, self.weight * short])
+        return np.concatenate([residual, self.weight * short])
 
     def jacobian(self, d: Array) -> Array:
         """Kaufman's form (m + k, 5): the numerator's own change with the denominator left out."""
@@ -238,9 +242,9 @@ class _Projection:
         basis = np.linalg.qr(self.above / below[:, None])[0]
         fitted = basis @ (basis.T @ self.error)
         change = self.below * (fitted / below)[:, None]
-        left = change - basis @ (basis.T @ change)
+        slopes = change - basis @ (basis.T @ change)
         active = 1.0 + self.tube @ d < SMALLEST_DENOMINATOR
-        return np.vstack([left, -self.weight * self.tube * active[:, None]])
+        return np.vstack([slopes, -self.weight * self.tube * active[:, None]])
 
     def _below(self, d: Array) -> Array:
         below = 1.0 + self.below @ d

@@ -106,11 +106,11 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                 * parameters[_SHAPE + 2 + j]
                 * parameters[_FORCE_DENSITY]
             )
-            apart = _sine(a - b, dt)
-            together = _sine(a + b, dt)
-            place = 0.5 * density * (apart - together) / (a * b)
+            of_difference = _sine(a - b, dt)
+            of_sum = _sine(a + b, dt)
+            place = 0.5 * density * (of_difference - of_sum) / (a * b)
             mixed = 0.5 * density * (_versine(a + b, dt) + _versine(a - b, dt)) / a
-            speed = 0.5 * density * (apart + together)
+            speed = 0.5 * density * (of_difference + of_sum)
             for row in range(2):
                 for column in range(2):
                     shape = parameters[_SHAPE + 2 * row + i] * parameters[_SHAPE + 2 * column + j]
@@ -237,19 +237,19 @@ def jaw_filter_row(
 ) -> None:
     """Predict by the filter of yan2020."""
     m = unpack(numbers, memory)
-    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(own, state)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    f = unpack_filter(sizes, state)
     motor, reset = x[0], x[1]
     f.z[0] = reset
     if dt == 0.0 or math.isnan(m.motor):
-        restart(own, state)
+        restart(sizes, state)
         f.x[0] = (m.drive_tension * motor + m.reset_stiffness * reset) / m.divisor
         f.x[2] = reset
         f.z[1], f.u[0] = nan, motor
         dt = 0.0
     else:
         f.z[1], f.u[0] = (reset - m.reset) / dt, m.motor
-    good = advance(own, state, dt)
+    good = advance(sizes, state, dt)
     if m.deviations > 0.0:
         half_width[0] = m.deviations * sqrt(max(f.covariance[0, 0], 0.0))
     added = m.constant

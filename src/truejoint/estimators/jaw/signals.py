@@ -81,7 +81,7 @@ def bounded_error(
     Where it is cut off, `half_width` becomes NaN: the model extrapolates.
     """
     error = rational_error(motor, reset, scale, p)
-    kept = min(max(error, error_range[0]), error_range[1])
-    if kept != error:
+    bounded = min(max(error, error_range[0]), error_range[1])
+    if bounded != error:
         half_width[0] = nan
-    return float(kept)
+    return float(bounded)

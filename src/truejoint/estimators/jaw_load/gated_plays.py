@@ -47,18 +47,20 @@ class GatedPlays(JawEstimator):
     smallest_gate: float = 1.75e-3
     plays: tuple[float, ...] = jaw_bank.WIDTHS
 
-    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
         widths, estimates = tuple(self.plays), {}
         arrays: Arrays = {}
         for side, k in gated.SIDES.items():
             rows = np.ascontiguousarray(X[:, -k:])
-            learnt = fit_bank(widths, PENALTY, rows, y, dt, known)
+            learnt = fit_bank(widths, PENALTY, rows, y, dt, has_truth)
             memory = plays.pack(jaw_bank.bank(widths, k), learnt, k, 1)
-            estimates[side] = evaluate(plays.FAMILY, memory, rows, dt, 1)[known, 0]
+            estimates[side] = evaluate(plays.FAMILY, memory, rows, dt, 1)[has_truth, 0]
             arrays |= {f"{side}/{name}": array for name, array in learnt.items()}
             progress(0.4 * k)
         both, reset = estimates["both"], estimates["reset"]
-        misfit = [_rms(both - y[known]), _rms(reset - y[known])]
+        misfit = [_rms(both - y[has_truth]), _rms(reset - y[has_truth])]
         return {
             **arrays,
             "gate": np.array([max(self.gate * _rms(both - reset), self.smallest_gate)]),

@@ -122,14 +122,14 @@ class FrictionFilter(MechanismEstimator):
         """
         return friction_filter.jaw_friction(self.model_params(), self.arrays_)
 
-    def with_stiffness(self, found: Stiffness) -> Self:
+    def with_stiffness(self, stiffness: Stiffness) -> Self:
         """Copy with an identified stiffness, fitted as this one is."""
         params = {
             **self.model_params(),
-            "drive_stiffness": found.drive_stiffness,
-            "stiffness_growth": found.growth,
+            "drive_stiffness": stiffness.drive_stiffness,
+            "stiffness_growth": stiffness.growth,
             "stiffness_error": min(
-                max(found.deviation / found.drive_stiffness, SMALLEST_ERROR), 1.0
+                max(stiffness.deviation / stiffness.drive_stiffness, SMALLEST_ERROR), 1.0
             ),
         }
         copy = self.from_data(replace(self.data, params=params), 2, 1)
@@ -158,22 +158,32 @@ class FrictionFilter(MechanismEstimator):
         control, prior = np.column_stack([moved, reset]), friction_prior(len(self.widths))
         x, P = run_histories(unscented, prior, drive[:, None], control, dt, smoothed=smoothed)
         cable = friction_filter.cable_numbers(self.model_params(), self.arrays_)
-        found, scale = np.empty((4, len(X))), float(self.arrays_["scale"][0])
+        judged, scale = np.empty((4, len(X))), float(self.arrays_["scale"][0])
         friction_filter.judge_rows(
-            dt, drive, np.ascontiguousarray(reset), scale, x, P, self.arrays_["angle"], cable, found
+            dt,
+            drive,
+            np.ascontiguousarray(reset),
+            scale,
+            x,
+            P,
+            self.arrays_["angle"],
+            cable,
+            judged,
         )
-        angle_deviation = np.sqrt(found[1] + self.arrays_["misfit"][1] ** 2)
-        return JawStates(found[0], angle_deviation, found[2], np.sqrt(found[3]), x[:, -1])
+        angle_deviation = np.sqrt(judged[1] + self.arrays_["misfit"][1] ** 2)
+        return JawStates(judged[0], angle_deviation, judged[2], np.sqrt(judged[3]), x[:, -1])
 
-    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
         drive, scale = self._drive(X), float(1.0 / np.abs(X[:, 1]).max())
         columns = self._columns(X, dt, scale)
         fits, misfit = [], []
         for side in (y, drive):
-            weights, constant = ridge(columns[known], side[known], _PENALTY)
-            left = side - (constant + columns @ weights)
+            weights, constant = ridge(columns[has_truth], side[has_truth], _PENALTY)
+            residual = side - (constant + columns @ weights)
             fits.append(np.append(constant, weights))
-            misfit.append(float(np.sqrt(np.mean(left[known] ** 2))))
+            misfit.append(float(np.sqrt(np.mean(residual[has_truth] ** 2))))
         progress(0.7)
         arrays = {
             "angle": fits[0],

@@ -182,9 +182,9 @@ def jaw_friction(params: Params, arrays: Mapping[str, Array]) -> float:
 def cable_numbers(params: Params, arrays: Mapping[str, Array]) -> Array:
     """Numbers (8,) of `judge`."""
     names = ("drive_stiffness", "stiffness_growth", "jaw_radius", "spring_stiffness")
-    known = [float(params[name]) for name in (*names, "stiffness_error")]
+    values = [float(params[name]) for name in (*names, "stiffness_error")]
     slider = abs(float(arrays["angle"][1 + DEGREE :].sum()))
-    return np.array([*known, jaw_friction(params, arrays), slider, float(params["largest_load"])])
+    return np.array([*values, jaw_friction(params, arrays), slider, float(params["largest_load"])])
 
 
 def friction_filter(params: Params, arrays: Mapping[str, Array]) -> UnscentedFilter:
@@ -243,16 +243,16 @@ def friction_filter_row(
 ) -> None:
     """Predict by the filter with friction and load."""
     m = unpack(numbers, memory)
-    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(own, state)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    f = unpack_filter(sizes, state)
     drive, reset = x[0] * m.drive_factor, x[1]
     moved = reset - m.reset
     if dt == 0.0 or isnan(moved):
-        restart(own, state)
+        restart(sizes, state)
         moved = dt = 0.0
     f.z[0] = drive
     f.u[0], f.u[1] = moved, reset
-    good = advance(own, state, dt)
+    good = advance(sizes, state, dt)
     memory[LAST_RESET] = reset if good else nan
     n, load = m.elements, m.load
     out[0] = response(reset * m.inverse_scale, f.x, n, m.angle) if good else nan
@@ -284,8 +284,8 @@ def judge_rows(
     elements = X.shape[1] - 1
     hold, load = np.zeros(5), np.empty(2)
     for i in range(X.shape[0]):
-        own = spread[i, elements, elements]
-        hidden = judge(dt[i], drive[i], reset[i], X[i, elements], own, cable, hold, load)
+        variance = spread[i, elements, elements]
+        hidden = judge(dt[i], drive[i], reset[i], X[i, elements], variance, cable, hold, load)
         out[0, i] = response(reset[i] * scale, X[i], elements, weights)
         out[1, i] = quadratic(weights[1 + DEGREE :], spread[i], elements) + hidden
         out[2, i], out[3, i] = load[0], load[1] * load[1]
@@ -294,10 +294,10 @@ def judge_rows(
 def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     """Shapes of the learnt arrays."""
     count = 1 + DEGREE + len(params["widths"])
-    known: dict[str, Shape] = {
+    learnt: dict[str, Shape] = {
         "angle": (count,), "drive": (count,), "scale": (1,), "misfit": (2,), "dt": (1,)
     }  # fmt: skip
-    return only_joint("jaw_load", known, n_outputs)
+    return only_joint("jaw_load", learnt, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:

@@ -69,17 +69,21 @@ def identify_stiffness(
     >>> round(identify_stiffness(model, rows, torque).drive_stiffness / 1e3, 1)
     15.4
     """
-    rows, known = np.ascontiguousarray(X, dtype=np.float64), np.asarray(torque, dtype=np.float64)
+    rows, torques = np.ascontiguousarray(X, dtype=np.float64), np.asarray(torque, dtype=np.float64)
     times = model.time_steps(dt, len(rows))
-    hangs = _hangs(known, times)
+    hangs = _hangs(torques, times)
     stretch = model.states(rows, times).stretch
-    seen = np.array(
+    means = np.array(
         [
-            [known[own].mean(), model.spring_stiffness * rows[own, 1].mean(), stretch[own].mean()]
-            for own in hangs
+            [
+                torques[hang].mean(),
+                model.spring_stiffness * rows[hang, 1].mean(),
+                stretch[hang].mean(),
+            ]
+            for hang in hangs
         ]
     )
-    weights, tension, stretched = seen.T
+    weights, tension, stretched = means.T
     heaviest = float(np.abs(weights).max())
     if heaviest > model.largest_load:
         raise CalibrationError(
@@ -88,9 +92,9 @@ def identify_stiffness(
             "lighter one"
         )
     hidden = _hidden(model, rows, times, hangs, weights)
-    found = Stiffness(model.drive_stiffness, model.stiffness_growth, math.inf)
+    stiffness = Stiffness(model.drive_stiffness, model.stiffness_growth, math.inf)
     for _ in range(_ROUNDS):
-        friction = model.with_stiffness(found).jaw_friction
+        friction = model.with_stiffness(stiffness).jaw_friction
         scatter = np.hypot(_SCATTER, hidden * friction / math.sqrt(3.0))
         if not (np.abs(weights) > hidden * friction).any():
             raise CalibrationError(
@@ -98,8 +102,8 @@ def identify_stiffness(
                 f"which hides {1e3 * float(hidden.max()) * friction:.1f} mNm; hang a heavier one, "
                 "or along the last motion"
             )
-        found = _fitted(model, weights, tension, stretched, scatter)
-    return found
+        stiffness = _fitted(model, weights, tension, stretched, scatter)
+    return stiffness
 
 
 def _hidden(
@@ -111,8 +115,8 @@ def _hidden(
     """
     bent = model.elements(rows, times) @ model.arrays_["drive"][1 + DEGREE :]
     most = max(abs(float(model.arrays_["drive"][1 + DEGREE :].sum())), 1e-12)
-    turned = np.array([bent[own].mean() for own in hangs]) / most
-    moved = np.array([np.ptp(rows[own, 1]) for own in hangs])
+    turned = np.array([bent[hang].mean() for hang in hangs]) / most
+    moved = np.array([np.ptp(rows[hang, 1]) for hang in hangs])
     known_again = np.exp(-np.maximum(moved - FLICKER, 0.0) / SLIDING)
     return np.asarray(np.clip(1.0 - np.sign(weights) * turned, 0.0, 2.0) * known_again)
 
@@ -125,19 +129,19 @@ def _fitted(
 
     def misfit(ratio_and_growth: Array) -> Array:
         cable = np.array([assumed * ratio_and_growth[0], *ratio_and_growth[1:], model.jaw_radius])
-        shown = [external_torque(*one, cable) for one in zip(stretched, tension, strict=True)]
+        shown = [external_torque(*pair, cable) for pair in zip(stretched, tension, strict=True)]
         usual = (ratio_and_growth[1] - USUAL_GROWTH) / _GROWTH_SPREAD
         return np.append((np.array(shown) - weights) / scatter, usual)
 
     bounds = [1.0 / LARGEST_RATIO, 1.0], [LARGEST_RATIO, 5e3]
-    found = least_squares(misfit, [1.0, USUAL_GROWTH], bounds=bounds, x_scale=[1.0, 1e3])
-    ratio, growth = (float(value) for value in found.x)
+    search = least_squares(misfit, [1.0, USUAL_GROWTH], bounds=bounds, x_scale=[1.0, 1e3])
+    ratio, growth = (float(value) for value in search.x)
     if not 1.01 / LARGEST_RATIO < ratio < 0.99 * LARGEST_RATIO:
         raise CalibrationError(
             f"no stiffness within {LARGEST_RATIO:g} times {assumed:g} N/m explains the weights: "
             "check weight, lever and sign, and that the model was calibrated unloaded"
         )
-    slopes = np.asarray(found.jac)
+    slopes = np.asarray(search.jac)
     spread = np.linalg.inv(slopes.T @ slopes)[0, 0]
     return Stiffness(assumed * ratio, growth, assumed * math.sqrt(float(spread)))
 
@@ -148,13 +152,13 @@ def _hangs(torque: Array, dt: Array) -> list[slice]:
     starts = hung & (np.concatenate([[True], ~hung[:-1]]) | (dt == 0.0))
     ends = hung & np.concatenate([~hung[1:] | (dt[1:] == 0.0), [True]])
     pairs = zip(np.flatnonzero(starts), np.flatnonzero(ends), strict=True)
-    found = [slice(int(first), int(last) + 1) for first, last in pairs]
-    if not found:
+    hangs = [slice(int(first), int(last) + 1) for first, last in pairs]
+    if not hangs:
         raise CalibrationError(
             "no weight is stated: give the torque of each in the rows in which it hangs freely, "
             "and NaN in the others"
         )
-    return found
+    return hangs
 
 
 @dataclass(frozen=True)
@@ -245,7 +249,7 @@ def find_encoder_zero(
             "jaw, or was the cable mounted anew? Calibrate again"
         )
     shift = float(brentq(mean, -LARGEST_SHIFT, LARGEST_SHIFT, xtol=1e-9))
-    left, opens = misfit(shift), np.gradient(rows[:, 0]) > 0.0
-    apart = abs(left[opens].mean() - left[~opens].mean())
+    residual, opens = misfit(shift), np.gradient(rows[:, 0]) > 0.0
+    loop_width = abs(residual[opens].mean() - residual[~opens].mean())
     slope = abs(ends[1] - ends[0]) / (2.0 * LARGEST_SHIFT)
-    return EncoderZero(shift, math.hypot(_RESOLUTION, 0.25 * apart / slope))
+    return EncoderZero(shift, math.hypot(_RESOLUTION, 0.25 * loop_width / slope))

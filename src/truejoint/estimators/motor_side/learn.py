@@ -115,21 +115,21 @@ class ElasticJointFilter(JointRegressor):
         return np.hstack([y, torque] if np.isfinite(torque).sum() >= self.least_rows else [y])
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        known = self._known(y)
-        self._check_motion(X, known, dt)
+        has_truth = self._known(y)
+        self._check_motion(X, has_truth, dt)
         low, high = float(X[:, 0].min()), float(X[:, 0].max())
         scales = np.array([0.5 * (low + high), 0.5 * (high - low), X[:, 1].std(), mean_dt(dt)])
-        kept = thinned(dt, known)
-        motion = motion_of(X, scales, dt).pick(kept)
+        chosen = thinned(dt, has_truth)
+        motion = motion_of(X, scales, dt).pick(chosen)
         settled = np.flatnonzero(motion.travel > SETTLED)
-        with_truth = known[kept][settled]
+        with_truth = has_truth[chosen][settled]
         if with_truth.sum() < jaw.MIN_ROWS:
             raise CalibrationError(
                 f"{self.name}: {int(with_truth.sum())} rows with truth after a quarter of the "
                 f"driver's range was travelled; it needs {jaw.MIN_ROWS}: record longer motions"
             )
         progress(0.05)
-        static = _Static(motion, settled, with_truth, y[kept][settled[with_truth], 0])
+        static = _Static(motion, settled, with_truth, y[chosen][settled[with_truth], 0])
         joint = static.identify(
             int(self.elements), float(self.load_drift), float(self.torque_noise) ** 2
         )
@@ -141,22 +141,22 @@ class ElasticJointFilter(JointRegressor):
             )
         progress(0.8)
         states, spread = run(joint, motion, mean_dt(motion.dt))
-        targets = self._targets(y, dt)[kept]
+        targets = self._targets(y, dt)[chosen]
         self.found_: Params = {**self._FOUND, "tells_torque": targets.shape[1] > 1}
-        told = [_response(motion, states, spread, target) for target in targets.T]
+        responses = [_response(motion, states, spread, target) for target in targets.T]
         progress(1.0)
         return {
             "scales": scales,
             "noise": np.array([getattr(joint, name) for name in NOISE]),
             "widths": joint.widths,
             "torque": joint.torque,
-            "outputs": np.array([coefficients for coefficients, _ in told]),
-            "misfit": np.array([misfit for _, misfit in told]),
+            "outputs": np.array([coefficients for coefficients, _ in responses]),
+            "misfit": np.array([misfit for _, misfit in responses]),
         }
 
-    def _check_motion(self, X: Array, known: Flags, dt: Array) -> None:
+    def _check_motion(self, X: Array, has_truth: Flags, dt: Array) -> None:
         for name, column in zip((DRIVER, TORQUE), X.T, strict=True):
-            jaw.check_changes(self.name, name, column[known], " under load")
+            jaw.check_changes(self.name, name, column[has_truth], " under load")
         jaw.check_jumps(self.name, DRIVER, X[:, 0], np.cumsum(dt == 0.0))
         turns = sum(jaw.reversals(X[rows, 0]) for rows in histories(dt))
         jaw.check_reversals(self.name, "driver", turns)
@@ -182,9 +182,9 @@ class ElasticJointFilter(JointRegressor):
             load_deviation=np.sqrt(np.maximum(spread[:, elements, elements], 0.0)) * scale,
         )
 
-    def _beyond(self, _X: Array, _dt: Array, _states: Array, told: Array) -> Array:
-        """Give what is to be added (n, n_outputs) to what the filter has `told` of its states."""
-        return np.zeros_like(told)
+    def _beyond(self, _X: Array, _dt: Array, _states: Array, outputs: Array) -> Array:
+        """Give what is to be added (n, n_outputs) to the filter's `outputs`."""
+        return np.zeros_like(outputs)
 
 
 def motion_of(X: Array, scales: Array, dt: Array) -> Motion:
@@ -193,12 +193,12 @@ def motion_of(X: Array, scales: Array, dt: Array) -> Motion:
     return Motion((X[:, 0] - middle) / half_range, X[:, 1] / torque, dt)
 
 
-def thinned(dt: Array, known: Flags) -> Integers:
+def thinned(dt: Array, has_truth: Flags) -> Integers:
     """Rows that the fit filters: the first of each history, those with truth, some between."""
     stride = max(1, round(_FILTER_DT / mean_dt(dt)))
     fresh = dt == 0.0
     count = np.arange(len(dt)) - np.flatnonzero(fresh)[np.cumsum(fresh) - 1]
-    return np.flatnonzero(known | (count % stride == 0))
+    return np.flatnonzero(has_truth | (count % stride == 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -247,11 +247,11 @@ def _response(motion: Motion, states: Array, spread: Array, target: Array) -> tu
     rows = np.flatnonzero(np.isfinite(target))
     angle, y = motion.angle[rows], target[rows]
     columns = output_terms(angle, states[rows])
-    found = respond(columns, y, states[rows, -2], motion.history[rows], motion.dt[rows])
-    told, by_state = np.empty((2, len(rows), 1))
-    model.output_rows(angle, states[rows], spread[rows], found, told, by_state)
-    left = float(np.mean((y - told[:, 0]) ** 2))
-    return found[0], np.sqrt(max(left - float(by_state.mean()), 0.1 * left))
+    coefficients = respond(columns, y, states[rows, -2], motion.history[rows], motion.dt[rows])
+    outputs, by_state = np.empty((2, len(rows), 1))
+    model.output_rows(angle, states[rows], spread[rows], coefficients, outputs, by_state)
+    mean_square = float(np.mean((y - outputs[:, 0]) ** 2))
+    return coefficients[0], np.sqrt(max(mean_square - float(by_state.mean()), 0.1 * mean_square))
 
 
 def regress(columns: Array, y: Array) -> Array:
@@ -268,10 +268,10 @@ def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array)
     under loads that are left out in turn: three loads are no reason for a cubic. Of one history,
     on blocks of it.
     """
-    _, own = np.unique(history, return_inverse=True)
-    count = np.bincount(own)
-    parts = levels(np.bincount(own, load) / count)
-    rows = [np.isin(own, part) for part in parts] if len(parts) > 1 else blocks(dt)
+    _, place = np.unique(history, return_inverse=True)
+    count = np.bincount(place)
+    parts = levels(np.bincount(place, load) / count)
+    rows = [np.isin(place, part) for part in parts] if len(parts) > 1 else blocks(dt)
     table = np.column_stack([columns, y])
     products = np.array([table[some].T @ table[some] for some in rows])
     bent = bent_terms((columns.shape[1] - 2 - POLYNOMIAL) // PER_ELEMENT)[1:]
@@ -282,10 +282,10 @@ def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array)
 def regress_torque(columns: Array, torque: Array, load: Array) -> tuple[Array, Array]:
     """Torque response (p,) of which the load is a part as it is, and what it leaves over (n,)."""
     free = [i for i in range(columns.shape[1]) if i not in LOAD_TERMS]
-    found = np.zeros(columns.shape[1])
-    found[free] = ridge(columns[:, free], torque - load, _PENALTY)[0]
-    found[LOAD_TERMS[1]] = 1.0
-    return found, torque - columns @ found
+    coefficients = np.zeros(columns.shape[1])
+    coefficients[free] = ridge(columns[:, free], torque - load, _PENALTY)[0]
+    coefficients[LOAD_TERMS[1]] = 1.0
+    return coefficients, torque - columns @ coefficients
 
 
 class _Static:
@@ -296,8 +296,8 @@ class _Static:
     found by turns, the elements' widths by variable projection on torque and jaw angle together.
     """
 
-    def __init__(self, motion: Motion, rows: Integers, known: Flags, jaw: Array) -> None:
-        self.motion, self.rows, self.known, self.jaw = motion, rows, known, jaw
+    def __init__(self, motion: Motion, rows: Integers, has_truth: Flags, jaw: Array) -> None:
+        self.motion, self.rows, self.has_truth, self.jaw = motion, rows, has_truth, jaw
         self.angle, self.torque = motion.angle[rows], motion.torque[rows]
         _, self.history = np.unique(motion.history[rows], return_inverse=True)
         self.count = np.bincount(self.history)
@@ -319,9 +319,9 @@ class _Static:
     def misfits(self, widths: Array) -> tuple[Array, Array]:
         """Find what the best responses leave of torque (n,) and jaw angle (k,)."""
         columns = self.columns(widths)
-        left = regress_torque(columns, self.torque, self.load[self.history])[1]
-        columns = columns[self.known]
-        return left, self.jaw - columns @ regress(columns, self.jaw)
+        residual = regress_torque(columns, self.torque, self.load[self.history])[1]
+        columns = columns[self.has_truth]
+        return residual, self.jaw - columns @ regress(columns, self.jaw)
 
     def find_widths(self, elements: int) -> Array:
         """Widths by variable projection: the responses are solved for at every trial."""
@@ -331,12 +331,12 @@ class _Static:
         scales = [max(float(e.std()), 1e-12) * np.sqrt(len(e)) for e in self.misfits(start)]
 
         def residuals(logarithms: Array) -> Array:
-            left = self.misfits(np.exp(logarithms))
-            return np.concatenate([e / scale for e, scale in zip(left, scales, strict=True)])
+            misfits = self.misfits(np.exp(logarithms))
+            return np.concatenate([e / scale for e, scale in zip(misfits, scales, strict=True)])
 
         x0, bounds = np.log(start), (np.log(_WIDTHS[0]), np.log(_WIDTHS[1]))
-        found = least_squares(residuals, x0, bounds=bounds, diff_step=[0.05], max_nfev=15)
-        widths = np.sort(np.exp(found.x))
+        search = least_squares(residuals, x0, bounds=bounds, diff_step=[0.05], max_nfev=15)
+        widths = np.sort(np.exp(search.x))
         self.settle_loads(widths)
         return widths
 
@@ -344,14 +344,14 @@ class _Static:
         """Identify widths, torque response and noise of a joint."""
         widths = self.find_widths(elements)
         load = self.load[self.history]
-        torque, left = regress_torque(self.columns(widths), self.torque, load)
+        torque, residual = regress_torque(self.columns(widths), self.torque, load)
         spread = max(float(load.std()), 1e-6)
         return ElasticJoint(
             widths=widths,
             torque=torque,
             load_density=(load_drift * spread) ** 2,
-            rest_deviation=max(float(left.std()), 1e-6),
-            rest_travel=_memory(left, self.motion.travel[self.rows]),
+            rest_deviation=max(float(residual.std()), 1e-6),
+            rest_travel=_memory(residual, self.motion.travel[self.rows]),
             noise_density=noise_density,
             load_mean=float(load.mean()),
             load_deviation=spread,
@@ -361,14 +361,16 @@ class _Static:
         return np.bincount(self.history, values) / self.count
 
 
-def _memory(left: Array, travel: Array) -> float:
-    """Travel over which `left` (n,) forgets itself, from neighbours a small way apart."""
-    apart = np.diff(travel, prepend=travel[:1])
-    near = np.flatnonzero((apart > 0.02) & (apart < 0.1))
+def _memory(residual: Array, travel: Array) -> float:
+    """Travel over which `residual` (n,) forgets itself, from neighbours a small way apart."""
+    distance = np.diff(travel, prepend=travel[:1])
+    near = np.flatnonzero((distance > 0.02) & (distance < 0.1))
     if not len(near):
         return 0.05
-    alike = float(np.mean(left[near] * left[near - 1]) / max(float(np.mean(left**2)), 1e-300))
-    return float(-apart[near].mean() / np.log(min(max(alike, 0.05), 0.99)))
+    alike = float(
+        np.mean(residual[near] * residual[near - 1]) / max(float(np.mean(residual**2)), 1e-300)
+    )
+    return float(-distance[near].mean() / np.log(min(max(alike, 0.05), 0.99)))
 
 
 def run(

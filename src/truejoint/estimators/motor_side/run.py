@@ -97,10 +97,10 @@ def response(angle: float, load: float, x: Array, elements: int, coefficients: A
 
 def terms(angle: Array, load: Array, deflections: Array) -> Array:
     """Terms (n, count_terms) that `response` weighs, for ``d`` (n,), ``B`` (n,), ``z`` (n, m)."""
-    one = np.ones_like(angle)
+    constant = np.ones_like(angle)
     deflections = np.clip(deflections, -1.0, 1.0)
     columns = [
-        one, angle, angle**2, angle**3, load, load**2, load**3,
+        constant, angle, angle**2, angle**3, load, load**2, load**3,
         angle * load, angle * load**2, angle**2 * load,
     ]  # fmt: skip
     for z in deflections.T:
@@ -249,16 +249,16 @@ def elastic_joint_row(
 ) -> None:
     """Predict by the filter of the elastic joint."""
     m = unpack(numbers, memory)
-    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(own, state)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    f = unpack_filter(sizes, state)
     angle = (x[0] - m.middle) / m.half_range
     moved = angle - m.last
     if dt == 0.0 or math.isnan(moved):
-        restart(own, state)
+        restart(sizes, state)
         moved = dt = 0.0
     f.z[0] = x[1] / m.torque_scale
     f.u[0], f.u[1] = angle, moved
-    good = advance(own, state, dt)
+    good = advance(sizes, state, dt)
     memory[LAST] = angle if good else nan
     for j in range(m.n_told):
         coefficients = m.responses[j]
@@ -320,7 +320,7 @@ def n_told(params: Params) -> int:
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     elements = int(params["elements"])
     n_terms = count_terms(elements)
-    known: dict[str, Shape] = {
+    learnt: dict[str, Shape] = {
         "scales": (len(SCALES),),
         "noise": (len(NOISE),),
         "widths": (elements,),
@@ -328,7 +328,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
         "outputs": (n_told(params), n_terms + 2),
         "misfit": (n_told(params),),
     }
-    return only_joint("motor_side", known, n_outputs)
+    return only_joint("motor_side", learnt, n_outputs)
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:

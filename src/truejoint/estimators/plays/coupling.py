@@ -30,7 +30,7 @@ class Coupling:
 
 
 def identify_coupling(
-    positions: Array, fresh: Mask, known: Mask, explained: Array, targets: Array
+    positions: Array, fresh: Mask, has_target: Mask, explained: Array, targets: Array
 ) -> Coupling:
     """Find the coupling whose plays explain most of the targets: variable projection.
 
@@ -62,7 +62,7 @@ def identify_coupling(
     pairs = np.triu_indices(k, 1)
     n_pairs = len(pairs[0])
     basis, _ = np.linalg.qr(np.column_stack([np.ones(len(explained)), _scaled(explained)]))
-    left = _scaled(targets - basis @ (basis.T @ targets), targets.std(axis=0))
+    residual = _scaled(targets - basis @ (basis.T @ targets), targets.std(axis=0))
     plays, last = np.empty_like(positions), np.empty(k)
 
     def coupling(parameters: Array) -> Coupling:
@@ -77,11 +77,11 @@ def identify_coupling(
     def residuals(parameters: Array) -> Array:
         tried = coupling(parameters)
         coupled_play_rows(tried.coupling, tried.reaches, fresh, positions, last, plays)
-        own = plays[known]
-        own = _scaled(own - basis @ (basis.T @ own))
-        inner = own.T @ own / len(own) + _RIDGE * np.eye(k)
-        weights = np.linalg.solve(inner, own.T @ left / len(own))
-        misfit = (left - own @ weights) / np.sqrt(len(own))
+        columns = plays[has_target]
+        columns = _scaled(columns - basis @ (basis.T @ columns))
+        inner = columns.T @ columns / len(columns) + _RIDGE * np.eye(k)
+        weights = np.linalg.solve(inner, columns.T @ residual / len(columns))
+        misfit = (residual - columns @ weights) / np.sqrt(len(columns))
         return np.concatenate([misfit.ravel(), _PRIOR * (parameters[: n_pairs + k] - 1.0)])
 
     # About 1, as steps are shares of a parameter and some are 0 where the search starts.
@@ -91,7 +91,7 @@ def identify_coupling(
         for sign, end in zip((-1.0, 1.0), widest, strict=True)
     )
     start = np.ones(n_pairs + 2 * k)
-    found = least_squares(
+    search = least_squares(
         residuals,
         start,
         bounds=(low, high),
@@ -99,7 +99,7 @@ def identify_coupling(
         x_scale=0.3,
         max_nfev=_TRIALS,
     )
-    return coupling(found.x)
+    return coupling(search.x)
 
 
 def _scaled(columns: Array, sizes: Array | None = None) -> Array:

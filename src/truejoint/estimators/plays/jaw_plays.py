@@ -25,17 +25,17 @@ PENALTY: Final = 1e-5
 
 
 def fit_bank(
-    widths: tuple[float, ...], penalty: float, X: Array, y: Array, dt: Array, known: Flags
+    widths: tuple[float, ...], penalty: float, X: Array, y: Array, dt: Array, has_truth: Flags
 ) -> Arrays:
-    """Arrays of `jaw_bank.bank` from rows `X` (n, k), `y` (n,), where `known` (n,), and `dt` (n,).
+    """Fit `jaw_bank.bank` to the rows `X` (n, k), `y` (n,) that have a truth; `dt` (n,) is of all.
 
     The penalty is fixed: on a motion of one amplitude, cross-validation would choose one that is
     too small for any other.
     """
-    params, arrays = jaw_bank.bank(widths, X.shape[1]), feature_scales(X[known])
-    seen = expand_rows(params, arrays, X, dt, known)
+    params, arrays = jaw_bank.bank(widths, X.shape[1]), feature_scales(X[has_truth])
+    inputs = expand_rows(params, arrays, X, dt, has_truth)
     ((_, terms, _),) = params["members"]
-    model = Ridge(**terms, penalty=penalty).fit(seen, y[known])
+    model = Ridge(**terms, penalty=penalty).fit(inputs, y[has_truth])
     return {**arrays, **{f"0/{name}": array for name, array in model.arrays_.items()}}
 
 
@@ -68,5 +68,7 @@ class JawPlays(JawEstimator):
     plays: tuple[float, ...] = jaw_bank.WIDTHS
     penalty: float = PENALTY
 
-    def _learn_jaw(self, X: Array, y: Array, dt: Array, known: Flags, progress: Progress) -> Arrays:
-        return fit_bank(tuple(self.plays), self.penalty, X, y, dt, known)
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
+        return fit_bank(tuple(self.plays), self.penalty, X, y, dt, has_truth)

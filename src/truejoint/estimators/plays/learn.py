@@ -160,8 +160,8 @@ class Plays(JointRegressor):
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
-        seen = play_bank.n_constant(self._params(n_features), n_features)
-        return max(self.least_rows, Ridge().minimum_rows(seen))
+        n_inputs = play_bank.n_constant(self._params(n_features), n_features)
+        return max(self.least_rows, Ridge().minimum_rows(n_inputs))
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
@@ -172,8 +172,8 @@ class Plays(JointRegressor):
                 "out"
             )
         for name, wanted in (("positions", "couple"), ("shares", "couple"), ("turns", "turn")):
-            given = getattr(self, name)
-            if given and given != getattr(Plays, name) and not getattr(self, wanted):
+            value = getattr(self, name)
+            if value and value != getattr(Plays, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
         asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
@@ -210,8 +210,10 @@ class Plays(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters; the model among them is to be run only."""
-        own = {name: value for name, value in params.items() if name not in ("members", "coupled")}
-        made = cls(**own, positions=params["coupled"] or None)
+        parameters = {
+            name: value for name, value in params.items() if name not in ("members", "coupled")
+        }
+        made = cls(**parameters, positions=params["coupled"] or None)
         made.members_, made.pairs_ = params["members"], params["pairs"]
         made.coupled_ = params["coupled"]
         return made
@@ -251,24 +253,24 @@ class Plays(JointRegressor):
         return () if self.pairs is None else self.pairs
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        known = np.flatnonzero(self._known(y))
-        kept = np.zeros(len(X), dtype=bool)
-        kept[known[:: -(-len(known) // int(self.rows))]] = True
-        arrays = feature_scales(X[known])
+        with_truth = np.flatnonzero(self._known(y))
+        chosen = np.zeros(len(X), dtype=bool)
+        chosen[with_truth[:: -(-len(with_truth) // int(self.rows))]] = True
+        arrays = feature_scales(X[with_truth])
         self.pairs_, self.coupled_ = self._asked(), self._joined(X.shape[1])
         params = self.model_params()
         if self.coupled_:
             arrays |= self._coupling(X, y, dt, arrays)
-        seen = play_bank.expand_rows(params, arrays, X, dt, kept)
+        inputs = play_bank.expand_rows(params, arrays, X, dt, chosen)
         crossed = play_bank.n_constant(params, X.shape[1])
         history = np.cumsum(dt == 0.0)
-        starts = np.where(np.diff(history[kept], prepend=0) > 0, 0.0, 1.0)
+        starts = np.where(np.diff(history[chosen], prepend=0) > 0, 0.0, 1.0)
         if self.learner != "gaussian_process" and history[-1] >= BLOCKS:
             starts[1:] = 1.0  # as many as a fit to all has, though one may be hidden from this
-        if self.pairs_ and not self._gains(seen, crossed, X.shape[1], y[kept], starts):
-            self.pairs_, seen = (), np.ascontiguousarray(seen[:, :crossed])
+        if self.pairs_ and not self._gains(inputs, crossed, X.shape[1], y[chosen], starts):
+            self.pairs_, inputs = (), np.ascontiguousarray(inputs[:, :crossed])
         unfitted = self._unfitted(X.shape[1], crossed, y.shape[1])
-        self.model_ = unfitted.fit(seen, y[kept], progress, starts)
+        self.model_ = unfitted.fit(inputs, y[chosen], progress, starts)
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
 
@@ -279,20 +281,22 @@ class Plays(JointRegressor):
         for rows in (np.arange(len(X)), np.flatnonzero(with_truth)):
             used[rows[:: -(-len(rows) // _IDENTIFIED)]] = True
         alone = {**self.model_params(), "plays": (), "pairs": (), "coupled": ()}
-        seen = play_bank.expand_rows(alone, arrays, X, dt, used)
-        places, known = list(self.coupled_), with_truth[used]
-        positions = np.ascontiguousarray(seen[:, places])
+        inputs = play_bank.expand_rows(alone, arrays, X, dt, used)
+        places, has_target = list(self.coupled_), with_truth[used]
+        positions = np.ascontiguousarray(inputs[:, places])
         products = interactions.interaction_factors(*3 * [len(places)])[len(places) :]
-        explained = np.hstack([seen, polynomial_design(positions, products)])[known]
-        found = identify_coupling(positions, fresh[used], known, explained, y[used][known])
-        return vars(found)
+        explained = np.hstack([inputs, polynomial_design(positions, products)])[has_target]
+        coupling = identify_coupling(
+            positions, fresh[used], has_target, explained, y[used][has_target]
+        )
+        return vars(coupling)
 
-    def _gains(self, seen: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
-        """Whether a ridge regression errs less with what is `seen` beyond the first `crossed`."""
+    def _gains(self, inputs: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
+        """Whether a ridge regression errs less with what is `inputs` beyond the first `crossed`."""
         products = self._products(n_features, crossed)
         log_errors = [
             np.log(np.maximum(Ridge(*products).fit(rows, y, dt=dt).errors_, 1e-12)).mean()
-            for rows in (seen, seen[:, :crossed])
+            for rows in (inputs, inputs[:, :crossed])
         ]
         return bool(log_errors[0] < log_errors[1] + math.log1p(-_GAIN))
 
@@ -300,12 +304,12 @@ class Plays(JointRegressor):
         """Fitted copy, as `JointRegressor.adapted` says; of the ridge regression alone."""
         if self.learner != "ridge":
             return super().adapted(X, y, dt)
-        known = self._known(y)
-        seen = play_bank.expand_rows(self.model_params(), self.arrays_, X, dt, known)
+        has_truth = self._known(y)
+        inputs = play_bank.expand_rows(self.model_params(), self.arrays_, X, dt, has_truth)
         ((data, _),) = members(self.model_params(), self.arrays_)
-        ridge = Ridge.from_data(data, seen.shape[1], y.shape[1])
-        own, penalties = ridge.adapted(seen, y[known], np.zeros(len(seen)))
-        return self.with_arrays({f"0/{name}": a for name, a in own.arrays_.items()}), penalties
+        ridge = Ridge.from_data(data, inputs.shape[1], y.shape[1])
+        adapted, penalties = ridge.adapted(inputs, y[has_truth], np.zeros(len(inputs)))
+        return self.with_arrays({f"0/{name}": a for name, a in adapted.arrays_.items()}), penalties
 
     def _products(self, n_features: int, n_seen: int) -> tuple[int, int, int]:
         """By how many of what is seen, the first ones, how many are multiplied; by whose squares.
@@ -386,14 +390,14 @@ def capstan_turns(
     by_joint = robot.transmission.capstan_matrix[robot.index(joints)]
     place = {name.removeprefix("measured/"): i for i, name in enumerate(names)
              if name.startswith("measured/")}  # fmt: skip
-    found = []
+    by_capstan = []
     for row in by_joint:
         used = {joint: turn for joint, turn in zip(robot.joint_names, row, strict=True) if turn}
         if set(used) <= set(place):
             turns = np.zeros(len(names))
             turns[[place[joint] for joint in used]] = list(used.values())
-            found.append(tuple(turns.tolist()))
-    return tuple(found)
+            by_capstan.append(tuple(turns.tolist()))
+    return tuple(by_capstan)
 
 
 _UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)

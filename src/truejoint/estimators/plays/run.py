@@ -78,16 +78,19 @@ MODEL: Final = LAYOUT.part("model", "of what is seen")
 
 
 @compiled
-def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -> None:
+def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array) -> None:
     """Scale features `x` (k,) to -1 to 1, add how far plays and low-passes are from them.
 
-    `seen` is ``n_seen(k, ...)`` long. A play is divided by its half-width, so that it too runs
+    `inputs` is ``n_seen(k, ...)`` long. A play is divided by its half-width, so that it too runs
     from -1 to 1.
     """
     k, n_plays, n_lowpasses = x.shape[0], numbers[N_PLAYS], numbers[N_LOWPASSES]
     fresh = dt == 0.0
     standardise(
-        x, vector(memory, numbers[CENTRE], k), vector(memory, numbers[INVERSE_HALF_RANGE], k), seen
+        x,
+        vector(memory, numbers[CENTRE], k),
+        vector(memory, numbers[INVERSE_HALF_RANGE], k),
+        inputs,
     )
     half_widths = vector(memory, numbers[HALF_WIDTHS], n_plays)
     outputs = vector(memory, numbers[OUTPUTS], k * n_plays)
@@ -95,67 +98,67 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, seen: Array) -
     for i in range(k):
         for j in range(n_plays):
             at = i * n_plays + j
-            outputs[at] = play(half_widths[j], fresh, seen[i], outputs[at])
-            seen[k + at] = (outputs[at] - seen[i]) / half_widths[j]
+            outputs[at] = play(half_widths[j], fresh, inputs[i], outputs[at])
+            inputs[k + at] = (outputs[at] - inputs[i]) / half_widths[j]
         for j in range(n_lowpasses):
             at = i * n_lowpasses + j
-            kept = vector(memory, numbers[TRAILS] + 2 * at, 2)
-            trail = lowpass(time_constants[j], fresh, dt, seen[i], kept)
-            seen[k + k * n_plays + at] = trail - seen[i]
+            trails = vector(memory, numbers[TRAILS] + 2 * at, 2)
+            trail = lowpass(time_constants[j], fresh, dt, inputs[i], trails)
+            inputs[k + k * n_plays + at] = trail - inputs[i]
     start = k * (1 + n_plays + n_lowpasses)
-    couple(numbers, memory, fresh, seen, start)
+    couple(numbers, memory, fresh, inputs, start)
     start += numbers[N_COUPLED] * numbers[N_SHARES]
-    turn(numbers, memory, x, seen, start)
-    grow(numbers, memory, fresh, seen, start + 2 * numbers[N_TURNING])
+    turn(numbers, memory, x, inputs, start)
+    grow(numbers, memory, fresh, inputs, start + 2 * numbers[N_TURNING])
 
 
 @compiled
-def couple(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: int) -> None:
-    """Add plays of several features together: `seen` from `start` on, in their half-widths."""
+def couple(numbers: Integers, memory: Array, fresh: bool, inputs: Array, start: int) -> None:
+    """Add plays of several features together: `inputs` from `start` on, in their half-widths."""
     k, n_shares = numbers[N_COUPLED], numbers[N_SHARES]
     coupling = matrix(memory, numbers[COUPLING], k, k)
     reaches = vector(memory, numbers[REACHES], k)
     shares = vector(memory, numbers[SHARES], n_shares)
     wanted = vector(memory, numbers[WANTED], k)
     for i in range(k):
-        wanted[i] = seen[numbers[numbers[COUPLED] + i]]
+        wanted[i] = inputs[numbers[numbers[COUPLED] + i]]
     for j in range(n_shares):
-        found = vector(seen, start + j * k, k)
+        deflections = vector(inputs, start + j * k, k)
         stood = vector(memory, numbers[STOOD] + j * k, k)
-        coupled_play(coupling, reaches, shares[j], fresh, wanted, stood, found)
+        coupled_play(coupling, reaches, shares[j], fresh, wanted, stood, deflections)
         for i in range(k):
-            found[i] /= shares[j] * reaches[i]
+            deflections[i] /= shares[j] * reaches[i]
 
 
 @compiled
-def turn(numbers: Integers, memory: Array, x: Array, seen: Array, start: int) -> None:
-    """Add cosine and sine of the angle of each capstan: `seen` from `start` on."""
+def turn(numbers: Integers, memory: Array, x: Array, inputs: Array, start: int) -> None:
+    """Add cosine and sine of the angle of each capstan: `inputs` from `start` on."""
     k, n_turning = x.shape[0], numbers[N_TURNING]
     turns = vector(memory, numbers[TURNS], n_turning * k)
     for i in range(n_turning):
         angle = 0.0
         for j in range(k):
             angle += turns[i * k + j] * x[j]
-        seen[start + 2 * i] = math.cos(angle)
-        seen[start + 2 * i + 1] = math.sin(angle)
+        inputs[start + 2 * i] = math.cos(angle)
+        inputs[start + 2 * i + 1] = math.sin(angle)
 
 
 @compiled
-def grow(numbers: Integers, memory: Array, fresh: bool, seen: Array, start: int) -> None:
-    """Add plays whose widths go up, then down, with another feature: `seen` from `start` on."""
+def grow(numbers: Integers, memory: Array, fresh: bool, inputs: Array, start: int) -> None:
+    """Add plays whose widths go up, then down, with another feature: `inputs` from `start` on."""
     n_pairs, n_growing = numbers[N_PAIRS], numbers[N_GROWING]
     growing = vector(memory, numbers[GROWING], n_growing)
     outputs = vector(memory, numbers[GROWN], 2 * n_pairs * n_growing)
     for i in range(n_pairs):
-        here = seen[numbers[numbers[PAIRS] + 2 * i]]
-        other = 0.5 * seen[numbers[numbers[PAIRS] + 2 * i + 1]]
+        here = inputs[numbers[numbers[PAIRS] + 2 * i]]
+        other = 0.5 * inputs[numbers[numbers[PAIRS] + 2 * i + 1]]
         for way in range(2):
             share = 0.5 + other if way == 0 else 0.5 - other
             width = LEAST + (1.0 - LEAST) * min(max(share, 0.0), 1.0)
             for j in range(n_growing):
                 at = (2 * i + way) * n_growing + j
                 outputs[at] = play(width * growing[j], fresh, here, outputs[at])
-                seen[start + at] = (outputs[at] - here) / growing[j]
+                inputs[start + at] = (outputs[at] - here) / growing[j]
 
 
 @compiled
@@ -167,14 +170,14 @@ def play_bank_row(
     n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
     n += numbers[N_COUPLED] * numbers[N_SHARES] + 2 * numbers[N_TURNING]
     n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
-    seen = vector(memory, numbers[SEEN], n)
-    expand(numbers, memory, dt, x, seen)
+    inputs = vector(memory, numbers[SEEN], n)
+    expand(numbers, memory, dt, x, inputs)
     call_row(
         numbers[ROW],
         part_numbers(numbers, MODEL),
         part_memory(numbers, memory, MODEL),
         dt,
-        seen,
+        inputs,
         out,
         half_width,
     )
@@ -195,22 +198,22 @@ def follow_rows(dt: Array, values: Array, widths: Array, out: Array) -> None:
 
 @compiled
 def _expand_rows(
-    numbers: Integers, memory: Array, dt: Array, X: Array, kept: Mask, out: Array
+    numbers: Integers, memory: Array, dt: Array, X: Array, chosen: Mask, out: Array
 ) -> None:
     at = 0
     for i in range(X.shape[0]):
         expand(numbers, memory, dt[i], X[i], out[at])
-        if kept[i] and at < out.shape[0] - 1:
+        if chosen[i] and at < out.shape[0] - 1:
             at += 1
 
 
 def expand_rows(
-    params: Params, arrays: Mapping[str, Array], X: Array, dt: Array, kept: Mask
+    params: Params, arrays: Mapping[str, Array], X: Array, dt: Array, chosen: Mask
 ) -> Array:
-    """Give what a model sees (m, n_seen) in the rows `kept` (n,) of features `X` (n, k)."""
+    """Give what a model sees (m, n_seen) in the rows `chosen` (n,) of features `X` (n, k)."""
     memory = packed(params, arrays, X.shape[1])
-    out = np.empty((int(kept.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
-    _expand_rows(memory.numbers, memory.memory, dt, X, kept, out)
+    out = np.empty((int(chosen.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
+    _expand_rows(memory.numbers, memory.memory, dt, X, chosen, out)
     return out[:-1]
 
 
@@ -264,12 +267,12 @@ def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     check_turns(params["turns"], n_features)
     n_coupled = len(params["coupled"])
     joined = {"coupling": (n_coupled, n_coupled), "reaches": (n_coupled,)} if n_coupled else {}
-    own = family.shapes(data.params, k, n_outputs)
+    model_shapes = family.shapes(data.params, k, n_outputs)
     return {
         "centre": (n_features,),
         "inverse_half_range": (n_features,),
         **joined,
-        **{f"0/{name}": shape for name, shape in own.items()},
+        **{f"0/{name}": shape for name, shape in model_shapes.items()},
     }
 
 
