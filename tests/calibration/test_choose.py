@@ -14,7 +14,7 @@ from sklearn.linear_model import Ridge
 from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
 from tests.calibration.test_folds import jaw
-from tests.estimators.test_elastic_joint import recording as grasper
+from tests.estimators.motor_side.test_motor_side import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration

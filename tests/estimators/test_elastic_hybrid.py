@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from sklearn.tree import DecisionTreeRegressor
-from tests.estimators.test_elastic_joint import fit, recording, rows
+from tests.estimators.motor_side.test_motor_side import fit, recording, rows
 
 from truejoint import calibrate
 from truejoint.errors import CalibrationError

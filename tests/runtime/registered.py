@@ -9,7 +9,7 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
-from tests.estimators.test_elastic_joint import recording as grasper_recording
+from tests.estimators.motor_side.test_motor_side import recording as grasper_recording
 
 from truejoint.calibration import Calibration, calibrate
 from truejoint.errors import ModelFileError

@@ -9,7 +9,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.svm import SVR
 from sklearn.tree import DecisionTreeRegressor
-from tests.estimators.test_elastic_joint import recording as grasper_recording
+from tests.estimators.motor_side.test_motor_side import recording as grasper_recording
 from tests.export.library import exported, needs_compiler
 from tests.runtime.registered import ready
 from tests.runtime.streams import recording, trained
