@@ -119,6 +119,26 @@ def test_a_file_of_ones_own_becomes_a_twin(tmp_path: Path) -> None:
     assert twin.home().measured[-1, 0] == pytest.approx(0.0, abs=0.01)
 
 
+def test_a_gear_turns_the_motor_faster_than_its_capstan(tmp_path: Path) -> None:
+    path = tmp_path / "finger.toml"
+    path.write_text(TOOL.replace("drive = 9.75e-3", "drive = { radius = 9.75e-3, gear = 35 }"))
+    mechanism = get_robot(path).mechanism
+    assert mechanism is not None
+    assert mechanism.coupling[0, 0] == pytest.approx(35.0 * 4.0 / 9.75)
+    assert mechanism.radii == pytest.approx([9.75e-3 / 35.0])
+    path.write_text(TOOL.replace("drive = 9.75e-3", "drive = { radius = 9.75e-3, gear = 0.5 }"))
+    with pytest.raises(RobotError, match=r"motors.drive.gear is 0.5; want a number from 1"):
+        get_robot(path)
+
+
+@pytest.mark.parametrize("table", ["", "jaw_radius = 6e-3"])
+def test_a_forceps_of_ones_own_becomes_a_twin(tmp_path: Path, table: str) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(f'name = "mine"\n[[joints]]\nname = "jaw"\n[mechanism]\n{table}\n')
+    twin = make_twin(str(path), seed=1)
+    assert twin.home().joint[-1, 0] == pytest.approx(0.0, abs=0.02)
+
+
 def test_a_transmission_beside_the_cables_must_be_theirs(tmp_path: Path) -> None:
     path = tmp_path / "finger.toml"
     path.write_text(TOOL.replace('name = "finger"', 'name = "finger"\ntransmission = [[2.0]]'))
