@@ -35,6 +35,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 from scipy.stats import norm
+from tests.simulated_tracker import TRACKERS
 
 from benchmarks.automatic_choice import kept
 from truejoint import calibrate
@@ -46,7 +47,6 @@ from truejoint.recordings.datasets import locate, read_dataset
 from truejoint.recordings.read.array_files import read_npy
 from truejoint.robots import Robot
 from truejoint.simulation import TwinOutput, make_twin
-from truejoint.simulation.tracker import TRACKERS
 from truejoint.tip import Registered, Registration, tracked_truth
 from truejoint.units import display_unit
 

@@ -11,10 +11,10 @@ import pandas as pd
 import pytest
 from tests.cli.conftest import Call
 from tests.recordings.marker_bag import write_marker_bag
+from tests.simulated_tracker import SimulatedTracker
 
 from truejoint import get_robot, read_recording
 from truejoint.recordings import write_bag
-from truejoint.simulation.tracker import SimulatedTracker
 
 REGISTRATION = """
 [base]

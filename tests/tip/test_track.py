@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+from tests.simulated_tracker import SimulatedTracker
 
 from truejoint.errors import CalibrationError, RecordingError, RobotError
 from truejoint.recordings import Provenance, Recording, Track
 from truejoint.robots import get_robot
-from truejoint.simulation.tracker import SimulatedTracker
 from truejoint.tip import Registered, Registration, read_registration, tracked_truth
 
 ROBOT = get_robot("raven2", "left")

@@ -1,4 +1,4 @@
-"""The one-jaw cable-driven forceps: geometry and sensors, from yan2020, Table 1 and IV-A."""
+"""The one-jaw cable-driven forceps: its mechanism, from yan2020, Table 1."""
 
 from __future__ import annotations
 
@@ -72,11 +72,3 @@ class Forceps(NamedTuple):
     def drive_from_motor(self, motor: Angle) -> Angle:
         """Displacement of the drive cable ``x1`` [m] at motor angles `motor` [rad]; (2), (3)."""
         return motor * (self.wheel_radius / self.gear_ratio)
-
-
-# Section IV-A. The motor's encoder has 1000 lines, which quadrature makes 4000 counts.
-MOTOR_ENCODER_COUNTS: Final = 4000
-LINEAR_ENCODER_RESOLUTION: Final = 1.0e-6  # [m], scale RGS-40 with an RH100 head
-REFERENCE_ENCODER_COUNTS: Final = 4096  # RM08, 12 bit absolute
-CABLE_LENGTH: Final = 0.65  # [m], from motor to jaw
-CABLE_MASS_PER_LENGTH: Final = 0.81e-3  # [kg/m], 0.45 mm steel cable

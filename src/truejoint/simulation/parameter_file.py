@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import resources
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import Any, ClassVar, Final, NamedTuple, Self
 
 import numpy as np
 
@@ -18,6 +18,19 @@ from truejoint.errors import TruejointError, other_kind, unknown
 from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
+
+
+MAX_POPULATION: Final = 100_000
+
+
+def random_streams(count: int, seed: int) -> list[np.random.Generator]:
+    """Give the generator of each specimen of a population; TruejointError unless 1 to 100000.
+
+    The same seed gives the same ones, and a larger population begins with the smaller one.
+    """
+    if not 1 <= count <= MAX_POPULATION:
+        raise TruejointError(f"a population of {count}; it must be 1 to {MAX_POPULATION}")
+    return [np.random.default_rng(stream) for stream in np.random.SeedSequence(seed).spawn(count)]
 
 
 class Spread(NamedTuple):

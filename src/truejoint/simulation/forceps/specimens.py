@@ -16,11 +16,10 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError, unknown
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.parameter_file import Spread, shipped_spreads
+from truejoint.simulation.parameter_file import Spread, random_streams, shipped_spreads
 
 SPECIMENS: Final = tuple(ForcepsParameters.SPECIMENS)
 PRIORS: Final = ("lugre", "capstan", "between", "mixed")
-MAX_POPULATION: Final = 100_000
 
 
 def specimen(name: str = "nominal") -> ForcepsParameters:
@@ -63,15 +62,13 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
     TruejointError
         If the count is out of range, or the prior unknown.
     """
-    if not 1 <= count <= MAX_POPULATION:
-        raise TruejointError(f"a population of {count}; it must be 1 to {MAX_POPULATION}")
+    streams = random_streams(count, seed)
     if prior not in PRIORS:
         raise TruejointError(unknown("prior", prior, PRIORS))
-    return [_drawn(stream, prior) for stream in np.random.SeedSequence(seed).spawn(count)]
+    return [_drawn(rng, prior) for rng in streams]
 
 
-def _drawn(stream: np.random.SeedSequence, prior_name: str) -> ForcepsParameters:
-    rng = np.random.default_rng(stream)
+def _drawn(rng: np.random.Generator, prior_name: str) -> ForcepsParameters:
     spreads = prior()
     v = {name: spread.draw(rng) for name, spread in spreads.items()}
     second_tolerance = spreads["cable_tolerance"].draw(rng)

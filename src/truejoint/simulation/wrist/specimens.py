@@ -7,12 +7,11 @@ from typing import Final
 import numpy as np
 
 from truejoint.errors import TruejointError, unknown
-from truejoint.simulation.parameter_file import shipped_spreads
+from truejoint.simulation.parameter_file import random_streams, shipped_spreads
 from truejoint.simulation.wrist.parameters import WristParameters
 
 FAMILIES: Final = ("cable_only", "endowrist", "measured")
 MIXED: Final = "mixed"
-MAX_POPULATION: Final = 100_000
 
 
 def population(count: int, seed: int = 0, family: str = MIXED) -> list[WristParameters]:
@@ -29,12 +28,10 @@ def population(count: int, seed: int = 0, family: str = MIXED) -> list[WristPara
     >>> len(population(2, seed=1, family="endowrist"))
     2
     """
-    if not 1 <= count <= MAX_POPULATION:
-        raise TruejointError(f"a population of {count}; it must be 1 to {MAX_POPULATION}")
+    streams = random_streams(count, seed)
     if family not in (*FAMILIES, MIXED):
         raise TruejointError(unknown("family", family, (*FAMILIES, MIXED)))
-    streams = np.random.SeedSequence(seed).spawn(count)
-    return [_drawn(s, family_of(n, family)) for n, s in enumerate(streams)]
+    return [_drawn(rng, family_of(n, family)) for n, rng in enumerate(streams)]
 
 
 def family_of(number: int, family: str = MIXED) -> str:
@@ -42,8 +39,7 @@ def family_of(number: int, family: str = MIXED) -> str:
     return FAMILIES[number % len(FAMILIES)] if family == MIXED else family
 
 
-def _drawn(stream: np.random.SeedSequence, family: str) -> WristParameters:
-    rng = np.random.default_rng(stream)
+def _drawn(rng: np.random.Generator, family: str) -> WristParameters:
     spreads = shipped_spreads("wrist/prior.toml") | shipped_spreads(f"wrist/{family}_prior.toml")
     values: dict[str, float] = {name: spread.draw(rng) for name, spread in spreads.items()}
     seed = int(rng.integers(2**31))

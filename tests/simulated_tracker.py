@@ -31,12 +31,6 @@ class SimulatedTracker:
         Share of the time for which the marker is not seen, in stretches of about a second.
     strays : float
         Share of the readings that are somewhere within a decimetre of the marker.
-
-    Examples
-    --------
-    >>> from truejoint.simulation.tracker import TRACKERS
-    >>> TRACKERS["optical"].noise
-    0.00025
     """
 
     noise: float
@@ -77,15 +71,6 @@ class SimulatedTracker:
             [m]; NaN where the marker is lost.
         orientation : ndarray, shape (m, 4), or None
             Quaternions x, y, z, w.
-
-        Examples
-        --------
-        >>> from truejoint.simulation.tracker import TRACKERS
-        >>> robot = get_robot("raven2")
-        >>> t, still = np.arange(0.0, 2.0, 0.01), np.tile(robot.home, (200, 1))
-        >>> seen = TRACKERS["rgbd"].see(robot.kinematics, t, still, np.eye(4), np.eye(4))
-        >>> seen[1].shape
-        (60, 3)
         """
         random = np.random.default_rng([seed, 7])
         when = np.arange(t[0], t[-1], 1.0 / self.rate)
