@@ -1,11 +1,10 @@
-"""What a prototype needs: plain functions, noise by row, and the textbook to compare with."""
+"""What a prototype needs: plain functions, and the textbook to compare with."""
 
 from __future__ import annotations
 
 import math
 import re
 import warnings
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -83,40 +82,6 @@ def test_a_plain_function_that_raises_counts_as_failed(z, capfd):
         pendulum(measurement=lambda x, u, out: None)
     with pytest.raises(FilterError, match="does not write element 0"):
         pendulum(measurement=lambda x, u, parameters, out: None)
-
-
-def test_noise_may_vary_by_row(unscented, z):
-    variances = np.where(np.arange(len(z)) < 150, 1e-4, 4e-2)[:, None]
-    found = unscented.run(z, dt=DT, R=variances, **PRIOR)
-    first = unscented.run(z[:150], dt=DT, **PRIOR)
-    coarse = UnscentedFilter(replace(unscented.model, measurement_noise=[[4e-2]]))
-    rest = coarse.run(z[150:], x0=first.x[-1], P0=first.P[-1], dt=DT)
-    np.testing.assert_allclose(found.x, np.vstack([first.x, rest.x]), rtol=1e-12)
-    np.testing.assert_allclose(found.loglik[150:], rest.loglik, rtol=1e-9)
-    state = unscented.initial_state(**PRIOR)
-    for k in range(len(z)):
-        unscented.step(state, z[k], None, DT, R=[[4e-2]] if k >= 150 else None)
-    np.testing.assert_array_equal(state.x, found.x[-1])
-    # One step's noise is not the next one's.
-    again = unscented.initial_state(**PRIOR)
-    unscented.step(again, z[0], None, DT, R=[[1e6]])
-    assert again.P[0, 0] == pytest.approx(0.01, rel=0.01)
-    unscented.step(again, z[1], None, DT)
-    assert again.P[0, 0] < 2e-4
-
-
-@pytest.mark.parametrize(
-    ("R", "message"),
-    [
-        (np.ones((9, 1)), r"R: shape is \(9, 1\), must be \(300, 1, 1\)"),
-        (-np.ones((300, 1)), "R: variance -1 on the diagonal"),
-        (np.full((300, 1), np.nan), "R: holds NaN"),
-        ("no", "R: give numbers"),
-    ],
-)
-def test_noise_that_is_none_is_refused(unscented, z, R, message):
-    with pytest.raises(FilterError, match=message):
-        unscented.run(z, dt=DT, R=R, **PRIOR)
 
 
 def test_the_textbook_of_the_docs_gives_the_kernels_numbers(unscented, z):

@@ -262,15 +262,13 @@ class UnscentedFilter:
         z: npt.ArrayLike,
         u: npt.ArrayLike | None,
         dt: float,
-        R: npt.ArrayLike | None = None,
     ) -> int:
         """Advance a state by one sample, in place and allocating nothing; bits of `FilterStatus`.
 
         `state` is from this filter's `initial_state`, `z` (m,) the measurement, NaN where missing,
         `u` (inputs,) the control input over the step, None for a model without, and `dt` the time
-        since the last step [s]; 0 only corrects. `R` (m, m) is the covariance of this measurement's
-        noise, where it is not the model's. Raises FilterError if the state is another filter's, a
-        length is wrong or `R` no covariance; never for what other numbers hold.
+        since the last step [s]; 0 only corrects. Raises FilterError if the state is another
+        filter's or a length is wrong; never for what the numbers hold.
         """
         if state.owner is not self:
             raise FilterError("state: belongs to another filter; use this one's initial_state")
@@ -284,16 +282,7 @@ class UnscentedFilter:
         elif len(state.u):
             raise FilterError(f"u: give {len(state.u)} numbers, this model has control inputs")
         state.memory[at.DT] = dt
-        if R is None:
-            return _step(state.numbers, state.memory)
-        factor = covariance_factor(check_covariance(R, len(state.z), "R")).ravel()
-        start = state.numbers[at.R]
-        sensor_factor = state.memory[start : start + len(factor)]
-        usual = sensor_factor.copy()
-        sensor_factor[:] = factor
-        status = _step(state.numbers, state.memory)
-        sensor_factor[:] = usual
-        return status
+        return _step(state.numbers, state.memory)
 
     def run(
         self,
@@ -304,7 +293,6 @@ class UnscentedFilter:
         P0: npt.ArrayLike,
         dt: npt.ArrayLike | None = None,
         t: npt.ArrayLike | None = None,
-        R: npt.ArrayLike | None = None,
     ) -> FilterResult:
         """Filter a whole record in one compiled call; the same bits as its single steps.
 
@@ -323,13 +311,11 @@ class UnscentedFilter:
             Time from the row before [s].
         t : (N,) array_like, optional
             Time stamps [s] instead of dt; the prior then holds at the first row.
-        R : (N, m, m) or (N, m) array_like, optional
-            Covariance of each row's measurement noise, or its variances, instead of the model's.
 
         Raises
         ------
         FilterError
-            If shapes do not fit together, or the prior or a covariance is wrong.
+            If shapes do not fit together, or the prior is wrong.
         """
         state = self.initial_state(x0, P0)
         measured = _table(z, len(state.z), "z")
@@ -339,13 +325,12 @@ class UnscentedFilter:
             raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
         steps = _time_steps(dt, t, rows)
         n, m = len(state.x), len(state.z)
-        noises = np.empty((0, m, m)) if R is None else _noises(R, rows, m)
         shapes: tuple[tuple[int, ...], ...] = ((n,), (n, n), (m,), (), (), ())
         x, P, innovation, nis, loglik, inflation = (np.empty((rows, *shape)) for shape in shapes)
         status = np.empty(rows, dtype=np.int64)
         prior = state.x.copy(), state.P.copy()
         kernels.run(
-            state.numbers, state.memory, measured, control, steps, noises,
+            state.numbers, state.memory, measured, control, steps,
             x, P.reshape(rows, -1), innovation, nis, loglik, inflation, status,
         )  # fmt: skip
         reports = innovation, nis, loglik, inflation, status
@@ -379,14 +364,6 @@ def _table(values: npt.ArrayLike, columns: int, what: str) -> Array:
     if table.ndim != 2 or table.shape[1] != columns or not len(table):
         raise FilterError(f"{what}: shape is {table.shape}, must be (rows, {columns})")
     return table
-
-
-def _noises(R: npt.ArrayLike, rows: int, m: int) -> Array:
-    """Covariances (rows, m, m) of what may be variances (rows, m)."""
-    values = _numbers(R, "R")
-    if values.shape == (rows, m):
-        values = values[:, :, np.newaxis] * np.eye(m)
-    return check_covariance(values, m, "R", (rows,))
 
 
 def _time_steps(dt: npt.ArrayLike | None, t: npt.ArrayLike | None, rows: int) -> Array:

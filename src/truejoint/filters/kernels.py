@@ -5,10 +5,9 @@ from __future__ import annotations
 from typing import Final
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import borrow, compiled, copy, fill, matrix, vector
+from truejoint.compiled import borrow, compiled, copy, fill, vector
 from truejoint.filters import fields as at
 from truejoint.filters.correction import correct
-from truejoint.filters.factors import semidefinite_cholesky
 from truejoint.filters.fields import call_step
 from truejoint.filters.prediction import possible, predict
 from truejoint.filters.status import FilterStatus
@@ -55,7 +54,6 @@ def run(
     z: Array,
     u: Array,
     dt: Array,
-    noises: Array,
     states: Array,
     covariances: Array,
     innovations: Array,
@@ -66,8 +64,7 @@ def run(
 ) -> None:
     """Take one step for each row of a record; single steps give the same bits.
 
-    Of measurements `z` (N, m), inputs `u` (N, inputs), time steps `dt` (N,) [s] and, where the
-    sensors' noise varies, its covariances `noises` (N, m, m), else none (0, m, m); the other
+    Of measurements `z` (N, m), inputs `u` (N, inputs) and time steps `dt` (N,) [s]; the other
     arrays, a row for each of them, are filled.
     """
     n, m, inputs = numbers[at.N], numbers[at.M], numbers[at.INPUTS]
@@ -80,8 +77,6 @@ def run(
         copy(z[k], row_z, m)
         copy(u[k], row_u, inputs)
         memory[at.DT] = dt[k]
-        if len(noises):
-            semidefinite_cholesky(noises[k], m, matrix(memory, numbers[at.R], m, m))
         statuses[k] = call_step(numbers[at.ADVANCE], numbers, memory)
         copy(x, states[k], n)
         copy(covariance, covariances[k], n * n)

@@ -134,16 +134,6 @@ def _smooth_one(
 
 
 @compiled
-def _prepare(
-    numbers: Integers, memory: Array, u: Array, dt: Array, status: Integers, k: int
-) -> bool:
-    """Put row k's input and time step in place; whether anything passes backwards over it."""
-    copy(u[k], vector(memory, numbers[at.U], numbers[at.INPUTS]), numbers[at.INPUTS])
-    memory[at.DT] = dt[k]
-    return not status[k] & _BROKEN
-
-
-@compiled
 def smooth(
     numbers: Integers,
     memory: Array,
@@ -162,10 +152,12 @@ def smooth(
     for `u` (N, inputs) and `dt` (N,). Replaced by their smoothed selves: the prior `x0` (n,), `P0`
     (n, n), and the filtered `x` (N, n), `P` (N, n, n).
     """
-    for k in range(x.shape[0] - 2, -1, -1):
-        if _prepare(numbers, memory, u, dt, status, k + 1):
-            _load(numbers, memory, x[k], P[k])
-            _smooth_one(numbers, memory, inflation[k + 1], x[k], P[k], x[k + 1], P[k + 1])
-    if _prepare(numbers, memory, u, dt, status, 0):
-        _load(numbers, memory, x0, P0)
-        _smooth_one(numbers, memory, inflation[0], x0, P0, x[0], P[0])
+    inputs = numbers[at.INPUTS]
+    for k in range(x.shape[0] - 1, -1, -1):
+        if status[k] & _BROKEN:
+            continue
+        copy(u[k], vector(memory, numbers[at.U], inputs), inputs)
+        memory[at.DT] = dt[k]
+        before_x, before_P = (x[k - 1], P[k - 1]) if k > 0 else (x0, P0)
+        _load(numbers, memory, before_x, before_P)
+        _smooth_one(numbers, memory, inflation[k], before_x, before_P, x[k], P[k])
