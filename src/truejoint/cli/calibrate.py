@@ -187,7 +187,7 @@ def print_choice(fitted: truejoint.Calibration) -> None:
         n_features = str(len(of.get("features", ())) or "")
         return [name, n_features, ratio, *cells, took, of.get("note", "")]
 
-    rows = [row(one["estimator"], one) for one in choice["tried"]]
+    rows = [row(candidate["estimator"], candidate) for candidate in choice["tried"]]
     rows.append(row("chosen", choice["chosen"] | {"seconds": fitted.metadata["fit_seconds"]}))
     header = ["estimator", "features", f"to {choice['reference']}"]
     header += [f"{joint} [{unit.name}]" for joint, unit in columns]

@@ -72,9 +72,11 @@ def _report_check(
     rows = []
     for joint in result.joints:
         values = (joint.rmse, joint.offset, joint.offset_sd, joint.left, joint.half_width)
-        rmse, offset, offset_sd, left, half_width = (with_unit(v, joint.unit) for v in values)
+        rmse, offset, offset_sd, residual, half_width = (with_unit(v, joint.unit) for v in values)
         inside = "-" if joint.holds is None else f"{100 * joint.inside:.0f} %"
-        rows.append((joint.joint, rmse, f"{offset} ± {offset_sd}", left, f"± {half_width}", inside))
+        rows.append(
+            (joint.joint, rmse, f"{offset} ± {offset_sd}", residual, f"± {half_width}", inside)
+        )
     header = ("joint", "error RMS", "offset", "left after re-zeroing", "interval", "inside")
     print_table(header, rows, title=f"{calibration.estimator} of {calibration.title}, now")
     out.print(f"{result.rows} readings of the truth over {result.duration:.1f} s")
@@ -102,15 +104,15 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
 
 
 def _report_agreement(
-    calibration: truejoint.Calibration, found: truejoint.calibration.Agreement, as_json: bool
+    calibration: truejoint.Calibration, agreement: truejoint.calibration.Agreement, as_json: bool
 ) -> None:
     names = ("difference", "allowed", "inside", "consistent")
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
-    values = [getattr(found, name).tolist() for name in names]
+    values = [getattr(agreement, name).tolist() for name in names]
     rows = list(zip(calibration.joints, units, *values, strict=True))
     if as_json:
         joints = [dict(zip(("joint", "unit", *names), row, strict=True)) for row in rows]
-        result_json({"level": found.level, "joints": joints})
+        result_json({"level": agreement.level, "joints": joints})
         return
     lines = [
         (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
@@ -118,6 +120,6 @@ def _report_agreement(
     ]
     header = ("joint", "RMS", "both intervals, RMS", "inside")
     print_table(header, lines, title="Difference of the two calibrations")
-    good, more = bool(found.consistent.all()), "at least one interval is too narrow here"
-    known = {True: "no more than both state.", False: f"more than both state: {more}."}
-    out.print(f"They differ by {known[good]}", style=_COLOURS[good])
+    good, more = bool(agreement.consistent.all()), "at least one interval is too narrow here"
+    verdicts = {True: "no more than both state.", False: f"more than both state: {more}."}
+    out.print(f"They differ by {verdicts[good]}", style=_COLOURS[good])

@@ -29,10 +29,10 @@ def checked(
         check = truejoint.recordings.check_data(recordings, **how).accept(accepted)
     for finding in check.findings:
         if finding.level != "info":
-            found = f"{finding.where}: {finding.what}; {finding.advice}"
+            evidence = f"{finding.where}: {finding.what}; {finding.advice}"
             went_on = finding.level == "fail" and finding.name in check.accepted
             level = "accepted" if went_on else finding.level
-            err.print(f"{level}: {finding.name}: {found}", soft_wrap=True)
+            err.print(f"{level}: {finding.name}: {evidence}", soft_wrap=True)
     return check
 
 

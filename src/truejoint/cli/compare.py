@@ -95,7 +95,9 @@ def _tell(
                 "scores": together.to_dict()["scores"],
                 "best": {joint: score.estimator for joint, score in best.items()},
                 "deploy": "" if objections else together.verdict.deploy,
-                "verdicts": {title: one.to_dict()["verdict"] for title, one in alone.items()},
+                "verdicts": {
+                    title: evaluation.to_dict()["verdict"] for title, evaluation in alone.items()
+                },
                 "objections": objections,
             }
         )
@@ -103,7 +105,7 @@ def _tell(
     out.print(truejoint.evaluation.score_table(together))
     for joint, score in best.items():
         out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
-    for title, one in alone.items():
-        show_verdict(one.verdict, f"{title}: ")
+    for title, evaluation in alone.items():
+        show_verdict(evaluation.verdict, f"{title}: ")
     if together.verdict.advice and not objections:
         out.print(together.verdict.advice)

@@ -70,8 +70,8 @@ def recordings(incomplete: str) -> list[str]:
 
 def splits(context: typer.Context) -> list[str]:
     """List the splits of the data sets that the command line names."""
-    known = truejoint.recordings.datasets.DATASETS
-    return [split.name for name in _named(context) if name in known for split in known[name].splits]
+    sets = truejoint.recordings.datasets.DATASETS
+    return [split.name for name in _named(context) if name in sets for split in sets[name].splits]
 
 
 def joints(context: typer.Context) -> list[str]:
@@ -102,12 +102,12 @@ def _named(context: typer.Context) -> list[str]:
 
 def _columns(context: typer.Context) -> list[str]:
     """Columns of the recordings that the command line names, each once."""
-    known = truejoint.recordings.datasets.DATASETS
+    sets = truejoint.recordings.datasets.DATASETS
     columns: list[str] = []
     for name in _named(context):
-        if name in known:
-            columns += known[name].features
-            columns += [c.replace("measured/", "truth/") for c in known[name].features]
+        if name in sets:
+            columns += sets[name].features
+            columns += [c.replace("measured/", "truth/") for c in sets[name].features]
         else:
             columns += _header(Path(name))
     return list(dict.fromkeys(columns))

@@ -34,7 +34,7 @@ def printable(text: str) -> str:
     >>> printable("run\x1b[31m.csv")
     'run\\x1b[31m.csv'
     """
-    return _UNSAFE.sub(lambda found: found[0].encode("unicode_escape").decode(), text)
+    return _UNSAFE.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def one_line(text: str) -> str:
@@ -144,9 +144,9 @@ def progress(description: str) -> Iterator[Progress]:
             return
         said = now
         seconds = (now - began) * (1 - fraction) / fraction
-        left = f", about {seconds:.0f} s left" if fraction >= _TELLING else ""
+        remaining = f", about {seconds:.0f} s left" if fraction >= _TELLING else ""
         after = f": {doing}" if doing != description else ""
-        err.print(f"  {fraction:.0%}{left}{after}")
+        err.print(f"  {fraction:.0%}{remaining}{after}")
 
     yield Progress(report, description)
     err.print(f"  done in {time.monotonic() - began:.1f} s")

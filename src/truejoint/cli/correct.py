@@ -64,21 +64,23 @@ def correct(
             )
             tables.append(correct_rows(at_zero, recording, level))
             done(count / len(loaded))
-    found = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
+    by_recording = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
     _write(names, tables, output, force)
     if as_json:
-        result_json({"out": str(output), "recordings": found, "check": check.to_dict()})
+        result_json({"out": str(output), "recordings": by_recording, "check": check.to_dict()})
     else:
-        _show(found, output)
-        known = ", ".join(accepted_homings(calibration)) or "none"
-        if any("HOMED_AGAIN" in name for counts in found for name in counts["flagged"]):
+        _show(by_recording, output)
+        homings = ", ".join(accepted_homings(calibration)) or "none"
+        if any("HOMED_AGAIN" in name for counts in by_recording for name in counts["flagged"]):
             say(
-                f"HOMED_AGAIN: the model is for homing {known}: re-zero it after this one "
+                f"HOMED_AGAIN: the model is for homing {homings}: re-zero it after this one "
                 "(--rezero-s, or `truejoint rezero`), or state --metadata homing_id=... if it is "
                 "the same"
             )
     say_failed(check)
-    flagged = any(counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in found)
+    flagged = any(
+        counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in by_recording
+    )
     if check.failed or flagged:
         raise typer.Exit(CHECK_FAILED)
 
@@ -108,9 +110,9 @@ def correct_rows(
     columns = {"t": t}
     for name, values in (("corrected", trace.position), ("half_width", trace.half_width)):
         columns |= {f"{name}/{joint}": values[:, k] for k, joint in enumerate(calibration.joints)}
-    for name, told in trace.beside.items():
+    for name, quantity in trace.beside.items():
         joint = calibration.joints[0]
-        columns |= {f"{name}/{joint}": told[:, 0], f"{name}_half_width/{joint}": told[:, 1]}
+        columns |= {f"{name}/{joint}": quantity[:, 0], f"{name}_half_width/{joint}": quantity[:, 1]}
     bits, place = np.unique(trace.status, return_inverse=True)
     status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
     return pd.DataFrame(columns).assign(status=status)
@@ -151,9 +153,9 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     write_atomically(output, write, overwrite=force, error=RecordingError)
 
 
-def _show(found: list[dict[str, Any]], output: Path) -> None:
+def _show(recordings: list[dict[str, Any]], output: Path) -> None:
     rows = []
-    for counts in found:
+    for counts in recordings:
         flagged = ", ".join(f"{n} {status}" for status, n in counts["flagged"].items()) or "-"
         share = f"{100 * counts['corrected'] / counts['rows']:.1f} %"
         rows.append((counts["recording"], f"{counts['rows']}", share, flagged))

@@ -26,7 +26,7 @@ def datasets(context: typer.Context, as_json: bool = False) -> None:
     if context.invoked_subcommand is not None:
         return
     if as_json:
-        result_json({"datasets": [dataset_facts(one) for one in sets.DATASETS.values()]})
+        result_json({"datasets": [dataset_facts(dataset) for dataset in sets.DATASETS.values()]})
         return
     table = Table("name", "what", "MB", "licence", "here")
     for dataset in sets.DATASETS.values():

@@ -260,10 +260,10 @@ def _show(
         f"on {len(coverage.shares)} motions of its own: {'; '.join(stated)}\n"
     )
     chosen = advised(judged)
-    told = []
+    advice = []
     for name in (chosen, "linear" if chosen != "linear" else first.chosen):
         share, where = at_worst(judged, name)
         title = truejoint.evaluation.estimator_title(name)
-        told.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
-    out.print(f"Deploy: {told[0]}. Beside it: {told[1]}.")
+        advice.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
+    out.print(f"Deploy: {advice[0]}. Beside it: {advice[1]}.")
     out.print(f"\nOpen {folder / 'report.html'} in a browser. In Python, README goes on from here.")

@@ -47,9 +47,9 @@ def doctor(
         raise RecordingError(f"{files[0]}: is no bag, so it has neither profile nor topics")
     else:
         stated = {"robot": name, "arm": arm}
-        given = {key: value for key, value in stated.items() if value}
+        context = {key: value for key, value in stated.items() if value}
         with progress(f"Examining {files[0].name}"):
-            diagnosis = sets.diagnose(truejoint.read_recording(files[0], **given))
+            diagnosis = sets.diagnose(truejoint.read_recording(files[0], **context))
     if as_json:
         result_json(diagnosis.to_dict())
     for finding in () if as_json else diagnosis.by_heading():

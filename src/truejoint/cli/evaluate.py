@@ -67,8 +67,8 @@ def evaluate(
     if tables is not None:
         truejoint.evaluation.write_tables(result, tables, overwrite=force)
     if as_json:
-        found = {name: each.to_dict() for name, each in {"test": check, **checks}.items()}
-        result_json(result.to_dict() | {"checks": found})
+        checks_of = {name: each.to_dict() for name, each in {"test": check, **checks}.items()}
+        result_json(result.to_dict() | {"checks": checks_of})
     else:
         show(result)
     say_failed(check)

@@ -37,9 +37,11 @@ def export(
     With --to bag, write a recording as a ROS bag of CRTK's topics.
     """
     stated = {"level": options.share(level_percent), "range_margin": range_margin}
-    given: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    options_of_loop: dict[str, Any] = {
+        key: value for key, value in stated.items() if value is not None
+    }
     if kind == "bag":
-        if given or compensate or prefix is not None or precision != "double":
+        if options_of_loop or compensate or prefix is not None or precision != "double":
             raise ExportError("--to bag takes --profile and metadata; leave other options out")
         _write_bag(name, output, profile, files, force=force, as_json=as_json)
         return
@@ -47,13 +49,13 @@ def export(
         raise ExportError("--profile, --robot, --columns and --metadata are for --to bag")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
-    if kind == "onnx" and given:
+    if kind == "onnx" and options_of_loop:
         raise ExportError("--level and --range-margin work only with --to c and --to ros")
     check_folder(output, error=ExportError)
     calibration = truejoint.read_calibration(name)
     if compensate:
-        given["compensator"] = _compensator(calibration)
-    paths = _written(calibration, kind, output, prefix, precision, given, overwrite=force)
+        options_of_loop["compensator"] = _compensator(calibration)
+    paths = _written(calibration, kind, output, prefix, precision, options_of_loop, overwrite=force)
     if as_json:
         result_json({"files": [str(path) for path in paths]})
         return
@@ -89,7 +91,7 @@ def _written(
     folder: Path,
     prefix: str | None,
     precision: Literal["double", "float"],
-    given: dict[str, Any],
+    options_of_loop: dict[str, Any],
     *,
     overwrite: bool,
 ) -> Sequence[Path]:
@@ -108,5 +110,10 @@ def _written(
         )
     write = truejoint.export.export_c if kind == "c" else truejoint.export.export_ros
     return write(
-        calibration, folder, prefix=prefix, precision=precision, overwrite=overwrite, **given
+        calibration,
+        folder,
+        prefix=prefix,
+        precision=precision,
+        overwrite=overwrite,
+        **options_of_loop,
     )

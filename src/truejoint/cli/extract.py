@@ -93,12 +93,12 @@ class Truth:
     def _with_tracked_truth(
         self, recording: truejoint.Recording, track: truejoint.recordings.Track
     ) -> tuple[truejoint.Recording, truejoint.tip.Registered]:
-        known = None
+        stated = None
         if self.registration is not None:
-            known = truejoint.tip.read_registration(self.registration, recording.robot)
+            stated = truejoint.tip.read_registration(self.registration, recording.robot)
         with progress("Registering the tracker and solving for the joints"):
             recording, registered = truejoint.tip.tracked_truth(
-                recording, track, known, self.joint or (), offset=self.offset_s, near=self.near_s
+                recording, track, stated, self.joint or (), offset=self.offset_s, near=self.near_s
             )
         for stretch in registered.stretches:
             say(f"warn: left out, {stretch}")
@@ -158,11 +158,12 @@ def extract(
     say_dropped(recording)
     joints = recording.joints_of("truth")
     columns = [f"truth/{joint}" for joint in joints]
-    known = int(recording.table[columns].notna().all(axis=1).sum()) if joints else 0
+    rows_with_truth = int(recording.table[columns].notna().all(axis=1).sum()) if joints else 0
     if as_json:
         result_json(
             {
-                "recording": str(output), "rows": len(recording), "rows_with_truth": known,
+                "recording": str(output), "rows": len(recording),
+                "rows_with_truth": rows_with_truth,
                 **recording.provenance.to_dict(), **facts,
             }
         )  # fmt: skip
@@ -170,8 +171,8 @@ def extract(
     for line in lines:
         out.print(line, soft_wrap=True)
     out.print(
-        f"{output}: {len(recording)} rows over {recording.duration:.1f} s, {known} with truth of "
-        f"{', '.join(joints) or 'no joint'}"
+        f"{output}: {len(recording)} rows over {recording.duration:.1f} s, {rows_with_truth} with "
+        f"truth of {', '.join(joints) or 'no joint'}"
     )
 
 

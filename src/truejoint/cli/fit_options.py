@@ -86,8 +86,8 @@ def choice(
     tried = truejoint.estimators.candidates()
     if dataset is not None:
         suited = truejoint.recordings.datasets.DATASETS[dataset].settings
-        for one in tried:
-            one.set_params(**suited.get(one.name, {}))
+        for candidate in tried:
+            candidate.set_params(**suited.get(candidate.name, {}))
     return truejoint.calibration.Automatic(tried, default_features)
 
 
@@ -96,18 +96,18 @@ def configured(
 ) -> truejoint.estimators.JointRegressor:
     """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set."""
     estimator = truejoint.estimators.get_estimator(name)
-    known = estimator.get_params()
+    defaults = estimator.get_params()
     if dataset is not None:
         suited = truejoint.recordings.datasets.DATASETS[dataset].settings
         estimator.set_params(**suited.get(name, {}))
     for setting in settings:
         key, separator, text = setting.partition("=")
-        if not separator or key not in known:
+        if not separator or key not in defaults:
             raise CalibrationError(
-                f"--set {setting!r}: {unknown(f'parameter of {name}', key, known)}; "
+                f"--set {setting!r}: {unknown(f'parameter of {name}', key, defaults)}; "
                 "write NAME=VALUE"
             )
-        estimator.set_params(**{key: _value(text, known[key], setting)})
+        estimator.set_params(**{key: _value(text, defaults[key], setting)})
     estimator.check_params()
     return estimator
 

@@ -34,12 +34,12 @@ def _take_parameters(context: typer.Context, path: Path | None) -> Path | None:
     """Let a file say what the command line does not."""
     if path is None:
         return None
-    known = {str(p.name): p for p in context.command.params if p.name != "parameters"}
-    given = read_toml(path, RosError)
-    for name in given:
-        if name.replace("-", "_") not in known:
-            raise RosError(f"{path}: {unknown('parameter', name, known)}")
-    context.default_map = {name.replace("-", "_"): value for name, value in given.items()}
+    parameters = {str(p.name): p for p in context.command.params if p.name != "parameters"}
+    values = read_toml(path, RosError)
+    for name in values:
+        if name.replace("-", "_") not in parameters:
+            raise RosError(f"{path}: {unknown('parameter', name, parameters)}")
+    context.default_map = {name.replace("-", "_"): value for name, value in values.items()}
     return path
 
 
@@ -206,9 +206,9 @@ class _Sayer(logging.Handler):
 def _wait(transport: Transport, seconds: float, look: Callable[[], object] = lambda: None) -> None:
     """Let time pass until it is over or the node is shut down, looking at something meanwhile."""
     end = time.monotonic() + seconds
-    while not transport.is_over and (left := end - time.monotonic()) > 0.0:
+    while not transport.is_over and (remaining_s := end - time.monotonic()) > 0.0:
         try:
             look()
         except TruejointError as error:
             logging.getLogger("truejoint").warning("%s", error)
-        time.sleep(min(_LOOK, left))
+        time.sleep(min(_LOOK, remaining_s))

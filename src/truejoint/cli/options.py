@@ -61,8 +61,8 @@ def described(command: Callable[..., None]) -> Callable[..., None]:
     parameters = []
     for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
         if name in groups:
-            own = (groups[name].__name__, *sections)
-            parameters += [_described(each, own) for each in fields[name].values()]
+            of_group = (groups[name].__name__, *sections)
+            parameters += [_described(each, of_group) for each in fields[name].values()]
         else:
             parameters.append(_described(parameter, sections))
 

@@ -140,10 +140,10 @@ class Files(Origin):
         self, name: str, *, part: str | None = None, model: truejoint.Calibration | None = None
     ) -> truejoint.Recording:
         """Read the one recording that `name` means; `part` and `model` as of `find`."""
-        found = self.find([name], part=part, model=model)()
-        if len(found) != 1:
-            raise RecordingError(f"{name}: {len(found)} recordings; this takes one at a time")
-        return found[0]
+        recordings = self.find([name], part=part, model=model)()
+        if len(recordings) != 1:
+            raise RecordingError(f"{name}: {len(recordings)} recordings; this takes one at a time")
+        return recordings[0]
 
     def _check(self) -> None:
         if self.robot is not None:
@@ -163,15 +163,15 @@ class Files(Origin):
         elif path.exists():
             paths = self._without_strangers(name, sorted(path.iterdir()))
         elif wanted in sets.DATASETS:
-            found = sets.get_dataset(wanted)
-            found.match(pattern or "*")
-            truejoint.get_robot(found.robot).index(list(joints))
+            dataset = sets.get_dataset(wanted)
+            dataset.match(pattern or "*")
+            truejoint.get_robot(dataset.robot).index(list(joints))
             return lambda: self._state(sets.read_dataset(wanted, pattern or "*"))
         else:
-            paths = [Path(found) for found in sorted(glob.glob(name))]  # noqa: PTH207  # absolute too
+            paths = [Path(match) for match in sorted(glob.glob(name))]  # noqa: PTH207  # absolute too
             if not paths:
-                known = unknown("data set", wanted, sets.DATASETS)
-                raise RecordingError(f"{name}: no such file or folder, and {known}")
+                nearest = unknown("data set", wanted, sets.DATASETS)
+                raise RecordingError(f"{name}: no such file or folder, and {nearest}")
             paths = self._without_strangers(name, paths)
         return lambda: [recording for path in paths for recording in self._read(path, model)]
 
@@ -179,16 +179,16 @@ class Files(Origin):
         """Those of the paths that nobody named one by one which are recordings; tell the others."""
         from truejoint.recordings.read import reading
 
-        kept = []
+        usable = []
         for path in paths:
             reason = reading.why_no_recording(path, self.overrides.get("format"), self.columns)
             if reason:
                 say(f"  {path}: left out: {reason}")
             else:
-                kept.append(path)
-        if not kept:
+                usable.append(path)
+        if not usable:
             raise RecordingError(f"{name}: none of {len(paths)} files there is a recording")
-        return kept
+        return usable
 
     def _read(self, path: Path, model: truejoint.Calibration | None) -> list[truejoint.Recording]:
         sets = truejoint.recordings
@@ -201,16 +201,18 @@ class Files(Origin):
             "rate": self.overrides.get("rate_hz"),
             "truth_unit": self.overrides.get("truth_unit"),
         }
-        given = {key: value for key, value in context.items() if value is not None}
+        options_of_reader = {key: value for key, value in context.items() if value is not None}
         stated = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
         if model is not None and not stated and kind in sets.FORMATS:
             of_model = {"robot": model.robot, "arm": model.arm}
             takes = sets.FORMATS[kind].options
-            given = {k: name for k, name in of_model.items() if name and k in takes} | given
-        found = sets.read_recordings(path, kind, **given, **self.stated())
-        if len(found) > 1:
-            say(f"  {path}: its clock restarts: read as {len(found)} recordings")
-        return found
+            options_of_reader = {
+                k: name for k, name in of_model.items() if name and k in takes
+            } | options_of_reader
+        recordings = sets.read_recordings(path, kind, **options_of_reader, **self.stated())
+        if len(recordings) > 1:
+            say(f"  {path}: its clock restarts: read as {len(recordings)} recordings")
+        return recordings
 
     def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
         from truejoint.recordings.read import reading

@@ -127,9 +127,9 @@ def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     status = {str(name): int(count) for name, count in table["status"].value_counts().items()}
     columns = []
     for name, column in table.select_dtypes("number").items():
-        known = column[column.abs() < math.inf]  # no half-width is stated as an infinite one
-        bounds = (float(known.min()), float(known.max())) if len(known) else None
-        columns.append(_column(str(name), "1", bounds, len(column) - len(known)))
+        finite = column[column.abs() < math.inf]  # no half-width is stated as an infinite one
+        bounds = (float(finite.min()), float(finite.max())) if len(finite) else None
+        columns.append(_column(str(name), "1", bounds, len(column) - len(finite)))
     return {"kind": "corrected positions", "rows": len(table), "status": status}, columns
 
 
@@ -139,8 +139,12 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
     model = truejoint.read_calibration(path)
     ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)
-    own = {f.signal: (float(low), float(high)) for f, low, high in ranges if f.operation == "value"}
-    columns = [_column(signal, model.units[signal], own.get(signal)) for signal in model.signals]
+    trained = {
+        f.signal: (float(low), float(high)) for f, low, high in ranges if f.operation == "value"
+    }
+    columns = [
+        _column(signal, model.units[signal], trained.get(signal)) for signal in model.signals
+    ]
     homings = ", ".join(accepted_homings(model))
     facts = {
         **model.summary(),

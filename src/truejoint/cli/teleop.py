@@ -54,10 +54,10 @@ def teleop(
     for target in (record, save_keys):
         if target is not None:
             check_target(target, overwrite=force)
-    told = None if keys is None else _read_keys(keys)
-    if told is not None and gamepad:
+    events_of_file = None if keys is None else _read_keys(keys)
+    if events_of_file is not None and gamepad:
         raise CommandRefused("--keys replays keys alone; leave --gamepad out")
-    if told is None and not sys.stdin.isatty():
+    if events_of_file is None and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
     twin = truejoint.simulation.make_twin(*robot_and_arm(robot), seed=seed)
     with ExitStack() as stack:
@@ -74,7 +74,11 @@ def teleop(
         jog = stack.enter_context(truejoint.motion.Jog(device))
         operator = Teleoperation(jog)
         pad = stack.enter_context(_pad(operator)) if gamepad else None
-        events = _replay(operator, told) if told is not None else _from_terminal(operator, pad)
+        events = (
+            _replay(operator, events_of_file)
+            if events_of_file is not None
+            else _from_terminal(operator, pad)
+        )
     if save_keys is not None:
         write_atomically(save_keys, lambda path: _write_keys(path, events), overwrite=force)
     now = device.operating_state()
@@ -85,8 +89,8 @@ def _replay(operator: Teleoperation, events: Events) -> Events:
     """Tell the keys of a file at their times."""
     start = time.monotonic()
     for t, name, event in [*events, (events[-1][0] + 1.0 if events else 0.0, "9", "press")]:
-        while (left := start + t - time.monotonic()) > 0.0:
-            time.sleep(min(left, _PERIOD))
+        while (remaining_s := start + t - time.monotonic()) > 0.0:
+            time.sleep(min(remaining_s, _PERIOD))
             operator.pass_time(time.monotonic() - start, tells_release=_tells(events))
             if not operator.jog.motion.is_busy():
                 operator.jog.motion.wait()  # says what ended it
@@ -229,8 +233,8 @@ def _read_keys(path: Path) -> Events:
         except (ValueError, IndexError, OverflowError):
             t, name, event = -1.0, "", ""
         last = events[-1][0] if events else 0.0
-        known = event in ("press", "repeat", "release") and len(name) == 1
-        if not (known and last <= t < 86400.0):
+        is_event = event in ("press", "repeat", "release") and len(name) == 1
+        if not (is_event and last <= t < 86400.0):
             raise TruejointError(
                 f"{path}: line {number} is {','.join(row)[:60]!r}; want a time that does not fall "
                 "[s], a key (a character, or U+0020) and press, repeat or release"

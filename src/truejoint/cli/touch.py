@@ -81,10 +81,10 @@ class Aim:
         elif model is not None:
             words = ["touch", "bolt", arm, "--touches", output, "--block", self.block]
         else:
-            known = [] if self.prior is None else ["--prior", self.prior]
+            priors = [] if self.prior is None else ["--prior", self.prior]
             recording = output.with_suffix(".parquet")
-            seen = ["--touches", output, "--block", self.block]
-            words = ["touch", "calibrate", recording, *seen, *known]
+            touched = ["--touches", output, "--block", self.block]
+            words = ["touch", "calibrate", recording, *touched, *priors]
         return shlex.join(str(word) for word in words)
 
 

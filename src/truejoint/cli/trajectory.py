@@ -83,13 +83,13 @@ def trajectory(
         "direction": direction, "sparsity": sparsity, "published": published, "minutes": minutes,
         "seed": seed, "profile": profile,
     }  # fmt: skip
-    given = {name: value for name, value in stated.items() if value is not None}
-    for name in given:
+    stated_options = {name: value for name, value in stated.items() if value is not None}
+    for name in stated_options:
         if name not in KINDS[kind].defaults:
             takes = ", ".join(f"--{option}" for option in KINDS[kind].defaults)
             raise TrajectoryError(f"--{name}: a {kind} motion takes {takes}; leave it out")
     arm = options.get_robot(robot or ("forceps" if kind == "nested" else DEFAULT))
-    made = KINDS[kind].make(arm, {**KINDS[kind].defaults, **given})
+    made = KINDS[kind].make(arm, {**KINDS[kind].defaults, **stated_options})
     for path in filter(None, (output, plot)):
         check_target(path, overwrite=force)
     truejoint.motion.write_trajectory(made, output, overwrite=force)

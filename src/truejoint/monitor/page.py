@@ -91,10 +91,10 @@ class Page:
         self._legend = gui.add_html("")
         gui.add_html(view.STYLE)
         if self._drawing is None:
-            known = "The kinematics of this robot are not known"
+            missing = "The kinematics of this robot are not known"
             if can_draw(self._robot):
-                known = "Not every joint is measured"
-            gui.add_html(f'<div class="said">{known}: no arm is drawn.</div>')
+                missing = "Not every joint is measured"
+            gui.add_html(f'<div class="said">{missing}: no arm is drawn.</div>')
         else:
             self._set_stage(self._drawing)
             look = gui.add_button_group("Look at", ("the arm", "the tool"))
@@ -190,28 +190,28 @@ class Page:
             client.camera.position, client.camera.look_at = position, target
 
     def _draw(self, samples: Samples, is_fresh: bool) -> None:
-        found = view.poses(samples, self._robot) if self._drawing is not None else {}
-        if self._drawing is None or not found:
+        poses = view.poses(samples, self._robot) if self._drawing is not None else {}
+        if self._drawing is None or not poses:
             return
-        drawing = self._drawing.at(list(found.values()))
+        drawing = self._drawing.at(list(poses.values()))
         positions, wxyz, scales = drawing.cylinders()
-        if not set(found) <= set(self._bodies):
-            for name in found:
+        if not set(poses) <= set(self._bodies):
+            for name in poses:
                 if name not in self._bodies:
                     self._bodies[name] = _Body(self._server.scene, name, drawing)
             self._legend.content = view.legend_html([n for n in view.POSES if n in self._bodies])
-        for k, name in enumerate(found):
+        for k, name in enumerate(poses):
             self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
         for name, body in self._bodies.items():
-            body.show(name in found, is_fresh)
+            body.show(name in poses, is_fresh)
 
     def _replot(self) -> None:
         with self._lock, self._server.atomic():
             if self._window is None:
                 return
-            known = view.plots(self._window, self._robot, self._joint.value)
+            plots = view.plots(self._window, self._robot, self._joint.value)
             for name in view.PLOTS:
-                self._plot(name, known.get(name))
+                self._plot(name, plots.get(name))
 
     def _plot(self, name: str, plot: view.Plot | None) -> None:
         """Give a plot new values; made anew only when other curves are known."""

@@ -193,10 +193,10 @@ def _plain(row: Samples) -> dict[str, Any]:
 
 def _samples(values: Mapping[str, Any]) -> Samples:
     """Make samples of their plain values: the inverse of `_plain`."""
-    known: dict[str, Any] = {
+    messages: dict[str, Any] = {
         name: tuple(value) if name in _NAMES else np.array(value) for name, value in values.items()
     }
-    return Samples(**known)
+    return Samples(**messages)
 
 
 def main() -> None:

@@ -111,10 +111,13 @@ class Samples:
                 corrected[:, column], half_width[:, column] = vouched[0][:, k], vouched[1][:, k]
 
         def of(quantity: str) -> Array:
-            known = recording.joints_of(quantity)
+            joints_of_quantity = recording.joints_of(quantity)
             none = np.full(n, np.nan)
             return np.column_stack(
-                [recording.column(f"{quantity}/{j}") if j in known else none for j in joints]
+                [
+                    recording.column(f"{quantity}/{j}") if j in joints_of_quantity else none
+                    for j in joints
+                ]
             )
 
         return cls(
@@ -181,18 +184,18 @@ class LiveSamples:
         used = self._due_rows(state.t)
         if not len(used):
             return None
-        known = self._readings(truths)
-        if known is not None and state.t[used[-1]] - known.t[-1] > _TRUTH_AGE:
-            known = None
-        before = used if known is None else used[state.t[used] <= known.t[-1]]
+        readings = self._readings(truths)
+        if readings is not None and state.t[used[-1]] - readings.t[-1] > _TRUTH_AGE:
+            readings = None
+        before = used if readings is None else used[state.t[used] <= readings.t[-1]]
         shown = int(before[-1]) if len(before) else -1
         corrected, half_width, status = self._correct(state, used, shown)
         if shown < 0:
             return None
         truth = np.full(len(self.robot.joints), np.nan)
-        if known is not None:
-            for name, positions in zip(known.name, known.position.T, strict=True):
-                at = np.interp(state.t[shown], known.t, positions)
+        if readings is not None:
+            for name, positions in zip(readings.name, readings.position.T, strict=True):
+                at = np.interp(state.t[shown], readings.t, positions)
                 truth[self.robot.joint_names.index(name)] = at
         effort = np.full(len(truth), np.nan)
         if state.effort.shape[1]:
@@ -246,15 +249,15 @@ class LiveSamples:
                 f"{title} does not report {', '.join(missing)}, which the model needs"
             )
         rows = np.column_stack([columns[name] for name in self.corrector.signals])
-        joints, kept = self.robot.index(self.corrector.joints), Status.OK
+        joints, status_shown = self.robot.index(self.corrector.joints), Status.OK
         for i in used.tolist():
             status = self.corrector.step(float(state.t[i]), rows[i])
             if i == shown:
-                kept = status
+                status_shown = status
                 position[joints], half_width[joints] = _vouched(
                     self.corrector.position, self.corrector.half_width, np.array(int(status))
                 )
-        return position, half_width, kept
+        return position, half_width, status_shown
 
 
 def _sample_period(calibration: Calibration) -> float:
@@ -266,5 +269,5 @@ def _sample_period(calibration: Calibration) -> float:
 def _vouched(position: Array, half_width: Array, status: Integers) -> tuple[Array, Array]:
     """Corrected positions and half-widths, NaN where not corrected, or not known."""
     good = (status == Status.OK)[..., None]
-    known = good & np.isfinite(half_width)
-    return np.where(good, position, np.nan), np.where(known, half_width, np.nan)
+    has_width = good & np.isfinite(half_width)
+    return np.where(good, position, np.nan), np.where(has_width, half_width, np.nan)

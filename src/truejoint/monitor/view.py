@@ -116,12 +116,12 @@ def poses(samples: Samples, robot: Robot) -> dict[str, Array]:
     """
     if samples.joints != robot.joint_names:
         return {}
-    reported, found = samples.reported[-1], {}
+    reported, positions = samples.reported[-1], {}
     for name in POSES:
         values = getattr(samples, name)[-1]
         if np.isfinite(values).any():
-            found[name] = np.where(np.isfinite(values), values, reported)
-    return found
+            positions[name] = np.where(np.isfinite(values), values, reported)
+    return positions
 
 
 def plots(samples: Samples, robot: Robot, joint: str) -> dict[str, Plot]:
@@ -148,7 +148,7 @@ def plots(samples: Samples, robot: Robot, joint: str) -> dict[str, Plot]:
     ]
     has_band = bool(np.isfinite(width).any())
     longest = Curve("longest interval", COLOURS["setpoint"], 1e3 * samples.interval)
-    found = {
+    all_plots = {
         "position": Plot(f"{joint} [{unit.name}]", samples.t, position),
         "correction": Plot(
             f"error of {joint} [{unit.name}]", samples.t, [*band, *errors] if has_band else errors
@@ -160,8 +160,10 @@ def plots(samples: Samples, robot: Robot, joint: str) -> dict[str, Plot]:
         ),
         "messages": Plot("between state messages [ms]", samples.t, [longest]),
     }
-    known = {name: _known(plot, has_band and name == "correction") for name, plot in found.items()}
-    return {name: plot for name, plot in known.items() if plot.curves}
+    drawn = {
+        name: _known(plot, has_band and name == "correction") for name, plot in all_plots.items()
+    }
+    return {name: plot for name, plot in drawn.items() if plot.curves}
 
 
 def status_html(condition: Condition, samples: Samples | None) -> str:
@@ -261,12 +263,12 @@ def _known(plot: Plot, has_band: bool) -> Plot:
     The plots can draw no gap: a single NaN empties them.
     """
     late = plot.t > plot.t[-1] - _LATE
-    kept = [c for c in plot.curves if np.isfinite(c.values[late]).any()]
+    drawn = [c for c in plot.curves if np.isfinite(c.values[late]).any()]
     rows = np.ones(len(plot.t), dtype=bool)
-    for curve in kept:
+    for curve in drawn:
         rows &= np.isfinite(curve.values)
-    cut = [replace(curve, values=curve.values[rows]) for curve in kept]
-    has_both = has_band and len(kept) > 2 and not kept[1].label
+    cut = [replace(curve, values=curve.values[rows]) for curve in drawn]
+    has_both = has_band and len(drawn) > 2 and not drawn[1].label
     return Plot(plot.title, plot.t[rows], cut if rows.any() else [], has_both)
 
 

@@ -368,10 +368,10 @@ class _Laboratory(_Swing):
     @property
     def ends(self) -> tuple[float, float, float]:
         """Ends of the three parts of the way without the ramp [s]."""
-        left = min(self.distance, self.peak * _APPROACH)
-        slow = min(left, self.crawl * _APPROACH)
-        first = (self.distance - left) / self.peak
-        second = first + _APPROACH * np.log(left / slow)
+        rest = min(self.distance, self.peak * _APPROACH)
+        slow = min(rest, self.crawl * _APPROACH)
+        first = (self.distance - rest) / self.peak
+        second = first + _APPROACH * np.log(rest / slow)
         return first, second, second + slow / self.crawl
 
     @property
@@ -384,8 +384,8 @@ class _Laboratory(_Swing):
         first, second, third = self.ends
         now = np.where(t < _RAMP, t * t / (2.0 * _RAMP), t - _RAMP / 2.0)
         line = self.distance - self.peak * now
-        left = min(self.distance, self.peak * _APPROACH)
-        curve = left * np.exp((first - np.clip(now, first, second)) / _APPROACH)
+        rest = min(self.distance, self.peak * _APPROACH)
+        curve = rest * np.exp((first - np.clip(now, first, second)) / _APPROACH)
         return self.distance - np.select(
             [now < first, now < second], [line, curve], self.crawl * (third - now)
         )

@@ -78,7 +78,7 @@ def designed_motion(
         )
     degrees, spreads = curved_terms(n_joints)
     n_linear = 1 + 3 * n_joints
-    known, mixed = NOISE**2 * np.eye(n_linear), np.zeros((n_linear, len(spreads)))
+    information, mixed = NOISE**2 * np.eye(n_linear), np.zeros((n_linear, len(spreads)))
     now, places, stamps = float(n_linear), [np.zeros(n_joints)], [0.0]
     along = (np.arange(_POINTS)[:, None] + 0.5) / _POINTS
     while stamps[-1] < duration:
@@ -92,12 +92,12 @@ def designed_motion(
         speeds = scaled_speed(np.abs(ways) * half / times[:, None], slowest, fastest)
         linear, curved = terms(lines, np.sign(ways)[:, None], speeds[:, None], degrees)
         weighted = linear.swapaxes(1, 2) * (times / _APART / _POINTS)[:, None, None]
-        all_known, all_mixed = known + weighted @ linear, mixed + weighted @ curved
+        all_known, all_mixed = information + weighted @ linear, mixed + weighted @ curved
         errors = expected_error(all_known, all_mixed, spreads)
         best = int(np.argmin(np.log(errors / now) / times))
-        known, mixed, now = all_known[best], all_mixed[best], float(errors[best])
-        left = duration - stamps[-1]
-        places.append(places[-1] + ways[best] * min(left / times[best], 1.0))
+        information, mixed, now = all_known[best], all_mixed[best], float(errors[best])
+        remaining_s = duration - stamps[-1]
+        places.append(places[-1] + ways[best] * min(remaining_s / times[best], 1.0))
         stamps.append(min(duration, stamps[-1] + times[best]))
     meta = {"kind": "designed", "duration": duration, "seed": seed}
     positions = np.clip(space.centre + np.array(places) * half, space.lower, space.upper)
@@ -138,24 +138,24 @@ def terms(z: Array, direction: Array, speed: Array, degrees: Integers) -> tuple[
     itself and else 0.
     """
     k = z.shape[-1]
-    direction, speed = (np.broadcast_to(one, z.shape) for one in (direction, speed))
+    direction, speed = (np.broadcast_to(values, z.shape) for values in (direction, speed))
     powers = legendre.legvander(z, len(_CURVED) + 1)
     powers = powers * np.sqrt(2.0 * np.arange(powers.shape[-1]) + 1.0)
-    first, one = powers[..., 1], np.ones((*z.shape[:-1], 1))
-    linear = np.concatenate([one, first, direction, direction * speed], axis=-1)
+    first, constant = powers[..., 1], np.ones((*z.shape[:-1], 1))
+    linear = np.concatenate([constant, first, direction, direction * speed], axis=-1)
     smooth = np.prod(powers[..., np.arange(k), degrees], axis=-1)
     friction = (direction[..., :, None] * first[..., None, :]).reshape(*z.shape[:-1], k * k)
     return linear, np.concatenate([smooth, friction], axis=-1)
 
 
-def expected_error(known: Array, mixed: Array, spreads: Array) -> Array:
+def expected_error(information: Array, mixed: Array, spreads: Array) -> Array:
     """Mean square (...) over the workspace by which a fitted linear model is off the best one.
 
     `known` (..., p, p) are sums of products of its terms, and the noise's variance on the diagonal
     for coefficients of variance 1; `mixed` (..., p, m) are sums of products with the terms that it
     does not know, whose coefficients have standard deviations `spreads` (m,).
     """
-    inverse = np.linalg.inv(known)
+    inverse = np.linalg.inv(information)
     noise = NOISE**2 * np.trace(inverse, axis1=-2, axis2=-1)
     bias = ((inverse @ mixed * spreads) ** 2).sum(axis=(-2, -1))
     return np.asarray(noise + bias)

@@ -97,10 +97,10 @@ class TrackingReport:
     @staticmethod
     def joined(reports: Sequence[TrackingReport], name: str) -> TrackingReport:
         """One report of legs that were followed one after the other."""
-        first, weights = reports[0], [one.duration for one in reports]
-        squares = np.average([one.rms**2 for one in reports], axis=0, weights=weights)
+        first, weights = reports[0], [report.duration for report in reports]
+        squares = np.average([report.rms**2 for report in reports], axis=0, weights=weights)
         highest = {
-            key: np.max([getattr(one, key) for one in reports], axis=0)
+            key: np.max([getattr(report, key) for report in reports], axis=0)
             for key in ("max", "setpoint_speed", "max_speed", "speed_caps")
         }
         return replace(first, name=name, rms=np.sqrt(squares), duration=sum(weights), **highest)
@@ -386,8 +386,8 @@ class _Tally:
         if len(after):
             travel, since = np.abs(path[after] - path[before]), t[after] - t[before]
             self.max_speed = np.maximum(self.max_speed, (travel / since[:, None]).max(axis=0))
-        kept = t > t[-1] - _SPEED_WINDOW - 1e-6
-        self._t, self._measured = t[kept], path[kept]
+        recent = t > t[-1] - _SPEED_WINDOW - 1e-6
+        self._t, self._measured = t[recent], path[recent]
 
     def leg(self) -> Callable[[float, Array, Array], None]:
         """Give what is to be told the steps of a loop, from one start to the next stop."""

@@ -65,8 +65,8 @@ def plot_trajectories(
     >>> path = zigzag(truejoint.get_robot("raven2"), "J2-J3")
     >>> plot_trajectories([path], "zigzag.html")  # doctest: +SKIP
     """
-    given = [trajectories] if isinstance(trajectories, Trajectory) else trajectories
-    trajectories = [as_trajectory(one) for one in given]
+    listed = [trajectories] if isinstance(trajectories, Trajectory) else trajectories
+    trajectories = [as_trajectory(trajectory) for trajectory in listed]
     if not trajectories:
         raise TrajectoryError("there is no trajectory to draw; give at least one")
     joints, units = trajectories[0].joints, trajectories[0].units

@@ -105,12 +105,12 @@ def key_events(text: str) -> Iterator[tuple[str, Event]]:
     """
     at = 0
     while at < len(text):
-        found = _KITTY.match(text, at)
-        if found:
-            code = int(found[1])
+        match = _KITTY.match(text, at)
+        if match:
+            code = int(match[1])
             if code < 0x110000:
-                yield chr(code), _KITTY_EVENTS.get(found[2] or "1", "press")
-            at = found.end()
+                yield chr(code), _KITTY_EVENTS.get(match[2] or "1", "press")
+            at = match.end()
             continue
         sequence = re.compile(r"\x1b[\[O][0-?]*[ -/]*[@-~]?").match(text, at)
         if sequence and sequence.end() > at + 1:

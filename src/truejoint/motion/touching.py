@@ -30,8 +30,8 @@ def joints_at(robot: Robot, point: Array, seed: Array) -> Array:
     The positioning joints go there, the others stay as in `seed` (n_joints,). Raises RobotError if
     they cannot, or not within their limits.
     """
-    found, there = reach(robot, point[None], seed)
-    joint: Array = found[0]
+    angles, there = reach(robot, point[None], seed)
+    joint: Array = angles[0]
     inside = (joint >= robot.lower) & (joint <= robot.upper)
     if not (there.all() and inside.all()):
         x, y, z = 1e3 * point

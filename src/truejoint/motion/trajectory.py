@@ -133,13 +133,13 @@ def workspace_of(robot: Robot, stated: Workspace | None = None) -> Workspace:
     if stated is not None:
         as_robot(robot).check_workspace(stated)
         return stated
-    known = as_robot(robot).workspace
-    if known is None:
+    workspace = as_robot(robot).workspace
+    if workspace is None:
         raise TrajectoryError(
             f"no calibration workspace is known for {robot.title}; give its robot file "
             "a table [workspace], or pass a Workspace"
         )
-    return known
+    return workspace
 
 
 def _check(trajectory: Trajectory) -> None:
