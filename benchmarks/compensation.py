@@ -25,7 +25,7 @@ import numpy as np
 
 from truejoint import Calibration, calibrate
 from truejoint.array_types import Array
-from truejoint.calibration import rezeroed
+from truejoint.calibration import find_zero
 from truejoint.crtk import Arm, SimulatedBackend, StateBlock, TruthBlock
 from truejoint.motion import Trajectory, follow, random_motion, workspace_of, zigzag
 from truejoint.recordings import Recorder, Recording
@@ -144,7 +144,7 @@ def session(name: str, seed: int, seconds: float) -> dict[str, dict[str, float]]
     brief = random_motion(arm.robot, REZERO, 500 + seed, profile="laboratory")
     head = recorded(arm, brief)
     offsets = {"training": error_of(training), "10 s": error_of([head])}
-    today = {key: rezeroed(model, head) for key, model in models.items()}
+    today = {key: model.at(find_zero(model, head)) for key, model in models.items()}
     place = offsets["training"]
     wanted = [targets(arm.robot, place, seed, seconds), circle(arm.robot, place)]
     found: dict[str, dict[str, float]] = {}

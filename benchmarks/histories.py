@@ -28,7 +28,7 @@ from typing import get_args
 from benchmarks.automatic_choice import REZERO, Split, harder, left, recommended
 from truejoint import calibrate
 from truejoint.calibration import Calibration
-from truejoint.calibration.own_zeros import ZeroOf
+from truejoint.calibration.origin import ZeroOf
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS
@@ -81,8 +81,8 @@ def main() -> None:
                 print(f"| {split.title} | {title} | - | - | - |", flush=True)
                 continue
             took = time.process_time() - began
-            plain = model.fitted_for(rezeroing=zero is not None)
-            used = {0.0: plain, SHORT.get(split.dataset, REZERO): model.fitted_for(rezeroing=True)}
+            plain = model if zero is None else model.for_rezeroing
+            used = {0.0: plain, SHORT.get(split.dataset, REZERO): model.for_rezeroing}
             cells = " | ".join(_cell(one, testing, rezero) for rezero, one in used.items())
             judged = model.metadata.get("choice", {}).get("zero")
             if judged is not None:

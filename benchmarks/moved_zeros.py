@@ -94,7 +94,7 @@ def judge(
     for judged in FITTED[name]:
         plain, own = (
             used if judged == name else used.baselines[judged]
-            for used in (both.fitted_for(rezeroing=rezeroing) for rezeroing in (False, True))
+            for used in (both, both.for_rezeroing)
         )
         found[judged] = rmse(plain, test, 0.0), rmse(plain, test, START), rmse(own, test, START)
     return found

@@ -58,12 +58,12 @@ MIRRORS = {
     "runtime/correction": ("tests/runtime/test_status.py", "tests/runtime/test_parity.py"),
     "runtime/status": ("tests/runtime/test_status.py",),
     "calibration/calibration": ("tests/calibration/test_conformal.py",),
-    "calibration/effort_fitting": ("tests/calibration/test_efforts.py",),
-    "calibration/encoding": ("tests/calibration/test_model_file.py",),
+    "calibration/container": ("tests/calibration/test_model_file.py",),
     "calibration/interval": ("tests/calibration/test_conformal.py",),
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
     "calibration/compatibility": ("tests/calibration/test_zero.py",),
-    "calibration/signal_shift": ("tests/calibration/test_zero.py",),
+    "calibration/residuals": ("tests/calibration/test_zero.py",),
+    "calibration/training_zeros": ("tests/calibration/test_zero.py",),
 }
 """Tests of a module beside those of its own name."""
 LONGEST = 120  # s of processor time

@@ -53,7 +53,7 @@ from truejoint.tip import (
     Touches,
     calibrate_by_touch,
     find_block,
-    rezeroed_by_touch,
+    zero_by_touch,
 )
 from truejoint.tip.guide import Guide, learning
 from truejoint.tip.touch import known_kinematics, tip_rows, zero_prior
@@ -284,7 +284,8 @@ def rezero_rows(session: Session, names: list[str]) -> dict[str, Row]:
             rows[f"{name} {when} old"] = tip_error(robot, judge, model)
             begin = time.perf_counter()
             try:
-                fresh, found = rezeroed_by_touch(model, *today, block)
+                zero, found = zero_by_touch(model, *today, block)
+                fresh = model.at(zero)
             except CalibrationError as error:  # whoever touches is asked to touch again
                 print(f"  {name} {when}: {error}")
                 continue

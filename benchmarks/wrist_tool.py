@@ -26,7 +26,7 @@ from scipy.signal import savgol_filter
 
 from truejoint import calibrate
 from truejoint.calibration import Calibration
-from truejoint.calibration.own_zeros import ZeroOf
+from truejoint.calibration.origin import ZeroOf
 from truejoint.calibration.zero import find_zero, zeroed
 from truejoint.estimators import Plays
 from truejoint.recordings import Recording
@@ -246,7 +246,7 @@ def fitted(
 ) -> Calibration:
     """Calibrate with a zero for each file, as the files have."""
     model = calibrate(recordings, estimator, features=features, zero=zero, fit_rate=FIT_RATE)
-    return model.fitted_for(rezeroing=True)
+    return model.for_rezeroing
 
 
 def main() -> None:

@@ -77,7 +77,10 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             lambda model: truejoint.calibration.find_zero("m.st", motion(1)),
             "read_calibration(path)",
         ),
-        (lambda model: truejoint.calibration.rezeroed(model, "run.csv"), "read_recording"),
+        (
+            lambda model: truejoint.calibration.find_zero(model, "run.csv"),
+            "read_recording",
+        ),
         (lambda model: truejoint.calibration.adapted("m.st", motion(1)), "not a Calibration"),
         (lambda model: truejoint.calibration.with_interval(model, motion(0)), "used in the fit"),
         (lambda model: truejoint.calibration.with_interval(model, [], levels=0.9), "too few"),

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import truejoint
-from truejoint.calibration import adapted, calibrate, read_calibration, write_calibration
+from truejoint.calibration import adapted, calibrate, find_zero, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
 from truejoint.estimators.adapting import PENALTIES, changes
 from truejoint.recordings import Provenance, Recording
@@ -62,14 +62,14 @@ def test_a_few_seconds_of_another_day_are_enough(estimator, tmp_path):
     first = calibrate([motion(0, 120.0), motion(1, 120.0)], estimator, features=FEATURES)
     brief, test = motion(5, 6.0, 1.02, 0.04, noise=1e-3), motion(6, 60.0, 1.02, 0.04)
     model = adapted(first, brief)
-    alone = truejoint.calibration.rezeroed(first, brief)
+    alone = first.at(find_zero(first, brief))
     assert error(first, test) > 0.02
     assert error(model, test) < 2e-3
     assert error(model, test) < 1.5 * error(alone, test)
     # A longer one changes more than the zero, and is kept in a file as any other.
     longer, other = motion(7, 60.0, 1.1, 0.04), motion(8, 60.0, 1.1, 0.04)
     again = adapted(first, longer)
-    assert error(again, other) < 0.2 * error(truejoint.calibration.rezeroed(first, longer), other)
+    assert error(again, other) < 0.2 * error(first.at(find_zero(first, longer)), other)
     write_calibration(again, tmp_path / "m.safetensors")
     read = read_calibration(tmp_path / "m.safetensors")
     assert np.array_equal(read.correct(other), again.correct(other))
@@ -79,19 +79,19 @@ def test_a_few_seconds_of_another_day_are_enough(estimator, tmp_path):
 
 def test_what_it_says_of_itself():
     first = calibrate([motion(0), motion(1)], "linear", features=FEATURES)
-    first = first.with_metadata(held_out=[], rezeroed={}, choice={})
+    first = first.with_metadata(held_out=[], choice={})
     model = adapted(first, motion(5, zero=0.5))
     assert model.metadata["rows"] == 2000
-    assert model.metadata["homing_ids"] == ["5"]
-    sources = [session["source"] for session in model.metadata["sessions"]]
+    assert model.origin.homing_ids == ("5",)
+    sources = [session.source for session in model.origin.sessions]
     assert sources == ["motion 5", "motion 0", "motion 1"]
-    assert not {"held_out", "rezeroed", "choice"} & set(model.metadata)
+    assert not {"held_out", "choice"} & set(model.metadata)
     assert model.interval is None
     assert model.training_domain.error_upper[0] > 0.49 > first.training_domain.error_upper[0]
     assert set(model.baselines) == set(first.baselines)
     assert error(model.baselines["offset"], motion(6, zero=0.5)) < 0.02
     # From a prior that was re-zeroed, the same: the zero is found anew.
-    moved = adapted(truejoint.calibration.rezeroed(first, motion(3, zero=0.2)), motion(5, zero=0.5))
+    moved = adapted(first.at(find_zero(first, motion(3, zero=0.2))), motion(5, zero=0.5))
     np.testing.assert_allclose(
         moved.correct(motion(6)), model.correct(motion(6)), atol=1e-4
     )  # of the penalty on what the zero moved
@@ -128,8 +128,8 @@ def test_a_reference_is_of_the_prior_and_may_have_a_zero_of_its_own():
     assert error(adapted(model, brief, reference=first), test) < 1e-3
     seen = ["motion 5", "motion 0", "motion 1"]
     for reference, sources in ((first, seen), ([first[0], motion(2)], [*seen, "motion 2"])):
-        sessions = adapted(model, brief, reference=reference).metadata["sessions"]
-        assert [session["source"] for session in sessions] == sources
+        sessions = adapted(model, brief, reference=reference).origin.sessions
+        assert [session.source for session in sessions] == sources
     foreign = motion(3)
     foreign = replace(foreign, provenance=replace(foreign.provenance, robot="raven2"))
     with pytest.raises(CalibrationError, match="raven2"):

@@ -456,7 +456,7 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
     dt = np.where(np.isin(np.arange(1000), [0, 501]), 0.0, 0.01)
     targets = np.where(np.arange(1000) % 30 == 7, 1.0, np.nan)[:, None]
     part = SimpleNamespace(
-        recording=SimpleNamespace(t=t), dt=dt, features=t[:, None], targets=lambda _target: targets
+        recording=SimpleNamespace(t=t), dt=dt, X=t[:, None], fitted_targets=lambda _: targets
     )
     rows = Rows.of(part, "error", 50)
     assert 50 <= len(rows.kept) <= 100

@@ -14,25 +14,24 @@ from truejoint.calibration import (
     Calibration,
     calibrate,
     compare_calibrations,
+    find_zero,
     measure_coverage,
     needed_trajectories,
     read_calibration,
-    rezeroed,
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.compatibility import trained_on
 from truejoint.calibration.conformal import (
     conformal_threshold,
     exchangeable_units,
     trajectory_scores,
 )
+from truejoint.calibration.container import encode_arrays
 from truejoint.calibration.interval import (
     decode_interval,
     inverse_span,
     range_excesses,
 )
-from truejoint.calibration.model_file import encode_arrays
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.recordings import Recording
 
@@ -124,7 +123,7 @@ def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration
         truth = [m.column(f"truth/{joint}") for m in motions]
         measured = [m.column(f"measured/{joint}") for m in motions]
         corrected = [calibration.correct(m)[:, k] for m in motions]
-        offset = calibration.baseline_models["offset"].offset_[k]
+        offset = calibration.baselines["offset"].model.offset_[k]
         wanted = {
             "half_widths": [np.abs(t - c) for t, c in zip(truth, corrected, strict=True)],
             "offset_half_widths": [
@@ -238,8 +237,8 @@ def test_only_levels_with_enough_trajectories_are_stated(calibration, motions):
 
 
 def test_the_recordings_of_the_fit_are_refused(calibration, recording, motions):
-    assert trained_on(calibration.metadata, recording)
-    assert not trained_on(calibration.metadata, motions[0])
+    assert calibration.origin.includes(recording)
+    assert not calibration.origin.includes(motions[0])
     with pytest.raises(CalibrationError, match="synthetic-0 was used in the fit"):
         with_interval(calibration, [*motions, recording])
 
@@ -318,7 +317,7 @@ def test_two_calibrations_that_differ_by_more_than_they_state_are_found(
     agreement = compare_calibrations(first, other, motions[0])
     assert agreement.consistent.all()
     apart = 3.0 * first.interval.half_width(0.9).max()
-    wrong = rezeroed(other, shifted(motions[0], apart))
+    wrong = other.at(find_zero(other, shifted(motions[0], apart)))
     found = compare_calibrations(first, wrong, motions[0])
     assert not found.consistent.any()
     difference = first.correct(motions[0]) - wrong.correct(motions[0])

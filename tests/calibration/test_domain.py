@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration.container import encode_arrays
 from truejoint.calibration.domain import (
     SMALLEST_VARIANCE,
     decode_training_domain,
@@ -15,8 +16,7 @@ from truejoint.calibration.domain import (
     partners,
     resting_features,
 )
-from truejoint.calibration.encoding import decode, encode
-from truejoint.calibration.model_file import encode_arrays
+from truejoint.calibration.model_file import decode, encode
 from truejoint.errors import ModelFileError
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording

@@ -9,16 +9,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, effort_fitting, read_calibration, write_calibration
-from truejoint.calibration.effort_fitting import fit_effort_baseline, residual_statistics
+from truejoint.calibration import calibrate, read_calibration, residuals, write_calibration
+from truejoint.calibration.container import encode_arrays
 from truejoint.calibration.efforts import (
     MAX_JOINTS,
     count_effort_terms,
     decode_effort_baseline,
     effort_steps,
     effort_terms,
+    has_baseline,
 )
-from truejoint.calibration.model_file import encode_arrays
+from truejoint.calibration.residuals import residual_statistics
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
@@ -161,17 +162,17 @@ def test_beginnings_are_looked_at_from_so_many_starts_in_all_and_of_each(
         counts.append(count)
         return []
 
-    monkeypatch.setattr(effort_fitting, "beginnings", looked_at)
+    monkeypatch.setattr(residuals, "beginning_offsets", looked_at)
     residual_statistics(calibration, [motion(0, duration=20.0)] * recordings, np.zeros(3))
     assert counts == [each] * recordings
 
 
 def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration):
-    test = motion(3, duration=20.0)
-    still = test.table.assign(**{"measured/elbow": 1.0})
-    assert fit_effort_baseline(calibration, [Recording(still, test.units, test.provenance)]) is None
-    many = replace(calibration, joints=("elbow",) * (MAX_JOINTS + 1))
-    assert fit_effort_baseline(many, [test]) is None
+    rows = calibration.rows(motion(3, duration=20.0))
+    assert has_baseline([rows])
+    still = rows.recording.table.assign(**{"measured/elbow": 1.0})
+    assert not has_baseline([replace(rows, recording=replace(rows.recording, table=still))])
+    assert not has_baseline([replace(rows, joints=("elbow",) * (MAX_JOINTS + 1))])
 
 
 def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):

@@ -57,7 +57,7 @@ def test_networks_of_other_seeds_are_those_that_calibrate_makes(build):
         assert np.array_equal(again.correct(test), other.correct(test))
         assert not np.array_equal(again.correct(test), first.correct(test))
         assert again.metadata["settings"] == other.metadata["settings"]
-        assert again.baseline_models.keys() == other.baseline_models.keys()
+        assert again.fitted_baselines.keys() == other.fitted_baselines.keys()
     zeros = calibrate(training, "linear", zero="recording")
     with pytest.raises(CalibrationError, match="`calibrate` each seed by itself"):
         reseeded(zeros, training, [4])
@@ -71,7 +71,7 @@ def test_gross_outliers_of_the_truth_are_left_out_and_counted(build):
     fitted = calibrate([clean], "linear")
     assert fitted.metadata["outliers"] == 0
     robust = calibrate([changed(clean, truth__elbow=truth)], "linear")
-    assert robust.metadata["outliers"] == robust.metadata["sessions"][0]["outliers"] == 60
+    assert robust.metadata["outliers"] == robust.origin.sessions[0].outliers == 60
     assert robust.metadata["rows_without_truth"] == 0
     test = build(600, 2)
     np.testing.assert_allclose(robust.correct(test), fitted.correct(test), atol=2e-4)
@@ -105,18 +105,18 @@ def test_metadata_says_where_it_comes_from(build):
     assert json.loads(json.dumps(metadata, allow_nan=False)) == metadata
     assert metadata["rows"] == 2400
     assert metadata["rows_without_truth"] == 100
-    assert [s["rows"] for s in metadata["sessions"]] == [1200, 1200]
-    assert [s["source"] for s in metadata["sessions"]] == ["synthetic-0", "synthetic-1"]
-    assert metadata["homing_ids"] == ["h1", "h2"]
+    assert [s.rows for s in calibration.origin.sessions] == [1200, 1200]
+    assert [s.source for s in calibration.origin.sessions] == ["synthetic-0", "synthetic-1"]
+    assert calibration.origin.homing_ids == ("h1", "h2")
     assert metadata["unused_features"] == ["measured/unused", "effort/unused"]
-    assert metadata["baseline_notes"] == {}
-    assert metadata["sample_dt"] == pytest.approx(1 / 30, rel=0.02)
+    assert calibration.origin.baseline_notes == {}
+    assert calibration.origin.sample_dt == pytest.approx(1 / 30, rel=0.02)
     other = calibrate([first, changed(second, truth__elbow=truth + 1e-9)], "linear")
     assert metadata["data_sha256"] != other.metadata["data_sha256"]
 
 
 def test_weak_baseline_is_noted(build):
-    notes = calibrate(build(400), "linear").metadata["baseline_notes"]
+    notes = calibrate(build(400), "linear").origin.baseline_notes
     assert list(notes) == ["poly2"]
     assert "400 rows, though it needs 1200" in notes["poly2"]
 

@@ -9,7 +9,9 @@ import pytest
 from tests.synthetic import build_recording
 
 from truejoint.calibration import folds
+from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
+from truejoint.features import FeatureSet
 from truejoint.recordings import Recording
 
 
@@ -22,18 +24,22 @@ def jaw(speed: float = 1.0, effort: float = 1.0, n: int = 300, **origin) -> Reco
     return Recording.from_columns(columns, about)
 
 
+def rows_of(recording: Recording) -> Rows:
+    return Rows.of(recording, FeatureSet.parse(["measured/jaw"]), ("jaw",), 1.0)
+
+
 def test_one_recording_is_left_out_a_fifth_at_a_time_and_with_a_gap():
     recording = jaw()
     found = folds.folds([recording])
     assert [fold.name for fold in found] == [f"time {k}" for k in range(1, 6)]
     rows = sum(fold.parts[0].rows(len(recording)).astype(int) for fold in found)
     assert (rows == 1).all()
-    (kept,) = folds.without([recording], found[2].parts)
-    hidden = np.isnan(kept.column("truth/jaw"))
+    (kept,) = folds.without([rows_of(recording)], found[2].parts)
+    hidden = ~kept.known
     part = found[2].parts[0]
     assert hidden[part.first : part.end].all()
     assert hidden.sum() == pytest.approx(1.2 * (part.end - part.first), abs=3)
-    np.testing.assert_array_equal(kept.column("measured/jaw"), recording.column("measured/jaw"))
+    np.testing.assert_array_equal(kept.measured[:, 0], recording.column("measured/jaw"))
 
 
 def test_no_part_of_one_recording_is_of_a_joint_at_rest():
@@ -61,7 +67,7 @@ def test_recordings_are_left_out_whole():
     assert [[part.recording for part in fold.parts] for fold in found] == [
         [0, 5], [1, 6], [2], [3], [4]
     ]  # fmt: skip
-    assert len(folds.without(recordings, found[0].parts)) == 5
+    assert len(folds.without([rows_of(one) for one in recordings], found[0].parts)) == 5
 
 
 @pytest.mark.parametrize(("n", "whole"), [(300, [0, 1]), (90, [0, 1]), (60, [1])])

@@ -14,17 +14,23 @@ from truejoint.calibration import (
     calibrate,
     find_zero,
     read_calibration,
-    rezeroed,
     with_interval,
     write_calibration,
 )
+from truejoint.calibration.calibration import shift_signals
 from truejoint.calibration.conformal import knowing_errors
-from truejoint.calibration.effort_fitting import _root_mean_square, residual_statistics
 from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
-from truejoint.calibration.signal_shift import shift_signals, signal_moves
-from truejoint.calibration.zero import CORRELATION_MARGIN, beginnings, believed, judged_error
+from truejoint.calibration.residuals import (
+    _root_mean_square,
+    beginning_offsets,
+    residual_statistics,
+)
+from truejoint.calibration.rows import Rows
+from truejoint.calibration.training_zeros import signal_moves
+from truejoint.calibration.zero import CORRELATION_MARGIN, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
+from truejoint.features import FeatureSet
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 
@@ -56,20 +62,20 @@ def test_an_estimator_of_several_joints_moves_by_the_offset_and_nothing_else(
     calibration = calibrate(recording, estimator, features=FEATURES)
     test = build(300, 4)
     brief = homed_again(test, np.array([0.01, -0.02, 0.003]), slice(100, 140))
-    moved = rezeroed(calibration, brief)
+    moved = calibration.at(find_zero(calibration, brief))
     zero = find_zero(calibration, brief)
     error = brief.columns("truth", moved.joints)[100:140] - calibration.correct(brief)[100:140]
     assert zero.offset == pytest.approx(np.median(error, axis=0), abs=1e-15)
     assert moved.correct(test) - calibration.correct(test) == pytest.approx(
-        np.broadcast_to(zero.believed, (300, 3)), abs=1e-12
+        np.broadcast_to(zero.shift, (300, 3)), abs=1e-12
     )
-    assert (np.abs(zero.believed) <= np.abs(zero.offset)).all()
+    assert (np.abs(zero.shift) <= np.abs(zero.offset)).all()
     left = find_zero(moved, brief)
-    assert left.offset == pytest.approx(zero.offset - zero.believed, abs=1e-12)
-    assert left.believed == pytest.approx(np.zeros(3))
+    assert left.offset == pytest.approx(zero.offset - zero.shift, abs=1e-12)
+    assert left.shift == pytest.approx(np.zeros(3))
     assert find_zero(moved.baselines["offset"], brief).offset == pytest.approx(0, abs=1e-12)
-    assert moved.metadata["homing_ids"] == ["h2"]
-    assert moved.metadata["rezeroed"]["rows"] == 40
+    assert moved.origin.homing_ids == ("h2",)
+    assert moved.zero.rows == 40
     write_calibration(moved, tmp_path / "m.safetensors")
     again = read_calibration(tmp_path / "m.safetensors")
     assert again.correct(test).tobytes() == moved.correct(test).tobytes()
@@ -78,7 +84,7 @@ def test_an_estimator_of_several_joints_moves_by_the_offset_and_nothing_else(
 def test_the_calibration_that_was_given_is_left_as_it_was(build, recording):
     calibration = calibrate(recording, "linear", features=FEATURES)
     before = calibration.correct(build(50, 3)).tobytes()
-    rezeroed(calibration, homed_again(recording, np.ones(3), slice(0, 9)))
+    calibration.at(find_zero(calibration, homed_again(recording, np.ones(3), slice(0, 9))))
     assert calibration.correct(build(50, 3)).tobytes() == before
 
 
@@ -108,12 +114,14 @@ def test_uncertainty_is_that_of_the_mean_of_correlated_errors(build, recording):
         t = in_motion[:, k]
         covariance = size**2 * np.exp(-np.abs(t[:, None] - t) / time)
         means = rng.multivariate_normal(np.zeros(60), covariance, 4000).mean(axis=1)
-        assert zero.sd[k] == pytest.approx(means.std(), rel=0.06)
+        assert zero.deviation[k] == pytest.approx(means.std(), rel=0.06)
     one = homed_again(build(300, 4), np.zeros(3), slice(7, 8))
-    assert find_zero(calibration, one).sd == pytest.approx(calibration.effort_baseline.residual)
+    assert find_zero(calibration, one).deviation == pytest.approx(
+        calibration.effort_baseline.residual
+    )
     bare = replace(calibration, effort_baseline=None)
-    assert np.isnan(find_zero(bare, one).sd).all()
-    assert rezeroed(bare, one).metadata["rezeroed"]["sd"] is None
+    assert np.isnan(find_zero(bare, one).deviation).all()
+    assert np.isnan(bare.at(find_zero(bare, one)).zero.deviation).all()
 
 
 class Late:
@@ -121,13 +129,18 @@ class Late:
 
     joints, gap_limit, looks_back = ("jaw",), 1.0, True
 
-    def evaluate(self, recording: Recording) -> np.ndarray:
-        steps = np.diff(recording.t, prepend=-np.inf) > self.gap_limit
-        starts = recording.t[steps][np.cumsum(steps) - 1]
-        off = self.off(recording.t - starts)[:, None]
-        return recording.columns("truth", self.joints) - off
+    def rows(self, recording: Recording | Rows) -> Rows:
+        if isinstance(recording, Rows):
+            return recording
+        return Rows.of(recording, FeatureSet.parse(["measured/jaw"]), self.joints, self.gap_limit)
 
-    correct = evaluate
+    def correct(self, recording: Recording | Rows) -> np.ndarray:
+        rows = self.rows(recording)
+        steps = np.diff(rows.t, prepend=-np.inf) > self.gap_limit
+        starts = rows.t[steps][np.cumsum(steps) - 1]
+        return rows.truth - self.off(rows.t - starts)[:, None]
+
+    correct_unchecked = correct
 
     def off(self, since: np.ndarray) -> np.ndarray:
         return 1.0 / (1.0 + since)
@@ -136,10 +149,10 @@ class Late:
 class Forgetful(Late):
     """Stands for one that is off by 1 for a moment; it counts the rows that it runs over."""
 
-    rows = 0
+    count = 0
 
     def off(self, since: np.ndarray) -> np.ndarray:
-        self.rows += len(since)
+        self.count += len(since)
         return np.exp(-20.0 * since)
 
 
@@ -147,8 +160,8 @@ def test_beginnings_are_started_anew_and_as_long_as_they_say():
     t = np.arange(0.0, 30.0, 0.05)
     columns = {"t": t, "measured/jaw": t, "truth/jaw": np.sin(t)}
     recording = Recording.from_columns(columns, "davinci_grasper")
-    step = np.array([0.01])
-    found = beginnings(Late(), recording, Late().correct(recording), 7, step)
+    late, step = Late(), np.array([0.01])
+    found = beginning_offsets(late, late.rows(recording), late.correct(recording), 7, step)
     assert len(found) == 7
     long = np.array(BEGINNINGS)
     half = np.where(long < 5.0, long / np.sqrt(2.0), long / 2.0 + 1.25)  # of weights, 5 at most
@@ -161,7 +174,7 @@ def test_beginnings_are_started_anew_and_as_long_as_they_say():
     assert sd[6] == sd[5]
     waits = recording.table.assign(**{"measured/jaw": np.where(t < 10.0, 0.0, t)})
     waiting = replace(recording, table=waits)
-    rests = beginnings(Late(), waiting, Late().correct(waiting), 1, step)[0][:, 0]
+    rests = beginning_offsets(late, late.rows(waiting), late.correct(waiting), 1, step)[0][:, 0]
     assert rests[0] == pytest.approx(1.0 / 6.0, rel=0.01)  # all of ten seconds at rest
     assert np.isnan(rests[5:]).all()  # it is in motion for five
 
@@ -170,17 +183,19 @@ def test_what_is_forgotten_is_not_run_again(monkeypatch):
     t = np.arange(0.0, 30.0, 0.05)
     columns = {"t": t, "measured/jaw": t, "truth/jaw": np.sin(t)}
     recording, model = Recording.from_columns(columns, "davinci_grasper"), Forgetful()
-    corrected, step = model.correct(recording), np.array([0.01])
+    rows = model.rows(recording)
+    corrected, step = model.correct(rows), np.array([0.01])
 
     def looked_at() -> tuple[np.ndarray, int]:
-        model.rows = 0
-        return np.array(beginnings(model, recording, corrected, 7, step)), model.rows
+        model.count = 0
+        offsets = beginning_offsets(model, rows, corrected, 7, step)
+        return np.array(offsets), model.count
 
-    found, rows = looked_at()
-    assert 200 < rows <= 210  # seven times a tenth of half of the recording
-    monkeypatch.setattr("truejoint.calibration.zero._AGREED", -1.0)  # nothing ever agrees
-    whole, rows = looked_at()
-    assert 2200 < rows <= 7 * (30 + 300)
+    found, count = looked_at()
+    assert 200 < count <= 210  # seven times a tenth of half of the recording
+    monkeypatch.setattr("truejoint.calibration.residuals._AGREED", -1.0)  # nothing ever agrees
+    whole, count = looked_at()
+    assert 2200 < count <= 7 * (30 + 300)
     near = 0.01 * np.std(np.exp(-20.0 * t))
     assert (found[:, 0] > 0.3).all()
     np.testing.assert_allclose(found, whole, rtol=0.0, atol=near)
@@ -199,7 +214,7 @@ def test_a_beginning_tells_what_a_recording_tells_that_begins_there(build, estim
     recording = build(900, 4)
     recording = replace(recording, table=recording.table.assign(t=1.0137 * recording.t))
     t, length = recording.t, recording.duration / 2.0
-    found = beginnings(bare, recording, bare.correct(recording), 5, np.zeros(3))
+    found = beginning_offsets(bare, bare.rows(recording), bare.correct(recording), 5, np.zeros(3))
     for start, offsets in zip(np.linspace(t[0], t[-1] - length, 5), found, strict=True):
         piece = recording.rows((t >= start) & (t < start + length))
         for duration, offset in zip(BEGINNINGS[:6], offsets, strict=False):
@@ -235,9 +250,10 @@ def test_rows_so_far_apart_that_a_beginning_is_one_of_them_are_no_gaps(build):
     features = ["measured/elbow", "lowpass(measured/elbow, 60)"]
     calibration = calibrate(slow, "linear", features=features, joints=["elbow"])
     assert calibration.looks_back
-    corrected, step = calibration.correct(slow), calibration.effort_baseline.step
-    assert len(beginnings(calibration, slow, corrected, 24, step)) == 15
-    assert beginnings(calibration, slow, corrected, 1, step) == []  # one row is no recording
+    rows, step = calibration.rows(slow), calibration.effort_baseline.step
+    corrected = calibration.correct(rows)
+    assert len(beginning_offsets(calibration, rows, corrected, 24, step)) == 15
+    assert beginning_offsets(calibration, rows, corrected, 1, step) == []  # one row is no recording
 
 
 @pytest.mark.parametrize("estimator", ["linear", "rich_play"])
@@ -254,9 +270,9 @@ def test_a_rest_tells_as_much_as_one_reading(build, estimator):
             found.append(find_zero(calibration, replace(recording, table=table), duration))
     sd = np.maximum(known.residual, known.beginning[0])
     for rest, motion in zip(found[::2], found[1::2], strict=True):
-        assert rest.sd == pytest.approx(sd, rel=1e-9)
+        assert rest.deviation == pytest.approx(sd, rel=1e-9)
         assert rest.offset == pytest.approx(found[0].offset, abs=0.1 * known.residual.min())
-        assert (motion.sd < sd).any()
+        assert (motion.deviation < sd).any()
 
 
 def test_a_beginning_that_shows_nothing_is_as_the_next_one_that_does():
@@ -290,10 +306,10 @@ def test_an_offset_of_a_beginning_is_as_sure_as_beginnings_of_the_training_are(b
         times = np.full(3, duration)
         assert wide.beginning_sd(times) == pytest.approx(0.5 / np.sqrt(worth) * np.ones(3))
     zero = find_zero(replace(calibration, effort_baseline=wide), build(300, 4), 2.0)
-    assert zero.sd == pytest.approx(0.5 / np.sqrt(2.0) * np.ones(3), rel=0.03)
-    assert zero.believed.tolist() == [0.0, 0.0, 0.0]
+    assert zero.deviation == pytest.approx(0.5 / np.sqrt(2.0) * np.ones(3), rel=0.03)
+    assert zero.shift.tolist() == [0.0, 0.0, 0.0]
     plain = find_zero(calibration, build(300, 4), 2.0)
-    assert (plain.sd < 0.1 * zero.sd).all()
+    assert (plain.deviation < 0.1 * zero.deviation).all()
     np.testing.assert_array_equal(plain.offset, zero.offset)
 
 
@@ -319,9 +335,9 @@ def test_all_of_an_offset_is_believed_where_zeros_are_known_to_move(pair):
     plain, moved, _ = pair
     one = calibrate(plain, "linear", features=FEATURES)
     each = calibrate(moved, "linear", features=FEATURES, zero="recording")
-    for fitted, all_of_it in ((one, False), (each.fitted_for(rezeroing=True), True)):
+    for fitted, all_of_it in ((one, False), (each.for_rezeroing, True)):
         zero = find_zero(fitted, plain[0].rows(slice(0, 30)))
-        assert (zero.believed.tolist() == zero.offset.tolist()) is all_of_it
+        assert (zero.shift.tolist() == zero.offset.tolist()) is all_of_it
 
 
 def test_readings_weigh_by_the_past_before_them_where_the_model_looks_back(build):
@@ -340,7 +356,7 @@ def test_readings_weigh_by_the_past_before_them_where_the_model_looks_back(build
 def test_without_truth_it_is_refused(build, recording):
     calibration = calibrate(recording, "linear", features=FEATURES)
     with pytest.raises(CalibrationError, match="brief: no row has the truth of shoulder, elbow"):
-        rezeroed(calibration, homed_again(recording, np.zeros(3), slice(0, 0)))
+        calibration.at(find_zero(calibration, homed_again(recording, np.zeros(3), slice(0, 0))))
     bare = recording.table.drop(columns=["truth/elbow"])
     with pytest.raises(CalibrationError, match="synthetic-0 has no truth of elbow"):
         find_zero(calibration, Recording(bare, recording.units, recording.provenance))
@@ -363,7 +379,7 @@ def off(recording: Recording, calibration: Calibration, zero: str, by: np.ndarra
     """The recording with the zero of its truth, or of its measured positions, off."""
     joints = calibration.joints
     if zero == "recording":
-        return shift_signals(recording, [f"truth/{joint}" for joint in joints], by)
+        return shift_signals(recording, tuple(f"truth/{joint}" for joint in joints), by)
     moves = signal_moves([recording], calibration.signals, joints)
     return shift_signals(recording, calibration.signals, -moves @ by)
 
@@ -402,13 +418,14 @@ def test_moved_zeros_spoil_no_estimator_that_is_re_zeroed(name, zero, tmp_path):
     fitted = fit(name, moved, zero=zero)
     other = unseen(name).rows(np.arange(1500))
     test = off(other, known, zero, np.full(len(known.joints), 0.05))
-    of_its_own = fitted.fitted_for(rezeroing=True)
+    of_its_own = fitted.for_rezeroing
     within = 2.0 * rmse(known, other) + 1e-3
     assert (rmse(of_its_own, test) < within).all()
     path = tmp_path / "model.safetensors"
     write_calibration(fitted, path)
-    again = rezeroed(read_calibration(path), test, START)
-    whole = rezeroed(fitted, test, START).correct(test)
+    read = read_calibration(path)
+    again = read.at(find_zero(read, test, START))
+    whole = fitted.at(find_zero(fitted, test, START)).correct(test)
     np.testing.assert_array_equal(again.correct(test), whole)
     if name not in in_loop():
         return
@@ -446,12 +463,12 @@ def test_the_second_fit_does_not_know_the_zeros(pair, build, estimator):
         for recordings in (plain, moved)
     )
     test = build(300, 4)
-    pairs = [(m.fitted_for(rezeroing=True).correct(test)) for m in (first, second)]
+    pairs = [(m.for_rezeroing.correct(test)) for m in (first, second)]
     average = zeros.mean(axis=0)  # of the zeros that were put in, which the second fit keeps
     np.testing.assert_allclose(pairs[1] - pairs[0] - average, 0.0, rtol=0, atol=1e-9)
-    found, own = (np.array(m.metadata["zeros"]["offsets"]) for m in (second, first))
+    found, own = (m.origin.zeros.offsets for m in (second, first))
     np.testing.assert_allclose(found - own, zeros - average, rtol=0, atol=1e-12)
-    assert second.metadata["zeros"]["of"] == "recording"
+    assert second.origin.zeros.per == "recording"
     assert (rmse(second, test, 0.0) > 2.0 * rmse(first, test, 0.0)).any()  # the plain one does
 
 
@@ -462,16 +479,16 @@ def test_without_re_zeroing_it_is_the_plain_fit(pair, build):
     for zero in ("recording", "homing"):
         both = calibrate(plain, SMALL, features=FEATURES, zero=zero)
         assert both.correct(test).tobytes() == shared.correct(test).tobytes()
-        assert set(both.rezero_models) == {"model", *both.baseline_models}
-    assert shared.fitted_for(rezeroing=True) is shared
-    assert shared.metadata["zeros"] == {"of": "shared"}
+        assert set(both.rezeroed_fit.baselines) == set(both.fitted_baselines)
+    assert shared.for_rezeroing is shared
+    assert shared.origin.zeros is None
 
 
 def test_recordings_of_one_homing_share_its_zero(build):
     names = ("a", "b", "a", "b")
     recordings = [build(600, seed, homing_id=name) for seed, name in enumerate(names)]
-    found = calibrate(recordings, "linear", features=FEATURES, zero="homing").metadata["zeros"]
-    assert found["names"] == ["a", "b"]
+    found = calibrate(recordings, "linear", features=FEATURES, zero="homing").origin.zeros
+    assert found.names == ("a", "b")
     one = [build(600, seed) for seed in range(2)]
     with pytest.raises(CalibrationError, match="zero for each homing takes two of them; all rec"):
         calibrate(one, "linear", features=FEATURES, zero="homing")
@@ -495,8 +512,8 @@ def test_the_loop_runs_the_fit_for_motions_that_begin_with_a_zero(pair, build):
     _, moved, _ = pair
     model = calibrate(moved, "linear", features=FEATURES, zero="recording")
     test = homed_again(build(300, 4), np.array([0.1, -0.2, 0.03]), slice(0, 60))
-    own = model.fitted_for(rezeroing=True)
-    corrector = Corrector(model, rezeroing=True, range_margin=1.0)
+    own = model.for_rezeroing
+    corrector = Corrector(own, range_margin=1.0)
     corrector.set_homing(True)
     plain = Corrector(model, range_margin=1.0)
     plain.set_homing(True)
@@ -518,12 +535,13 @@ def test_an_interval_stays_with_the_fit_that_it_was_made_of(pair, build):
     unseen = [shift_signals(r, truths, z) for r, z in zip(unseen, zeros, strict=True)]
     after = with_interval(model, unseen, rezero=START)
     before = with_interval(model, unseen)
-    assert (after.interval.half_width(0.8) < 0.2 * before.interval.half_width(0.8)).all()
-    assert after.fitted_for(rezeroing=False).interval is None
-    assert before.fitted_for(rezeroing=True).interval is None
-    assert after.fitted_for(rezeroing=True).interval is after.interval
+    narrow, wide = (m.interval.half_width(0.8) for m in (after.for_rezeroing, before))
+    assert (narrow < 0.2 * wide).all()
+    assert after.interval is None
+    assert before.for_rezeroing.interval is None
+    after = after.for_rezeroing
     test = build(300, 20)
-    corrector = ready(after, rezeroing=True, level=0.8)
+    corrector = ready(after, level=0.8)
     assert corrector.step(0.0, test.table[list(model.signals)].to_numpy()[0]) == 0
     assert np.isinf(corrector.half_width).all()
     corrector.rezero(np.zeros(3))
@@ -540,7 +558,8 @@ def test_a_zero_that_is_none_is_refused(pair, tmp_path):
             {"offsets": {"oracle": np.zeros(3)}},
             {"offsets": {"model": np.full(3, np.nan)}},
             {"moves": np.zeros((2, 3))},
-            {"rezero_models": {"linear": model.model}},
+            {"rezeroed_fit": replace(model.rezeroed_fit, moves=np.zeros((2, 3)))},
+            {"rezeroed_fit": replace(model.rezeroed_fit, baselines={})},
         )
     ):
         path = tmp_path / f"{number}.safetensors"

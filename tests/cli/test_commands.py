@@ -81,7 +81,7 @@ def test_zeros_are_fitted_and_judged_as_they_are_used(
     model, recordings = tmp_path / "m.st", [session / "zigzag.parquet", session / "random.parquet"]
     fitted = call("calibrate", *recordings, "-e", "linear", "--zero", "recording", "-o", model)
     assert fitted.code == 0
-    assert read_calibration(model).metadata["zeros"]["of"] == "recording"
+    assert read_calibration(model).origin.zeros.per == "recording"
     arguments = ["evaluate", session / "m.st", recordings[1], "--rezero-s"]
     result = call(*arguments, "5", "--json")
     values = json.loads(result.out)

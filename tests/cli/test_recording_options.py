@@ -48,7 +48,7 @@ def test_strangers_in_a_folder_are_left_out_with_a_word(
     day = folder_of_a_day(tmp_path)
     result = call("calibrate", f"{day}{pattern}", "-e", "linear", "-o", tmp_path / "m.st")
     assert result.code == 0, result.err
-    assert len(read_calibration(tmp_path / "m.st").metadata["sessions"]) == 2
+    assert len(read_calibration(tmp_path / "m.st").origin.sessions) == 2
     for stranger in ("README.md", "robot.log", "empty.csv", "picture.png", "trajectory.csv"):
         assert f"{stranger}: left out" in result.err
 
@@ -109,8 +109,8 @@ def test_a_clock_that_restarts_makes_sessions(call: Call, tmp_path: Path) -> Non
     )  # fmt: skip
     assert result.code == 0, result.err
     assert "run.csv: its clock restarts: read as 2 recordings" in result.err
-    sessions = read_calibration(tmp_path / "m.st").metadata["sessions"]
-    assert [session["session"] for session in sessions] == ["A#1", "A#2"]
+    sessions = read_calibration(tmp_path / "m.st").origin.sessions
+    assert [session.session for session in sessions] == ["A#1", "A#2"]
 
 
 def test_constant_features_are_left_out_with_a_word(call: Call, tmp_path: Path) -> None:

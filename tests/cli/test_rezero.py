@@ -54,10 +54,10 @@ def test_a_block_is_bolted_and_a_model_re_zeroed_by_it(call, folder, tmp_path):
     assert "re-zeroed by 6 touches" in done.out
     again = truejoint.read_calibration(model)
     assert again.offset[1] == pytest.approx(0.006, abs=0.003)
-    assert again.metadata["rezeroed"]["homing_id"] == "2"
+    assert again.zero.homing_id == "2"
     told = call("rezero", *arguments, "-o", model, "--force", "--json")
     facts = json.loads(told.out)
-    assert facts["offset"] == again.metadata["rezeroed"]["offset"]
+    assert facts["offset"] == again.zero.shift.tolist()
     assert facts["left_out"] == []
 
 

@@ -10,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.runtime.streams import stream, trained
 
-from truejoint.calibration.encoding import encode
-from truejoint.calibration.model_file import to_bytes
+from truejoint.calibration.container import to_bytes
+from truejoint.calibration.model_file import encode
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import family as families

@@ -60,8 +60,8 @@ from threadpoolctl import threadpool_limits
 from truejoint.calibration import (
     Calibration,
     calibrate,
+    find_zero,
     read_calibration,
-    rezeroed,
     with_interval,
     write_calibration,
 )
@@ -215,7 +215,7 @@ def test_it_is_judged_like_any_other(regressor):
     unseen = [build_recording(200, seed, homing_id=f"h{seed}") for seed in range(2, 11)]
     _, lower, upper = with_interval(model, unseen).correct_with_interval(test)
     assert (upper > lower).all()
-    moved = rezeroed(model, test)
+    moved = model.at(find_zero(model, test))
     np.testing.assert_allclose(
         np.ptp(moved.correct(test) - model.correct(test), axis=0), 0.0, atol=1e-12
     )

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from truejoint.calibration.origin import Origin
 from truejoint.recordings.table.recording import Recording
 
 
@@ -41,6 +42,7 @@ class SmallCalibration:
     model: LeastSquares
     baselines: Mapping[str, LeastSquares]
     metadata: Mapping[str, Any] = field(default_factory=dict)
+    origin: Origin = field(default_factory=Origin)
 
     def correct(self, recording: Recording) -> np.ndarray:
         return self.model.correct(recording)

@@ -101,7 +101,9 @@ def test_a_failed_data_check_is_no_green_pass(model: Calibration, test: Recordin
     verdict = evaluate(model, replace(test, table=table), check=accepted).verdict
     assert verdict.level == "warn"
     assert any("which was accepted" in doubt for doubt in verdict.doubts)
-    of_training = evaluate(model.with_metadata(accepted=["outliers"]), test).verdict
+    of_training = evaluate(
+        replace(model, origin=replace(model.origin, accepted=("outliers",))), test
+    ).verdict
     assert of_training.level == "warn"
     assert "data check failed (outliers)" in of_training.doubts[0]
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import Calibration, calibrate, find_zero
+from truejoint.calibration.origin import Origin, Session
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.evaluation import Evaluation, evaluate
@@ -141,8 +142,8 @@ def test_a_chosen_baseline_takes_its_place_in_the_table(grasper: tuple[Any, Reco
 def test_a_missing_baseline_leaves_its_note(grasper: tuple[Any, Recording]) -> None:
     calibration, test = grasper
     baselines = {k: v for k, v in calibration.baselines.items() if k != "poly2"}
-    metadata = {"baseline_notes": {"poly2": "left out: too few rows"}}
-    weak = replace(calibration, baselines=baselines, metadata=metadata)
+    origin = Origin(baseline_notes={"poly2": "left out: too few rows"})
+    weak = replace(calibration, baselines=baselines, origin=origin)
     evaluation = evaluate({"dnn": [weak]}, [test])
     assert evaluation.estimators == ("raw", "offset", "linear", "dnn")
     assert evaluation.baseline_notes == {"poly2": "left out: too few rows"}
@@ -152,14 +153,7 @@ def test_a_missing_baseline_leaves_its_note(grasper: tuple[Any, Recording]) -> N
 
 def test_testing_on_training_rows_fails_the_verdict(grasper: tuple[Any, Recording]) -> None:
     calibration, test = grasper
-    session = {
-        "source": test.provenance.source,
-        "sha256": "",
-        "session": "",
-        "first": 0.0,
-        "last": 1.0,
-    }
-    seen = replace(calibration, metadata={"sessions": [session]})
+    seen = replace(calibration, origin=Origin(sessions=(Session.of(test),)))
     verdict = evaluate({"dnn": [seen]}, [test]).verdict
     assert not verdict.passed
     assert "cannot be believed" in verdict.text
@@ -286,7 +280,7 @@ def test_a_raw_position_that_was_chosen_is_re_zeroed_beside_that_as_it_comes(
     assert found.chosen == "raw, re-zeroed"
     error = -test.error(model.joints)
     left = error[test.t >= 3.0]
-    moved = -find_zero(model, test, 3.0).believed
+    moved = -find_zero(model, test, 3.0).shift
     for name, zero in (("raw", 0.0), (found.chosen, moved)):
         expected = np.sqrt(np.mean((left - zero) ** 2, axis=0))
         scores = [found.score(name, joint).rmse for joint in model.joints]
@@ -314,6 +308,6 @@ def test_after_re_zeroing_the_fit_with_zeros_is_judged(
     def scores(judged: Calibration, rezero: float) -> list[float]:
         return [score.rmse for score in evaluate(judged, test, rezero=rezero).scores]
 
-    own, plain = (model.fitted_for(rezeroing=rezeroing) for rezeroing in (True, False))
+    own, plain = model.for_rezeroing, replace(model, rezeroed_fit=None)
     assert scores(model, 3.0) == scores(own, 3.0) != scores(plain, 3.0)
     assert scores(model, 0.0) == scores(plain, 0.0) != scores(own, 0.0)

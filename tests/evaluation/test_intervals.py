@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from truejoint.calibration import Calibration, calibrate, measure_coverage, rezeroed, with_interval
+from truejoint.calibration import Calibration, calibrate, find_zero, measure_coverage, with_interval
 from truejoint.evaluation import IntervalScore, evaluate, interval_table, render_report
 from truejoint.recordings import Provenance, Recording
 
@@ -123,7 +123,7 @@ def test_a_homing_that_the_interval_does_not_hold_for_gives_no_number(one_homing
 
 
 def test_after_rezeroing_the_interval_of_one_homing_goes_with_the_new_one(one_homing):
-    again = rezeroed(one_homing, motion(40, homing="h2", shift=0.01))
+    again = one_homing.at(find_zero(one_homing, motion(40, homing="h2", shift=0.01)))
     tests = [motion(30, homing="h2", shift=0.01), motion(31, homing="h1")]
     assert evaluate({"linear": [again]}, tests).interval_trajectories == ("m30.parquet",)
     verdict = evaluate({"linear": [again]}, [motion(40, homing="h2", shift=0.01)]).verdict

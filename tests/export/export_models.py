@@ -9,6 +9,7 @@ import numpy as np
 from truejoint.calibration import Calibration
 from truejoint.calibration.domain import fit_training_domain
 from truejoint.calibration.interval import Interval
+from truejoint.calibration.origin import Origin
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.family import EstimatorData
 from truejoint.features.feature_set import FeatureSet
@@ -82,11 +83,11 @@ def calibration(
         gap_limit=0.3,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
-        model=model,
-        baseline_models={},
-        metadata={
-            "sample_dt": 1 / 30, "data_sha256": "0" * 64, "homing_ids": list(homing_ids),
-        },
+        fitted=model.data,
+        learnt=model,
+        fitted_baselines={},
+        origin=Origin(sample_dt=1 / 30, homing_ids=tuple(homing_ids)),
+        metadata={"data_sha256": "0" * 64},
         training_domain=fit_training_domain([training], needed, 0.3, X, error, resting),
         interval=None
         if rezero is None

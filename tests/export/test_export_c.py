@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from truejoint.calibration.zero import Zero
 from truejoint.errors import ExportError, ModelFileError
 from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
 from truejoint.export.c_source import check_prefix, comment, table
@@ -83,7 +84,8 @@ def test_long_streams_stay_equal(tmp_path, estimator):
 
 @needs_compiler
 def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
-    model = calibration(LinearRegressor(), rezero=10.0).with_metadata(rezeroed={"at": 1.0})
+    model = calibration(LinearRegressor(), rezero=10.0)
+    model = replace(model, zero=Zero(np.zeros(len(model.joints))))
     library = exported(tmp_path, model)
     assert library.functions.check() == 0
     assert assert_same_as_corrector(library, model, 400, 3) > 0.3

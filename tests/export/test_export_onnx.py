@@ -11,7 +11,6 @@ import pytest
 from tests.runtime.streams import recording as stream_recording
 from tests.runtime.streams import trained
 
-from truejoint.calibration.zero import moved
 from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import (
     FixedOffset,
@@ -120,7 +119,7 @@ def test_a_zero_of_the_output_is_in_the_graph_and_one_of_the_inputs_is_refused(t
     model = calibration(LinearRegressor(), PLAIN)
     test = recording(model.signals, 100, 5)
     zero = 0.01 * (1.0 + np.arange(len(model.joints)))
-    later = moved(model, zero)
+    later = model.shifted(zero)
     _, position = run(export_onnx(later, tmp_path / "m.onnx"), later, test)
     np.testing.assert_allclose(position, model.correct(test) + zero, rtol=0, atol=1e-12)
     inputs = replace(later, moves=np.ones((len(model.signals), len(model.joints))))

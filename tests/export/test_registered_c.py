@@ -12,8 +12,7 @@ import pytest
 from sklearn.neighbors import KNeighborsRegressor
 
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.signal_shift import signal_moves
-from truejoint.calibration.zero import moved
+from truejoint.calibration.training_zeros import signal_moves
 from truejoint.errors import TruejointError
 from truejoint.estimators import get_estimator
 from truejoint.export.export_c import export_c
@@ -118,7 +117,7 @@ def test_an_interval_is_stated_with_the_same_bits(tmp_path, name, rezero):
 def test_a_zero_that_moved_is_in_the_source(tmp_path, name):
     plain = model(name)
     moves = signal_moves([unseen(name)], plain.signals, plain.joints)
-    calibration = moved(replace(plain, moves=moves), np.full(len(plain.joints), 0.02))
+    calibration = replace(plain, moves=moves).shifted(np.full(len(plain.joints), 0.02))
     assert calibration.signal_shift.any()
     library = exported(tmp_path, calibration)
     assert library.functions.check() == 0

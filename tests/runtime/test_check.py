@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, rezeroed, with_interval
+from truejoint.calibration import calibrate, find_zero, with_interval
 from truejoint.calibration.zero import believed
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Provenance, Recording
@@ -79,7 +79,7 @@ def test_an_offset_is_found_from_three_readings_and_mended(calibration):
         assert joint.offset == pytest.approx(0.05, abs=4 * NOISE)
         assert 0.3 * NOISE < joint.offset_sd < NOISE
         assert joint.inside == 0.0
-    assert check_calibration(rezeroed(calibration, test), test).holds is True
+    assert check_calibration(calibration.at(find_zero(calibration, test)), test).holds is True
 
 
 def test_one_joint_off_is_enough_to_fail(calibration):
@@ -123,7 +123,7 @@ def test_the_loop_takes_a_rezeroed_file_for_zeroed(calibration):
         replace(calibration, interval=None), [motion(seed) for seed in range(2, 14)], rezero=5.0
     )
     row = test.table[list(calibration.signals)].to_numpy()[0]
-    for model, known in ((zeroing, False), (rezeroed(zeroing, test), True)):
+    for model, known in ((zeroing, False), (zeroing.at(find_zero(zeroing, test)), True)):
         corrector = Corrector(model)
         corrector.set_homing(is_homed=True, homing_id="h26" if known else "h0")
         corrector.step(0.0, row)

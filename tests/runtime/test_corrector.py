@@ -16,9 +16,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import write_calibration
-from truejoint.calibration.encoding import encode
+from truejoint.calibration.container import to_bytes
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.model_file import to_bytes
+from truejoint.calibration.model_file import encode
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, PolynomialRegressor
 from truejoint.runtime import Corrector, Status

@@ -15,12 +15,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import write_calibration
-from truejoint.calibration.encoding import decode, encode
+from truejoint.calibration.container import to_bytes
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.model_file import to_bytes
+from truejoint.calibration.model_file import encode
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
-from truejoint.estimators.family import find_family
 from truejoint.estimators.jaw.run import ForcepsModel, jaw_filter
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
@@ -30,7 +29,7 @@ from .registered import forceps, in_loop, model, ready, ready_unless_refused, un
 
 HEAVY = (
     "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.stats",
-    "truejoint.estimators.base", "truejoint.recordings", "truejoint.calibration.calibration",
+    "truejoint.estimators.base", "truejoint.recordings",
 )  # fmt: skip
 CAUSAL = tuple(in_loop())
 FAMILIES = {name: get_estimator(name).family for name in CAUSAL}
@@ -330,10 +329,10 @@ def test_an_impossible_level_is_refused(level):
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_a_fault_of_the_filter_is_no_estimate(name):
-    data = decode(*encode(model(name)))
-    family = find_family(data.model.family)
+    data = model(name)
+    family = data.family
     k, n = len(data.feature_set.names), len(data.joints)
-    memory = family.memory(data.model, k, n)
+    memory = family.memory(data.fitted, k, n)
     out, width = np.empty(n), np.full(n, np.inf)
 
     def predict(dt, x):
@@ -357,7 +356,7 @@ def test_mutated_model_files_are_refused_in_one_line(tmp_path, data, name):
     description, arrays = encode(model(name))
     description = copy.deepcopy(description)
     odd = st.sampled_from([None, -1, 0, "", [], {}, True, 1e300, 1e-300, ["a"], [1e-5], 3])
-    params = description["model"]["params"]
+    params = description["fit"]["model"]["params"]
     learnt = sorted(n for n in arrays if n.startswith("model/"))
     if params and data.draw(st.booleans()):
         params[data.draw(st.sampled_from(sorted(params)))] = data.draw(odd)

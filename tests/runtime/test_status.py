@@ -11,7 +11,6 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration.encoding import decode, encode
 from truejoint.runtime import Corrector, Status
 from truejoint.runtime.limits import limits_of
 
@@ -169,7 +168,7 @@ def test_slipped_position_is_taken_when_the_joint_could_have_moved_there(correct
     samples = stream(T)
     samples[FAULT:, 0] += 0.15
     bits, _, _ = run(corrector, T, samples)
-    limits = limits_of(decode(*encode(calibration)))
+    limits = limits_of(calibration)
     needed = 0.15 / (limits.reach[0] / limits.training_dt)
     spikes = np.flatnonzero(bits & Status.SPIKE)
     assert spikes[0] == FAULT
@@ -193,8 +192,7 @@ def test_a_feature_that_the_distance_leaves_out_is_held_to_its_range(calibration
     seen = calibration.training_domain
     left_out = replace(seen, whitening=seen.whitening * [0.0, *np.ones(len(seen.feature_mean) - 1)])
     changed, plain = (
-        limits_of(decode(*encode(model)))
-        for model in (replace(calibration, training_domain=left_out), calibration)
+        limits_of(model) for model in (replace(calibration, training_domain=left_out), calibration)
     )
     assert np.isfinite(changed.feature_lower[0])
     np.testing.assert_array_equal(changed.feature_lower, plain.feature_lower)
@@ -217,9 +215,9 @@ def test_features_unlike_any_trained_row_together(calibration):
 
 def test_corrections_larger_than_any_error_of_training():
     made = trained()
-    data = made.model.data
+    data = made.fitted
     steep = replace(data, arrays={**data.arrays, "coef": 4.0 * data.arrays["coef"]})
-    wrong = replace(made, model=type(made.model).from_data(steep, 4, 2))
+    wrong = replace(made, fitted=steep)
     corrector = Corrector(wrong)
     corrector.set_homing(True, "h1")
     samples = stream(T)
@@ -227,7 +225,7 @@ def test_corrections_larger_than_any_error_of_training():
     assert set(np.unique(bits)) == {0, Status.IMPLAUSIBLE}
     assert (np.diff((bits == 0).astype(int)) == 1).any()  # recovered at least once
     corrections = wrong.predict_error(recording(T))
-    limits = limits_of(decode(*encode(wrong)))
+    limits = limits_of(wrong)
     within = (corrections >= limits.correction_lower) & (corrections <= limits.correction_upper)
     np.testing.assert_array_equal(bits == 0, within.all(axis=1))
     np.testing.assert_array_equal(positions[bits != 0], samples[:, MEASURED][bits != 0])
@@ -393,7 +391,9 @@ def test_a_rezeroed_homing_that_was_left_is_another_one(calibration):
 
 
 def test_an_offset_ends_with_a_homing_of_the_training_too(calibration):
-    corrector = Corrector(calibration.with_metadata(homing_ids=["h1", "h2"]))
+    corrector = Corrector(
+        replace(calibration, origin=replace(calibration.origin, homing_ids=("h1", "h2")))
+    )
     corrector.set_homing(True, "h1")
     corrector.rezero([0.01, 0.0])
     assert corrector.set_homing(True, "h2") == Status.OK
@@ -430,7 +430,7 @@ STEPS = st.one_of(
 @settings(max_examples=60, deadline=None)
 def test_streams_of_anything(shared, steps):
     calibration, corrector = shared
-    limits = limits_of(decode(*encode(calibration)))
+    limits = limits_of(calibration)
     corrector.set_homing(False)
     corrector.set_homing(True, "h1")
     t, last = 0.0, None

@@ -12,7 +12,7 @@ from tests.tip.touched_arm import recorded as record
 
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
-from truejoint.tip import Block, BlockPose, Touches, find_block, read_touches, rezeroed_by_touch
+from truejoint.tip import Block, BlockPose, Touches, find_block, read_touches, zero_by_touch
 from truejoint.tip.touch import touched_zero, with_estimated_errors
 
 HOMING = (0.002, 0.006, -3e-4)
@@ -55,7 +55,8 @@ def test_a_print_that_is_small_is_found(model, first):
 
 def test_touches_after_a_homing_give_its_zero(model, pose, first):
     today = touched(8, 5, offset=HOMING, block=first.block, homing_id="2")
-    again, found = rezeroed_by_touch(model, today.recording, today.touches, pose)
+    zero, found = zero_by_touch(model, today.recording, today.touches, pose)
+    again = model.at(zero)
     assert (np.abs(again.offset - HOMING) < 4 * found.sd[:3]).all()
     assert (found.sd[:3] < [2e-3, 2e-3, 3e-4]).all()
     motion = record(wandering(600, 8), np.array(HOMING))
@@ -64,9 +65,8 @@ def test_touches_after_a_homing_give_its_zero(model, pose, first):
         np.sqrt(((one.correct(motion) - truth) ** 2).mean(axis=0)) for one in (model, again)
     )
     assert (after < 0.7 * before).all()
-    facts = again.metadata["rezeroed"]
-    assert (facts["truth"], facts["homing_id"], facts["rows"]) == ("touch", "2", 8)
-    assert again.metadata["homing_ids"] == ["2"]
+    assert (zero.source, zero.homing_id, zero.rows) == ("touch", "2", 8)
+    assert again.origin.homing_ids == ("2",)
     for name in model.baselines:
         assert again.offsets[name] == pytest.approx(again.offset)
 
@@ -101,8 +101,9 @@ def test_a_badly_seated_touch_is_left_out_and_named(model, pose, first):
     other = next(n for n in first.block.points if n not in dimple)
     dimple[3] = other
     wrong = replace(today.touches, dimple=tuple(dimple))
-    again, found = rezeroed_by_touch(model, today.recording, wrong, pose)
-    assert again.metadata["rezeroed"]["left_out"] == [other]
+    zero, found = zero_by_touch(model, today.recording, wrong, pose)
+    again = model.at(zero)
+    assert zero.details["left_out"] == [other]
     assert (np.abs(again.offset - HOMING) < 4 * found.sd[:3]).all()
 
 

@@ -1,8 +1,7 @@
 from .adapt import adapted as adapted
 from .calibration import Calibration as Calibration
 from .calibration import OnlineState as OnlineState
-from .calibration import read_calibration as read_calibration
-from .calibration import write_calibration as write_calibration
+from .calibration import RezeroedFit as RezeroedFit
 from .choose import Automatic as Automatic
 from .conformal import Agreement as Agreement
 from .conformal import Coverage as Coverage
@@ -13,11 +12,14 @@ from .cross_conformal import cross_interval as cross_interval
 from .enough import ENOUGH as ENOUGH
 from .enough import expected_gain as expected_gain
 from .fit import calibrate as calibrate
+from .fit import cross_fit as cross_fit
 from .fit import reseeded as reseeded
 from .interval import Interval as Interval
 from .interval import needed_trajectories as needed_trajectories
-from .jaw_session import encoder_rezeroed as encoder_rezeroed
-from .jaw_session import weighed as weighed
+from .model_file import read_calibration as read_calibration
+from .model_file import write_calibration as write_calibration
+from .motor_zero import motor_zero as motor_zero
+from .motor_zero import with_stiffness as with_stiffness
+from .rows import Rows as Rows
 from .zero import Zero as Zero
 from .zero import find_zero as find_zero
-from .zero import rezeroed as rezeroed

@@ -5,23 +5,19 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.spatial import KDTree
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.compatibility import session_of, trained_on
-from truejoint.calibration.encoding import as_calibration
-from truejoint.calibration.fit import origin
-from truejoint.calibration.rows import (
-    RowRules,
-    TrainingRows,
-    outlying_values,
-    stride_of,
-)
-from truejoint.calibration.selection import common_robot
+from truejoint.calibration.calibration import Calibration, as_calibration
+from truejoint.calibration.compatibility import common_robot
+from truejoint.calibration.fit import training_origin
+from truejoint.calibration.origin import Session
+from truejoint.calibration.rows import Rows
+from truejoint.calibration.training_rows import stride_of, training_rows
+from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
 from truejoint.estimators.adapting import check_rows
 from truejoint.features.feature_set import sample_dt
@@ -29,7 +25,7 @@ from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
 from truejoint.robots import Robot
 
-_OF_THE_PRIOR: Final = ("held_out", "rezeroed", "accepted", "command", "fit_seconds", "choice")
+_OF_THE_PRIOR: Final = ("held_out", "command", "fit_seconds", "choice")
 """Metadata that do not hold."""
 _KEPT: Final = ("created", "rows", "duration", "data_sha256")  # of its metadata, under "prior"
 _LIKE: Final = ("measured", "effort")  # quantities by which rows are like others
@@ -87,26 +83,37 @@ def adapted(
     recordings, reference = as_recordings(recordings), as_recordings(reference)
     robot = common_robot(recordings)
     _check_prior(prior, robot)
-    theirs = prior.fitted_for(rezeroing=True)
-    own = replace(theirs, arm=robot.arm)
-    parts = _rows(own, recordings, stride_of(fit_rate, sample_dt(recordings)))
+    before = prior.for_rezeroing
+    after = replace(before, arm=robot.arm)
+    parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
     check_rows(sum(int(part.known.sum()) for part in parts))
-    before = _rows(theirs, reference, 1) if reference else []
-    each = bool(prior.rezero_models)
-    always = _always_left(theirs, before, parts, is_each_zeroed=each)
-    if sum(one.duration for one in recordings) < SLOPES_FROM:
-        penalties = np.full(len(own.joints), math.inf)
-        own = _moved(own, parts, always)
+    known = _rows(before, reference, 1) if reference else []
+    usual = _usual_residuals(before, known, parts, is_each_zeroed=prior.rezeroed_fit is not None)
+    if sum(recording.duration for recording in recordings) < SLOPES_FROM:
+        penalties = np.full(len(after.joints), math.inf)
+        after = _at_mean(after, parts, usual)
     else:
-        own, penalties = _changed(own, parts, always)
-    told = {name: own.metadata.get(name) for name in _KEPT} | {
+        after, penalties = _changed(after, parts, usual)
+    origin, facts = training_origin(parts)
+    sessions = [*origin.sessions, *before.origin.sessions]  # so that none is judged on
+    known_sessions = replace(origin, sessions=tuple(sessions))
+    sessions += [Session.of(r) for r in reference if not known_sessions.includes(r)]
+    origin = replace(
+        origin,
+        estimator=before.origin.estimator,
+        sample_dt=before.origin.sample_dt,
+        baseline_notes=before.origin.baseline_notes,
+        zeros=before.origin.zeros,
+        sessions=tuple(sessions),
+    )
+    of_prior = {name: prior.metadata.get(name) for name in _KEPT} | {
         "robot": prior.title,
         "penalties": [p if math.isfinite(p) else None for p in penalties],
-        "reference": [one.provenance.source for one in reference],
+        "reference": [recording.provenance.source for recording in reference],
     }
-    old = {name: value for name, value in own.metadata.items() if name not in _OF_THE_PRIOR}
-    facts = _origin(own, parts, reference)
-    return _widened(replace(own, metadata={**old, **facts, "prior": told}), parts)
+    old = {name: value for name, value in prior.metadata.items() if name not in _OF_THE_PRIOR}
+    metadata = {**old, **facts, "prior": of_prior}
+    return _widened(replace(after, metadata=metadata, origin=origin, zero=None), parts)
 
 
 def _check_prior(prior: Calibration, robot: Robot) -> None:
@@ -116,92 +123,78 @@ def _check_prior(prior: Calibration, robot: Robot) -> None:
             f"the prior is of {prior.title}, the recordings are of {robot.title}; give a prior of "
             "the same robot"
         )
-    if prior.moves is not None:
+    if prior.for_rezeroing.moves is not None:
         raise CalibrationError(
             "the prior has a zero for each homing, which moves its inputs; give one that was "
             "calibrated with a shared zero, or one for each recording"
         )
 
 
-def _origin(
-    own: Calibration, parts: Sequence[TrainingRows], reference: Sequence[Recording]
-) -> dict[str, Any]:
-    """Metadata of what a calibration was changed by; its sessions are all that it knows of."""
-    facts = origin(parts)
-    facts["sessions"] += own.metadata.get("sessions", [])  # so that none is judged on
-    facts["sessions"] += [session_of(one) for one in reference if not trained_on(facts, one)]
-    return facts
-
-
-def _widened(own: Calibration, parts: Sequence[TrainingRows]) -> Calibration:
-    """Have it count as trained what it was changed by; without what may no longer hold."""
-    known = np.concatenate([part.known for part in parts])
-    X = np.concatenate([part.features for part in parts])[known]
-    error = np.concatenate([part.error for part in parts])[known]
-    domain = own.training_domain
+def _widened(calibration: Calibration, parts: Sequence[Rows]) -> Calibration:
+    """Count the new rows as trained, and leave out what may no longer hold."""
+    X = np.concatenate([part.X[part.known] for part in parts])
+    error = np.concatenate([part.error[part.known] for part in parts])
+    domain = calibration.training_domain
     if domain is not None:
         lower = np.minimum(domain.error_lower, error.min(axis=0))
         upper = np.maximum(domain.error_upper, error.max(axis=0))
         domain = replace(domain, error_lower=lower, error_upper=upper)
     return replace(
-        own,
-        rezero_models={},
-        lower=np.minimum(own.lower, X.min(axis=0)),
-        upper=np.maximum(own.upper, X.max(axis=0)),
+        calibration,
+        lower=np.minimum(calibration.lower, X.min(axis=0)),
+        upper=np.maximum(calibration.upper, X.max(axis=0)),
         training_domain=domain,
         interval=None,
         effort_baseline=None,
     )
 
 
-def _rows(own: Calibration, recordings: Sequence[Recording], stride: int) -> list[TrainingRows]:
+def _rows(calibration: Calibration, recordings: Sequence[Recording], stride: int) -> list[Rows]:
     """Rows of recordings that fit a calibration."""
     for recording in recordings:
-        own.check_recording(recording)
-    rules = RowRules(own.feature_set, own.joints, own.gap_limit, stride)
-    return list(map(rules.rows, recordings, outlying_values(recordings, own.joints)))
+        calibration.check_recording(recording)
+    c = calibration
+    return training_rows(recordings, c.feature_set, c.joints, c.gap_limit, stride)
 
 
-def _all(calibration: Calibration) -> dict[str, Calibration]:
+def _with_baselines(calibration: Calibration) -> dict[str, Calibration]:
     """Give a calibration, as ``model``, and its baselines."""
     return {**calibration.baselines, "model": calibration}
 
 
-def _left(one: Calibration, part: TrainingRows) -> Array:
+def _residuals(calibration: Calibration, part: Rows) -> Array:
     """Truth minus corrected position (n, n_joints) of every row."""
-    return np.asarray(part.truth - one.correct(part.recording))
+    return np.asarray(part.truth - calibration.correct(part))
 
 
-def _always_left(
-    theirs: Calibration,
-    before: Sequence[TrainingRows],
-    parts: Sequence[TrainingRows],
-    *,
-    is_each_zeroed: bool,
+def _usual_residuals(
+    prior: Calibration, known: Sequence[Rows], parts: Sequence[Rows], *, is_each_zeroed: bool
 ) -> dict[str, Array]:
-    """Give what each model has always left (n, n_joints) at rows like those of `parts`.
+    """Residuals (n, n_joints) of each model on rows of the reference like those of `parts`.
 
-    Where each recording `before` has a zero of its own, that is no part of it.
+    Where each recording of the reference has a zero of its own, that is no part of them.
     """
-    n = sum(len(part.truth) for part in parts)
-    if not before:
-        return dict.fromkeys(_all(theirs), np.zeros((n, len(theirs.joints))))
-    near = _most_alike(parts, before)
-    found = {}
-    for name, one in _all(theirs).items():
-        left = [_left(one, part)[part.known] for part in before]
+    n = sum(len(part) for part in parts)
+    if not known:
+        return dict.fromkeys(_with_baselines(prior), np.zeros((n, len(prior.joints))))
+    near = _most_alike(parts, known)
+    usual = {}
+    for name, model in _with_baselines(prior).items():
+        residuals = [_residuals(model, part)[part.known] for part in known]
         if is_each_zeroed:
-            left = [values - values.mean(axis=0) for values in left]
-        found[name] = np.concatenate(left)[near].mean(axis=1)
-    return found
+            residuals = [values - values.mean(axis=0) for values in residuals]
+        usual[name] = np.concatenate(residuals)[near].mean(axis=1)
+    return usual
 
 
-def _most_alike(parts: Sequence[TrainingRows], before: Sequence[TrainingRows]) -> Integers:
-    """Places (n, 8) among all rows with truth `before` of those most like each row of `parts`."""
-    tables = [part.recording.table for part in (*parts, *before)]
-    names = [f"{quantity}/{joint}" for quantity in _LIKE for joint in parts[0].rules.joints]
+def _most_alike(parts: Sequence[Rows], reference: Sequence[Rows]) -> Integers:
+    """Places (n, 8) among all rows of the reference of those most like each row of `parts`."""
+    tables = [part.recording.table for part in (*parts, *reference)]
+    names = [f"{quantity}/{joint}" for quantity in _LIKE for joint in parts[0].joints]
     names = [name for name in names if all(name in table.columns for table in tables)]
-    there = np.concatenate([part.recording.table[names].to_numpy()[part.known] for part in before])
+    there = np.concatenate(
+        [part.recording.table[names].to_numpy()[part.known] for part in reference]
+    )
     deviation = there.std(axis=0)
     inverse = np.divide(1.0, deviation, out=np.zeros(len(names)), where=deviation > 0.0)
     here = np.concatenate([part.recording.table[names].to_numpy() for part in parts])
@@ -209,25 +202,28 @@ def _most_alike(parts: Sequence[TrainingRows], before: Sequence[TrainingRows]) -
     return np.asarray(KDTree(there * inverse).query(here * inverse, nearest)[1], dtype=np.int64)
 
 
-def _moved(
-    own: Calibration, parts: Sequence[TrainingRows], always: Mapping[str, Array]
-) -> Calibration:
-    """Move the zero alone, of the model and of each baseline."""
+def _at_mean(prior: Calibration, parts: Sequence[Rows], usual: Mapping[str, Array]) -> Calibration:
+    """Move the zero alone, of the model and of each baseline, to the mean residual."""
     known = np.concatenate([part.known for part in parts])
     offsets = {}
-    for name, one in _all(own).items():
-        left = np.concatenate([_left(one, part) for part in parts]) - always[name]
-        offsets[name] = one.offset + left[known].mean(axis=0)
-    return replace(own, offsets=offsets)
+    for name, model in _with_baselines(prior).items():
+        residuals = np.concatenate([_residuals(model, part) for part in parts]) - usual[name]
+        offsets[name] = residuals[known].mean(axis=0)
+    domain = prior.training_domain  # of the prior: the errors of the new rows widen it
+    zero = Zero(offsets.pop("model"), baselines=offsets)
+    return replace(prior.at(zero), training_domain=domain)
 
 
 def _changed(
-    own: Calibration, parts: Sequence[TrainingRows], always: Mapping[str, Array]
+    prior: Calibration, parts: Sequence[Rows], usual: Mapping[str, Array]
 ) -> tuple[Calibration, Array]:
     """Change coefficients by ridge regression; also its penalties (n_joints,) on the model's."""
-    X, dt = (np.concatenate([getattr(p, name) for p in parts]) for name in ("features", "dt"))
+    X, dt = (np.concatenate([getattr(p, name) for p in parts]) for name in ("X", "dt"))
     models, penalties = {}, np.empty(0)
-    for name, one in _all(own).items():
-        y = np.concatenate([part.targets(one.target) for part in parts])
-        models[name], penalties = one.model.adapted(X, y - one.offset - always[name], dt)
-    return replace(own, model=models.pop("model"), baseline_models=models), penalties
+    for name, model in _with_baselines(prior).items():
+        y = np.concatenate([part.fitted_targets(model.target) for part in parts])
+        models[name], penalties = model.model.adapted(X, y - model.offset - usual[name], dt)
+    fitted = models.pop("model")
+    baselines = {name: model.data for name, model in models.items()}
+    after = replace(prior, fitted=fitted.data, learnt=fitted, fitted_baselines=baselines)
+    return after, penalties

@@ -1,35 +1,52 @@
-"""A fitted calibration: corrects recordings, or one sample at a time."""
+"""A fitted calibration: corrects recordings, or one sample at a time.
+
+Here is all that runs. What learns is looked up when it is asked for, so a control loop does without
+scikit-learn and pandas.
+"""
 
 from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Mapping
-from contextlib import suppress
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
-import pandas as pd
 from numpy.typing import ArrayLike
 
+from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.calibration.compatibility import check_arm, check_columns, check_robot, check_unit
-from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
-from truejoint.calibration.interval import LEVEL, inverse_span, range_excesses
-from truejoint.calibration.model_file import read_model_file, write_model_file
-from truejoint.calibration.signal_shift import shift_signals
-from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators.base import JointRegressor, RowState
-from truejoint.estimators.family import EstimatorData, find_family
-from truejoint.estimators.wrapped import class_of
-from truejoint.features.feature_set import FeatureState, check_history, check_sample_dt, time_steps
-from truejoint.recordings import Recording
-from truejoint.recordings.table.recording import as_recording
-from truejoint.robots import Robot
+from truejoint.calibration.domain import TrainingDomain
+from truejoint.calibration.efforts import EffortBaseline
+from truejoint.calibration.interval import LEVEL, Interval, inverse_span, range_excesses
+from truejoint.calibration.origin import Origin
+from truejoint.calibration.redundancy import ParityEquations
+from truejoint.calibration.rows import Rows
+from truejoint.errors import CalibrationError, RecordingError, other_kind
+from truejoint.estimators.family import EstimatorData, Family, Target, evaluate
+from truejoint.features.feature_set import (
+    FeatureSet,
+    FeatureState,
+    check_history,
+    check_sample_dt,
+)
+from truejoint.layout import Memory
+from truejoint.robots.robot import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
+
+if TYPE_CHECKING:  # a control loop corrects without them
+    import pandas as pd
+
+    from truejoint.calibration.zero import Zero
+    from truejoint.estimators.base import JointRegressor
+    from truejoint.recordings import Recording
+
+Recorded = TypeVar("Recorded")
 
 
 @dataclass
@@ -41,7 +58,7 @@ class OnlineState:
     features : FeatureState
     row : ndarray, shape (k,)
         Features of the last sample.
-    model : RowState
+    memory : Memory
         What the estimator remembers itself.
 
     Examples
@@ -54,14 +71,40 @@ class OnlineState:
 
     features: FeatureState
     row: Array
-    model: RowState
+    memory: Memory
+
+
+@dataclass(frozen=True, eq=False)
+class RezeroedFit:
+    """Models for motions that begin with re-zeroing, fitted with a zero for each group.
+
+    They are useless without a zero, as all that differs between the groups went into their zeros.
+    `Origin.zeros` says which groups these are.
+
+    Attributes
+    ----------
+    fitted : EstimatorData
+    baselines : mapping of str to EstimatorData
+    moves : ndarray, shape (n_signals, n_joints), optional
+        As `Calibration.moves`.
+    interval : Interval, optional
+        Of positions that were re-zeroed.
+    learnt : JointRegressor, optional
+        As `Calibration.learnt`.
+    """
+
+    fitted: EstimatorData
+    baselines: Mapping[str, EstimatorData]
+    moves: Array | None = None
+    interval: Interval | None = None
+    learnt: JointRegressor | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Calibration(Summarised, CalibrationData[JointRegressor]):
+class Calibration(Summarised):
     """A fitted estimator with all that is needed to use it on the arm that it was made for.
 
-    Made by `calibrate` or `read_calibration`. See `CalibrationData` for what it holds.
+    Made by `calibrate` or `read_calibration`; it is what a model file holds.
 
     Examples
     --------
@@ -73,116 +116,272 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
     ['t', 'corrected/jaw', 'half_width/jaw']
     """
 
+    robot: str
+    arm: str
+    joints: tuple[str, ...]  # that it corrects
+    feature_set: FeatureSet  # inputs of the model, in order
+    target: Target  # of the model: truth minus measured (peng2024, II-J), or the position itself
+    units: Mapping[str, str]  # SI unit of each column that a recording must have
+    gap_limit: float  # time without a sample [s] after which the history of features starts anew
+    lower: Array  # (k,), range of each feature in the training rows
+    upper: Array
+    fitted: EstimatorData  # of `joints` in their order
+    fitted_baselines: Mapping[str, EstimatorData]  # fitted to the error on the same rows
+    origin: Origin = field(default_factory=Origin)
+    metadata: Mapping[str, Any] = field(default_factory=dict)  # JSON values for people
+    training_domain: TrainingDomain | None = None  # for the checks of a control loop
+    interval: Interval | None = None  # None until trajectories are given that the fit has not used
+    effort_baseline: EffortBaseline | None = None  # for the monitors
+    parity: ParityEquations | None = None  # of measured positions with `redundant` columns
+    redundant: Mapping[str, str] = field(default_factory=dict)  # units of these, by column
+    rezeroed_fit: RezeroedFit | None = None  # where the training recordings do not share one zero
+    offsets: Mapping[str, Array] = field(default_factory=dict)
+    """Zero (n_joints,) [rad or m] of ``"model"`` and of the baselines; 0 where none is stated."""
+    moves: Array | None = None
+    """(n_signals, n_joints), how far a signal moves with the zero of each joint: then the zero is
+    one of the measured positions, as after a homing. None: it is added to the output."""
+    zero: Zero | None = None  # that was set last, by `at`
+    learnt: JointRegressor | None = None  # the estimator as it was fitted; no file holds it
+
     @property
     def estimator(self) -> str:
         """Name of the estimator, for instance ``"dnn"`` or ``"RandomForestRegressor"``."""
-        name = self.metadata.get("estimator")
-        return name if isinstance(name, str) and name.isidentifier() else self.model.name
+        name = self.origin.estimator
+        return name if name.isidentifier() else self.model.name
 
-    def summary(self) -> dict[str, str]:
-        """Robot, model, training, and how far off it may be where that is known, by label."""
-        facts = self.metadata
-        about = {
-            "robot": self.title,
-            "estimator": f"{self.estimator}, predicts the {self.target}",
-            "joints": ", ".join(self.joints),
-            **self.feature_set.summary(),
-        }
-        rows, duration, took = (facts.get(key) for key in ("rows", "duration", "fit_seconds"))
-        if isinstance(rows, int) and isinstance(duration, float):
-            within = f", in {took:.1f} s" if isinstance(took, float) else ""
-            about["trained on"] = f"{rows} rows, {duration / 60:.1f} min{within}"
-        if self.rezero_models:
-            of = "recording" if self.moves is None else "homing"
-            about["zero"] = f"for use after re-zeroing, fitted with one for each {of}"
-        if self.interval is not None:
-            units = [self.units[f"measured/{joint}"] for joint in self.joints]
-            for level, widths in zip(self.interval.levels, self.interval.half_widths, strict=True):
-                stated = zip(self.joints, widths, units, strict=True)
-                about[f"{100 * level:g} %"] = ", ".join(
-                    f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in stated
-                )
-            about["interval"] = self.interval.meaning
-        with suppress(KeyError, TypeError):  # not by touches, or by somebody else's rules
-            told = facts["touch"]
-            near = with_unit(told["left_out_error"], "m")
-            about["truth"] = f"{told['touches']} touches; tip within {near} in the block's frame"
-            about["not seen"] = "; ".join(told["not_seen"]) or "-"
-        with suppress(KeyError, TypeError):  # not stated, or by somebody else's rules
-            about["held out"] = "RMSE " + ", ".join(
-                f"{row['joint']} {with_unit(row['rmse'], row['unit'])}"
-                for row in facts["held_out"]
-                if row["estimator"] == self.estimator
-            )
-        return about
+    @cached_property
+    def family(self) -> Family:
+        """What runs the estimator."""
+        return self.model.family if self._is_learnt else self.fitted.kind
 
     @property
-    def baselines(self) -> Mapping[str, Calibration]:
+    def _is_learnt(self) -> bool:
+        return self.learnt is not None and self.learnt.arrays_ is self.fitted.arrays
+
+    @cached_property
+    def model(self) -> JointRegressor:
+        """The fitted estimator as an object of the class that learns."""
+        if self._is_learnt and self.learnt is not None:
+            return self.learnt
+        class_of = import_module("truejoint.estimators.wrapped").class_of
+        shape = len(self.feature_set), len(self.joints)
+        return cast("JointRegressor", class_of(self.fitted.family).from_data(self.fitted, *shape))
+
+    @property
+    def title(self) -> str:
+        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
+        return Robot(self.robot, (), self.arm).title
+
+    @cached_property
+    def signals(self) -> tuple[str, ...]:
+        """Columns that are needed: those of the features, then any other measured position."""
+        measured = (f"measured/{joint}" for joint in self.joints)
+        return tuple(dict.fromkeys((*self.feature_set.signals, *measured)))
+
+    @property
+    def loop_signals(self) -> tuple[str, ...]:
+        """Columns of a sample in the control loop: `signals`, then those that check them."""
+        return (*self.signals, *self.redundant)
+
+    def without_redundant(self) -> Self:
+        """Give it without the columns that check `signals`, for recordings that lack them."""
+        domain = self.training_domain
+        if domain is not None:
+            kept = {
+                name: values[: len(self.signals)]
+                for name, values in vars(domain).items()
+                if name.startswith("signal_")
+            }
+            domain = replace(domain, **kept)
+        return replace(self, training_domain=domain, parity=None, redundant={})
+
+    def required_interval(self) -> Interval:
+        """Interval that is stated; raises CalibrationError when there is none."""
+        if self.interval is None:
+            raise CalibrationError(
+                f"the calibration of {self.title} states no interval; make one of recordings that "
+                "it has not seen: truejoint calibrate ... --interval RECORDING"
+            )
+        return self.interval
+
+    @cached_property
+    def offset(self) -> Array:
+        """Zero of the model (n_joints,) [rad or m]."""
+        return self.offsets.get("model", np.zeros(len(self.joints)))
+
+    @cached_property
+    def signal_shift(self) -> Array:
+        """What is added to each signal (n_signals,) before anything is made of it."""
+        return np.zeros(len(self.signals)) if self.moves is None else self.moves @ self.offset
+
+    @cached_property
+    def output_shift(self) -> Array:
+        """What is added to the prediction (n_joints,) [rad or m]."""
+        by_signals = self.moves is not None and self.target == "position"
+        return np.zeros(len(self.joints)) if by_signals else self.offset
+
+    @property
+    def for_rezeroing(self) -> Self:
+        """The fit for motions that begin with re-zeroing; itself where there is no other.
+
+        Examples
+        --------
+        >>> model.for_rezeroing is model
+        True
+        """
+        fit = self.rezeroed_fit
+        if fit is None:
+            return self
+        return replace(
+            self, fitted=fit.fitted, fitted_baselines=fit.baselines, interval=fit.interval,
+            moves=fit.moves, learnt=fit.learnt, rezeroed_fit=None,
+        )  # fmt: skip
+
+    def at(self, zero: Zero) -> Self:
+        """Give the calibration at another zero: the one way to re-zero it.
+
+        It is that of `for_rezeroing`. The model moves by `Zero.shift`, each baseline by its own
+        offset, and the range of plausible corrections moves along. `zero` and the homings of
+        `origin` say so. Raises CalibrationError unless the zero has a finite number for each joint.
+
+        Examples
+        --------
+        >>> from truejoint.calibration import Zero
+        >>> moved = model.at(Zero([1e-3]))
+        >>> bool(np.allclose(moved.correct(test) - model.correct(test), 1e-3))
+        True
+        """
+        if zero.shift.shape != (len(self.joints),) or not np.isfinite(zero.shift).all():
+            raise CalibrationError(
+                f"zero {zero.shift.tolist()!r:.60} is not a finite number for each of "
+                f"{', '.join(self.joints)}"
+            )
+        rezeroed = self.for_rezeroing
+        if zero.moves is not None:
+            rezeroed = replace(rezeroed, moves=zero.moves)
+        rezeroed = rezeroed.shifted(zero.shift)
+        offsets = dict(rezeroed.offsets)
+        for name in rezeroed.fitted_baselines:
+            by = zero.baselines.get(name, zero.shift if zero.moves is None else 0.0)
+            offsets[name] = offsets.get(name, np.zeros(len(self.joints))) + by
+        origin = rezeroed.origin
+        if zero.homing_id:
+            origin = replace(origin, homing_ids=(zero.homing_id,))
+        return replace(rezeroed, offsets=offsets, origin=origin, zero=zero)
+
+    def shifted(self, offset: Array) -> Self:
+        """Move the zero of the model by `offset` (n_joints,) [rad or m]; baselines stay."""
+        domain = self.training_domain
+        if domain is not None:
+            bounds = {n: getattr(domain, n) + offset for n in ("error_lower", "error_upper")}
+            domain = replace(domain, **bounds)
+        offsets = {**self.offsets, "model": self.offset + offset}
+        return replace(self, offsets=offsets, training_domain=domain)
+
+    @cached_property
+    def baselines(self) -> Mapping[str, Self]:
         """Fixed offset, linear and polynomial, fitted on the same rows: a calibration each."""
         bare = replace(
-            self, target="error", baseline_models={}, rezero_models={}, interval=None,
+            self, target="error", fitted_baselines={}, rezeroed_fit=None, interval=None,
             effort_baseline=None,
         )  # fmt: skip
         return {
             name: replace(
                 bare,
-                model=model,
+                fitted=fitted,
                 offsets={"model": self.offsets[name]} if name in self.offsets else {},
-                metadata={**self.metadata, "estimator": name},
+                origin=replace(self.origin, estimator=name),
             )
-            for name, model in self.baseline_models.items()
+            for name, fitted in self.fitted_baselines.items()
         }
 
-    def correct(self, recording: Recording) -> Array:
+    def rows(self, recording: Recording | Rows) -> Rows:
+        """See a recording through the features, once for all that is made of it.
+
+        Rows that were seen in the same way are given back. Raises CalibrationError if robot, arm,
+        columns, units or (where features count samples) the rate differ.
+        """
+        if not isinstance(recording, Rows):
+            self.check_recording(recording)
+            return self._rows(recording)
+        if self._sees(recording):
+            return recording
+        self.check_recording(recording.recording)
+        fresh = self._rows(recording.recording)
+        return replace(
+            recording, feature_set=fresh.feature_set, joints=fresh.joints, X=fresh.X,
+            gap_limit=fresh.gap_limit, signal_shift=fresh.signal_shift,
+        )  # fmt: skip
+
+    def _sees(self, rows: Rows) -> bool:
+        shift = np.zeros(len(self.signals)) if rows.signal_shift is None else rows.signal_shift
+        return (
+            rows.gap_limit == self.gap_limit
+            and rows.joints == self.joints
+            and rows.feature_set == self.feature_set
+            and np.array_equal(shift, self.signal_shift)
+        )
+
+    def _rows(self, recording: Recording) -> Rows:
+        seen, shift = self.feature_set, self.signal_shift
+        X = seen.compute(shift_signals(recording, self.signals, shift), self.gap_limit)
+        return Rows(recording, seen, self.joints, self.gap_limit, X, shift if shift.any() else None)
+
+    def correct(self, recording: Recording | Rows) -> Array:
         """Correct the measured positions of a recording: `joints` (n, n_joints) [rad or m].
 
-        It needs the columns `signals`, no truth. Raises CalibrationError if robot, arm, columns,
-        units or (where features count samples) the rate differ.
+        It needs the columns `signals`, no truth; raises as `rows`.
         """
-        self.check_recording(recording)
-        return self.evaluate(recording)
+        rows = self.rows(recording)
+        predicted = self._predict(rows) + self.output_shift
+        return predicted if self.target == "position" else rows.measured + predicted
 
-    def evaluate(self, recording: Recording) -> Array:
-        """Correct (n, n_joints) [rad or m] without checks, as pieces of what `correct` takes."""
-        X = self._features(recording)
-        predicted = self.model.evaluate(X, time_steps(np.array(recording.t), self.gap_limit))
-        predicted = predicted + self.output_shift
-        if self.target == "position":
-            return predicted
-        return recording.columns("measured", self.joints) + predicted
+    def correct_unchecked(self, recording: Recording) -> Array:
+        """Correct (n, n_joints) [rad or m], as `correct`, pieces of what that takes."""
+        return self.correct(self._rows(recording))
+
+    def _predict(self, rows: Rows) -> Array:
+        if self.family.row is None:
+            return self.model.evaluate(rows.X, rows.dt)
+        return evaluate(self.family, self._memory(), rows.X, rows.dt, len(self.joints))
+
+    def _memory(self) -> Memory:
+        return self.family.memory(self.fitted, len(self.feature_set), len(self.joints))
 
     def correct_table(self, recording: Recording, level: float | None = None) -> pd.DataFrame:
         """Correct a recording into a table; raises as `correct`.
 
         Columns ``t`` [s] and ``corrected/<joint>``, and with an interval ``half_width/<joint>``
-        [rad or m], at a `level` of 0.9 unless another is asked for; raises CalibrationError if one
-        is that the calibration does not state.
+        [rad or m], at a `level` of 0.9 by default. Raises CalibrationError for a level that the
+        calibration does not state.
         """
-        columns = {"t": recording.t}
-        values = {"corrected": self.correct(recording)}
+        rows = self.rows(recording)
+        columns = {"t": rows.t}
+        values = {"corrected": self.correct(rows)}
         if self.interval is not None or level is not None:
-            values["half_width"] = self.half_widths(recording, LEVEL if level is None else level)
+            values["half_width"] = self.half_widths(rows, LEVEL if level is None else level)
         for name, array in values.items():
             columns |= {f"{name}/{joint}": array[:, k] for k, joint in enumerate(self.joints)}
-        return pd.DataFrame(columns)
+        return type(recording.table)(columns)  # a recording knows tables, a control loop does not
 
-    def predict_error(self, recording: Recording) -> Array:
+    def predict_error(self, recording: Recording | Rows) -> Array:
         """Corrected minus measured position (n, n_joints) [rad or m]; raises as `correct`."""
-        return self.correct(recording) - recording.columns("measured", self.joints)
+        rows = self.rows(recording)
+        return self.correct(rows) - rows.measured
 
     def correct_with_interval(
-        self, recording: Recording, level: float = 0.9
+        self, recording: Recording | Rows, level: float = 0.9
     ) -> tuple[Array, Array, Array]:
         """Give `correct` and the bounds between which a joint is with a probability of `level`.
 
         Each (n, n_joints) [rad or m]; see `Interval` for the meaning. Raises CalibrationError as
         `correct`, or if the calibration has no interval of that level.
         """
-        corrected = self.correct(recording)
-        half = self.half_widths(recording, level)
+        rows = self.rows(recording)
+        corrected, half = self.correct(rows), self.half_widths(rows, level)
         return corrected, corrected - half, corrected + half
 
-    def half_widths(self, recording: Recording, level: float = 0.9) -> Array:
+    def half_widths(self, recording: Recording | Rows, level: float = 0.9) -> Array:
         """Half-width (n, n_joints) [rad or m] of the interval at every row of a recording.
 
         Wider where a feature is outside its trained range. Raises CalibrationError if the
@@ -192,17 +391,18 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         widening = 1.0 + interval.growth * self.range_excess(recording)
         return widening[:, None] * interval.half_width(level)
 
-    def range_excess(self, recording: Recording) -> Array:
+    def range_excess(self, recording: Recording | Rows) -> Array:
         """How far outside the trained range each row (n,) is, as a share of it; 0 inside."""
-        X = self._features(recording)
-        out = np.empty(len(X))
-        range_excesses(X, self.lower, self.upper, inverse_span(self.lower, self.upper), out)
-        return out
+        X = self.rows(recording).X
+        excess = np.empty(len(X))
+        range_excesses(X, self.lower, self.upper, inverse_span(self.lower, self.upper), excess)
+        return excess
 
     def start(self) -> OnlineState:
         """State before the first sample, for `step`."""
-        row = np.empty(len(self.feature_set))
-        return OnlineState(self.feature_set.start(), row, self.model.start())
+        return OnlineState(
+            self.feature_set.start(), np.empty(len(self.feature_set)), self._memory()
+        )
 
     def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
         """Correct one sample; the same bits as `correct` gives for the whole recording.
@@ -221,12 +421,15 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
         if not np.isfinite(values).all():
             name = self.signals[int(np.argmin(np.isfinite(values)))]
             raise CalibrationError(f"sample at {t!r} s: {name!r} is not finite; leave it out")
-        seen, last = state.features.clock
-        if not math.isfinite(t) or (seen and not t > last):
+        has_begun, last = state.features.clock
+        if not math.isfinite(t) or (has_begun and not t > last):
             raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
-        moved = values + self.signal_shift
-        fresh = self.feature_set.step(state.features, t, moved, self.gap_limit, state.row)
-        predicted = self.model.step(state.model, 0.0 if fresh else t - last, state.row)
+        shifted = values + self.signal_shift
+        fresh = self.feature_set.step(state.features, t, shifted, self.gap_limit, state.row)
+        n, memory = len(self.joints), state.memory
+        predicted = np.empty(n)
+        dt = 0.0 if fresh else t - last
+        self.family.row(memory.numbers, memory.memory, dt, state.row, predicted, np.full(n, np.inf))
         predicted = predicted + self.output_shift
         if self.target == "position":
             return predicted
@@ -247,14 +450,20 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
             ) from None
         return replace(self, metadata={**self.metadata, **plain})
 
-    def _features(self, recording: Recording) -> Array:
-        moved = shift_signals(recording, self.signals, self.signal_shift)
-        return self.feature_set.compute(moved, self.gap_limit)
+    @property
+    def facts(self) -> dict[str, Any]:
+        """JSON values of what the calibration was made from: those of `origin`, and `metadata`."""
+        return {**schema.plain(self.origin), **self.metadata}
 
     @property
+    def counts_samples(self) -> bool:
+        """Whether what was learnt belongs to one time step."""
+        return self.feature_set.counts_samples or self.family.counts_samples
+
+    @cached_property
     def looks_back(self) -> bool:
         """Whether a correction depends on rows before: by a feature, or by the model itself."""
-        return bool(self.model.family.remembers or self.feature_set.start().memory.size)
+        return bool(self.family.remembers or self.feature_set.start().memory.size)
 
     def check_robot(self, robot: Robot) -> None:
         """Raise CalibrationError unless a robot's arm is the one that it was made for."""
@@ -262,78 +471,98 @@ class Calibration(Summarised, CalibrationData[JointRegressor]):
 
     def check_recording(self, recording: Recording) -> None:
         """Raise CalibrationError unless a recording is one that `correct` can correct."""
-        as_recording(recording)
         arm = self.robot, self.arm
-        check_arm(recording, arm, f"the calibration of {self.title}")
+        check_arm(as_recorded(recording), arm, f"the calibration of {self.title}")
         check_columns(recording, self.signals, "calibration needs")
         for signal in self.signals:
             check_unit(recording, signal, self.units[signal], "the calibration was made with")
-        if self.feature_set.counts_samples or self.model.family.counts_samples:
-            check_sample_dt(recording, float(self.metadata["sample_dt"]))
+        if self.counts_samples:
+            check_sample_dt(recording, self.origin.sample_dt)
         if self.looks_back:
             check_history(recording, self.gap_limit)
 
+    def summary(self) -> dict[str, str]:
+        """Robot, model, training, and how far off it may be where that is known, by label."""
+        facts = self.metadata
+        about = {
+            "robot": self.title,
+            "estimator": f"{self.estimator}, predicts the {self.target}",
+            "joints": ", ".join(self.joints),
+            **self.feature_set.summary(),
+        }
+        rows, duration, took = (facts.get(key) for key in ("rows", "duration", "fit_seconds"))
+        if isinstance(rows, int) and isinstance(duration, float):
+            within = f", in {took:.1f} s" if isinstance(took, float) else ""
+            about["trained on"] = f"{rows} rows, {duration / 60:.1f} min{within}"
+        about |= self._zero_summary()
+        for interval in (self.interval, self.rezeroed_fit and self.rezeroed_fit.interval):
+            about |= self._interval_summary(interval) if interval else {}
+        return about | _accuracy_summary(facts, self.estimator)
 
-def write_calibration(
-    calibration: Calibration, path: str | os.PathLike[str], *, overwrite: bool = False
-) -> None:
-    """Write a calibration as one safetensors file; `read_calibration` reads it back.
+    def _zero_summary(self) -> dict[str, str]:
+        about = {}
+        if self.rezeroed_fit is not None and self.origin.zeros is not None:
+            per = self.origin.zeros.per
+            about["second fit"] = f"for motions that are re-zeroed, with a zero for each {per}"
+        if self.zero is not None:
+            units = [self.units[f"measured/{joint}"] for joint in self.joints]
+            moved = zip(self.joints, self.zero.shift, units, strict=True)
+            by = ", ".join(f"{joint} {with_unit(shift, unit)}" for joint, shift, unit in moved)
+            about["zero"] = f"moved by {by} ({self.zero.source})"
+        return about
 
-    Raises
-    ------
-    ModelFileError
-        If the file exists and `overwrite` is false, or it cannot be written.
-    CalibrationError
-        If it is no calibration, or no installed package has the family of its estimator.
-
-    Examples
-    --------
-    >>> write_calibration(model, "jaw.safetensors")
-    >>> read_calibration("jaw.safetensors").estimator
-    'linear'
-    """
-    find_family(as_calibration(calibration).model.data.family)
-    description, arrays = encode(calibration)
-    write_model_file(path, description, arrays, overwrite=overwrite)
+    def _interval_summary(self, interval: Interval) -> dict[str, str]:
+        units, about = [self.units[f"measured/{joint}"] for joint in self.joints], {}
+        for level, widths in zip(interval.levels, interval.half_widths, strict=True):
+            stated = zip(self.joints, widths, units, strict=True)
+            about[f"{100 * level:g} %"] = ", ".join(
+                f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in stated
+            )
+        return {**about, "interval": interval.meaning}
 
 
-def read_calibration(path: str | os.PathLike[str]) -> Calibration:
-    """Read a calibration that `write_calibration` wrote; it predicts bit for bit as before.
-
-    Nothing in the file is run.
-
-    Raises
-    ------
-    ModelFileError
-        If the file is missing, truncated, edited, too large, or of a newer format.
-
-    Examples
-    --------
-    >>> write_calibration(model, "jaw.safetensors")
-    >>> read_calibration("jaw.safetensors").joints
-    ('jaw',)
-    """
-    description, arrays = read_model_file(path)
+def _accuracy_summary(facts: Mapping[str, Any], estimator: str) -> dict[str, str]:
+    """Lines of what metadata say of touches and of a held-out set, where they say it."""
+    about, touch, held_out = {}, facts.get("touch"), facts.get("held_out")
     try:
-        data = decode(description, arrays)
-        counts = data.feature_set.counts_samples or data.model.kind.counts_samples
-        dt = data.metadata.get("sample_dt")
-        if counts and not (isinstance(dt, float) and 0.0 < dt < 1e9):
-            raise ModelFileError("the model counts samples, and the time step is not stated")
-        shape = (len(data.feature_set), len(data.joints))
-        fitted, rezero_models = (
-            {name: _fitted(name, model, *shape) for name, model in models.items()}
-            for models in ({"model": data.model, **data.baseline_models}, data.rezero_models)
-        )
-    except TruejointError as error:
-        raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
-    parts = {field.name: getattr(data, field.name) for field in fields(data)}
-    parts |= {"model": fitted.pop("model"), "baseline_models": fitted}
-    return Calibration(**parts | {"rezero_models": rezero_models})
+        if touch is not None:
+            near = with_unit(touch["left_out_error"], "m")
+            where = "in the block's frame"
+            about["truth"] = f"{touch['touches']} touches; tip within {near} {where}"
+            about["not seen"] = "; ".join(touch["not_seen"]) or "-"
+        if held_out is not None:
+            about["held out"] = "RMSE " + ", ".join(
+                f"{row['joint']} {with_unit(row['rmse'], row['unit'])}"
+                for row in held_out
+                if row["estimator"] == estimator
+            )
+    except (KeyError, TypeError):  # metadata are free: somebody else's may be called so
+        pass
+    return about
 
 
-def _fitted(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> JointRegressor:
-    try:
-        return class_of(data.family).from_data(data, n_features, n_outputs)
-    except CalibrationError as error:
-        raise ModelFileError(f"estimator {name!r}: {error}") from None
+def as_calibration(value: Calibration) -> Calibration:
+    """Give back a calibration; raises CalibrationError for anything else, saying how to get one."""
+    if hasattr(value, "effort_baseline"):  # as what stands for one in a loop may have
+        return value
+    advice = "give what `calibrate` gives, or read_calibration(path)"
+    raise CalibrationError(other_kind(value, "Calibration", advice))
+
+
+def as_recorded(value: Recorded) -> Recorded:
+    """Give back a recording, known by its columns: what runs does without the tables of one."""
+    if hasattr(value, "column"):
+        return value
+    raise RecordingError(other_kind(value, "Recording", "read_recording(path) gives one"))
+
+
+def shift_signals(recording: Recording, signals: tuple[str, ...], shift: Array) -> Recording:
+    """Add to each of the `signals` its `shift` (n_signals,) in the signal's unit."""
+    changed = {
+        signal: recording.column(signal) + by
+        for signal, by in zip(signals, shift, strict=True)
+        if by
+    }
+    if not changed:
+        return recording
+    return replace(recording, table=recording.table.assign(**changed))

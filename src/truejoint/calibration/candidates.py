@@ -7,24 +7,22 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from sklearn.base import clone
-
 from truejoint.array_types import Mask
 from truejoint.calibration.choose import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
-from truejoint.calibration.compatibility import distinct
-from truejoint.calibration.folds import FEW, folds
-from truejoint.calibration.rows import RowRules, outlying_values, stride_of
-from truejoint.calibration.selection import (
+from truejoint.calibration.compatibility import (
     chosen_features,
     chosen_joints,
     common_robot,
     common_units,
     in_all,
 )
+from truejoint.calibration.fit_task import unfitted
+from truejoint.calibration.folds import FEW, folds
+from truejoint.calibration.origin import distinct
+from truejoint.calibration.training_rows import outlying_values, stride_of, training_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.family import TARGETS, Target
-from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
 from truejoint.features.feature_set import (
     FeatureSet,
     default_features,
@@ -93,7 +91,7 @@ def choice_of(
     extended = with_rates if features is None and free and shows_rates else None
     found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
-    return replace(found, told={**found.told, "not_in_all": lacking})
+    return replace(found, evidence={**found.evidence, "not_in_all": lacking})
 
 
 def _with_their_features(
@@ -138,11 +136,12 @@ def _grouped(
     target: Target,
 ) -> Group:
     """Candidates with the rows of recordings, as many as serve a choice, that they see."""
-    rules = RowRules(feature_set, joints, default_gap_limit(recordings), stride)
+    gap_limit = default_gap_limit(recordings)
     thinned = not any(one.family.counts_samples for one in candidates)
     sizes = [len(one) for one in recordings]
     most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-    rows = [Rows.of(part, target, most) for part in map(rules.rows, recordings, outlying)]
+    parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
+    rows = [Rows.of(part, target, most) for part in parts]
     told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
     return Group(feature_set, rows, told, target)
 
@@ -165,23 +164,3 @@ def _member_names(model: JointRegressor) -> list[str]:
     """Names of what learns the residual of a model with features of its own."""
     members = getattr(model, "members", ()) if model.family.inputs is not None else ()
     return [str(getattr(one, "name", one)) for one in members]
-
-
-def unfitted(
-    estimator: str | Regressor, target: Target | None, random_state: int | None
-) -> JointRegressor:
-    """Unfitted copy that can predict the target; raises CalibrationError where it cannot."""
-    if target not in (None, *TARGETS):
-        raise CalibrationError(f"target {target!r} is not 'error' or 'position'")
-    named = get_estimator(estimator) if isinstance(estimator, str) else estimator
-    model: JointRegressor = clone(joint_regressor(named))
-    if target is not None and target not in model.family.targets:
-        raise CalibrationError(
-            f"{model.name} cannot predict the {target}; use target "
-            f"{' or '.join(map(repr, model.family.targets))}"
-        )
-    if random_state is not None:
-        seeds = [name for name in model.get_params() if name.split("__")[-1] == "random_state"]
-        model.set_params(**dict.fromkeys(seeds, random_state))
-    model.check_params()
-    return model

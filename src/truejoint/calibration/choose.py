@@ -14,7 +14,7 @@ from scipy.optimize import nnls
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.folds import FEW, Fold, hidden_rows
-from truejoint.calibration.rows import TrainingRows
+from truejoint.calibration.rows import Rows as Seen
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold
 from truejoint.estimators.family import Target
@@ -109,17 +109,17 @@ class Rows:
     targets: Array  # (m, n_joints) [rad or m], NaN where they are not fitted to
 
     @classmethod
-    def of(cls, part: TrainingRows, target: Target, most: int) -> Self:
+    def of(cls, part: Seen, target: Target, most: int) -> Self:
         """At most so many rows, evenly spread, and at most as many of those with a target.
 
         A history that starts in a row that is left out starts in the next.
         """
-        t, targets = part.recording.t, part.targets(target)
+        t, targets = part.recording.t, part.fitted_targets(target)
         known = np.flatnonzero(np.isfinite(targets).any(axis=1))
         kept = np.union1d(_spread(np.arange(len(t)), most), _spread(known, most))
         starts = np.diff(np.cumsum(part.dt == 0.0)[kept], prepend=0) > 0
         dt = np.where(starts, 0.0, np.diff(t[kept], prepend=t[0]))
-        return cls(t, kept, dt, part.features[kept], targets[kept])
+        return cls(t, kept, dt, part.X[kept], targets[kept])
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +129,7 @@ class Choice:
     estimator: JointRegressor
     features: FeatureSet
     target: Target
-    told: Mapping[str, Any]
+    evidence: Mapping[str, Any]
 
 
 @dataclass(eq=False)

@@ -1,59 +1,22 @@
-"""Recordings as a calibration knows them: which one it is, and whether they go together."""
+"""Whether recordings, arms and a calibration go together, and what recordings have in common.
+
+Each function raises CalibrationError where they do not.
+"""
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
-
-import numpy as np
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Final
 
 from truejoint.errors import CalibrationError, meant
+from truejoint.features.feature_set import FeatureSet, default_features
 from truejoint.robots.robot import Robot, as_robot
 
 if TYPE_CHECKING:
+    from truejoint.estimators.base import JointRegressor
     from truejoint.recordings import Recording
 
 _SHOWN: Final = 12  # columns in a message
-
-
-def trained_on(metadata: Mapping[str, Any], recording: Recording, key: str = "sessions") -> bool:
-    """Whether rows of a recording were in the training, or in what metadata list under `key`.
-
-    Two recordings are the same when their hashes are equal or, where neither has one, source,
-    session, homing and start. Parts of one count as the same when their times overlap.
-    """
-    own = recording.provenance.to_dict()
-    for session in metadata.get(key, ()):
-        if own["sha256"] or session["sha256"]:
-            same = own["sha256"] == session["sha256"]
-        else:
-            keys = ("source", "session", "homing_id", "start")
-            same = all(own[key] == session.get(key, own[key]) for key in keys)
-        if same and recording.t[0] <= session["last"] and recording.t[-1] >= session["first"]:
-            return True
-    return False
-
-
-def distinct(recordings: Sequence[Recording]) -> list[Recording]:
-    """Leave out what is another recording's copy: a fit without it would still have seen it."""
-    found: dict[str, Recording] = {}
-    for one in recordings:
-        digest = hashlib.sha256()
-        for name in ("t", *one.units):
-            digest.update(np.ascontiguousarray(one.table[name]).tobytes())
-        found.setdefault(digest.hexdigest(), one)
-    return list(found.values())
-
-
-def session_of(recording: Recording) -> dict[str, Any]:
-    """Tell a recording from others, as JSON values."""
-    kept = ("source", "sha256", "session", "homing_id", "load", "start")
-    origin = recording.provenance.to_dict()
-    return {key: origin[key] for key in kept} | {
-        "first": float(recording.t[0]),
-        "last": float(recording.t[-1]),
-    }
 
 
 def check_columns(recording: Recording, columns: Sequence[str], whose: str) -> None:
@@ -105,3 +68,88 @@ def check_robot(made_for: tuple[str, str], robot: Robot) -> None:
 def source_of(recording: Recording) -> str:
     """File or robot that a recording is of, for a message."""
     return recording.provenance.source or "recording"
+
+
+def common_robot(recordings: Sequence[Recording]) -> Robot:
+    """Robot that all recordings are of."""
+    if not recordings:
+        raise CalibrationError("no recordings to calibrate on; give at least one")
+    robot = recordings[0].robot
+    for recording in recordings:
+        other = f"{source_of(recordings[0])} of {robot.title}"
+        check_arm(recording, (robot.name, robot.arm), other)
+    return robot
+
+
+def chosen_joints(
+    robot: Robot, recordings: Sequence[Recording], joints: Sequence[str] | None
+) -> tuple[str, ...]:
+    """Joints asked for, or the positioning joints of which each recording has the truth."""
+    if joints is None:
+        with_truth = [set(recording.joints_of("truth")) for recording in recordings]
+        chosen = tuple(j for j in robot.positioning if all(j in known for known in with_truth))
+        if not chosen:
+            raise CalibrationError(
+                f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
+                "; a calibration needs the true position of a joint that positions the tool"
+            )
+    else:
+        chosen = tuple(dict.fromkeys([joints] if isinstance(joints, str) else joints))
+        robot.index(chosen)
+        if not chosen:
+            raise CalibrationError(
+                f"no joints to correct; {robot.title} has {', '.join(robot.joint_names)}"
+            )
+    for recording in recordings:
+        for column in (f"{q}/{joint}" for q in ("measured", "truth") for joint in chosen):
+            if column not in recording.table.columns:
+                raise CalibrationError(
+                    f"{source_of(recording)} has no column {column!r}, which calibrating "
+                    f"{', '.join(chosen)} needs; it has {listed(list(recording.units))}"
+                )
+    return chosen
+
+
+def chosen_features(
+    model: JointRegressor,
+    robot: Robot,
+    recordings: Sequence[Recording],
+    features: FeatureSet | Iterable[str] | None,
+) -> FeatureSet:
+    """Features asked for, which must be as many as the model takes; its own by default."""
+    params, own = model.model_params(), model.family.inputs
+    if features is None:
+        chosen = FeatureSet.parse(own(params)) if own else default_features(robot, recordings[0])
+    else:
+        chosen = FeatureSet.parse(features)
+    if features is not None:
+        model.family.check_size(params, len(chosen))
+    for recording in recordings:
+        check_columns(recording, chosen.signals, "features need")
+    return chosen
+
+
+def in_all(recordings: Sequence[Recording], columns: Iterable[str]) -> list[str]:
+    """Columns that every recording has, in one unit."""
+    first = recordings[0].units
+    return [
+        name
+        for name in columns
+        if name in first and all(one.units.get(name) == first[name] for one in recordings)
+    ]
+
+
+def common_units(
+    recordings: Sequence[Recording], feature_set: FeatureSet, joints: Sequence[str]
+) -> dict[str, str]:
+    """Units of the columns that the calibration will need; the truth must share them."""
+    first = recordings[0]
+    columns = (*feature_set.signals, *(f"measured/{joint}" for joint in joints))
+    units = {column: first.units[column] for column in columns}
+    for recording in recordings:
+        for column, unit in units.items():
+            check_unit(recording, column, unit, f"in {source_of(first)} in")
+        for joint in joints:
+            measured = f"measured/{joint}"
+            check_unit(recording, f"truth/{joint}", units[measured], f"{measured!r} in")
+    return units

@@ -11,17 +11,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
-from truejoint.calibration.compatibility import distinct, session_of, source_of, trained_on
-from truejoint.calibration.effort_fitting import residual_statistics
-from truejoint.calibration.encoding import as_calibration
+from truejoint.calibration.calibration import as_calibration
+from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
-from truejoint.calibration.zero import judged_error
+from truejoint.calibration.origin import Session, distinct
+from truejoint.calibration.residuals import residual_statistics
+from truejoint.calibration.zero import judged_error, rows_with_truth
 from truejoint.errors import CalibrationError
 from truejoint.estimators.registry import OFFSET
 from truejoint.recordings.table.recording import as_recordings
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
+    from truejoint.calibration.rows import Rows
     from truejoint.recordings import Recording
 
 
@@ -79,21 +81,25 @@ def with_interval(
     check_interval(levels, rezero, growth)
     recordings = distinct(as_recordings(recordings))
     for recording in recordings:
-        if trained_on(as_calibration(calibration).metadata, recording):
+        if as_calibration(calibration).origin.includes(recording):
             raise CalibrationError(
                 f"{source_of(recording)} was used in the fit, so its errors are too small for an "
                 "interval; give recordings that the calibration has not seen"
             )
     units = exchangeable_units(recordings, per_homing=rezero == 0.0)
     possible = possible_levels(levels, len(units))
-    is_rezeroed = rezero > 0.0
-    used = calibration.fitted_for(rezeroing=is_rezeroed)
-    calibration = knowing_errors(calibration, [(used, recordings)])
-    used = calibration.fitted_for(rezeroing=is_rezeroed)
-    scores = [trajectory_scores(used, one, rezero, growth) for one in recordings]
+    parts = [rows_with_truth(fit_for(calibration, rezero), recording) for recording in recordings]
+    calibration = knowing_errors(calibration, [(fit_for(calibration, rezero), parts)])
+    used = fit_for(calibration, rezero)
+    scores = [trajectory_scores(used, part, rezero, growth) for part in parts]
     joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
     interval = interval_of(joined, possible, recordings, growth=growth, rezero=rezero)
     return state_interval(calibration, interval, recordings)
+
+
+def fit_for(calibration: Calibration, rezero: float) -> Calibration:
+    """Fit that is used for motions that begin with `rezero` [s] of truth; 0 for none."""
+    return calibration.for_rezeroing if rezero > 0.0 else calibration
 
 
 def check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
@@ -144,7 +150,7 @@ def interval_of(
 
 
 def knowing_errors(
-    calibration: Calibration, judged: Sequence[tuple[Calibration, Sequence[Recording]]]
+    calibration: Calibration, judged: Sequence[tuple[Calibration, Sequence[Recording | Rows]]]
 ) -> Calibration:
     """Calibration that knows how large errors are: of fits on recordings that they did not see.
 
@@ -167,9 +173,16 @@ def knowing_errors(
 def state_interval(
     calibration: Calibration, interval: Interval, recordings: Sequence[Recording]
 ) -> Calibration:
-    """Calibration with an interval that was made of these recordings."""
-    stated = replace(calibration, interval=interval)
-    return stated.with_metadata(interval_sessions=[session_of(r) for r in recordings])
+    """Calibration with an interval that was made of these recordings.
+
+    One of re-zeroed positions belongs to the fit for re-zeroing, where there is one.
+    """
+    origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
+    fit = calibration.rezeroed_fit
+    if interval.rezero > 0.0 and fit is not None:
+        fit = replace(fit, interval=interval)
+        return replace(calibration, rezeroed_fit=fit, interval=None, origin=origin)
+    return replace(calibration, interval=interval, origin=origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -230,13 +243,15 @@ def measure_coverage(
     recordings = as_recordings(recordings)
     if not recordings:
         raise CalibrationError("no recording to measure coverage on; give at least one")
-    interval = as_calibration(calibration).required_interval()
-    calibration = calibration.fitted_for(rezeroing=interval.rezero > 0.0)
+    calibration = as_calibration(calibration)
+    calibration = calibration if calibration.interval else calibration.for_rezeroing
+    interval = calibration.required_interval()
     row = interval.index(level)
     shares, widths = [], []
     for recording in recordings:
-        error, rows = judged_error(calibration, recording, interval.rezero)
-        allowed = calibration.half_widths(recording, level)[rows]
+        seen = rows_with_truth(calibration, recording)
+        error, judged = judged_error(calibration, seen, interval.rezero)
+        allowed = calibration.half_widths(seen, level)[judged]
         shares.append((np.abs(error) <= allowed).mean(axis=0))
         widths.append(allowed.mean(axis=0))
     return Coverage(
@@ -348,7 +363,7 @@ def conformal_threshold(scores: Sequence[Array], level: float) -> float:
 
 def trajectory_scores(
     calibration: Calibration,
-    recording: Recording,
+    recording: Recording | Rows,
     rezero: float,
     growth: float,
     among: Mask | None = None,
@@ -357,10 +372,10 @@ def trajectory_scores(
 
     Of the rows `among` (n,) those that `judged_error` judges.
     """
-    if OFFSET not in calibration.baseline_models:
+    if OFFSET not in calibration.fitted_baselines:
         raise CalibrationError("the calibration holds no fixed offset to compare with; fit it anew")
-    error, rows = judged_error(calibration, recording, rezero, among)
-    offset_error, _ = judged_error(calibration.baselines[OFFSET], recording, rezero, among)
-    widening = 1.0 + growth * calibration.range_excess(recording)[rows]
-    raw_error = recording.error(calibration.joints)[rows]
-    return np.abs([error.T / widening, offset_error.T, raw_error.T])
+    rows = rows_with_truth(calibration, recording)
+    error, judged = judged_error(calibration, rows, rezero, among)
+    offset_error, _ = judged_error(calibration.baselines[OFFSET], rows, rezero, among)
+    widening = 1.0 + growth * calibration.range_excess(rows)[judged]
+    return np.abs([error.T / widening, offset_error.T, rows.error[judged].T])

@@ -1,4 +1,4 @@
-"""Intervals from what a laboratory has: recordings, or one cut with gaps, also fitted to."""
+"""Intervals from the recordings of the fit itself: whole ones, or parts with gaps between them."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.choose import Automatic
-from truejoint.calibration.compatibility import distinct
+from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.conformal import (
     check_interval,
     exchangeable_units,
@@ -21,7 +21,8 @@ from truejoint.calibration.conformal import (
     state_interval,
     trajectory_scores,
 )
-from truejoint.calibration.fit import calibrate, within
+from truejoint.calibration.fit import calibrate, cross_fit
+from truejoint.calibration.fit_task import within
 from truejoint.calibration.folds import (
     FOLDS,
     Fold,
@@ -31,11 +32,10 @@ from truejoint.calibration.folds import (
     dealt,
     enough_beside,
     wholes,
-    without,
     without_levels,
 )
 from truejoint.calibration.interval import GROWTH, LEVELS
-from truejoint.calibration.selection import common_robot
+from truejoint.calibration.origin import distinct
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.registry import DEFAULT
@@ -104,36 +104,64 @@ def cross_interval(
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or untold
-    apart = distinct(recordings)
-    plans = _plans(apart, per_homing=rezero == 0.0)
+    different = distinct(recordings)
+    plans = _plans(different, per_homing=rezero == 0.0)
     possible = possible_levels(levels, len(plans[0].units))
     share = 1.0 / (len(plans[0].left_out) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
-    again = {**how, "features": fitted.feature_set, "target": fitted.target}
-    again |= {"joints": fitted.joints, "zero": fitted.metadata["zeros"]["of"]}
-    rest = within(report, share, 1.0 - share)
-    plan, others = _fits(apart, plans, fitted.model.settled(), again, rest)
-    others = [other.fitted_for(rezeroing=rezero > 0.0) for other in others]
-    unseen = [plan.unseen(apart, fold) for fold in plan.left_out]
-    fitted = knowing_errors(fitted, list(zip(others, unseen, strict=True)))
+    plan, fits = _cross_fits(
+        fitted, different, plans, rezero, how.get("fit_rate"), within(report, share, 1.0 - share)
+    )
+    held_out = [plan.held_out(different, fold) for fold in plan.left_out]
+    fitted = knowing_errors(fitted, list(zip(fits, held_out, strict=True)))
     scores: dict[Part, list[Array]] = {}
-    for other, fold in zip(others, plan.left_out, strict=True):
-        used = replace(other, effort_baseline=fitted.effort_baseline)
+    for fit, fold in zip(fits, plan.left_out, strict=True):
+        used = replace(fit, effort_baseline=fitted.effort_baseline)
+        rows = {i: used.rows(different[i]) for i in _recordings_of(fold)}
         for part in fold.parts:
-            recording = apart[part.recording]
-            found = trajectory_scores(used, recording, rezero, growth, part.rows(len(recording)))
+            seen = rows[part.recording]
+            found = trajectory_scores(used, seen, rezero, growth, part.rows(len(seen)))
             scores.setdefault(part, []).append(found)
     interval = interval_of(
         [np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in plan.units],
         possible,
-        apart,
+        different,
         growth=growth,
         rezero=rezero,
         folds=len(plan.left_out),
         cut=plan.cut,
         whole=plan.whole,
     )
-    return state_interval(fitted, interval, apart)
+    return state_interval(fitted, interval, different)
+
+
+def _cross_fits(
+    fitted: Calibration,
+    recordings: Sequence[Recording],
+    plans: Sequence[_Plan],
+    rezero: float,
+    fit_rate: float | None,
+    report: Progress,
+) -> tuple[_Plan, list[Calibration]]:
+    """Fits without what each fold of a plan leaves out, of the first plan that works."""
+    fractions = [0.0]  # done, of the plans so far
+    for number, plan in enumerate(plans):
+        rest = within(report, fractions[-1], 1.0 - fractions[-1])
+
+        def told(fraction: float, rest: Progress = rest, begin: float = fractions[-1]) -> None:
+            fractions.append(begin + (1.0 - begin) * fraction)
+            rest(fraction)
+
+        try:
+            fits = cross_fit(
+                fitted, recordings, plan.left_out, fit_rate=fit_rate,
+                for_rezeroing=rezero > 0.0, progress=told,
+            )  # fmt: skip
+            return plan, fits
+        except CalibrationError:
+            if number == len(plans) - 1:
+                raise
+    raise AssertionError  # there is a plan
 
 
 @dataclass(frozen=True)
@@ -145,8 +173,8 @@ class _Plan:
     cut: int = 0  # recordings that were cut into the units
     whole: int = 0  # of these, or of homings, that are left out whole all the same
 
-    def unseen(self, recordings: Sequence[Recording], fold: Fold) -> list[Recording]:
-        """Give what the fit without a fold did not see: recordings, or parts of them."""
+    def held_out(self, recordings: Sequence[Recording], fold: Fold) -> list[Recording]:
+        """Give what the fit without a fold did not use: recordings, or parts of them."""
         if self.whole:
             return [recordings[i] for i in _recordings_of(fold)]
         return [recordings[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
@@ -173,31 +201,6 @@ def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
     if len(units) < len(parts):  # several recordings of a homing
         return [_Plan(units, dealt(units, ""))]
     return [_Plan(units, without_levels(recordings, conditions(recordings)))]
-
-
-def _fits(
-    recordings: Sequence[Recording],
-    plans: Sequence[_Plan],
-    estimator: Regressor,
-    how: dict[str, Any],
-    report: Progress,
-) -> tuple[_Plan, list[Calibration]]:
-    """Fits without what each fold of a plan leaves out, of the first plan that works."""
-    plan, *others = plans
-    share = 1.0 / len(plan.left_out)
-    found = []
-    for k, fold in enumerate(plan.left_out):
-        done = within(report, k * share, share)
-        try:
-            training = without(recordings, fold.parts)
-            found.append(calibrate(training, estimator, progress=done, **how))
-        except CalibrationError:
-            if not others:
-                raise
-            return _fits(
-                recordings, others, estimator, how, within(report, k * share, 1 - k * share)
-            )
-    return plan, found
 
 
 def _recordings_of(fold: Fold) -> list[int]:

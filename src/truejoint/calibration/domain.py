@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.model_file import decode_arrays
+from truejoint.calibration.container import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
 from truejoint.summary import Summarised

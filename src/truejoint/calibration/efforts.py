@@ -6,16 +6,21 @@ its sign when the motion turns carries gravity and load, the part that does not 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, fields
-from typing import Final
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.model_file import decode_arrays
+from truejoint.calibration.container import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import ModelFileError
+
+if TYPE_CHECKING:
+    from truejoint.calibration.residuals import Residuals
+    from truejoint.calibration.rows import Rows
+    from truejoint.recordings import Recording
 
 STEPS_PER_RANGE: Final = 200  # of a joint's trained range, at which its effort is looked at
 SETTLE_STEPS: Final = 4  # steps after a reversal until friction has built up
@@ -68,6 +73,18 @@ class EffortBaseline:
     # (n, n_joints), standard deviation [rad or m] of the offset of the first `BEGINNINGS` in motion
     # about the mean error of the recording: the calibration does not know what was before them.
     beginning: Array
+
+    @classmethod
+    def of_residuals(cls, parts: Sequence[Rows], residuals: Residuals) -> Self:
+        """Give what rows and residuals say, without efforts: no joint is monitored."""
+        lower, upper = position_range(parts)
+        n = len(lower)
+        unknown = dict.fromkeys(("monitored", "shift_limit", "friction_limit"), np.zeros(n))
+        return cls(
+            lower=lower, upper=upper, **unknown, coef=np.zeros((n, count_effort_terms(n))),
+            scale=np.ones(n), residual=residuals.size, correlation=residuals.correlation,
+            beginning=residuals.beginning,
+        )  # fmt: skip
 
     @property
     def step(self) -> Array:
@@ -236,6 +253,108 @@ def largest_shifts(deviation: Array, speed: Array, moved: Array) -> tuple[float,
     for i in range(deviation.shape[0]):
         now = average_effort(deviation[i], speed[i], moved[i], 0, mean)
         shift, friction = max(shift, abs(now[0])), max(friction, abs(now[1]))
+    return shift, friction
+
+
+def fit_effort_baseline(
+    parts: Sequence[Rows], signals: Sequence[str], residuals: Residuals
+) -> EffortBaseline:
+    """Learn efforts from recordings in which a calibration of these `signals` holds.
+
+    A joint is `monitored` when its effort is among the signals and it travels at least five of its
+    ranges each way. `residuals` are those of the calibration.
+    """
+    joints, bare = parts[0].joints, EffortBaseline.of_residuals(parts, residuals)
+    known = [f"effort/{joint}" in signals for joint in joints]
+    steps = [_steps(piece, joints, known, bare.lower, bare.upper) for piece in _pieces(parts)]
+    n_terms = count_effort_terms(len(joints))
+    coef, scale = np.zeros((len(joints), n_terms)), np.ones(len(joints))
+    shift, friction, monitored = np.zeros((3, len(joints)))
+    for j in range(len(joints)):
+        of_joint = [rows[rows[:, 0] == j] for rows in steps]
+        if not known[j] or not _enough(np.concatenate(of_joint), n_terms):
+            continue
+        coef[j], scale[j] = _fit_effort(np.concatenate(of_joint))
+        shift[j], friction[j] = _held_out_shifts(of_joint)
+        monitored[j] = 1.0
+    return replace(
+        bare,
+        monitored=monitored,
+        coef=coef,
+        scale=scale,
+        shift_limit=np.maximum(SMALLEST_SHIFT, SHIFT_MARGIN * shift),
+        friction_limit=np.maximum(SMALLEST_FRICTION_SHIFT, FRICTION_MARGIN * friction),
+    )
+
+
+def position_range(parts: Sequence[Rows]) -> tuple[Array, Array]:
+    """Least and largest measured position (n_joints,) [rad or m] of all rows."""
+    together = np.concatenate([part.measured for part in parts])
+    return together.min(axis=0), together.max(axis=0)
+
+
+def has_baseline(parts: Sequence[Rows]) -> bool:
+    """Whether joints are few enough for a baseline, and each of them moves."""
+    lower, upper = position_range(parts)
+    return len(lower) <= MAX_JOINTS and bool((upper > lower).all())
+
+
+def _pieces(parts: Sequence[Rows]) -> list[Recording]:
+    """Split into what can be held out in turn: a single recording is cut in three by time."""
+    recordings = [part.recording for part in parts]
+    thirds = np.array_split(np.arange(len(recordings[0])), 3)
+    if len(recordings) > 1 or len(thirds[0]) < 2:
+        return recordings
+    return [recordings[0].rows(rows.astype(np.int64)) for rows in thirds]
+
+
+def _steps(
+    recording: Recording, joints: Sequence[str], known: Sequence[bool], lower: Array, upper: Array
+) -> Array:
+    """Lay out a recording as `effort_steps` does; effort 0 where there is none."""
+    n_joints = len(joints)
+    position = np.ascontiguousarray(recording.columns("measured", joints))
+    effort = np.zeros_like(position)
+    for j, joint in enumerate(joints):
+        if known[j]:
+            effort[:, j] = recording.column(f"effort/{joint}")
+    # A step is at least 1/200 of a range, so that travel bounds their number.
+    travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (upper - lower)
+    most = min(position.size, int(travel.sum() * STEPS_PER_RANGE) + n_joints)
+    rows = np.empty((most + 1, 4 + count_effort_terms(n_joints)))
+    count = effort_steps(np.array(recording.t), position, effort, lower, upper, rows)
+    return rows[:count]
+
+
+def _enough(rows: Array, n_terms: int) -> bool:
+    """Whether steps of one joint pin its baseline down in both directions."""
+    needed = max(RANGES_EACH_WAY * STEPS_PER_RANGE, STEPS_PER_TERM * n_terms)
+    each_way = (np.sum(rows[:, 3] * (rows[:, 2] > 0.0)), np.sum(rows[:, 3] * (rows[:, 2] < 0.0)))
+    return bool(min(each_way) >= RANGES_EACH_WAY and len(rows) >= needed and rows[:, 1].std() > 0.0)
+
+
+def _fit_effort(rows: Array) -> tuple[Array, float]:
+    """Coefficients (n_terms,) of one joint's effort and the standard deviation about them."""
+    terms, effort = rows[:, 4:], rows[:, 1]
+    coef = np.asarray(np.linalg.lstsq(terms, effort, rcond=None)[0], dtype=np.float64)
+    deviation = float(np.std(effort - terms @ coef))
+    return coef, max(deviation, 1e-9 * float(np.abs(effort).max()))
+
+
+def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
+    """Largest shifts that recordings show against the baseline of the others, in its scale."""
+    shift, friction = 0.0, 0.0
+    for i, own in enumerate(pieces):
+        others = [rows for k, rows in enumerate(pieces) if k != i and len(rows)]
+        if not others or not len(own):
+            continue
+        rest = np.concatenate(others)
+        if len(rest) < STEPS_PER_TERM * (rest.shape[1] - 4):
+            continue
+        coef, scale = _fit_effort(rest)
+        deviation = (own[:, 1] - own[:, 4:] @ coef) / scale
+        seen = largest_shifts(deviation, own[:, 2].copy(), own[:, 3].copy())
+        shift, friction = max(shift, seen[0]), max(friction, seen[1])
     return shift, friction
 
 

@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.fit import calibrate
-from truejoint.calibration.folds import FOLDS, blocks, dealt, without
+from truejoint.calibration.fit import calibrate, cross_fit
+from truejoint.calibration.folds import FOLDS, blocks, dealt
 from truejoint.estimators.wrapped import Regressor
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
@@ -49,21 +49,20 @@ def expected_gain(
     recordings = as_recordings(recordings)
     how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
     whole = calibrate(recordings, estimator, **how)
-    predicted = [whole.correct(recording) for recording in recordings]
+    rows = [whole.rows(recording) for recording in recordings]
+    predicted = [whole.correct(seen) for seen in rows]
     parts = blocks(recordings, FOLDS)
-    folds = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
+    left_out = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
     differences, errors = [], []
-    for fold in folds:
-        model = calibrate(without(recordings, fold.parts), estimator, **how)
-        again = [model.correct(recording) for recording in recordings]
-        apart = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
-        differences.append(np.concatenate(apart).mean(axis=0))
+    fits = cross_fit(whole, recordings, left_out, fit_rate=how.get("fit_rate"))
+    for fit, fold in zip(fits, left_out, strict=True):
+        again = [fit.correct(seen) for seen in rows]
+        squares = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
+        differences.append(np.concatenate(squares).mean(axis=0))
         for part in fold.parts:
-            recording = recordings[part.recording]
-            truth = recording.columns("truth", whole.joints)
-            left = (truth - again[part.recording])[part.first : part.end]
-            errors.append(left[np.isfinite(left).all(axis=1)] ** 2)
-    variance = (len(folds) - 1) / len(folds) * np.sum(differences, axis=0)
+            error = (rows[part.recording].truth - again[part.recording])[part.first : part.end]
+            errors.append(error[np.isfinite(error).all(axis=1)] ** 2)
+    variance = (len(fits) - 1) / len(fits) * np.sum(differences, axis=0)
     square = np.concatenate(errors).mean(axis=0)
-    lost = np.divide(variance / 2.0, square, out=np.zeros_like(square), where=square > 0.0)
-    return np.asarray(1.0 - np.sqrt(1.0 - np.minimum(lost, 1.0)))
+    gain = np.divide(variance / 2.0, square, out=np.zeros_like(square), where=square > 0.0)
+    return np.asarray(1.0 - np.sqrt(1.0 - np.minimum(gain, 1.0)))

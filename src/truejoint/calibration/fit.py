@@ -5,55 +5,47 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
-from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
-from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.candidates import choice_of, unfitted
+from truejoint.array_types import Integers
+from truejoint.calibration.calibration import Calibration, RezeroedFit
+from truejoint.calibration.candidates import choice_of
 from truejoint.calibration.choose import FITTED_ROWS, MOST_ROWS, Automatic, Choice, share_of
-from truejoint.calibration.compatibility import check_unit, distinct, session_of
+from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.domain import fit_training_domain, resting_features
-from truejoint.calibration.effort_fitting import fit_effort_baseline
-from truejoint.calibration.folds import FEW, folds, wholes
-from truejoint.calibration.own_zeros import ZeroOf, at_one_zero, zero_groups
-from truejoint.calibration.redundancy import ParityEquations, fit_parity_equations
-from truejoint.calibration.rows import (
-    RowRules,
-    TrainingRows,
-    fitted_rows,
-    outlying_values,
-    partly_known,
-    stride_of,
+from truejoint.calibration.efforts import (
+    STEPS_PER_RANGE,
+    EffortBaseline,
+    fit_effort_baseline,
+    has_baseline,
+    position_range,
 )
-from truejoint.calibration.selection import (
-    chosen_features,
-    chosen_joints,
-    chosen_redundant,
-    common_robot,
-    common_units,
-)
-from truejoint.calibration.signal_shift import signal_moves
-from truejoint.calibration.zero_choice import judge_zeros
+from truejoint.calibration.fit_task import FitTask, Fitted, data_of, fit_model, unfitted, within
+from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
+from truejoint.calibration.origin import Origin, Session, TrainingZeros, ZeroOf, distinct
+from truejoint.calibration.redundancy import chosen_redundant, fit_parity_equations
+from truejoint.calibration.residuals import Residuals, residual_statistics
+from truejoint.calibration.rows import Rows
+from truejoint.calibration.training_rows import fitted_rows, stride_of, training_rows
+from truejoint.calibration.training_zeros import signal_moves, take_off_zeros, zero_groups
+from truejoint.calibration.zero_validation import validate_zeros
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, constant_columns, untold
+from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.family import Target
-from truejoint.estimators.registry import AUTO, BASELINES, DEFAULT
-from truejoint.estimators.wrapped import Regressor, get_estimator
-from truejoint.features.feature_set import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
+from truejoint.estimators.registry import AUTO, DEFAULT
+from truejoint.estimators.wrapped import Regressor
+from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
-from truejoint.robots import Robot
 
 _CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
 _ZEROS_SHARE: Final = 0.2  # and of judging zeros then
-_BASELINE_SHARE: Final = 0.1  # of the progress bar
 
 
 def calibrate(
@@ -107,7 +99,7 @@ def calibrate(
         With ``"recording"``, the estimator is fitted a second time, with an offset of truth against
         measured position for each recording; with ``"homing"``, for each homing, by which the
         measured positions themselves are off, inputs of the model included. The zeros are those of
-        a linear model on the same features. The second fit (`Calibration.fitted_for`) is for
+        a linear model on the same features. The second fit (`Calibration.for_rezeroing`) is for
         motions that begin with re-zeroing and is useless without, as all that differs between
         recordings has gone into the zeros.
     progress : callable, optional
@@ -130,180 +122,51 @@ def calibrate(
     recordings = as_recordings(recordings)
     report, began = progress or untold, time.perf_counter()
     groups = None if zero is None or zero == "shared" else zero_groups(recordings, zero)
+    choice, begin, share = None, 0.0, 1.0
     if isinstance(estimator, Automatic) or estimator == AUTO:
-        wanted = estimator if isinstance(estimator, Automatic) else Automatic()
-        zeros_share = _ZEROS_SHARE if zero is None else 0.0
+        automatic = estimator if isinstance(estimator, Automatic) else Automatic()
         choice = choice_of(
-            recordings, wanted, features, joints, target, fit_rate, random_state,
+            recordings, automatic, features, joints, target, fit_rate, random_state,
             within(report, 0.0, _CHOICE_SHARE),
         )  # fmt: skip
-        fitted = calibrate(
-            recordings, choice.estimator, features=choice.features, joints=joints,
-            target=choice.target, redundant=redundant, fit_rate=fit_rate, zero=zero,
-            progress=within(report, _CHOICE_SHARE, 1.0 - _CHOICE_SHARE - zeros_share),
-        )  # fmt: skip
-        told = dict(choice.told)
-        if zero is None:
-            last = within(report, 1.0 - zeros_share, zeros_share)
-            second, told["zero"] = _judged_zeros(
-                fitted, choice, recordings, fit_rate, wanted.tell, last
-            )
-            fitted = fitted if second is None else _with_zeros(fitted, second)
-        report(1.0)
-        chosen = _of_unseen(fitted, choice)
-        return chosen.with_metadata(choice=told, fit_seconds=_since(began))
-    task = _Task.of(recordings, estimator, features, joints, target, random_state)
+        estimator, features, target, random_state = choice.estimator, choice.features, None, None
+        target = choice.target
+        begin = _CHOICE_SHARE
+        share = 1.0 - begin - (_ZEROS_SHARE if zero is None else 0.0)
+    task = FitTask.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
-    fits = _fits(task, parts, groups, zero or "shared", report)
-    report(1.0)
-    return _assembled(task, parts, fits, *checks).with_metadata(fit_seconds=_since(began))
-
-
-def _since(began: float) -> float:
-    """Time [s] that has gone by, to a millisecond."""
-    return round(time.perf_counter() - began, 3)
-
-
-def _of_unseen(fitted: Calibration, choice: Choice) -> Calibration:
-    """State as its size of errors that on what the fits of a choice did not see, if larger.
-
-    The median of the parts: some lie far beyond what the others show.
-    """
-    baseline = fitted.effort_baseline
-    if baseline is None:
-        return fitted
-    unseen = [choice.told["chosen"]["median"][joint] for joint in fitted.joints]
-    baseline = replace(baseline, residual=np.maximum(baseline.residual, unseen))
-    return replace(fitted, effort_baseline=baseline)
-
-
-@dataclass(frozen=True)
-class _Task:
-    """What a model is to learn of recordings, as it is told and found before anything is fitted."""
-
-    recordings: Sequence[Recording]
-    robot: Robot
-    model: JointRegressor
-    target: Target
-    joints: tuple[str, ...]
-    feature_set: FeatureSet
-    dt: float
-    gap_limit: float
-    units: dict[str, str]
-
-    @classmethod
-    def of(
-        cls,
-        recordings: Sequence[Recording],
-        estimator: str | Regressor,
-        features: FeatureSet | Iterable[str] | None,
-        joints: Sequence[str] | None,
-        target: Target | None,
-        random_state: int | None,
-    ) -> Self:
-        """Find what is not told, as `calibrate` says; raises CalibrationError as it does."""
-        robot = common_robot(recordings)
-        model = unfitted(estimator, target, random_state).for_recordings(recordings)
-        chosen = chosen_joints(robot, recordings, joints)
-        feature_set = chosen_features(model, robot, recordings, features)
-        model = model.for_features(feature_set.names, robot, chosen)
-        dt = sample_dt(recordings)
-        if feature_set.counts_samples or model.family.counts_samples:
-            for recording in recordings:
-                check_sample_dt(recording, dt)
-        return cls(
-            recordings,
-            robot,
-            model,
-            target or model.family.targets[0],
-            chosen,
-            feature_set,
-            dt,
-            default_gap_limit(recordings),
-            common_units(recordings, feature_set, chosen),
-        )
-
-    def rows(self, stride: int) -> list[TrainingRows]:
-        """Rows of each recording, of which every `stride`-th is fitted to."""
-        rules = RowRules(self.feature_set, self.joints, self.gap_limit, stride)
-        outlying = outlying_values(self.recordings, self.joints)
-        return list(map(rules.rows, self.recordings, outlying))
-
-    def unused_features(self, X: Array) -> list[str]:
-        """Features that never change in the training rows `X`: nothing is learnt of them.
-
-        Refused are those that the model insists on, and positions of the joints.
-        """
-        names = self.feature_set.names
-        constant = [names[i] for i in np.flatnonzero(constant_columns(X))]
-        fixed = self.model.family.inputs is not None
-        measured = {f"measured/{joint}" for joint in self.joints}
-        stuck = [name for name in constant if fixed or name in measured]
-        if stuck or len(constant) == len(names):
-            raise CalibrationError(
-                f"features {', '.join(stuck or constant)} never change in the training rows, so "
-                "nothing can be learnt of them; move those joints, check their sensors, or leave "
-                "the features or joints out"
+    own = share if groups is None else 0.5 * share
+    fitted = _assembled(task, parts, task.fit(parts, within(report, begin, own)), *checks)
+    if groups is not None and zero is not None:
+        again = within(report, begin + own, own)
+        fitted, parts = _with_zeros(fitted, task, parts, groups, zero, again)
+    if choice is not None:
+        evidence = dict(choice.evidence)
+        if zero is None:
+            rest = within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE)
+            own_zeros, evidence["zero"] = _judge_zeros(
+                fitted, choice, recordings, fit_rate, automatic, rest
             )
-        return constant
-
-
-@dataclass(frozen=True)
-class _SecondFit:
-    """Models for motions that begin with re-zeroing, and the rows that they are of."""
-
-    models: dict[str, JointRegressor]
-    parts: Sequence[TrainingRows]
-    moves: Array | None
-    zeros: dict[str, Any]
-
-
-@dataclass(frozen=True)
-class _Fits:
-    """What was fitted to the rows of a task."""
-
-    model: JointRegressor
-    baselines: dict[str, JointRegressor]
-    notes: dict[str, str]  # on these
-    unused: list[str]  # features that never change
-    second: _SecondFit
-
-
-def _fits(
-    task: _Task,
-    parts: Sequence[TrainingRows],
-    groups: tuple[list[str], Integers] | None,
-    zero: ZeroOf,
-    report: Progress,
-) -> _Fits:
-    """Fit model and baselines, and once more where there are `groups` with zeros of their own."""
-    X = fitted_rows(parts, "features")
-    unused = task.unused_features(X)
-    n_features = len(task.feature_set) - len(unused)
-    _check_enough(task.model, len(X), n_features)
-    share = 1.0 if groups is None else 0.5
-    own, baselines, notes = _fit(task, parts, n_features, within(report, 0.0, share))
-    second = _SecondFit({}, parts, None, {"of": zero})
-    if groups is not None:
-        second = _fit_at_one_zero(
-            task, parts, groups, zero, n_features, within(report, share, share)
-        )
-    return _Fits(own, baselines, notes, unused, second)
+            if own_zeros:
+                groups = zero_groups(recordings, "recording")
+                fitted, parts = _with_zeros(fitted, task, parts, groups, "recording", untold)
+        fitted = fitted.with_metadata(choice=evidence)
+    fitted = replace(fitted, effort_baseline=_effort_baseline(fitted.for_rezeroing, parts, choice))
+    report(1.0)
+    return fitted.with_metadata(fit_seconds=round(time.perf_counter() - began, 3))
 
 
 def _assembled(
-    task: _Task,
-    parts: Sequence[TrainingRows],
-    fits: _Fits,
-    parity: ParityEquations | None,
-    redundant: dict[str, str],
+    task: FitTask, parts: Sequence[Rows], fitted: Fitted, parity: Any, redundant: dict[str, str]
 ) -> Calibration:
     """Calibration of what was fitted, with its training domain, baselines and provenance."""
-    X, error = (fitted_rows(parts, name) for name in ("features", "error"))
-    fitted = Calibration(
+    X, error = (fitted_rows(parts, name) for name in ("X", "error"))
+    identified = fitted.model.identified
+    origin, facts = training_origin(parts)
+    return Calibration(
         robot=task.robot.name,
         arm=task.robot.arm,
         joints=task.joints,
@@ -313,8 +176,9 @@ def _assembled(
         gap_limit=task.gap_limit,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
-        model=fits.model,
-        baseline_models=fits.baselines,
+        fitted=data_of(fitted.model),
+        fitted_baselines=fitted.baselines,
+        learnt=fitted.model,
         training_domain=fit_training_domain(
             task.recordings,
             (*task.units, *redundant),
@@ -325,102 +189,171 @@ def _assembled(
         ),
         parity=parity,
         redundant=redundant,
+        origin=replace(
+            origin, estimator=task.model.name, sample_dt=task.dt, baseline_notes=fitted.notes
+        ),
         metadata={
-            **origin(parts),
-            "sample_dt": task.dt,
-            "estimator": task.model.name,
+            **facts,
             "settings": " ".join(repr(task.model).split()),
-            "unused_features": fits.unused,
-            "baseline_notes": fits.notes,
-            **({"identified": fits.model.identified} if fits.model.identified else {}),
+            "unused_features": task.unused_features(parts),
+            **({"identified": identified} if identified else {}),
         },
     )
-    return _with_zeros(fitted, fits.second)
 
 
-def _with_zeros(fitted: Calibration, second: _SecondFit) -> Calibration:
-    """Calibration with what was fitted once more beside it, and what is known of its errors."""
-    fitted = replace(fitted, rezero_models=second.models, moves=second.moves)
-    fitted = fitted.with_metadata(zeros=second.zeros)
-    used = fitted.fitted_for(rezeroing=True)
-    baseline = fit_effort_baseline(used, [part.recording for part in second.parts])
-    return replace(fitted, effort_baseline=baseline)
-
-
-def _fit_at_one_zero(
-    task: _Task,
-    parts: Sequence[TrainingRows],
+def _with_zeros(
+    fitted: Calibration,
+    task: FitTask,
+    parts: Sequence[Rows],
     groups: tuple[list[str], Integers],
     zero: ZeroOf,
-    n_features: int,
     report: Progress,
-) -> _SecondFit:
-    """Fit once more, with a zero for each of the `groups` of recordings."""
-    names, index = groups
+) -> tuple[Calibration, list[Rows]]:
+    """Fit once more, with a zero for each of the `groups`; also give the rows of that fit."""
+    names, group = groups
     signals = tuple(task.units)
     moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
-    at_zero, found = at_one_zero(parts, index, moves, signals)
-    again, others, _ = _fit(task, at_zero, n_features, report)
-    zeros = {"of": zero, "names": names, "offsets": found.tolist()}
-    return _SecondFit({"model": again, **others}, at_zero, moves, zeros)
+    at_zero, offsets = take_off_zeros(parts, group, moves, signals)
+    again = task.fit(at_zero, report)
+    zeros = TrainingZeros("homing" if zero == "homing" else "recording", tuple(names), offsets)
+    fit = RezeroedFit(data_of(again.model), again.baselines, moves, learnt=again.model)
+    return replace(fitted, rezeroed_fit=fit, origin=replace(fitted.origin, zeros=zeros)), [
+        replace(part, zero=None) for part in at_zero
+    ]
 
 
-def _judged_zeros(
+def _effort_baseline(
+    calibration: Calibration, parts: Sequence[Rows], choice: Choice | None
+) -> EffortBaseline | None:
+    """Efforts and errors in the training; None if joints are too many, or one never moves."""
+    if not has_baseline(parts):
+        return None
+    residuals = _residuals(calibration, parts, choice)
+    return fit_effort_baseline(parts, calibration.signals, residuals)
+
+
+def _residuals(calibration: Calibration, parts: Sequence[Rows], choice: Choice | None) -> Residuals:
+    """Residuals in the training, or those on what the fits of a choice did not see, if larger.
+
+    Those are the median of the folds: some lie far beyond what the others show.
+    """
+    lower, upper = position_range(parts)
+    residuals = residual_statistics(calibration, parts, (upper - lower) / STEPS_PER_RANGE)
+    if choice is None:
+        return residuals
+    held_out = [choice.evidence["chosen"]["median"][joint] for joint in calibration.joints]
+    return residuals._replace(size=np.maximum(residuals.size, held_out))
+
+
+def _judge_zeros(
     fitted: Calibration,
     choice: Choice,
     recordings: Sequence[Recording],
     fit_rate: float | None,
-    tell: Callable[[str], None] | None,
+    automatic: Automatic,
     report: Progress,
-) -> tuple[_SecondFit | None, dict[str, Any]]:
-    """Fit what was chosen with a zero for each recording where that is better, and tell of it.
+) -> tuple[bool, dict[str, Any]]:
+    """Whether a zero for each recording is better, cross-validated, and the evidence.
 
-    What a part that is left out shows enters no fit that it judges, nor what that knows of its own
-    errors, but for their median over all parts and what the choice settled, a network's epochs.
+    What is left out enters no fit that it judges, nor the residuals of that, but for their median
+    over all folds and what the choice settled, such as a network's epochs.
     """
 
-    def of(some: Sequence[Recording]) -> _Task:
-        return _Task.of(some, choice.estimator, choice.features, fitted.joints, choice.target, None)
-
-    def say(what: str, share: float) -> None:
-        report(share)
-        if tell is not None:
-            tell(what)
+    def say(what: str, fraction: float) -> None:
+        report(fraction)
+        if automatic.tell is not None:
+            automatic.tell(what)
 
     few = distinct(recordings)
     if len(few) < FEW:
-        return None, {"kept": False, "note": f"it takes {FEW} recordings"}
-    if not (fitted.feature_set.counts_samples or fitted.model.family.counts_samples):
-        most = share_of([len(one) for one in few], MOST_ROWS)
-        few = [one.rows(np.arange(0, len(one), -(-len(one) // most))) for one in few]
-    longest = max(default_gap_limit([one]) for one in few)  # each is thinned in its own way
-    task = replace(of(few), gap_limit=longest)
+        return False, {"kept": False, "note": f"it takes {FEW} recordings"}
+    if not fitted.counts_samples:
+        most = share_of([len(recording) for recording in few], MOST_ROWS)
+        few = [r.rows(np.arange(0, len(r), -(-len(r) // most))) for r in few]
+    longest = max(default_gap_limit([r]) for r in few)  # each is thinned in its own way
+    settled = choice.estimator, choice.features, fitted.joints, choice.target, None
+    task = replace(FitTask.of(few, *settled), gap_limit=longest)
     stride = max(stride_of(fit_rate, task.dt), -(-sum(map(len, few)) // FITTED_ROWS))
     parts = task.rows(stride)
-    plain = replace(fitted, gap_limit=task.gap_limit)
+    bare = replace(fitted, gap_limit=longest, rezeroed_fit=None, effort_baseline=None)
 
-    def fit(seen: Sequence[int]) -> tuple[Calibration, Calibration]:
-        own = [parts[index] for index in seen]
-        each, _ = at_one_zero(own, np.arange(len(own)), None, ())
-        first, again = (
-            replace(plain, model=_fit_model(clone(task.model), some, task.target, untold))
-            for some in (own, each)
+    def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
+        own = [parts[index] for index in training]
+        each, offsets = take_off_zeros(own, np.arange(len(own)), None, ())
+        shared, again = (
+            replace(bare, fitted=data_of(model), learnt=model)
+            for model in (fit_model(task.unfitted(), rows, task.target) for rows in (own, each))
         )
-        known = fit_effort_baseline(first, [few[index] for index in seen])
-        first = _of_unseen(replace(first, effort_baseline=known), choice)
-        return first, again.with_metadata(zeros={"of": "recording"})
+        if has_baseline(own):
+            baseline = EffortBaseline.of_residuals(own, _residuals(shared, own, choice))
+            shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
+        zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)
+        return shared, replace(again, origin=replace(again.origin, zeros=zeros))
 
     uncut = set(wholes(few))
     left_out = [fold for fold in folds(few) if uncut.issuperset(fold.parts)]
-    kept, told = judge_zeros(few, left_out, fit, say)
-    if not kept:
-        return None, told
-    whole = of(recordings)
-    n_features = len(whole.feature_set) - len(fitted.metadata["unused_features"])
-    own_parts = whole.rows(stride_of(fit_rate, whole.dt))
-    groups = zero_groups(recordings, "recording")
-    second = _fit_at_one_zero(whole, own_parts, groups, "recording", n_features, untold)
-    return second, told
+    return validate_zeros(parts, left_out, fit, say)
+
+
+def cross_fit(
+    fitted: Calibration,
+    recordings: Sequence[Recording],
+    left_out: Sequence[Fold],
+    *,
+    fit_rate: float | None = None,
+    for_rezeroing: bool = False,
+    progress: Progress | None = None,
+) -> list[Calibration]:
+    """Fit as a calibration was fitted, without each of some folds in turn.
+
+    Features are computed once for all fits. A fit keeps what the first one settled, such as the
+    epochs of a network. Intervals, checks and effort baselines are left out.
+
+    Parameters
+    ----------
+    fitted : Calibration
+    recordings : sequence of Recording
+        Those that it was fitted to.
+    left_out : sequence of Fold
+    fit_rate : float, optional
+        As it was fitted at [Hz].
+    for_rezeroing : bool
+        Whether the fits are for motions that begin with re-zeroing.
+    progress : callable, optional
+        Called with the fraction done, 0 to 1.
+
+    Raises
+    ------
+    CalibrationError
+        If a fold leaves too few rows.
+
+    Examples
+    --------
+    >>> from truejoint.calibration.folds import FOLDS, blocks, dealt
+    >>> parts = [[part] for part in blocks([training], FOLDS)]
+    >>> len(cross_fit(calibrate(training, "linear"), [training], dealt(parts, "time")))
+    5
+    """
+    settled = fitted.model.settled()
+    task = FitTask.of(recordings, settled, fitted.feature_set, fitted.joints, fitted.target, None)
+    parts = task.rows(stride_of(fit_rate, task.dt))
+    bare = replace(fitted, gap_limit=task.gap_limit)
+    zeros = fitted.origin.zeros if for_rezeroing else None
+    fits = []
+    for number, fold in enumerate(left_out):
+        training = without(parts, fold.parts)
+        if zeros is None:
+            fits.append(task.refit(bare, training))
+        else:
+            for part in training:
+                part.check_truth()
+            groups = zero_groups([part.recording for part in training], zeros.per)
+            again, _ = _with_zeros(bare, task, training, groups, zeros.per, untold)
+            X = fitted_rows(training, "X")
+            again = replace(again, lower=X.min(axis=0), upper=X.max(axis=0), interval=None)
+            fits.append(replace(again.for_rezeroing, effort_baseline=None))
+        (progress or untold)((number + 1) / len(left_out))
+    return fits
 
 
 def reseeded(
@@ -432,7 +365,7 @@ def reseeded(
 ) -> list[Calibration]:
     """Calibrations that differ from a fitted one by the estimator's seed alone.
 
-    As `calibrate` makes them, but what they share is worked out once. Interval and baseline of the
+    As `calibrate` makes them, but what they share is computed once. Interval and baseline of the
     efforts, which they do not share, are left out.
 
     Parameters
@@ -457,123 +390,52 @@ def reseeded(
     >>> len(reseeded(first, training, [1, 2]))
     2
     """
-    if fitted.rezero_models:
+    if fitted.rezeroed_fit is not None:
         raise CalibrationError(
             "the calibration has zeros of recordings or homings; `calibrate` each seed by itself"
         )
     recordings = as_recordings(recordings)
-    stride = stride_of(fit_rate, fitted.metadata["sample_dt"])
-    rules = RowRules(fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
-    parts = list(map(rules.rows, recordings, outlying_values(recordings, fitted.joints)))
-    told = fitted.feature_set.names, common_robot(recordings), fitted.joints
-    models = [unfitted(fitted.model, fitted.target, one).for_features(*told) for one in seeds]
-    return [
-        replace(
-            fitted,
-            model=_fit_model(model, parts, fitted.target, untold),
-            interval=None,
-            effort_baseline=None,
-        ).with_metadata(settings=" ".join(repr(model).split()))
-        for model in models
-    ]
-
-
-def within(report: Progress, begin: float, share: float) -> Progress:
-    """Progress of a part of what `report` is told of, from `begin` on."""
-    return lambda fraction: report(begin + share * fraction)
-
-
-def _check_enough(model: JointRegressor, n: int, n_features: int) -> None:
-    """Refuse to fit a model to fewer rows `n` than it needs."""
-    needed = model.minimum_rows(n_features)
-    if n < needed:
-        raise CalibrationError(
-            f"{n} rows with truth; {model.name} with {n_features} features needs {needed}: "
-            "record for longer, or choose fewer features or a simpler estimator"
+    stride = stride_of(fit_rate, fitted.origin.sample_dt)
+    parts = training_rows(recordings, fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
+    names, robot = fitted.feature_set.names, common_robot(recordings)
+    calibrations = []
+    for seed in seeds:
+        model = unfitted(fitted.model, fitted.target, seed)
+        model = model.for_features(names, robot, fitted.joints)
+        settings = " ".join(repr(model).split())
+        model = fit_model(model, parts, fitted.target)
+        other = replace(
+            fitted, fitted=data_of(model), learnt=model, interval=None, effort_baseline=None
         )
+        calibrations.append(other.with_metadata(settings=settings))
+    return calibrations
 
 
-def _fit(
-    task: _Task, parts: Sequence[TrainingRows], n_features: int, report: Progress
-) -> tuple[JointRegressor, dict[str, JointRegressor], dict[str, str]]:
-    """Fitted model, baselines, and notes on these."""
-    report = within(report, 0.0, 1.0 - _BASELINE_SHARE)
-    own = _fit_model(clone(task.model), parts, task.target, report)
-    return own, *_fit_baselines(*partly_known(parts), n_features)
-
-
-def _fit_model(
-    model: JointRegressor, parts: Sequence[TrainingRows], target: Target, report: Progress
-) -> JointRegressor:
-    if model.partial:
-        return model.fit(*partly_known(parts, target), report)
-    if not model.family.remembers:
-        known = "error" if target == "error" else "truth"
-        return model.fit(fitted_rows(parts, "features"), fitted_rows(parts, known), report)
-    inputs, targets, dt = (
-        np.concatenate(values)
-        for values in zip(*((p.features, p.targets(target), p.dt) for p in parts), strict=True)
-    )
-    beside = model.truth_beside()
-    loads = np.concatenate([known_loads(part.recording, beside) for part in parts])
-    return model.fit(inputs, targets, report, dt, loads)
-
-
-def known_loads(recording: Recording, names: Sequence[str]) -> Array:
-    """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none.
-
-    Raises CalibrationError if one is in another unit.
-    """
-    columns = np.zeros((len(recording), len(names)))
-    for column, name in zip(columns.T, names, strict=True):
-        if name in recording.units:
-            check_unit(recording, name, "Nm", "and is learnt in")
-            column[:] = recording.column(name)
-    return columns
-
-
-def _fit_baselines(
-    X: Array, error: Array, n_features: int
-) -> tuple[dict[str, JointRegressor], dict[str, str]]:
-    """Baselines fitted to the error, and what is to be known about one that is weak or absent."""
-    fitted: dict[str, JointRegressor] = {}
-    notes: dict[str, str] = {}
-    for name in BASELINES:
-        model = get_estimator(name)
-        try:
-            fitted[name] = model.fit(X, error)
-        except CalibrationError as reason:
-            notes[name] = f"left out: {reason}"
-            continue
-        needed = model.minimum_rows(n_features)
-        if len(X) < needed:
-            notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
-    return fitted, notes
-
-
-def origin(parts: Sequence[TrainingRows]) -> dict[str, Any]:
-    """Where the training rows come from, as JSON values."""
+def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
+    """Where the training rows come from: sessions and homings, and JSON values for people."""
     digest = hashlib.sha256()
-    sessions: list[dict[str, Any]] = []
+    sessions: list[Session] = []
     for part in parts:
-        for array in (part.recording.t, part.features, part.truth, part.error):
+        for array in (part.t, part.X, part.truth, part.error):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         counts = {
             "rows": len(part.fitted),
             "rows_without_truth": int((~part.known).sum()) - part.outliers,
             "outliers": part.outliers,
+            "duration": part.recording.duration,
         }
-        duration = {"duration": part.recording.duration}
-        sessions.append(session_of(part.recording) | counts | duration)
-    totals = ("rows", "rows_without_truth", "outliers", "duration")
-    return {
+        sessions.append(Session.of(part.recording, **counts))
+    homing_ids = sorted({session.homing_id for session in sessions} - {""})
+    facts = {
         "created": datetime.now(UTC).isoformat(timespec="seconds"),
         "versions": {
             "python": platform.python_version(),
             **{name: version(name) for name in ("truejoint", "numpy", "scikit-learn")},
         },
-        **{name: sum(session[name] for session in sessions) for name in totals},
-        "sessions": sessions,
-        "homing_ids": sorted({part.recording.provenance.homing_id for part in parts} - {""}),
+        **{
+            name: sum(getattr(session, name) for session in sessions)
+            for name in ("rows", "rows_without_truth", "outliers", "duration")
+        },
         "data_sha256": digest.hexdigest(),
     }
+    return Origin(sessions=tuple(sessions), homing_ids=tuple(homing_ids)), facts

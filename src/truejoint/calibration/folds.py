@@ -11,6 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.compatibility import source_of
+from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.cross_validation import levels
 from truejoint.features.feature_set import sample_dt
@@ -51,23 +52,20 @@ class Fold:
     parts: tuple[Part, ...]
 
 
-def without(recordings: Sequence[Recording], parts: Sequence[Part]) -> list[Recording]:
+def without(rows: Sequence[Rows], parts: Sequence[Part]) -> list[Rows]:
     """Hide the truth of `parts` of recordings, and of a gap around each.
 
     What a part covers altogether is left out. Positions and efforts stay, so that features with a
-    memory see what they would have seen.
+    memory are as they were.
     """
     kept = []
-    for index, recording in enumerate(recordings):
+    for index, seen in enumerate(rows):
         own = [part for part in parts if part.recording == index]
-        hidden = hidden_rows(recording.t, own)
+        hidden = hidden_rows(seen.t, own)
         if not own:
-            kept.append(recording)
+            kept.append(seen)
         elif not hidden.all():
-            table = recording.table.copy()
-            truth = [name for name in table.columns if name.startswith("truth")]
-            table.loc[hidden, truth] = np.nan
-            kept.append(replace(recording, table=table))
+            kept.append(seen.hide(hidden))
     return kept
 
 

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.model_file import decode_arrays
+from truejoint.calibration.container import decode_arrays
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError, ModelFileError
 

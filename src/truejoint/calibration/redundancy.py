@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.model_file import decode_arrays
-from truejoint.errors import ModelFileError
+from truejoint.calibration.container import decode_arrays
+from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.features.feature_set import is_signal
 
 if TYPE_CHECKING:
@@ -55,6 +55,22 @@ def redundant_columns(recordings: Sequence[Recording]) -> dict[str, str]:
         and is_signal(column)
         and all(recording.units.get(column) == unit for recording in recordings)
     }
+
+
+def chosen_redundant(
+    recordings: Sequence[Recording], asked: Sequence[str] | None
+) -> dict[str, str]:
+    """Units of the redundant columns that are asked for; of all by default."""
+    there = redundant_columns(recordings)
+    if asked is None:
+        return there
+    for column in asked:
+        if column not in there:
+            raise CalibrationError(
+                f"column {column!r:.60} cannot check a measured position; these can, being in "
+                f"every recording: {', '.join(there) or 'none'}"
+            )
+    return {column: there[column] for column in asked}
 
 
 def fit_parity_equations(

@@ -1,12 +1,10 @@
-"""Rows that a calibration is fitted to: what each recording gives."""
+"""A recording seen through a feature set: what is fitted to, judged and corrected."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from numbers import Real
-from typing import Final
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, Final, Self
 
 import numpy as np
 
@@ -15,118 +13,172 @@ from truejoint.calibration.compatibility import source_of
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Target
 from truejoint.features.feature_set import FeatureSet, time_steps
-from truejoint.recordings import Recording
-from truejoint.recordings.judge.outliers import gross_outliers
 
-LONGEST_WITHOUT_TRUTH: Final = 1 / 3  # share of a recording's time, beyond which it is refused
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
+
+LONGEST_WITHOUT_TRUTH: Final = 1 / 3
+"""Share of a recording's time; a recording that lacks truth for longer is refused."""
 
 
 @dataclass(frozen=True, eq=False)
-class RowRules:
-    """How rows are made of a recording."""
+class Rows:
+    """The rows of a recording with their features, computed once and handed on.
 
+    Attributes
+    ----------
+    recording : Recording
+    feature_set : FeatureSet
+    joints : tuple of str
+    gap_limit : float
+        Time without a row [s] after which the history of a feature starts anew.
+    X : ndarray, shape (n, k)
+        Features.
+    signal_shift : ndarray, shape (n_signals,), optional
+        What was added to the signals before `X` was computed, each in its unit.
+    outlier : ndarray of bool, shape (n, n_joints), optional
+        Values of the truth that no fit uses.
+    hidden : ndarray of bool, shape (n,), optional
+        Rows whose truth is hidden from a fit.
+    stride : int
+        A fit uses every `stride`-th row with truth.
+    zero : ndarray, shape (n_joints,), optional
+        What is taken off the truth [rad or m].
+
+    Examples
+    --------
+    >>> rows = model.rows(test)
+    >>> rows.X.shape, rows.truth.shape
+    ((400, 2), (400, 1))
+    """
+
+    recording: Recording
     feature_set: FeatureSet
     joints: tuple[str, ...]
-    gap_limit: float  # [s] that the history of a feature bridges
-    stride: int  # every how many rows one is fitted to
+    gap_limit: float
+    X: Array
+    signal_shift: Array | None = None
+    outlier: Mask | None = None
+    hidden: Mask | None = None
+    stride: int = 1
+    zero: Array | None = None
 
-    def rows(self, recording: Recording, outlying: Mask) -> TrainingRows:
-        """Rows of a recording without its `outlying` values (n, n_joints).
+    @classmethod
+    def of(
+        cls,
+        recording: Recording,
+        feature_set: FeatureSet,
+        joints: tuple[str, ...],
+        gap_limit: float,
+        **how: Any,
+    ) -> Self:
+        """Compute the features of a recording; `how` are other fields."""
+        X = feature_set.compute(recording, gap_limit)
+        return cls(recording, feature_set, joints, gap_limit, X, **how)
 
-        Raises CalibrationError if its truth is missing for more than a third of its time on end.
-        """
-        truth = recording.columns("truth", self.joints)
-        known = np.asarray(np.isfinite(truth).all(axis=1))
-        _check_truth(recording, known, self.joints)
-        features = self.feature_set.compute(recording, self.gap_limit)
-        known &= ~outlying.any(axis=1)
-        fitted = np.flatnonzero(known)[:: self.stride]
-        error = recording.error(self.joints)
-        return TrainingRows(self, recording, features, truth, error, known, outlying, fitted)
+    def __len__(self) -> int:
+        return len(self.X)
 
+    @cached_property
+    def t(self) -> Array:
+        """Time stamps (n,) [s]."""
+        return np.array(self.recording.t)
 
-@dataclass(frozen=True, eq=False)
-class TrainingRows:
-    """What one recording gives to fit to."""
+    @cached_property
+    def dt(self) -> Array:
+        """Time (n,) [s] since the row before, 0 where a history starts."""
+        return time_steps(self.t, self.gap_limit)
 
-    rules: RowRules
-    recording: Recording
-    features: Array  # (n, k)
-    truth: Array  # (n, n_joints) [rad or m], not known in every row
-    error: Array  # (n, n_joints), truth minus measured
-    known: Mask  # (n,), where the truth of every joint is, and not outlying
-    outlying: Mask  # (n, n_joints), values that are left out
-    fitted: Integers  # (m,), rows fitted to of those
+    @cached_property
+    def measured(self) -> Array:
+        """Measured positions (n, n_joints) [rad or m]."""
+        return np.ascontiguousarray(self.recording.columns("measured", self.joints))
+
+    @cached_property
+    def truth(self) -> Array:
+        """True positions (n, n_joints) [rad or m], NaN where they are not known."""
+        return self._visible(self.recording.columns("truth", self.joints))
+
+    @cached_property
+    def error(self) -> Array:
+        """Truth minus measured position (n, n_joints) [rad or m]."""
+        return self._visible(self.recording.error(self.joints))
+
+    def _visible(self, values: Array) -> Array:
+        if self.zero is not None:
+            values = values - self.zero
+        return values if self.hidden is None else np.where(self.hidden[:, None], np.nan, values)
+
+    @cached_property
+    def has_truth(self) -> Mask:
+        """Rows (n,) in which the truth of every joint is known."""
+        return np.asarray(np.isfinite(self.truth).all(axis=1))
+
+    @cached_property
+    def known(self) -> Mask:
+        """Rows (n,) in which the truth of every joint is known and no outlier."""
+        if self.outlier is None:
+            return self.has_truth
+        return self.has_truth & ~self.outlier.any(axis=1)
+
+    @cached_property
+    def fitted(self) -> Integers:
+        """Rows (m,) that a fit uses."""
+        return np.flatnonzero(self.known)[:: self.stride]
 
     @property
     def outliers(self) -> int:
-        """Rows with truth of which a value is left out."""
-        return int((np.isfinite(self.truth).all(axis=1) & self.outlying.any(axis=1)).sum())
+        """Number of rows with truth of which a fit leaves out a value."""
+        return int((self.has_truth & ~self.known).sum())
 
-    @property
-    def dt(self) -> Array:
-        """Time (n,) [s] since the row before, 0 where a history starts."""
-        return time_steps(np.array(self.recording.t), self.rules.gap_limit)
+    def target(self, target: Target) -> Array:
+        """Targets (n, n_joints) [rad or m] of every row, known or not."""
+        return self.error if target == "error" else self.truth
 
-    def partly(self, target: Target) -> tuple[Array, Array]:
-        """Features and targets of rows (m, ...) with truth, outlying values NaN."""
-        rows = np.flatnonzero(np.isfinite(self.truth).all(axis=1) & ~self.outlying.all(axis=1))
-        rows = rows[:: self.rules.stride]
-        known = self.error if target == "error" else self.truth
-        return self.features[rows], np.where(self.outlying[rows], np.nan, known[rows])
-
-    def targets(self, target: Target) -> Array:
-        """Targets of every row (n, n_joints), NaN where they are not fitted to."""
-        known = self.error if target == "error" else self.truth
-        targets = np.full_like(known, np.nan)
-        targets[self.fitted] = known[self.fitted]
+    def fitted_targets(self, target: Target) -> Array:
+        """Targets (n, n_joints) of every row, NaN where a fit does not use them."""
+        values = self.target(target)
+        targets = np.full_like(values, np.nan)
+        targets[self.fitted] = values[self.fitted]
         return targets
 
+    def partly_known(self, target: Target) -> tuple[Array, Array]:
+        """Features and targets of rows (m, ...) with truth, outlying values NaN."""
+        if self.outlier is None:
+            rows = np.flatnonzero(self.has_truth)[:: self.stride]
+            return self.X[rows], self.target(target)[rows]
+        rows = np.flatnonzero(self.has_truth & ~self.outlier.all(axis=1))[:: self.stride]
+        values = self.target(target)[rows]
+        return self.X[rows], np.where(self.outlier[rows], np.nan, values)
 
-def fitted_rows(parts: Sequence[TrainingRows], name: str) -> Array:
-    """Rows (m, ...) that are fitted to, of all parts, of the array called `name`."""
-    return np.concatenate([getattr(part, name)[part.fitted] for part in parts])
+    def of_recording(self, recording: Recording) -> Self:
+        """Give the same rows of a recording whose signals were changed."""
+        X = self.feature_set.compute(recording, self.gap_limit)
+        return replace(self, recording=recording, X=X)
 
+    def hide(self, hidden: Mask) -> Self:
+        """Hide the truth of some rows (n,) as well; positions and efforts stay."""
+        if self.hidden is not None:
+            hidden = hidden | self.hidden
+        return replace(self, hidden=hidden)
 
-def partly_known(parts: Sequence[TrainingRows], target: Target = "error") -> tuple[Array, Array]:
-    """Features (m, k) and targets (m, n_joints) of all parts, NaN where a value is left out."""
-    features, targets = zip(*(part.partly(target) for part in parts), strict=True)
-    return np.concatenate(features), np.concatenate(targets)
-
-
-def outlying_values(recordings: Sequence[Recording], joints: Sequence[str]) -> list[Mask]:
-    """Values (n, n_joints) of each recording that are grossly off their neighbours."""
-    by_joint = [gross_outliers(recordings, joint) for joint in joints]
-    return [np.column_stack(masks) for masks in zip(*by_joint, strict=True)]
-
-
-def stride_of(fit_rate: float | None, dt: float) -> int:
-    """Every how many rows one is fitted to, of rows that are `dt` [s] apart."""
-    if fit_rate is None:
-        return 1
-    if not (isinstance(fit_rate, Real) and 1e-9 <= fit_rate < math.inf):
-        raise CalibrationError(
-            f"fit rate is {fit_rate!r:.40} Hz; it must be above 0 Hz, 1e-9 at least"
-        )
-    return max(1, round(1.0 / (fit_rate * dt)))
-
-
-def _check_truth(recording: Recording, known: Mask, joints: Sequence[str]) -> None:
-    """Refuse a recording whose truth is missing for more than a third of its time on end."""
-    t = recording.t
-    what = ", ".join(f"truth/{joint}" for joint in joints)
-    if not known.any():
-        raise CalibrationError(
-            f"{source_of(recording)}: {what} known together in none of {len(t)} rows; check that "
-            "the joint sensors ran and share the clock of the robot"
-        )
-    rows = np.concatenate([[-1], np.flatnonzero(known), [len(t)]])
-    begin, end = t[np.maximum(rows[:-1], 0)], t[np.minimum(rows[1:], len(t) - 1)]
-    missing = np.where(np.diff(rows) > 1, end - begin, 0.0)  # a gap in the rows is none of truth
-    worst = int(np.argmax(missing))
-    if missing[worst] > LONGEST_WITHOUT_TRUTH * recording.duration:
-        raise CalibrationError(
-            f"{source_of(recording)}: {what} missing from {begin[worst]:.2f} s to "
-            f"{end[worst]:.2f} s, {100 * missing[worst] / recording.duration:.0f} % of the "
-            "recording (a third is allowed); cut it to the part with truth or record it again"
-        )
+    def check_truth(self) -> None:
+        """Raise CalibrationError if truth is missing for more than a third of the time on end."""
+        t, source = self.t, source_of(self.recording)
+        what = ", ".join(f"truth/{joint}" for joint in self.joints)
+        if not self.has_truth.any():
+            raise CalibrationError(
+                f"{source}: {what} known together in none of {len(t)} rows; check that "
+                "the joint sensors ran and share the clock of the robot"
+            )
+        rows = np.concatenate([[-1], np.flatnonzero(self.has_truth), [len(t)]])
+        begin, end = t[np.maximum(rows[:-1], 0)], t[np.minimum(rows[1:], len(t) - 1)]
+        missing = np.where(np.diff(rows) > 1, end - begin, 0.0)  # a gap in the rows does not count
+        worst = int(np.argmax(missing))
+        duration = self.recording.duration
+        if missing[worst] > LONGEST_WITHOUT_TRUTH * duration:
+            raise CalibrationError(
+                f"{source}: {what} missing from {begin[worst]:.2f} s to "
+                f"{end[worst]:.2f} s, {100 * missing[worst] / duration:.0f} % of the "
+                "recording (a third is allowed); cut it to the part with truth or record it again"
+            )

@@ -67,7 +67,7 @@ def _stiffness(
     as_json: bool,
 ) -> None:
     with progress("Identifying the stiffness"):
-        stiff, stiffness = truejoint.calibration.weighed(calibration, loaded, lever)
+        stiff, stiffness = truejoint.calibration.with_stiffness(calibration, loaded, lever)
     truejoint.write_calibration(stiff, output, overwrite=force)
     if as_json:
         result_json({"model": str(output), **vars(stiffness)})

@@ -113,10 +113,10 @@ def finish(
 ) -> None:
     """Write a calibration and describe it."""
     overridden = sorted({finding.name for finding in check.findings if finding.level == "fail"})
-    fitted = fitted.with_metadata(accepted=overridden)
+    fitted = replace(fitted, origin=replace(fitted.origin, accepted=tuple(overridden)))
     truejoint.write_calibration(fitted, output, overwrite=force)
     if as_json:
-        result_json({"model": str(output), "metadata": fitted.metadata, "check": check.to_dict()})
+        result_json({"model": str(output), "metadata": fitted.facts, "check": check.to_dict()})
         return
     if "choice" in fitted.metadata:
         print_choice(fitted)

@@ -322,7 +322,7 @@ def steered(
         motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
         with truejoint.recordings.Recorder(device, truth=truth) as recorder:
             truejoint.motion.follow(device, motion)
-        model = truejoint.calibration.rezeroed(model, recorder.recording())
+        model = model.at(truejoint.calibration.find_zero(model, recorder.recording()))
     corrector = truejoint.runtime.Corrector(model.without_redundant())
     corrector.set_homing(True, device.homing_id or None)
     return truejoint.runtime.Compensator(corrector, device.robot, lag=lag)

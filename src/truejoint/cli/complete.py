@@ -121,7 +121,7 @@ def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:
 
 def _model_file(context: typer.Context) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
     """Header and arrays of the model file that the command line names; empty if unreadable."""
-    from truejoint.calibration.model_file import read_model_file  # needs NumPy
+    from truejoint.calibration.container import read_model_file  # needs NumPy
 
     try:
         return read_model_file(context.params.get("model") or context.args[0])

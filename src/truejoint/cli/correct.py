@@ -58,7 +58,7 @@ def correct(
     with progress(f"Correcting {len(loaded)} recording{'s' if len(loaded) > 1 else ''}") as done:
         for count, recording in enumerate(loaded, 1):
             at_zero = (
-                truejoint.calibration.rezeroed(calibration, recording, rezero_s)
+                calibration.at(truejoint.calibration.find_zero(calibration, recording, rezero_s))
                 if rezero_s
                 else calibration
             )
@@ -100,7 +100,7 @@ def correct_rows(
 
     start = recording.provenance.start
     t = recording.t + (start if start > EPOCH else 0.0)  # as the file had them, since 1970
-    if calibration.model.family.row is None:
+    if calibration.family.row is None:
         table = calibration.correct_table(recording, level)
         return table.assign(t=t, status=_NOT_JUDGED)
     calibration.check_recording(recording)
@@ -120,7 +120,7 @@ def correct_rows(
 
 def accepted_homings(calibration: truejoint.Calibration) -> list[str]:
     """Homings after which the model holds without re-zeroing; none where training named none."""
-    return [str(name) for name in calibration.metadata.get("homing_ids", ())]
+    return list(calibration.origin.homing_ids)
 
 
 def _names(loaded: list[truejoint.Recording]) -> list[str]:

@@ -68,7 +68,8 @@ def demo(
         models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO
     )
     truejoint.write_calibration(models[0], folder / "left_arm.safetensors", overwrite=True)
-    today = [truejoint.calibration.rezeroed(model, recordings.head) for model in models]
+    find_zero = truejoint.calibration.find_zero
+    today = [model.at(find_zero(model, recordings.head)) for model in models]
 
     say("7. Judging")
     judged = {

@@ -300,9 +300,9 @@ def _replayed(path: Path) -> truejoint.motion.Trajectory:
 
 def check_model_target(path: Path, force: bool) -> None:
     """Refuse, before anything long is done, a path at which no model file can be written."""
-    from truejoint.calibration import model_file
+    from truejoint.calibration import container
 
-    check_target(model_file.check_name(path), overwrite=force)
+    check_target(container.check_name(path), overwrite=force)
 
 
 def check_page_target(path: Path | None, force: bool) -> None:

@@ -9,10 +9,12 @@ from typing import Any
 
 import truejoint
 from truejoint.cli import options
+from truejoint import schema
 from truejoint.cli.bolt import say_left_out, touch_facts
 from truejoint.cli.console import out, print_table, progress, result_json
 from truejoint.cli.recording_options import Files, check_model_target
 from truejoint.errors import CalibrationError
+from truejoint.summary import json_values
 from truejoint.units import with_unit
 
 
@@ -69,8 +71,8 @@ def rezero(
         made = truejoint.tip.read_touches(source.touches)
         loaded = files.one(name, model=calibration)
         sd = TOUCH_SD if source.touch_sd_mm is None else source.touch_sd_mm / 1e3
-        again, fit = truejoint.tip.rezeroed_by_touch(calibration, loaded, made, pose, touch_sd=sd)
-        _finish(again, output, touch_facts(fit, made), force=force, as_json=as_json)
+        zero, fit = truejoint.tip.zero_by_touch(calibration, loaded, made, pose, touch_sd=sd)
+        _finish(calibration, zero, output, touch_facts(fit, made), force=force, as_json=as_json)
         if not as_json:
             say_left_out(fit, made)
             out.print(f"{output}: re-zeroed by {len(made)} touches of {pose.title}")
@@ -81,8 +83,8 @@ def rezero(
         _by_motor(calibration, loaded, by, output, force=force, as_json=as_json)
     else:
         duration = math.inf if source.seconds is None else source.seconds
-        again = truejoint.calibration.rezeroed(calibration, loaded, duration)
-        _finish(again, output, {}, force=force, as_json=as_json)
+        zero = truejoint.calibration.find_zero(calibration, loaded, duration)
+        _finish(calibration, zero, output, {}, force=force, as_json=as_json)
         if not as_json:
             out.print(f"{output}: re-zeroed by the truth of {name}")
 
@@ -97,19 +99,20 @@ def _by_motor(
     as_json: bool,
 ) -> None:
     with progress("Comparing both sides of the cable"):
-        again, zero = truejoint.calibration.encoder_rezeroed(calibration, cycles, by)
-    truejoint.write_calibration(again, output, overwrite=force)
+        zero, by_motor = truejoint.calibration.motor_zero(calibration, cycles, by)
+    truejoint.write_calibration(calibration.at(zero), output, overwrite=force)
     if as_json:
-        result_json({"model": str(output), **vars(zero), "correction": zero.correction})
+        result_json({"model": str(output), **vars(by_motor), "correction": by_motor.correction})
         return
-    shift, sd = (with_unit(value, "m") for value in (zero.shift, zero.deviation))
+    shift, sd = (with_unit(value, "m") for value in (by_motor.shift, by_motor.deviation))
     out.print(f"x2 reads too much by {shift} ± {sd}")
-    done = "taken off" if zero.correction else "left alone: it is within its own deviation"
+    done = "taken off" if by_motor.correction else "left alone: it is within its own deviation"
     out.print(f"{output}: {done}")
 
 
 def _finish(
-    again: truejoint.Calibration,
+    calibration: truejoint.Calibration,
+    zero: truejoint.calibration.Zero,
     output: Path,
     beside: dict[str, Any],
     *,
@@ -117,16 +120,15 @@ def _finish(
     as_json: bool,
 ) -> None:
     """Write the calibration and tell its zero."""
-    truejoint.write_calibration(again, output, overwrite=force)
-    facts = again.metadata["rezeroed"]
+    truejoint.write_calibration(calibration.at(zero), output, overwrite=force)
     if as_json:
-        result_json({"model": str(output), **facts, **beside})
+        facts = {"model": str(output), **schema.plain(zero), "sd": zero.deviation, **beside}
+        result_json(json_values(facts))
         return
-    units = [again.units[f"measured/{joint}"] for joint in again.joints]
-    deviations = facts["sd"] or [None] * len(units)
-    values = zip(again.joints, units, facts["offset"], deviations, strict=True)
+    units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
+    values = zip(calibration.joints, units, zero.shift, zero.deviation, strict=True)
     rows = [
-        (joint, with_unit(offset, unit), "-" if sd is None else f"± {with_unit(sd, unit)}")
+        (joint, with_unit(offset, unit), "-" if math.isnan(sd) else f"± {with_unit(sd, unit)}")
         for joint, unit, offset, sd in values
     ]
-    print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {again.title}, now")
+    print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {calibration.title}, now")

@@ -151,8 +151,8 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         "features": ", ".join(model.feature_set.names),
         "sample": ", ".join(model.loop_signals),
         "homings": homings or "any one, the first that the loop is told: training named none",
-        "loads": ", ".join(_loads(model.metadata)),
-        **{key: value for key, value in model.metadata.items() if key not in _TOLD},
+        "loads": ", ".join(_loads(model)),
+        **{key: value for key, value in model.facts.items() if key not in _TOLD},
         "sha256": sha256_of(path),
     }
     return facts, columns
@@ -162,10 +162,9 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 _TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
 
 
-def _loads(metadata: Mapping[str, Any]) -> list[str]:
+def _loads(model: truejoint.Calibration) -> list[str]:
     """Masses that training had [g], where it says so."""
-    sessions = metadata.get("sessions") or ()
-    loads = {s["load"] for s in sessions if s.get("load") is not None}
+    loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
     return [f"{1000.0 * load:g} g" for load in sorted(loads)]
 
 

@@ -107,7 +107,7 @@ def evaluate(
     if rezero > 0.0 and RAW in given:  # no correction, but not as it comes: another row
         given = {_REZEROED_RAW if name == RAW else name: own for name, own in given.items()}
         chosen = _REZEROED_RAW if chosen == RAW else chosen
-    calibrations = _fitted_for(given, rezeroing=rezero > 0.0)
+    calibrations = _for_rezeroing(given) if rezero > 0.0 else given
     chosen, joints = _checked_models(calibrations, chosen)
     robot, model = _checked_robot(recordings), calibrations[chosen][0]
     if check is None:
@@ -125,6 +125,7 @@ def evaluate(
     errors = tuple(scoring.score_errors(judged, joints, units))
     scores = [score for score in errors if not score.recording and score.joint != TOOL]
     comparisons = tuple(_comparisons(traces, joints, chosen))
+    zero = model.zero if isinstance(model, Calibration) else None
     of_plain = {n for n, own in calibrations.items() if estimator_of(own[0]) in PLAIN}
     verdict = judge(
         scores,
@@ -132,11 +133,11 @@ def evaluate(
         tolerance=tolerance or {},
         comparisons=comparisons,
         deploy=to_deploy(traces, PLAIN | of_plain),
-        objections=tuple(dict.fromkeys(objections_to(model.metadata, recordings, domain))),
-        doubts=tuple(doubts_about(model.metadata, recordings, domain, check, rezero)),
+        objections=tuple(dict.fromkeys(objections_to(model.origin, recordings, domain))),
+        doubts=tuple(doubts_about(model.origin, zero, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
-        plain = _fitted_for(given, rezeroing=False)[chosen][0]
+        plain = given[chosen][0]
         own = {score.joint: score for score in scores if score.estimator == chosen}
         before = _rmse_without_rezero(plain, recordings, traces)
         verdict = rezero_remark(verdict, own, before, rezero)
@@ -148,7 +149,7 @@ def evaluate(
         units=units,
         chosen=chosen,
         estimators=tuple(judged[0].errors),
-        baseline_notes=dict(model.metadata.get("baseline_notes", {})),
+        baseline_notes=dict(model.origin.baseline_notes),
         errors=errors,
         cartesian_note=note,
         worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
@@ -158,7 +159,7 @@ def evaluate(
         check=check,
         domain=domain,
         comparisons=comparisons,
-        training=json_values(model.metadata),
+        training=json_values(model.facts if isinstance(model, Calibration) else model.metadata),
         **judge_interval(given[chosen][0], recordings, traces),
     )
 
@@ -204,7 +205,7 @@ def _several(given: Any) -> Sequence[Any]:
 def _read(given: Any) -> JointCalibration:
     """Give a model, or that of a file; raises CalibrationError for what is none."""
     model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
-    if not all(hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata")):
+    if not all(hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata", "origin")):
         advice = "give what `calibrate` gives, or the path of a model file"
         raise CalibrationError(other_kind(model, "Calibration", advice))
     found: JointCalibration = model
@@ -216,12 +217,9 @@ def estimator_of(model: JointCalibration) -> str:
     return model.estimator if isinstance(model, Calibration) else ""
 
 
-def _fitted_for(models: Models, *, rezeroing: bool) -> dict[str, list[JointCalibration]]:
+def _for_rezeroing(models: Models) -> dict[str, list[JointCalibration]]:
     return {
-        name: [
-            seed.fitted_for(rezeroing=rezeroing) if isinstance(seed, Calibration) else seed
-            for seed in seeds
-        ]
+        name: [seed.for_rezeroing if isinstance(seed, Calibration) else seed for seed in seeds]
         for name, seeds in models.items()
     }
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.compatibility import trained_on
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
@@ -43,10 +42,12 @@ def judge_interval(
     trajectory; where the interval holds after any homing, all recordings after one homing do.
     Gives what `Evaluation` says of intervals, by attribute, and `traces` with bounds.
     """
-    if not isinstance(calibration, Calibration) or calibration.interval is None:
+    if not isinstance(calibration, Calibration):
         return {"traces": tuple(traces)}
+    calibration = calibration if calibration.interval else calibration.for_rezeroing
     interval = calibration.interval
-    calibration = calibration.fitted_for(rezeroing=interval.rezero > 0.0)
+    if interval is None:
+        return {"traces": tuple(traces)}
     stated = [float(level) for level in interval.levels]
     level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
     motions = [
@@ -91,9 +92,9 @@ def _motion(calibration: Calibration, level: float, recording: Recording, trace:
         shown = np.isin(recording.t[known], trace.t)
         trace = replace(trace, lower=(position - half)[shown], upper=(position + half)[shown])
     objection = ""
-    if trained_on(calibration.metadata, recording):
+    if calibration.origin.includes(recording):
         objection = "used in the fit"
-    elif trained_on(calibration.metadata, recording, "interval_sessions"):
+    elif calibration.origin.interval_includes(recording):
         objection = "used to make the interval"
     elif not holds:
         homings = ", ".join(sorted(own))
@@ -110,9 +111,9 @@ def _allows_offset(interval: Interval) -> bool:
 
 def _own_homings(calibration: Calibration) -> set[str]:
     """Homings of the interval's recordings or, where the model was re-zeroed since, that one."""
-    since = calibration.metadata.get("rezeroed")
-    sessions = [since] if since else calibration.metadata.get("interval_sessions", ())
-    return {str(session.get("homing_id", "")) for session in sessions} - {""}
+    if calibration.zero is not None:
+        return {calibration.zero.homing_id} - {""}
+    return {session.homing_id for session in calibration.origin.interval_sessions} - {""}
 
 
 def _scores(
@@ -161,8 +162,8 @@ def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> 
             f" Coverage and bands are of positions re-zeroed from the first {interval.rezero:g} s "
             "of each recording, whatever other numbers are of."
         )
-    sessions = calibration.metadata.get("interval_sessions", ())
-    seen = [float(s["load"]) for s in sessions if s.get("load") is not None]
+    stated = [session.load for session in calibration.origin.interval_sessions]
+    seen = [load for load in stated if not math.isnan(load)]
     loads = known_loads([motion.trace for motion in judged])
     beyond = [load for load in loads if seen and not min(seen) <= load <= max(seen)]
     if beyond:

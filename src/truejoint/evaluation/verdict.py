@@ -7,10 +7,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import PurePath
-from typing import Any, Final
+from typing import Final
 
 from truejoint.array_types import Array
-from truejoint.calibration.compatibility import trained_on
+from truejoint.calibration.origin import Origin
+from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, unknown
 from truejoint.evaluation.comparison import Outcome
 from truejoint.evaluation.results import (
@@ -239,11 +240,11 @@ def _and(parts: Sequence[str]) -> str:
 
 
 def objections_to(
-    metadata: Mapping[str, Any], recordings: Sequence[Recording], domain: Domain | None
+    origin: Origin, recordings: Sequence[Recording], domain: Domain | None
 ) -> Iterator[str]:
-    """Object to rows that were in the training (`trained_on`), and to a test unlike it."""
+    """Object to rows that were in the training, and to a test unlike it."""
     for recording in recordings:
-        if trained_on(metadata, recording):
+        if origin.includes(recording):
             name = _name(recording) or "a recording"
             yield f"the model was trained on rows of {name}, which it is tested on"
     if domain and domain.inside < _MOST:
@@ -260,7 +261,8 @@ def objections_to(
 
 
 def doubts_about(
-    metadata: Mapping[str, Any],
+    origin: Origin,
+    zero: Zero | None,
     recordings: Sequence[Recording],
     domain: Domain | None,
     check: DataCheck,
@@ -270,7 +272,7 @@ def doubts_about(
 
     A homing that training has not seen is no doubt where `rezero` seconds of truth make up for it.
     """
-    accepted = metadata.get("accepted") or ()
+    accepted = origin.accepted
     if accepted:
         yield (
             f"The model was fitted to recordings whose data check failed ({', '.join(accepted)}), "
@@ -287,17 +289,16 @@ def doubts_about(
             f"The loop would hold the zero for suspect in {share_text(suspect)} of the rows, until "
             "it is found anew: a reading jumped, or parts from what else says where the joint is."
         )
-    known = set(metadata.get("homing_ids", ()))
+    known = set(origin.homing_ids)
     other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
     if known and other and rezero == 0.0:
         yield (
             f"The test has homings that training has not seen ({', '.join(other[:4])}); positions "
             "of two homings differ by an offset that no model knows."
         )
-    since = metadata.get("rezeroed") or {}
     for recording in recordings:
         source, homing = recording.provenance.source, recording.provenance.homing_id
-        if source and (since.get("source"), since.get("homing_id")) == (source, homing):
+        if source and zero is not None and (zero.file, zero.homing_id) == (source, homing):
             yield (
                 f"The model was re-zeroed on truth of {_name(recording)}, which it is tested on; "
                 "what is left of the offset shows only in other recordings."

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.calibration import Calibration
 from truejoint.errors import ExportError
-from truejoint.estimators.family import EstimatorData
 from truejoint.runtime.compensator import Compensator
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN, homing_ids
+from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN
 from truejoint.runtime.limits import Limits
 
 if TYPE_CHECKING:  # whoever fitted it has imported what learns
@@ -59,7 +58,7 @@ class Answers:
 
 def make_vectors(
     calibration: Calibration,
-    data: CalibrationData[EstimatorData],
+    data: Calibration,
     limits: Limits,
     level: float | None,
     range_margin: float,
@@ -81,7 +80,7 @@ def make_vectors(
     def run(kind: type[Corrector], desired: Array | None = None) -> Answers:
         corrector = kind(calibration, level=level, range_margin=range_margin)
         loop = None if compensator is None else compensator.around(corrector)
-        return answer(corrector, calibration.metadata, vectors, offset, loop, desired)
+        return answer(corrector, calibration.origin.homing_ids, vectors, offset, loop, desired)
 
     scale = 0.8
     while True:  # smaller motion is more like the middle of the training rows
@@ -145,7 +144,7 @@ class _RoundedCorrector(Corrector):
 
 def answer(
     corrector: Corrector,
-    metadata: Mapping[str, Any],
+    homing_ids: Sequence[str],
     vectors: Vectors,
     offset: Array,
     compensator: Compensator | None = None,
@@ -157,8 +156,8 @@ def answer(
     Every so many samples they are to stand still. With `desired` (n, n_joints) [rad or m] they are
     to be there.
     """
-    ids = homing_ids(metadata)
-    names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: ids[0] if ids else "of the calibration"}
+    own = homing_ids[0] if homing_ids else "of the calibration"
+    names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: own}
     n, m = len(vectors), len(corrector.joints)
     size = m if compensator else 0
     answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *np.empty((2, n, size)))
@@ -187,7 +186,7 @@ def answer(
     return answers
 
 
-def _vectors(data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> Vectors:
+def _vectors(data: Calibration, limits: Limits, scale: float) -> Vectors:
     """Smooth motion about the middle of the training rows, broken by faults, and as much whole."""
     motion = _Motion(data, limits, scale)
     motion.run(1, SET_HOMING, is_homed=True, homing_id=HOMING_OF_CALIBRATION)
@@ -204,7 +203,7 @@ def _vectors(data: CalibrationData[EstimatorData], limits: Limits, scale: float)
 class _Motion:
     """Samples of a smooth motion, part by part, which a fault then changes."""
 
-    def __init__(self, data: CalibrationData[EstimatorData], limits: Limits, scale: float) -> None:
+    def __init__(self, data: Calibration, limits: Limits, scale: float) -> None:
         training_domain = data.training_domain
         assert training_domain is not None  # noqa: S101  # `limits_of` has refused it
         self.limits, self.parity = limits, data.parity

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.encoding import CalibrationData, as_calibration, decode, encode
+from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.interval import LEVEL
 from truejoint.errors import CalibrationError, ExportError
-from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.export.c_printer import print_kernels
 from truejoint.export.c_source import (
     Precision,
@@ -148,7 +147,6 @@ def source_files(
     calibration = as_calibration(calibration)
     prefix = check_prefix(default_prefix(calibration) if prefix is None else prefix)
     check_precision(precision)
-    calibration = calibration.fitted_for(rezeroing=False)
     if compensator is not None:
         calibration = calibration.without_redundant()
         if compensator.corrector.signals != calibration.loop_signals:
@@ -157,7 +155,7 @@ def source_files(
                 f"calibration takes {', '.join(calibration.loop_signals)}; make it around this one"
             )
     try:
-        data = decode(*encode(calibration))
+        data = calibration
         limits = limits_of(data, range_margin)
         memory = fields.pack(data, limits, level)
     except CalibrationError as refused:
@@ -275,9 +273,9 @@ def _precision_context(
     return {"tolerance": tolerance, "precision_notes": notes}
 
 
-def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]:
+def _calibration_context(data: Calibration) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
-    by_itself = find_family(data.model.family).knows_deviation(data.model.params)
+    by_itself = data.family.knows_deviation(data.fitted.params)
     return {
         "stated_by": "for such motions as the interval was made of"
         if data.interval is not None
@@ -288,7 +286,7 @@ def _calibration_context(data: CalibrationData[EstimatorData]) -> dict[str, Any]
         "data_sha256": data.metadata.get("data_sha256", "unknown"),
         "homing_unknown": fields.HOMING_UNKNOWN,
         "homing_of_calibration": fields.HOMING_OF_CALIBRATION,
-        "homing_ids": fields.homing_ids(data.metadata),
+        "homing_ids": list(data.origin.homing_ids),
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
         "statuses": _bits({bit: bit.words for bit in Status if bit not in _OF_PYTHON}),

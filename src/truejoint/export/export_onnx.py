@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.calibration.encoding import as_calibration
+from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import ExportError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.run import polynomial_factors
@@ -92,7 +92,7 @@ class _Graph:
     def build(self, calibration: Calibration) -> Any:
         """Build the checked model of a calibration."""
         features, measured, inputs, metadata = self._inputs(calibration)
-        predicted = self.predict(features, calibration.model.data, len(calibration.feature_set))
+        predicted = self.predict(features, calibration.fitted, len(calibration.feature_set))
         if calibration.signal_shift.any():
             raise ExportError(
                 "its inputs are re-zeroed, which the ONNX graph leaves out; export C, or the model "

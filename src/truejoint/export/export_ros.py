@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from truejoint.calibration.encoding import as_calibration
+from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, render, write_files
 from truejoint.export.export_c import default_prefix, source_files

@@ -262,8 +262,7 @@ class LiveSamples:
 
 def _sample_period(calibration: Calibration) -> float:
     """Period of the samples [s] that a model counts; 0 where it goes by their stamps."""
-    counts = calibration.feature_set.counts_samples or calibration.model.family.counts_samples
-    return float(calibration.metadata["sample_dt"]) if counts else 0.0
+    return calibration.origin.sample_dt if calibration.counts_samples else 0.0
 
 
 def _vouched(position: Array, half_width: Array, status: Integers) -> tuple[Array, Array]:

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from truejoint.calibration.encoding import as_calibration
+from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.interval import LEVEL
-from truejoint.calibration.zero import find_zero, known_error, rezeroed
+from truejoint.calibration.zero import find_zero, known_error
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
 
 if TYPE_CHECKING:
@@ -124,13 +124,14 @@ def check_calibration(
     if level is not None:
         as_calibration(calibration).required_interval().index(level)
     level = LEVEL if level is None else level
-    t, error, known = known_error(calibration, recording)
-    zero = find_zero(calibration, recording)
-    left = known_error(rezeroed(calibration, recording), recording)[1]
+    rows = as_calibration(calibration).rows(recording)
+    t, error, known = known_error(calibration, rows)
+    zero = find_zero(replace(calibration, rezeroed_fit=None), rows)  # of positions as they come
+    left = known_error(calibration.at(find_zero(calibration, rows)), rows)[1]
     allowed = np.full_like(error, math.nan)
     inside = np.full(error.shape[1], math.nan)
     if calibration.interval is not None:
-        allowed = calibration.half_widths(recording, level)[known]
+        allowed = calibration.half_widths(rows, level)[known]
         inside = np.mean(np.abs(error) <= allowed, axis=0)
     joints = tuple(
         JointCheck(
@@ -139,7 +140,7 @@ def check_calibration(
             rmse=float(np.sqrt(np.mean(error[:, k] ** 2))),
             largest=float(np.abs(error[:, k]).max()),
             offset=float(zero.offset[k]),
-            offset_sd=float(zero.sd[k]),
+            offset_sd=float(zero.deviation[k]),
             left=float(np.sqrt(np.mean(left[:, k] ** 2))),
             half_width=float(allowed[:, k].mean()),
             inside=float(inside[k]),

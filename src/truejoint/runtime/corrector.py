@@ -14,16 +14,14 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers, floats
-from truejoint.calibration.encoding import (
-    CalibrationData,
+from truejoint.calibration.calibration import (
+    Calibration,
     as_calibration,
     as_recorded,
-    decode,
-    encode,
 )
-from truejoint.calibration.model_file import read_model_file
+from truejoint.calibration.model_file import read_calibration
+from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
-from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.layout import refuse_copy
 from truejoint.runtime import fields as at
 from truejoint.runtime.correction import (
@@ -85,16 +83,14 @@ class Corrector(Summarised):
     Parameters
     ----------
     model : path-like or Calibration
-        Model file, or what `calibrate` gave.
+        Model file, or what `calibrate` gave. For motions that begin with `rezero`, give
+        `Calibration.for_rezeroing`; until then it is the less accurate one.
     level : float, optional
         Probability of the half-width: of the model's interval or, where it has none, of the normal
         distribution that a filter takes its error for; 0.9 by default.
     range_margin : float
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.
-    rezeroing : bool
-        Run the fit for motions that begin with `rezero`, where the model has one of its own
-        (`calibrate`, `zero`). Until then it is the less accurate one.
 
     Attributes
     ----------
@@ -161,9 +157,8 @@ class Corrector(Summarised):
         *,
         level: float | None = None,
         range_margin: float = RANGE_MARGIN,
-        rezeroing: bool = False,
     ) -> None:
-        data = _read(model, rezeroing)
+        data = _read(model)
         self.made_for = data.robot, data.arm
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
@@ -176,14 +171,14 @@ class Corrector(Summarised):
         self.correction = packed.view("correction")
         self.offset = packed.view("offset")
         self.features = packed.view("features")
-        family = find_family(data.model.family)
-        told, ways = family.beside(data.model.params), family.gives_way
+        family = data.family
+        told, ways = family.beside(data.fitted.params), family.gives_way
         self.beside: dict[str, Array] = {
             name: packed.part("model", *path).view(name) for name, path in told.items()
         }
-        given = () if ways is None else ways(data.model.arrays).T
+        given = () if ways is None else ways(data.fitted.arrays).T
         self.gives_way: dict[str, Array] = dict(zip(told, given, strict=False))
-        own = at.homing_ids(data.metadata)
+        own = data.origin.homing_ids
         self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(own)}
         self._statuses = _Statuses()
         self._thread, self._taking = 0, Lock()
@@ -249,15 +244,17 @@ class Corrector(Summarised):
                 self.release()
             return self._statuses[tell_homing(self._numbers, self._memory)]
 
-    def rezero(self, offset: ArrayLike) -> Status:
+    def rezero(self, zero: Zero | ArrayLike) -> Status:
         """Add an offset to every corrected position: the calibration is valid for this homing.
 
-        It moves the output; a calibration that was `rezeroed` after a homing moves its inputs too.
+        It moves the output; `Calibration.at` moves the inputs too, where the zero is one of them.
 
-        The `offset` (n_joints,) [rad or m] is true minus corrected position, for instance from a
-        touched stop. Returns as `set_homing`, no longer HOMED_AGAIN, and ends ZERO_SUSPECT as
-        `acknowledge` does; raises CalibrationError unless it is one finite number for each joint.
+        `zero` is a `Zero`, which moves by its `shift`, or an offset (n_joints,) [rad or m] of true
+        minus corrected position, for instance from a touched stop. Returns as `set_homing`, no
+        longer HOMED_AGAIN, and ends ZERO_SUSPECT as `acknowledge` does; raises CalibrationError
+        unless there is one finite number for each joint.
         """
+        offset = zero.shift if isinstance(zero, Zero) else zero
         values = floats(offset, "offset", CalibrationError)
         if values.shape != self.offset.shape or not np.isfinite(values).all():
             raise CalibrationError(
@@ -351,18 +348,14 @@ def _real(values: ArrayLike) -> Array:
     return found
 
 
-def _read(
-    model: str | os.PathLike[str] | Calibration, rezeroing: bool
-) -> CalibrationData[EstimatorData]:
+def _read(model: str | os.PathLike[str] | Calibration) -> Calibration:
     if not isinstance(model, (str, os.PathLike)):
-        return decode(*encode(as_calibration(model).fitted_for(rezeroing=rezeroing)))
-    description, arrays = read_model_file(model)
+        return as_calibration(model)
+    calibration = read_calibration(model)
     try:
-        data = decode(description, arrays).fitted_for(rezeroing=rezeroing)
-        shape = len(data.feature_set), len(data.joints)
-        find_family(data.model.family).check(data.model, *shape)
-        limits_of(data)
-        find_family(data.model.family).memory(data.model, *shape)
+        limits_of(calibration)
+        shape = len(calibration.feature_set), len(calibration.joints)
+        calibration.family.memory(calibration.fitted, *shape)
     except TruejointError as error:
         raise ModelFileError(f"{model}: {error}; copy or calibrate it again") from None
-    return data
+    return calibration

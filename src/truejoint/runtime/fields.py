@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from statistics import NormalDist
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
-from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.interval import LEVEL, check_level, inverse_span
-from truejoint.estimators.family import EstimatorData, find_family
 from truejoint.layout import Layout, Memory
 from truejoint.runtime.limits import Limits
 from truejoint.runtime.status import Status
@@ -120,15 +118,15 @@ MEASURED: Final = LAYOUT.integers("measured", "signal that is the joint's measur
 MODEL: Final = LAYOUT.part("model", "the estimator")
 
 
-def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | None) -> Memory:
+def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
     """Memory of a corrector before its first sample, not homed.
 
     `level` says which half-widths of the interval to use; without one 0.9, where there is an
     interval. Raises CalibrationError if it is no share, the model states no half-width for it to
     be of, or the estimator only works offline.
     """
-    family = find_family(data.model.family)
-    knows_deviation = family.knows_deviation(data.model.params)
+    family = data.family
+    knows_deviation = family.knows_deviation(data.fitted.params)
     if level is not None:
         check_level(level)
         if not knows_deviation:
@@ -140,12 +138,12 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | No
     base, growth = np.full(n_joints, np.inf), 0.0
     if data.interval is not None:
         base, growth = data.interval.half_width(level), data.interval.growth
-    model = family.memory(data.model, k, n_joints)
+    model = family.memory(data.fitted, k, n_joints)
     deviations = NormalDist().inv_cdf(0.5 + 0.5 * level)
     if data.interval is None and knows_deviation:
         own = model.layout.fields["deviations"].index
         model.memory[own] = deviations
-    for path in set(family.beside(data.model.params).values()):
+    for path in set(family.beside(data.fitted.params).values()):
         own_part = model.part(*path)
         own_part.memory[own_part.layout.fields["beside_deviations"].index] = deviations
     n_white = len(limits.whitening)
@@ -159,8 +157,8 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | No
         **(vars(limits) | {"parity_intercept": limits.parity_intercept - moved}),
         n_signals=n_signals, n_features=k, n_joints=n_joints, n_white=n_white,
         needs_rezero=data.interval is not None and data.interval.rezero > 0.0,
-        zeroed="rezeroed" in data.metadata, homing=int(Status.NOT_HOMED),
-        own_id=HOMING_OF_CALIBRATION if homing_ids(data.metadata) else HOMING_UNKNOWN,
+        zeroed=data.zero is not None, homing=int(Status.NOT_HOMED),
+        own_id=HOMING_OF_CALIBRATION if data.origin.homing_ids else HOMING_UNKNOWN,
         n_shifted=len(data.signals) if shift.any() else 0,
         n_parity=n_parity if data.parity else 0, n_terms=n_terms, parity_shift=np.zeros(n_parity),
         is_position=data.target == "position", row=family.row_address(),
@@ -175,9 +173,3 @@ def pack(data: CalibrationData[EstimatorData], limits: Limits, level: float | No
         trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
         measured=[signals.index(f"measured/{joint}") for joint in data.joints],
     )  # fmt: skip
-
-
-def homing_ids(metadata: Mapping[str, Any]) -> list[str]:
-    """Homings of the training or, where it was re-zeroed since, of the truth for it."""
-    named = metadata.get("homing_ids", ())
-    return [n for n in named if isinstance(n, str)] if isinstance(named, (list, tuple)) else []

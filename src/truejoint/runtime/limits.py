@@ -9,9 +9,8 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.domain import TrainingDomain, partners, varies
-from truejoint.calibration.encoding import CalibrationData
+from truejoint.calibration.calibration import Calibration
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.products import padded
 from truejoint.features.feature_set import MAX_RATE_RATIO
 
@@ -102,7 +101,7 @@ class Limits:
     correction_upper: Array
 
 
-def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_MARGIN) -> Limits:
+def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     """Thresholds for samples of a calibration; `range_margin` (0 to 1) is for `RANGE_MARGIN`.
 
     Raises CalibrationError if it is out of range, and ModelFileError if the calibration was made
@@ -119,7 +118,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
         )
-    family = data.model.kind
+    family = data.family
     counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
     low, high = seen.signal_lower, seen.signal_upper
@@ -140,7 +139,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     correction_lower, correction_upper = believable_corrections(seen)
     bears = family.bears_load
     hold = max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt)
-    if bears is not None and bears(data.model.params):
+    if bears is not None and bears(data.fitted.params):
         # It holds a load as still as its encoders' counts show, for as long as it takes.
         distance = hold = np.inf
         turned = LOAD_TURNS * (high - low)[[signals.index(f"measured/{j}") for j in data.joints]]
@@ -173,7 +172,7 @@ def limits_of(data: CalibrationData[EstimatorData], range_margin: float = RANGE_
     )
 
 
-def _held(data: CalibrationData[EstimatorData], standing: Mask, span: Array) -> Array:
+def _held(data: Calibration, standing: Mask, span: Array) -> Array:
     """How far (n_signals,) positions that stood in training may move; others do as they like."""
     found = np.full(len(standing), np.inf)
     for i in np.flatnonzero(standing):
@@ -187,7 +186,7 @@ def _held(data: CalibrationData[EstimatorData], standing: Mask, span: Array) -> 
     return found
 
 
-def _parity(data: CalibrationData[EstimatorData], seen: TrainingDomain) -> dict[str, Any]:
+def _parity(data: Calibration, seen: TrainingDomain) -> dict[str, Any]:
     """Parity equations with their bounds; one that says nothing where there are none."""
     equations = data.parity
     if equations is None:

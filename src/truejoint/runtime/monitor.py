@@ -12,12 +12,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import IntEnum, IntFlag
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers
+from truejoint.calibration.calibration import Calibration, as_calibration, as_recorded
 from truejoint.calibration.efforts import (
     ANCHOR,
     MOVED,
@@ -27,7 +28,6 @@ from truejoint.calibration.efforts import (
     effort_terms,
     travelled,
 )
-from truejoint.calibration.encoding import CalibrationData, as_calibration, as_recorded
 from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, copy, matrix, vector
 from truejoint.errors import CalibrationError
@@ -158,7 +158,7 @@ class Monitor:
 
     Parameters
     ----------
-    calibration : CalibrationData
+    calibration : Calibration
         A `Calibration`, or what `decode` gives; efforts are compared with its
         `effort_baseline`.
     working_time : float
@@ -188,9 +188,7 @@ class Monitor:
     0
     """
 
-    def __init__(
-        self, calibration: CalibrationData[Any], *, working_time: float = LONGEST_WORK
-    ) -> None:
+    def __init__(self, calibration: Calibration, *, working_time: float = LONGEST_WORK) -> None:
         baseline = as_calibration(calibration).effort_baseline
         if baseline is None:
             raise CalibrationError(

@@ -15,7 +15,7 @@ from .registration import Registered as Registered
 from .registration import Registration as Registration
 from .touch import Touches as Touches
 from .touch import find_block as find_block
-from .touch import rezeroed_by_touch as rezeroed_by_touch
+from .touch import zero_by_touch as zero_by_touch
 from .touch_calibration import TouchReport as TouchReport
 from .touch_calibration import calibrate_by_touch as calibrate_by_touch
 from .track import tracked_truth as tracked_truth

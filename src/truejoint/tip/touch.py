@@ -10,7 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array, floats
 from truejoint.calibration.compatibility import check_columns, source_of
-from truejoint.calibration.zero import moved
+from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, other_kind
 from truejoint.robots.parts import Kinematics
 from truejoint.robots.robot import Robot
@@ -292,55 +292,50 @@ def touched_zero(
     return fit
 
 
-def rezeroed_by_touch(
+def zero_by_touch(
     calibration: Calibration,
     recording: Recording,
     touches: Touches,
     pose: BlockPose,
     *,
     touch_sd: float = TOUCH_SD,
-) -> tuple[Calibration, TipFit]:
-    """Give the calibration whose zero is that of touches, and the fit that found it.
+) -> tuple[Zero, TipFit]:
+    """Zero of a calibration by touches, for `Calibration.at`, and the fit that it is of.
 
-    Where zeros were fitted (`calibrate`, `zero`), it is the fit with these. The baselines move by
-    the same offset. The metadata say so under ``rezeroed``, and of the new homing. Raises
-    CalibrationError as `touched_zero`.
+    The baselines move by the same offset. Raises CalibrationError as `touched_zero`.
 
     Examples
     --------
-    >>> rezeroed_by_touch(model, test, Touches((1.0,), ("1",)), None)
+    >>> zero_by_touch(model, test, Touches((1.0,), ("1",)), None)
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    own = calibration.fitted_for(rezeroing=True)
+    own = calibration.for_rezeroing
     before = own.offset
     for _ in range(_ROUNDS):
         fit = touched_zero(own, recording, touches, pose, touch_sd=touch_sd)
-        own = moved(own, fit.state.coefficients)
+        own = own.shifted(fit.state.coefficients)
         # Outputs whose inputs are moved go about as far, but not just as far.
         if own.moves is None or (
             (np.abs(fit.state.coefficients) < 0.1 * fit.sd[: len(own.joints)]).all()
         ):
             break
     offset = own.offset - before
-    names = own.baseline_models
-    shifted = {name: own.offsets.get(name, np.zeros(len(offset))) + offset for name in names}
-    own = replace(own, offsets={**own.offsets, **shifted})
-    origin = recording.provenance
-    facts = {
-        "source": origin.source,
-        "homing_id": origin.homing_id,
-        "offset": offset.tolist(),
-        "sd": fit.sd[: len(offset)].tolist(),
-        "rows": len(touches),
-        "duration": touches.t[-1] - touches.t[0],
-        "truth": "touch",
-        "block": pose.title,
-        "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
-    }
-    if origin.homing_id:
-        own = own.with_metadata(homing_ids=[origin.homing_id])
-    return own.with_metadata(rezeroed=facts), fit
+    zero = Zero(
+        offset,
+        fit.sd[: len(offset)],
+        source="touch",
+        file=recording.provenance.source,
+        homing_id=recording.provenance.homing_id,
+        rows=len(touches),
+        duration=touches.t[-1] - touches.t[0],
+        baselines=dict.fromkeys(own.fitted_baselines, offset),
+        details={
+            "block": pose.title,
+            "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
+        },
+    )
+    return zero, fit
 
 
 def check_pose(calibration: Calibration, pose: BlockPose) -> None:

@@ -174,8 +174,13 @@ def calibrate_by_touch(
     if baseline is not None:
         residual = np.hypot(terms_fit.rows.corrected_sd, report.zero_sd)
         baseline = replace(baseline, residual=residual)
-    calibration = replace(fitted, model=model, effort_baseline=baseline).with_metadata(
-        estimator=model.name,
+    calibration = replace(
+        fitted,
+        fitted=data,
+        learnt=None,
+        effort_baseline=baseline,
+        origin=replace(fitted.origin, estimator=model.name),
+    ).with_metadata(
         settings=" ".join(repr(model).split()),
         truth="touch",
         touch=_facts(terms_fit, report, priors),

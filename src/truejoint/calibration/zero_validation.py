@@ -17,7 +17,7 @@ from truejoint.errors import CalibrationError
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
-    from truejoint.recordings import Recording
+    from truejoint.calibration.rows import Rows
 
 _REZERO: Final = 2.0  # [s] of truth that each recording is re-zeroed from to be judged,
 _SHARE: Final = 0.1  # or this share of the shortest one
@@ -27,8 +27,8 @@ Pair = Callable[[Sequence[int]], "tuple[Calibration, Calibration]"]
 """Fits to the recordings of these indices: with one zero, and with one for each."""
 
 
-def judge_zeros(
-    recordings: Sequence[Recording],
+def validate_zeros(
+    parts: Sequence[Rows],
     left_out: Sequence[Fold],
     fit: Pair,
     say: Callable[[str, float], None],
@@ -36,24 +36,24 @@ def judge_zeros(
     """Whether a zero for each recording is better without doubt, and how that was found, as JSON.
 
     Five of the folds at most, of whole recordings, are left out of a pair of fits each, and their
-    recordings are re-zeroed from the first seconds as `truejoint.calibration.rezeroed` does it. A
+    recordings are re-zeroed from the first seconds as `find_zero` gives it. A
     zero for each is better where it beats one zero, by the rule of a choice, in a joint, and is no
     worse on the average in any. `say` is told what is done and the share of it.
     """
     began = time.perf_counter()
-    stretch = min(_REZERO, _SHARE * min(one.duration for one in recordings))
+    stretch = min(_REZERO, _SHARE * min(part.recording.duration for part in parts))
     judged, squares = list[str](), list[Array]()
     left_out = left_out[:: -(-len(left_out) // FOLDS)]
     for number, fold in enumerate(left_out):
         out = sorted({part.recording for part in fold.parts})
-        seen = [index for index in range(len(recordings)) if index not in out]
-        if len(seen) < 2:
+        training = [index for index in range(len(parts)) if index not in out]
+        if len(training) < 2:
             continue
         say(f"Judging a zero for each recording without {fold.name}", number / len(left_out))
-        testing = [recordings[index] for index in out]
+        testing = [parts[index] for index in out]
         try:
-            pair = fit(seen)
-            squares.append(np.array([_square(one, testing, stretch) for one in pair]))
+            pair = fit(training)
+            squares.append(np.array([_square(each, testing, stretch) for each in pair]))
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
@@ -79,11 +79,11 @@ def judge_zeros(
 
 def _ratios(squares: Sequence[Array]) -> Array:
     """Logarithms (n_folds, n_joints) of the ratio of the errors of pairs (2, n_joints)."""
-    plain, each = np.moveaxis(np.array(squares), 1, 0)
-    return log_ratio(each, plain)
+    shared, each = np.moveaxis(np.array(squares), 1, 0)
+    return log_ratio(each, shared)
 
 
-def _square(calibration: Calibration, recordings: Sequence[Recording], stretch: float) -> Array:
-    """Mean square (n_joints,) of what is left of recordings after their first seconds."""
-    errors = [judged_error(calibration, recording, stretch)[0] for recording in recordings]
+def _square(calibration: Calibration, parts: Sequence[Rows], stretch: float) -> Array:
+    """Mean square (n_joints,) of the errors of recordings after their first seconds."""
+    errors = [judged_error(calibration, part, stretch)[0] for part in parts]
     return np.asarray(np.mean(np.concatenate(errors) ** 2, axis=0))

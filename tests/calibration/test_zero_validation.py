@@ -15,12 +15,12 @@ from truejoint.calibration import (
     cross_interval,
     find_zero,
     read_calibration,
-    rezeroed,
     write_calibration,
 )
 from truejoint.calibration.folds import FOLDS, Fold, Part
+from truejoint.calibration.training_zeros import zero_groups
 from truejoint.calibration.zero import judged_error
-from truejoint.calibration.zero_choice import judge_zeros
+from truejoint.calibration.zero_validation import validate_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording
@@ -66,12 +66,13 @@ def test_zeros_that_moved_are_fitted_beside_the_chosen_model(kept, tmp_path):
     assert kept.correct(test).tobytes() == plain.correct(test).tobytes()
     assert "zero" not in plain.metadata["choice"]
     stated = calibrate(several(0.3), LINEAR, zero="recording")
-    both = [rezeroed(one, test, START).correct(test) for one in (kept, stated)]
+    both = [one.at(find_zero(one, test, START)).correct(test) for one in (kept, stated)]
     assert both[0].tobytes() == both[1].tobytes()
-    own = kept.fitted_for(rezeroing=True)
+    own = kept.for_rezeroing
     assert rmse(own, test, START) < 0.5 * rmse(plain, test, START)
     write_calibration(kept, tmp_path / "m.safetensors")
-    again = rezeroed(read_calibration(tmp_path / "m.safetensors"), test, START)
+    read = read_calibration(tmp_path / "m.safetensors")
+    again = read.at(find_zero(read, test, START))
     assert again.correct(test).tobytes() == both[0].tobytes()
 
 
@@ -79,18 +80,18 @@ def test_zeros_that_did_not_move_change_nothing():
     recordings = several(0.0)
     model, plain = calibrate(recordings, LINEAR), calibrate(recordings, LINEAR, zero="shared")
     assert not model.metadata["choice"]["zero"]["kept"]
-    assert model.rezero_models == {}
-    assert model.fitted_for(rezeroing=True) is model
+    assert model.rezeroed_fit is None
+    assert model.for_rezeroing is model
     test = loaded(9, 0.0)
     for start in (0.5, START):
-        again = [rezeroed(one, test, start).correct(test) for one in (model, plain)]
+        again = [one.at(find_zero(one, test, start)).correct(test) for one in (model, plain)]
         assert again[0].tobytes() == again[1].tobytes()
 
 
 def test_two_recordings_do_not_tell_and_it_is_said():
     model = calibrate(several(0.3, 2), LINEAR)
     assert model.metadata["choice"]["zero"] == {"kept": False, "note": "it takes 3 recordings"}
-    assert model.rezero_models == {}
+    assert model.rezeroed_fit is None
 
 
 def test_what_zeros_are_judged_by_knows_nothing_of_the_part_left_out(monkeypatch):
@@ -101,7 +102,7 @@ def test_what_zeros_are_judged_by_knows_nothing_of_the_part_left_out(monkeypatch
         found.append(fit([0, 1, 2]))
         return False, {"kept": False}
 
-    monkeypatch.setattr("truejoint.calibration.fit.judge_zeros", first_pair)
+    monkeypatch.setattr("truejoint.calibration.fit.validate_zeros", first_pair)
     recordings = several(0.0, 4)
     off = recordings[3].column("truth/jaw") + 0.02 * np.sin(0.4 * recordings[3].t)
     wandering = recordings[3].table.assign(**{"truth/jaw": off})
@@ -136,16 +137,17 @@ def test_recordings_that_are_thinned_unlike_each_other_are_judged_all_the_same(m
 
 
 def test_an_interval_of_the_same_recordings_is_made_of_such_fits(monkeypatch):
-    asked = []
+    groups = []
 
-    def fitted(*args, **how):
-        asked.append(how.get("zero"))
-        return calibrate(*args, **how)
+    def grouped(recordings, zero):
+        groups.append((len(recordings), zero))
+        return zero_groups(recordings, zero)
 
-    monkeypatch.setattr("truejoint.calibration.cross_conformal.calibrate", fitted)
+    monkeypatch.setattr("truejoint.calibration.fit.zero_groups", grouped)
     model = cross_interval(several(0.3), LINEAR, rezero=0.5)
-    assert model.rezero_models
-    assert asked == [None] + 5 * ["recording"]
+    assert model.rezeroed_fit.interval.rezero == 0.5
+    assert model.interval is None
+    assert groups == [(5, "recording")] + 5 * [(4, "recording")]
 
 
 def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
@@ -153,7 +155,8 @@ def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
     units = [Part(k, 0, len(one)) for k, one in enumerate(recordings)]
     left_out = [Fold("a", (units[0], units[2])), Fold("all but one", tuple(units[:3])),
                 Fold("b", (units[1],)), Fold("cannot be fitted", (units[3],))]  # fmt: skip
-    better = replace(kept, offsets={"model": np.array([0.01])}).with_metadata(zeros={"of": "none"})
+    shared = replace(kept, origin=replace(kept.origin, zeros=None), rezeroed_fit=None)
+    better = replace(shared, offsets={"model": np.array([0.01])})
     assert len(left_out) <= FOLDS
     seen: list[list[int]] = []
 
@@ -163,15 +166,16 @@ def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
             raise CalibrationError("too few rows")
         return better, kept
 
-    is_kept, told = judge_zeros(recordings, left_out, fit, lambda _what, _share: None)
+    rows = [kept.rows(recording) for recording in recordings]
+    is_kept, told = validate_zeros(rows, left_out, fit, lambda _what, _share: None)
     assert seen == [[1, 3], [0, 2, 3], [0, 1, 2]]
     assert told["left_out"] == ["a", "b"]
-    for name, model in (("shared", better), ("recording", kept)):
+    for name, model in (("shared", better), ("recording", kept.for_rezeroing)):
         folds = []
         for out in ([0, 2], [1]):
             left = []
             for one in (recordings[i] for i in out):
-                zero = find_zero(model, one, told["rezeroed_from"]).believed
+                zero = find_zero(model, one, told["rezeroed_from"]).shift
                 error = one.column("truth/jaw") - model.correct(one)[:, 0] - zero
                 left.append(error[one.t - one.t[0] >= told["rezeroed_from"]])
             folds.append(np.mean(np.concatenate(left) ** 2))
@@ -182,9 +186,11 @@ def test_what_is_judged_is_the_rest_of_recordings_that_were_left_out(kept):
 def test_zeros_that_are_no_better_are_given_up_after_three_parts(kept):
     recordings = several(0.3, 7)
     left_out = [Fold(str(k), (Part(k, 0, len(one)),)) for k, one in enumerate(recordings)]
-    worse = replace(kept, model=kept.baseline_models["offset"]).with_metadata(zeros={"of": "none"})
+    rows = [kept.rows(recording) for recording in recordings]
+    offset, origin = kept.fitted_baselines["offset"], replace(kept.origin, zeros=None)
+    worse = replace(kept, fitted=offset, origin=origin, rezeroed_fit=None)
     for pair, judged in (((kept, worse), "024"), ((worse, kept), "0246")):
-        found, told = judge_zeros(recordings, left_out, lambda _, p=pair: p, lambda *_: None)
+        found, told = validate_zeros(rows, left_out, lambda _, p=pair: p, lambda *_: None)
         assert "".join(told["left_out"]) == judged
         assert found is (judged != "024")
         assert np.exp(np.mean(np.log(told["ratios"]))) == pytest.approx(told["ratio"])

@@ -1,4 +1,4 @@
-"""A jaw's calibration, with what a laboratory finds out by weights, and after each homing."""
+"""A jaw's zero by its motor side, and the stiffness of its drive cable by weights."""
 
 from __future__ import annotations
 
@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.compatibility import source_of
-from truejoint.calibration.encoding import as_calibration
-from truejoint.calibration.signal_shift import shift_signals
+from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.learn import FrictionFilter, Stiffness
@@ -21,7 +20,6 @@ from truejoint.estimators.jaw_load.stiffness import (
     identify_stiffness,
 )
 from truejoint.estimators.registry import name_of
-from truejoint.features.feature_set import time_steps
 from truejoint.units import GRAVITY
 
 if TYPE_CHECKING:
@@ -29,7 +27,7 @@ if TYPE_CHECKING:
     from truejoint.recordings import Recording
 
 
-def weighed(
+def with_stiffness(
     calibration: Calibration, recordings: Sequence[Recording], arm: float, last: float = 5.0
 ) -> tuple[Calibration, Stiffness]:
     """Identify the drive cable's stiffness by weights, for loads that are right in size.
@@ -59,7 +57,7 @@ def weighed(
 
     Examples
     --------
-    >>> weighed(model, [test], arm=0.0135)
+    >>> with_stiffness(model, [test], arm=0.0135)
     Traceback (most recent call last):
         ...
     truejoint.errors.CalibrationError: linear tells no load; calibrate with -e ukf_friction
@@ -76,7 +74,8 @@ def weighed(
                 f"{source_of(recording)}: its weight is not stated; say it with --load-grams, or "
                 "as the load of its provenance"
             )
-        X, dt = _signals(calibration, recording)
+        seen = calibration.rows(recording)
+        X, dt = seen.X, seen.dt
         hangs = recording.t > recording.t[-1] - last
         side = -np.sign(float(model.states(X, dt).stretch[hangs].mean())) or 1.0
         torques.append(np.where(hangs, side * mass * GRAVITY * arm, np.nan))
@@ -86,14 +85,15 @@ def weighed(
         raise CalibrationError("no recording of a weight; give one at least")
     X, torque, dt = np.concatenate(rows), np.concatenate(torques), np.concatenate(steps)
     found = identify_stiffness(model, X, torque, dt)
-    known = replace(calibration, model=model.with_stiffness(found))
-    return known.with_metadata(stiffness=vars(found)), found
+    stiff = model.with_stiffness(found)
+    weighed = replace(calibration, fitted=stiff.data, learnt=stiff)
+    return weighed.with_metadata(stiffness=vars(found)), found
 
 
-def encoder_rezeroed(
+def motor_zero(
     calibration: Calibration, recording: Recording, by: Calibration | None = None
-) -> tuple[Calibration, EncoderZero]:
-    """Take off by how much this homing set the reset encoder's zero wrong, if that can be told.
+) -> tuple[Zero, EncoderZero]:
+    """Zero of a jaw by its motor side: by how much this homing set the reset encoder's zero wrong.
 
     No sensor at the jaw is needed; see `find_encoder_zero`.
 
@@ -108,18 +108,18 @@ def encoder_rezeroed(
 
     Returns
     -------
-    Calibration, EncoderZero
-        The calibration for this homing, the same where a correction would be as likely to harm,
-        and what was found.
+    Zero, EncoderZero
+        The zero for `Calibration.at`, which moves nothing where a correction would be as likely to
+        harm, and what it rests on.
 
     Raises
     ------
     CalibrationError
-        If either calibration is not as it must be, or the motion tells no zero.
+        If either calibration is not as it must be, or the motion determines no zero.
 
     Examples
     --------
-    >>> encoder_rezeroed(model, test)
+    >>> motor_zero(model, test)
     Traceback (most recent call last):
         ...
     truejoint.errors.CalibrationError: linear finds no zero; calibrate with -e ukf_friction
@@ -130,36 +130,38 @@ def encoder_rezeroed(
         raise CalibrationError(
             f"{calibration.estimator} takes no jaw's position from {RESET}; there is no zero of it"
         )
-    if calibration.moves is not None:
+    if calibration.for_rezeroing.moves is not None:
         raise CalibrationError(
             "the calibration has zeros of its own already; give the one that calibrate wrote"
         )
-    found = find_encoder_zero(model, *_signals(by, recording))
-    if recording.provenance.load > 0.0:
+    rows = by.rows(recording)
+    found = find_encoder_zero(model, rows.X, rows.dt)
+    origin = recording.provenance
+    if origin.load > 0.0:
         raise CalibrationError(
-            f"{source_of(recording)}: a load of {1e3 * recording.provenance.load:g} g on the jaw; "
-            "its zero is that of a motion without one"
+            f"{source_of(recording)}: a load of {1e3 * origin.load:g} g on the jaw; its zero is "
+            "that of a motion without one"
         )
-    # A zero of the jaw that moves x2 by as much as it was found to be off.
+    # A zero of the jaw that moves x2 by as much as it is off.
     moves = np.zeros((len(calibration.signals), len(calibration.joints)))
     moves[calibration.signals.index(RESET)] = model.jaw_radius
     offset = np.full(len(calibration.joints), -found.correction / model.jaw_radius)
-    today = replace(calibration, moves=moves, offsets={**calibration.offsets, "model": offset})
-    if recording.provenance.homing_id:
-        today = today.with_metadata(homing_ids=[recording.provenance.homing_id])
-    return today.with_metadata(encoder_zero=vars(found)), found
+    zero = Zero(
+        offset,
+        source="motor",
+        file=origin.source,
+        homing_id=origin.homing_id,
+        rows=len(rows),
+        duration=recording.duration,
+        moves=moves,
+        details=vars(found),
+    )
+    return zero, found
 
 
 def _friction_filter(calibration: Calibration, lacks: str) -> FrictionFilter:
-    if not isinstance(as_calibration(calibration).model, FrictionFilter):
+    model = as_calibration(calibration).model
+    if not isinstance(model, FrictionFilter):
         wanted = name_of(FrictionFilter())
         raise CalibrationError(f"{calibration.estimator} {lacks}; calibrate with -e {wanted}")
-    return calibration.model
-
-
-def _signals(calibration: Calibration, recording: Recording) -> tuple[Array, Array]:
-    """Features (n, 2) of a recording, and time since the row before (n,) [s]."""
-    calibration.check_recording(recording)
-    moved = shift_signals(recording, calibration.signals, calibration.signal_shift)
-    rows = calibration.feature_set.compute(moved, calibration.gap_limit)
-    return rows, time_steps(np.array(recording.t), calibration.gap_limit)
+    return model

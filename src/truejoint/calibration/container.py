@@ -1,0 +1,196 @@
+"""The container of a model: a safetensors file whose header holds a JSON description.
+
+Nothing in a file is ever run. Size, header, shapes and the hash are checked before any number is
+used.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Final, NoReturn, TypeVar
+
+import numpy as np
+import safetensors
+import safetensors.numpy
+
+from truejoint.array_types import Array
+from truejoint.errors import ModelFileError, other_kind
+from truejoint.files import (
+    canonical_json,
+    content_hash,
+    is_as_written,
+    read_small,
+    write_atomically,
+)
+
+Value = TypeVar("Value")
+
+FORMAT_VERSION: Final = 6
+MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
+MAX_HEADER_BYTES: Final = 2**20
+MAX_TENSORS: Final = 512
+
+_KEY: Final = "truejoint"
+_OTHER_FORMATS: Final = frozenset(
+    {".c", ".csv", ".h", ".html", ".json", ".mat", ".npy", ".onnx", ".parquet", ".pkl", ".toml"}
+)
+_DAMAGED: Final = "the file is damaged or was edited; copy or calibrate it again"
+
+
+def check_name(path: str | os.PathLike[str]) -> Path:
+    """Path of a model file to write; raises ModelFileError when its ending is another format's."""
+    path = Path(path)
+    if path.suffix.lower() in _OTHER_FORMATS:
+        raise ModelFileError(
+            f"{path}: a model file is not {path.suffix}; call it "
+            f"{path.with_suffix('.safetensors').name}, and see `truejoint export` for C and ONNX"
+        )
+    return path
+
+
+def write_model_file(
+    path: str | os.PathLike[str],
+    description: Mapping[str, Any],
+    arrays: Mapping[str, Array],
+    *,
+    overwrite: bool = False,
+) -> None:
+    """Write JSON values and float64 arrays of one or two dimensions, whole or not at all.
+
+    Raises ModelFileError if the file exists, is named like another format, cannot be written, or
+    would break a bound that reading enforces.
+    """
+    path = check_name(path)
+    data = to_bytes(description, arrays)
+    try:
+        from_bytes(data)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path} is not written, it could not be read back: {error}") from None
+    write_atomically(
+        path, lambda part: part.write_bytes(data), overwrite=overwrite, error=ModelFileError
+    )
+
+
+def read_model_file(path: str | os.PathLike[str]) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Read the description and the arrays of a model file.
+
+    Raises ModelFileError if it is missing, too large, truncated, edited, or of another format.
+    """
+    if not isinstance(path, str | os.PathLike):
+        raise ModelFileError(other_kind(path, "path", "give that of a model file"))
+    path = Path(path)
+    data = read_small(path, ModelFileError, MAX_FILE_BYTES, "a model")
+    try:
+        return from_bytes(data)
+    except ModelFileError as error:
+        raise ModelFileError(f"{path}: {error}") from None
+
+
+def to_bytes(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
+    """Bytes of a model file; the same for the same model."""
+    arrays = {name: np.ascontiguousarray(array, dtype="<f8") for name, array in arrays.items()}
+    versioned = {**description, "format": FORMAT_VERSION}
+    signed = {**versioned, "sha256": content_hash(versioned, arrays)}
+    return bytes(safetensors.numpy.save(arrays, metadata={_KEY: canonical_json(signed)}))
+
+
+def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
+    """Give description and arrays of the bytes of a model file; raises ModelFileError."""
+    if len(data) > MAX_FILE_BYTES:
+        raise ModelFileError(
+            f"larger than {MAX_FILE_BYTES} bytes, which no truejoint model is; {_DAMAGED}"
+        )
+    if data[:4] == b"PAR1":
+        raise ModelFileError("is a Parquet file, as recordings are; name the model file here")
+    length = int.from_bytes(data[:8], "little")
+    if len(data) < 8 or length > min(MAX_HEADER_BYTES, len(data) - 8):
+        raise ModelFileError(
+            f"{len(data)} bytes with a header said to have {length}: not a safetensors file of "
+            f"truejoint, or cut short; {_DAMAGED}"
+        )
+    header = _json(data[8 : 8 + length], "header")
+    metadata = header.get("__metadata__") if isinstance(header, dict) else None
+    signed = metadata.get(_KEY) if isinstance(metadata, dict) else None
+    if not isinstance(signed, str):
+        raise ModelFileError(
+            f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
+        )
+    description = _json(signed.encode("utf-8", "replace"), "model description")
+    if not isinstance(description, dict):
+        raise ModelFileError(f"the model description is not a JSON object; {_DAMAGED}")
+    version = description.pop("format", None)
+    if isinstance(version, int) and version > FORMAT_VERSION:
+        raise ModelFileError(
+            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
+            "truejoint reads; update truejoint"
+        )
+    if version in range(1, FORMAT_VERSION) and version is not True:
+        raise ModelFileError(
+            f"format version {version} is older than {FORMAT_VERSION}, the only one that this "
+            "truejoint reads; calibrate again"
+        )
+    if version is True or version != FORMAT_VERSION:
+        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
+    arrays = _arrays(data)
+    digest = description.pop("sha256", None)
+    if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
+        raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
+    return description, arrays
+
+
+def encode_arrays(value: Any) -> dict[str, Array]:
+    """Fields of a dataclass by name, numbers as arrays of one element."""
+    return {
+        field.name: np.atleast_1d(np.asarray(getattr(value, field.name), dtype=np.float64))
+        for field in fields(value)
+    }
+
+
+def decode_arrays(
+    kind: type[Value], what: str, arrays: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]]
+) -> Value:
+    """Inverse of `encode_arrays`; a field that `shapes` does not name is a number.
+
+    Raises ModelFileError, of `what`, when names or shapes are not these, or a number is not finite.
+    """
+    types = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
+    if {name: a.shape for name, a in arrays.items()} != {n: shapes.get(n, (1,)) for n in types}:
+        raise ModelFileError(f"the arrays of the {what} are not those of the model")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise ModelFileError(f"the {what} is not finite")
+    values: dict[str, Any] = dict(arrays)
+    for name, of in types.items():
+        if of in ("float", "int"):
+            number = float(arrays[name][0])
+            values[name] = number if of == "float" else int(min(number, 1e9))
+    return kind(**values)
+
+
+def _arrays(data: bytes) -> dict[str, Array]:
+    """Arrays of a safetensors file: float64, of one or two dimensions."""
+    try:
+        found = safetensors.numpy.load(data)
+    except (safetensors.SafetensorError, KeyError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise ModelFileError(f"its arrays cannot be read ({reason:.80}); {_DAMAGED}") from None
+    if len(found) > MAX_TENSORS:
+        raise ModelFileError(f"{len(found)} tensors, more than {MAX_TENSORS}; {_DAMAGED}")
+    for name, array in found.items():
+        if array.dtype != np.float64 or array.ndim not in (1, 2):
+            raise ModelFileError(f"tensor {name!r:.60} has a wrong type or shape; {_DAMAGED}")
+    return {name: np.array(array) for name, array in found.items()}
+
+
+def _json(text: bytes, what: str) -> Any:
+    try:
+        return json.loads(text.decode(), parse_constant=_refuse_constant)
+    except (ValueError, RecursionError):
+        raise ModelFileError(f"the {what} is not valid JSON; {_DAMAGED}") from None
+
+
+def _refuse_constant(name: str) -> NoReturn:
+    raise ValueError(f"{name} is no JSON number")

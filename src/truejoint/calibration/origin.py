@@ -1,0 +1,136 @@
+"""What a calibration was made from: its recordings, its zeros, the rate of its samples."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.schema import Bounds
+
+if TYPE_CHECKING:
+    from truejoint.recordings import Recording
+
+ZeroOf = Literal["shared", "recording", "homing"]
+_Number = Annotated[float, Bounds(-1e15, 1e15)]
+
+
+@dataclass(frozen=True)
+class Session:
+    """A recording, or a part of one, as a calibration remembers it.
+
+    Counts are of its rows: those that the fit uses, those without truth, and outliers.
+    """
+
+    sha256: str  # of the file; empty where there is none
+    first: _Number  # time stamp of the first row [s]
+    last: _Number
+    source: str = ""
+    session: str = ""
+    homing_id: str = ""
+    start: str = ""
+    load: _Number = math.nan  # mass on the tool [kg]; NaN where it is not stated
+    rows: int = 0
+    rows_without_truth: int = 0
+    outliers: int = 0
+    duration: _Number = 0.0  # [s]
+
+    @classmethod
+    def of(cls, recording: Recording, **counts: float) -> Session:
+        """Remember a recording; `counts` are other fields.
+
+        Examples
+        --------
+        >>> Session.of(test).last
+        3.99
+        """
+        origin = recording.provenance.to_dict()
+        names = ("source", "sha256", "session", "homing_id", "start")
+        return cls(
+            **{name: str(origin[name] or "") for name in names},  # type: ignore[arg-type]
+            load=recording.provenance.load,
+            first=float(recording.t[0]),
+            last=float(recording.t[-1]),
+            **counts,  # type: ignore[arg-type]
+        )
+
+    def overlaps(self, recording: Recording) -> bool:
+        """Whether rows of a recording are rows of this session.
+
+        Two recordings are the same if their hashes are equal or, where neither has one, source,
+        session, homing and start.
+        """
+        other = Session.of(recording)
+        if self.sha256 or other.sha256:
+            same = self.sha256 == other.sha256
+        else:
+            names = ("source", "session", "homing_id", "start")
+            same = all(getattr(self, name) == getattr(other, name) for name in names)
+        return same and other.first <= self.last and other.last >= self.first
+
+
+@dataclass(frozen=True, eq=False)
+class TrainingZeros:
+    """Zeros of the groups of training recordings that do not share one."""
+
+    per: Literal["recording", "homing"]
+    names: tuple[str, ...]
+    offsets: Array  # (n_groups, n_joints) [rad or m], about their mean
+
+
+@dataclass(frozen=True, eq=False)
+class Origin:
+    """What a calibration was made from, as far as the product reads it again.
+
+    Attributes
+    ----------
+    estimator : str
+        Name of the estimator that was asked for.
+    sample_dt : float
+        Median time between rows [s]; 0 if it is not known.
+    sessions : tuple of Session
+        Recordings that the fit used.
+    homing_ids : tuple of str
+        Homings that its zero holds for: those of the training, or that of `Calibration.zero`.
+    interval_sessions : tuple of Session
+        Recordings that the interval was made of.
+    accepted : tuple of str
+        Failures of the data check that the user accepted.
+    baseline_notes : mapping of str to str
+        Why a baseline is absent or weak.
+    zeros : TrainingZeros, optional
+        Where the training recordings do not share one zero.
+    """
+
+    estimator: str = ""
+    sample_dt: Annotated[float, Bounds(0.0, 1e9)] = 0.0
+    sessions: tuple[Session, ...] = ()
+    homing_ids: tuple[str, ...] = ()
+    interval_sessions: tuple[Session, ...] = ()
+    accepted: tuple[str, ...] = ()
+    baseline_notes: Mapping[str, str] = field(default_factory=dict)
+    zeros: TrainingZeros | None = None
+
+    def includes(self, recording: Recording) -> bool:
+        """Whether the fit used rows of a recording."""
+        return any(session.overlaps(recording) for session in self.sessions)
+
+    def interval_includes(self, recording: Recording) -> bool:
+        """Whether the interval was made of rows of a recording."""
+        return any(session.overlaps(recording) for session in self.interval_sessions)
+
+
+def distinct(recordings: Sequence[Recording]) -> list[Recording]:
+    """Leave out copies of recordings: a fit without one would still have the other."""
+    first: dict[str, Recording] = {}
+    for recording in recordings:
+        digest = hashlib.sha256()
+        for name in ("t", *recording.units):
+            digest.update(np.ascontiguousarray(recording.table[name]).tobytes())
+        first.setdefault(digest.hexdigest(), recording)
+    return list(first.values())
