@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import truejoint
-from truejoint.cli import options
 from truejoint import schema
+from truejoint.cli import options
 from truejoint.cli.bolt import say_left_out, touch_facts
 from truejoint.cli.console import out, print_table, progress, result_json
 from truejoint.cli.recording_options import Files, check_model_target

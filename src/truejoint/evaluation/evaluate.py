@@ -205,7 +205,9 @@ def _several(given: Any) -> Sequence[Any]:
 def _read(given: Any) -> JointCalibration:
     """Give a model, or that of a file; raises CalibrationError for what is none."""
     model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
-    if not all(hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata", "origin")):
+    if not all(
+        hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata", "origin")
+    ):
         advice = "give what `calibrate` gives, or the path of a model file"
         raise CalibrationError(other_kind(model, "Calibration", advice))
     found: JointCalibration = model

@@ -11,7 +11,6 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration import Calibration
 from truejoint.calibration.origin import Origin
-from truejoint.calibration.origin import Origin
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation.metrics import tool_positions
@@ -46,10 +45,6 @@ class JointCalibration(Corrects, Protocol):
     @property
     def baselines(self) -> Mapping[str, Corrects]:
         """Fixed offset, and what else could be fitted of `BASELINES`, on the same rows."""
-
-    @property
-    def origin(self) -> Origin:
-        """What it was made from."""
 
     @property
     def origin(self) -> Origin:

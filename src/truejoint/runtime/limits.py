@@ -8,8 +8,8 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators.products import padded
 from truejoint.features.feature_set import MAX_RATE_RATIO
