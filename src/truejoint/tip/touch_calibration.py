@@ -163,7 +163,9 @@ def calibrate_by_touch(
     table |= {c: recording.column(c) for c in recording.units}
     for k, joint in enumerate(terms.joints):
         table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
-    whole = Recording.from_columns(table, recording.provenance, recording.units)
+    whole = Recording.from_columns(
+        table, recording.provenance, recording.units, robot=recording.robot
+    )
     # Domain, units and baselines are fitted; the touches alone give the model.
     fitted = calibrate(
         [whole], "linear", features=terms.features, joints=terms.joints, redundant=[]

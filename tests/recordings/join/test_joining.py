@@ -15,7 +15,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings import ClockOffset, Provenance, Recording, Stream, join_truth
 from truejoint.recordings.datasets import read_dataset
 from truejoint.recordings.join import joining
-from truejoint.recordings.join.delay import Delay
+from truejoint.recordings.join.lag import Lag
 
 JOINTS = ("joint1", "joint2")
 
@@ -163,7 +163,7 @@ def test_an_unsure_offset_gives_way_to_what_plays_and_efforts_say(
 ) -> None:
     recording, truth = robot_and_truth(5.0, 0)
     monkeypatch.setattr(joining, "find_clock_offset", lambda *_: ClockOffset(5.0, sd, JOINTS))
-    monkeypatch.setattr(joining, "estimate_delay", lambda *_: Delay(delay, uncertainty, 0.5))
+    monkeypatch.setattr(joining, "estimate_lag", lambda *_: Lag(delay, uncertainty, 0.5))
     _, clock = join_truth(recording, truth)
     assert clock.seconds == pytest.approx(5.0 - delay if moves else 5.0)
     if moves:

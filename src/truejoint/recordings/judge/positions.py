@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
-from truejoint.recordings.join.delay import LATE, Delay, delays_apart, estimate_delay
 from truejoint.recordings.join.explained import SLOW, Explained, explain
+from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
@@ -171,11 +171,11 @@ def _judge_delay(
     alike = [pair for pair, names in zip(truths, sources, strict=True) if names == most]
     recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
     where = ", ".join(f"truth/{e.joint}" for e in explained)
-    together = estimate_delay(recordings, explained)
+    together = estimate_lag(recordings, explained)
     single = [
-        (replace(defect, where=where, size=abs(delay.seconds)), recordings[0][number])
-        for number, delay in ([] if together.slow else delays_apart(recordings, explained))
-        for defect in _late(delay)
+        (replace(defect, where=where, size=abs(lag.seconds)), recordings[0][number])
+        for number, lag in ([] if together.slow else lags_unlike_others(recordings, explained))
+        for defect in _late(lag)
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
         yield from one_line_each(single, every)
@@ -184,18 +184,18 @@ def _judge_delay(
         yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in defect)
 
 
-def _late(delay: Delay) -> Iterable[Defect]:
+def _late(lag: Lag) -> Iterable[Defect]:
     """Say how late the truth is, if that is not nothing; where rows are far apart, in any case."""
-    beyond = abs(delay.seconds) >= LATE
-    sure = beyond and delay.drop >= _LATE_DROP and abs(delay.seconds) > _SURE * delay.uncertainty
-    likely = beyond and abs(delay.seconds) > _PERHAPS * delay.uncertainty
-    likely = likely and (delay.slow or delay.drop >= _PERHAPS_DROP)
-    if not (likely or delay.slow):
+    beyond = abs(lag.seconds) >= LATE
+    sure = beyond and lag.drop >= _LATE_DROP and abs(lag.seconds) > _SURE * lag.sd
+    likely = beyond and abs(lag.seconds) > _PERHAPS * lag.sd
+    likely = likely and (lag.slow or lag.drop >= _PERHAPS_DROP)
+    if not (likely or lag.slow):
         return
-    late = "behind" if delay.seconds > 0.0 else "ahead of"
+    late = "behind" if lag.seconds > 0.0 else "ahead of"
     what = (
-        f"the truth is {1e3 * abs(delay.seconds):.0f} ms {late} the robot's state "
-        f"(+- {1e3 * delay.uncertainty:.0f} ms)"
+        f"the truth is {1e3 * abs(lag.seconds):.0f} ms {late} the robot's state "
+        f"(+- {1e3 * lag.sd:.0f} ms)"
     )
     advice = "correct the clocks or shift the truth" if sure else "look at the clocks"
     yield Defect("fail" if sure else "warn" if likely else "info", "delay", what, "", advice)

@@ -89,7 +89,7 @@ def assemble(
     dropped |= _keep_known(columns)
     dropped |= lost  # counted to the end of the files, which is now
     provenance = replace(origin, rates=rates, dropped=dropped, notes=_notes(wiring))
-    recording = Recording.from_columns(columns, provenance, copy=False)
+    recording = Recording.from_columns(columns, provenance, robot=robot, copy=False)
     if wiring.truth:
         counts: dict[str, int] = {}
         truth = _stream(series[wiring.truth], base, "truth", counts)
