@@ -1,4 +1,4 @@
-"""What truejoint raises when an input breaks a rule: one line that a user can act on."""
+"""Errors for inputs that break a rule: one line that a user can act on."""
 
 from __future__ import annotations
 

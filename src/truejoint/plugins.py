@@ -1,4 +1,4 @@
-"""What other installed packages add: robots, formats, estimators, models; found by name."""
+"""Robots, formats, estimators and models of other installed packages, by name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a value of the package shows of itself in a terminal, in a notebook and in JSON."""
+"""Display of the package's values in a terminal, in a notebook and in JSON."""
 
 from __future__ import annotations
 

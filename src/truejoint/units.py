@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Final
 
 GRAVITY: Final = 9.81
-"""Of a mass that hangs [m/s2]."""
+"""Acceleration of a hanging mass [m/s2]."""
 
 FACTORS: Final[Mapping[str, Mapping[str, float]]] = {
     "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9},

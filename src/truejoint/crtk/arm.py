@@ -48,7 +48,7 @@ MAX_AGE: Final = 0.1
 BRAKING: Final = 0.05
 """Time in which the set-point of an arm that is stopped comes to rest [s]."""
 TIMEOUT: Final = 5.0
-"""What a state command may take [s], all but homing."""
+"""Time limit of a state command other than homing [s]."""
 HOMING_TIMEOUT: Final = 120.0
 
 _STRETCH: Final = 0.5  # [s] that are sent at once at most, where no subscriber wants blocks sooner
@@ -76,7 +76,7 @@ class Arm:
     Attributes
     ----------
     robot : Robot
-        What the arm is: joints, limits, kinematics.
+        Joints, limits and kinematics of the arm.
     rate : float
         Set-points that it takes a second [Hz], as what is behind declares it.
     grain : float
@@ -236,7 +236,7 @@ class Arm:
         return self._joint_state(block, block.setpoint, velocity)
 
     def goal_js(self) -> JointState:
-        """Where the latest move was to end; velocity and effort are empty.
+        """Goal of the latest move; velocity and effort are empty.
 
         Raises CommandRefused before the first move.
         """

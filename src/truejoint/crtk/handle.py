@@ -24,7 +24,7 @@ class Motion:
     over : threading.Event
         Set once it has ended, however that was.
     thread : threading.Thread, optional
-        That drives the arm; who has waited for the motion finds it ended too.
+        Thread that drives the arm; it has ended once a wait for the motion returns.
 
     Examples
     --------
@@ -49,7 +49,7 @@ class Motion:
 
     @property
     def time_left(self) -> float:
-        """What is still to be sent [s], on the robot's clock; 0 once it is over."""
+        """Time until the last set-point is sent [s], on the robot's clock; 0 once it is over."""
         return 0.0 if self.over.is_set() else max(self.duration - self.elapsed, 0.0)
 
     def is_busy(self) -> bool:

@@ -1,4 +1,4 @@
-"""What a robot can do: ranges, steps and speeds that commands are checked against."""
+"""Limits of a robot: ranges, steps and speeds that commands are checked against."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the messages of CRTK and of RAVEN-II say, as columns of a recording in SI units, and back.
+"""Messages of CRTK and of RAVEN-II as columns of a recording in SI units, and back.
 
 Nothing of ROS is needed: messages come and go as arrays by field, a row a message, whether they
 were read from a bag or arrive one by one. What a robot does differently from CRTK's rules is in its
@@ -25,7 +25,10 @@ OPERATING_STATE: Final = "crtk_msgs/OperatingState"
 STRING_STAMPED: Final = "crtk_msgs/StringStamped"
 RAVEN_TOPIC: Final = "/ravenstate"
 TRUTH_TOPIC: Final = "/ext_jpos"
-"""Of the temporary joint encoders (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder)."""
+"""Topic of the temporary joint encoders.
+
+Source: uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder.
+"""
 CORRECTED: Final = "corrected"
 """Namespace, within an arm's, of what a correcting node says."""
 
@@ -109,7 +112,7 @@ behind the gearbox.
 """
 
 USUAL_QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint")
-"""Of `RAVEN_FIELDS`, what is read of a bag unless more is asked for."""
+"""Quantities of `RAVEN_FIELDS` that are read from a bag by default."""
 
 RUN_LEVELS: Final[Mapping[str, int]] = {"stopped": 0, "homing": 1, "pedal up": 2, "pedal down": 3}
 """Field ``runlevel``. While homing the arm explores its hard stops: positions mean nothing."""
@@ -135,7 +138,7 @@ class Profile:
     no_setpoint : bool
         ``setpoint_js`` is no position to go to.
     truth_offsets : mapping of str to float
-        What to add to the readings of joint sensors that count from another zero [rad or m].
+        Offsets added to readings of joint sensors that count from another zero [rad or m].
 
     Examples
     --------
@@ -221,7 +224,7 @@ PROFILES: Final[Mapping[str, Profile]] = {
         ),
     )
 }
-"""What is known of robots' messages, by name."""
+"""Profiles by name."""
 
 
 def get_profile(name: str) -> Profile:
@@ -313,7 +316,7 @@ def joint_state_columns(
     ----------
     robot : Robot
     quantity : {"measured", "setpoint", "truth"}
-        What the topic tells. Velocity and effort are kept of measured joints alone.
+        Quantity of the topic. Velocity and effort are kept of measured joints alone.
     names : sequence of str
         Field ``name``; empty where the robot gives none.
     fields : mapping of str to ndarray, shape (n, k) or (n, 0)

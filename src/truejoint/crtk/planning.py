@@ -33,7 +33,7 @@ class TimeLaw:
     Attributes
     ----------
     times : ndarray, shape (n,)
-        Of the knots, strictly increasing from 0 [s].
+        Times of the knots, strictly increasing from 0 [s].
     knots : ndarray, shape (n, n_joints)
         Corners of the lines [rad or m].
     blend : float
@@ -76,7 +76,7 @@ class TimeLaw:
 
     @property
     def duration(self) -> float:
-        """From rest to rest [s]."""
+        """Time from rest to rest [s]."""
         return float(self.times[-1]) + self.blend
 
     def at(self, t: ArrayLike) -> Array:

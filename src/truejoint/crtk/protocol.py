@@ -1,4 +1,4 @@
-"""What stands between an `Arm` and a robot, simulated or real."""
+"""Interface between an `Arm` and a robot, simulated or real."""
 
 from __future__ import annotations
 

@@ -58,7 +58,7 @@ class ArmServer:
     profile : str
         How its messages differ from CRTK, by name (`truejoint.crtk.messages.PROFILES`).
     namespace : str
-        Of the topics; by default what the profile says.
+        Namespace of the topics; by default the profile's.
     rate : float
         Most state messages a second [Hz].
 
@@ -139,7 +139,7 @@ class ArmServer:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """What is written."""
+        """Topics that it publishes."""
         return tuple(publisher.topic for publisher in self._publishers.values())
 
     def _name(self, crtk: str) -> str:
@@ -147,7 +147,7 @@ class ArmServer:
             return f"{self._namespace}/{crtk}"
         return self._profile.topic(self._arm.robot.arm, crtk)
 
-    # What is asked.
+    # Commands.
 
     def _listen(self) -> None:
         arm = self._arm
@@ -200,7 +200,7 @@ class ArmServer:
             level = logging.INFO if isinstance(refusal, MotionStopped) else logging.WARNING
             _log.log(level, "%s: %s", self._name("state_command"), refusal)
 
-    # What is reported.
+    # Reports.
 
     def _state(self) -> OperatingState:
         """State, busy with a move or a homing, not with a stream of set-points."""

@@ -1,4 +1,4 @@
-"""What an arm reports of its state, and CRTK's state machine: what is allowed, where it leads."""
+"""States of an arm, and CRTK's state machine: the commands allowed in each, and the next state."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an arm's CRTK topics say, computed from its state messages, many at a time."""
+"""Fields of an arm's CRTK topics, computed from its state messages, many at a time."""
 
 from __future__ import annotations
 

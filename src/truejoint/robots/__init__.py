@@ -1,4 +1,4 @@
-"""What a robot is: joints, units, limits, transmission and kinematics."""
+"""Robots: joints, units, limits, transmission and kinematics."""
 
 import lazy_loader
 

@@ -1,4 +1,4 @@
-"""What an arm reports while it works, a stretch of time in one piece."""
+"""Reports of an arm over a stretch of time: its state, and readings of joint encoders."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array
 
 QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
-"""What a state message says of every channel, where the arm measures it."""
+"""Quantities of every channel in a state message, as far as the arm measures them."""
 
 
 @dataclass(frozen=True, eq=False)

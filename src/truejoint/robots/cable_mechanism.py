@@ -21,7 +21,7 @@ _ByJoint = Mapping[str, float]
 
 @dataclass(frozen=True)
 class Pin:
-    """What a joint turns on: inertia [kg m2] of what turns, radius [m], constant friction [Nm]."""
+    """Pin of a joint: moved inertia [kg m2], radius [m], constant friction [Nm]."""
 
     inertia: Positive
     radius: Positive
@@ -40,7 +40,7 @@ class Motor:
 
 @dataclass(frozen=True)
 class Node:
-    """Where a cable bends: wrap angle [rad] in the pose of zeros.
+    """Bend of a cable: wrap angle [rad] in the pose of zeros.
 
     A `joint` that is named turns the cable's path with it: its angle shortens the wrap of cables
     whose moment about it is positive and lengthens that of those whose moment is negative.
@@ -101,7 +101,7 @@ class CableMechanism:
         In the order of every motor vector.
     cables : tuple of Cable
     contact : Contact, optional
-        Of two jaws; None where nothing meets.
+        Contact of two jaws; None without jaws.
     arms : mapping of str to mapping
         By the name of a force at the tip, the moment arm [m] about each joint that it turns.
 

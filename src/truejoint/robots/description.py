@@ -71,7 +71,7 @@ class JointTable:
 
 @dataclass(frozen=True)
 class BoxTable:
-    """Where a calibration moves one joint, in that joint's unit."""
+    """Range and speeds of one joint in a calibration, in that joint's unit."""
 
     lower: Number
     upper: Number

@@ -16,7 +16,7 @@ _PIN: Final = Pin(inertia=1e-6, radius=1.0e-3)  # the forceps' own twin takes ot
 
 
 class Forceps(NamedTuple):
-    """What turns the motor's angle into the jaw's; symbols and defaults of yan2020, Table 1.
+    """Transmission from motor to jaw; symbols and defaults of yan2020, Table 1.
 
     Examples
     --------

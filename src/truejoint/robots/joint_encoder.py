@@ -23,7 +23,7 @@ class JointEncoder:
         Position that is assigned to the hard stop [rad or m]; it may be another than the robot's
         own homing assigns, which makes a constant offset between the two.
     end : {"lower", "upper"}
-        Of the joint, at which the stop is.
+        End of the joint's range at which the stop is.
     direction : int
         +1 where counts rise with the joint's position, -1 where they fall.
     tolerance : int

@@ -46,5 +46,5 @@ def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:
 
 
 def at_sample(row: int, rows: Array) -> str:
-    """Where in a stream; nothing for a single command."""
+    """Name the sample of a stream; nothing for a single command."""
     return f" at sample {row} of {len(rows)}" if len(rows) > 1 else ""

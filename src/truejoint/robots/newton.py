@@ -25,7 +25,7 @@ def newton(
     Parameters
     ----------
     joint : ndarray, shape (m, n_joints)
-        Where the search starts; m searches go on side by side.
+        Starts of m searches, which go on side by side.
     miss : callable
         How far the tool is from its goal (m, k) [m, rad].
     jacobian : callable

@@ -1,4 +1,4 @@
-"""What a robot consists of: joints, transmission, calibration workspace, kinematics."""
+"""Parts of a robot: joints, transmission, calibration workspace, kinematics."""
 
 from __future__ import annotations
 

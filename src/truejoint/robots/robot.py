@@ -46,7 +46,7 @@ class Robot(Summarised):
     transmission, kinematics, workspace
         None where unknown; the workspace is where a calibration moves.
     effort : {"joint", "motor"}
-        Where the effort that the robot reports acts: on the joint itself, or at the motor.
+        Whether the reported effort acts on the joint itself or at the motor.
     mechanism : CableMechanism, optional
         Cables that turn the joints; the transmission is then theirs.
     grasper : tuple of str

@@ -49,7 +49,7 @@ def make_twin(
         and ``"B"`` of the forceps, ``"cable_only"`` and ``"endowrist"`` of the wrist, or a TOML
         file that states what differs from the nominal one.
     seed : int
-        Of everything random.
+        Seed of everything random.
     load : float
         Mass hung on the tool [kg].
 

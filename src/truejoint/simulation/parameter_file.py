@@ -59,7 +59,7 @@ def shipped_spreads(name: str) -> dict[str, Spread]:
 
 @dataclass(frozen=True)
 class Parameters:
-    """What a twin is made of, in SI units; one value of named fields per section of its TOML file.
+    """Parameters of a twin in SI units: a value of named fields for each section of its TOML file.
 
     The comments of the shipped files give the meaning, unit and source of every number.
 

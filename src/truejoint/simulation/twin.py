@@ -1,4 +1,4 @@
-"""What every digital twin offers, and the few rules that they share."""
+"""Interface of every digital twin, and what twins share."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from truejoint.simulation.parameter_file import Parameters
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class TwinOutput(StateBlock):
-    """What a robot reported over a stretch of time, and what no robot knows.
+    """Reports of a robot over a stretch of time, with the truth that no robot knows.
 
     Attributes
     ----------
     truth : TruthBlock
         Readings of the temporary joint encoders, on their own clock.
     joint : ndarray, shape (n, n_positioning)
-        Where the positioning joints really are [rad or m].
+        True positions of the positioning joints [rad or m].
 
     Examples
     --------
@@ -84,7 +84,7 @@ class Twin(Protocol):
 
     @property
     def seed(self) -> int:
-        """Of everything random."""
+        """Seed of everything random."""
 
     @property
     def time(self) -> float:
@@ -115,7 +115,7 @@ class Twin(Protocol):
 
 
 class BaseTwin:
-    """What twins do alike: load, time, home, idle, saving, and refusing a plant that diverged.
+    """Base of twins: load, time, home, idle, saving, and refusing a plant that diverged.
 
     A twin calls this constructor first, and counts its set-points in `_ticks`.
     """
@@ -208,7 +208,7 @@ def noted(
 ) -> Callable[[], None]:
     """Note attributes, arrays in them copied, and where random streams stand: for `Twin.saved`.
 
-    What is returned goes back once: from then on what was noted is the owner's.
+    The returned function goes back once: it hands the noted arrays to the owner.
     """
     values = {name: _copied(getattr(owner, name)) for name in names}
     states = [stream.bit_generator.state for stream in streams]

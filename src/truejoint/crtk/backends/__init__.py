@@ -1,1 +1,1 @@
-"""What may stand behind an `Arm`: a file for each kind of robot."""
+"""Back ends of an `Arm`: a file for each kind of robot."""

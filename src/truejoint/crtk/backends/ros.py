@@ -50,12 +50,12 @@ class RosBackend:
     transport : Transport
         From `truejoint.crtk.open_transport`.
     robot : Robot
-        What the arm is.
+        The arm that the topics are of.
     profile : str
         How its messages differ from CRTK, by name (`truejoint.crtk.messages.PROFILES`); by default
         the robot's own.
     namespace : str
-        Of its topics, for instance ``"/PSM1"``; by default what the profile says.
+        Namespace of its topics, for instance ``"/PSM1"``; by default the profile's.
     truth : str
         Topic of joint sensors, a JointState; empty where there are none.
     rate : float
@@ -141,7 +141,7 @@ class RosBackend:
             raise CommandRefused(
                 f"{self.robot.title} refused: another Arm controls it; close that one first"
             )
-        # What an earlier listener saw says nothing now: the robot may have been homed meanwhile.
+        # Forget what an earlier listener saw: the robot may have been homed meanwhile.
         self._state = self._setpoint = self._velocity = self._sent = self._failure = None
         self._homings.clear()
         self._has_commanded = False

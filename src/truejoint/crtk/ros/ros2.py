@@ -90,7 +90,7 @@ class Ros2:
     ) -> Callable[[], None]:
         """Call `callback` with every message; gives what ends that.
 
-        What it raises is logged, as rospy does: rclpy's thread would end of it, and with it every
+        Its errors are logged, as rospy does: rclpy's thread would end by them, and with it every
         other subscription.
         """
 

@@ -1,4 +1,4 @@
-"""What an arm says on its topics, as rows of a recording's columns."""
+"""State messages of an arm's topics as rows of a recording's columns."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class StateStream:
     robot : Robot
     profile : Profile
     namespace : str
-        Of the arm's topics, for instance ``"/PSM1"``; by default what the profile says.
+        Namespace of the arm's topics, for instance ``"/PSM1"``; by default the profile's.
     receive : callable
         Called with a state message, its stamp [s] and its columns, (1,) each. Messages with an
         invalid stamp are left out, and counted in `invalid`.
@@ -54,7 +54,7 @@ class StateStream:
     Attributes
     ----------
     topic : str
-        What is read.
+        Topic that is read.
     refusal : str
         Why the latest message could not be read; empty where it could.
     stale : str

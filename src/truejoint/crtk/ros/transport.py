@@ -1,4 +1,4 @@
-"""What is needed of a ROS: topics, messages and a clock. The rest knows neither 1 nor 2."""
+"""Interface to a ROS of either version: topics, messages and a clock."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What RAVEN-II's state message holds beside what a recorder keeps: all of it follows from that.
+"""Fields of RAVEN-II's state message that a recorder does not keep, computed from those it keeps.
 
 Fields and their meaning: uw-biorobotics/raven2:msg/raven_state.msg and src/raven/local_io.cpp; the
 message has them of both arms, here are those of one.
@@ -43,7 +43,7 @@ def state_message(
     recorded : mapping of str to ndarray, shape (n,)
         ``measured``, ``velocity``, ``effort``, ``setpoint`` and ``motor`` of every joint, in SI.
     encoder_zero : ndarray, shape (7,)
-        What a homing has set the motor encoders' zeros to [rad].
+        Zeros of the motor encoders after the homing [rad].
     """
     side = cast("Literal['left', 'right']", robot.arm)
     names = robot.joint_names

@@ -19,11 +19,11 @@ from truejoint.robots.parts import Joint, Workspace
 from truejoint.robots.robot import Robot
 
 JOINTS: Final = ("pitch", "jaw1", "jaw2")
-"""Of the two jaws, yaw is the mean and the opening ``jaw2 - jaw1``."""
+"""The yaw is the mean of the two jaws, the opening ``jaw2 - jaw1``."""
 
 _LAST_DIGIT: Final = 1e-4  # [rad/rad] of the files; a disc that turns a jaw by less does not
 
-# What no file states. The jaw's radius is a guess from a shaft of 8 mm; the pins', and what turns
+# No file states these. The jaw's radius is a guess from a shaft of 8 mm; the pins', and what turns
 # on them, are of the size that makes the frictions and frequencies of such a wrist.
 _JAW_RADIUS: Final = 2.8e-3  # [m] of the cables' path on the jaws
 _PITCH_PIN: Final = Pin(inertia=1.5e-6, radius=0.9e-3, friction=1.5e-3)

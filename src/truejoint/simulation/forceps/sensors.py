@@ -1,4 +1,4 @@
-"""What the forceps' sensors read: noise, harmonic error, zero and quantisation (yan2020, IV-A)."""
+"""Sensors of the forceps: noise, harmonic error, zero and quantisation (yan2020, IV-A)."""
 
 from __future__ import annotations
 

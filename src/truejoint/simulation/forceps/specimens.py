@@ -50,7 +50,7 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
     count : int
         1 to 100000.
     seed : int
-        Of all draws.
+        Seed of all draws.
     prior : str
         ``"lugre"``: the friction law of the paper's twin, mechanism of Table 1. ``"capstan"``:
         capstan friction at the cables' guides, Maxwell slip at the contacts, creep, backlash,

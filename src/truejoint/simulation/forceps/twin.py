@@ -70,7 +70,7 @@ class ForcepsTwin(BaseTwin):
         self._zero = _NO_SHIFT
         self._command = 0.0
         self._reading = 0.0  # of the motor's encoder, at the latest row
-        # Where the exact motor, x1, x2 and jaw were when the encoders were last set to zero.
+        # Exact motor, x1, x2 and jaw when the encoders were last set to zero.
         self._exact = self._advance(np.zeros(1), np.zeros(1), _PER_SETPOINT)[0, :4]
         self._origin = self._exact
 

@@ -29,7 +29,7 @@ from truejoint.simulation.twin import (
 
 # Share of a step that a time stamp may be late or early by.
 _LATEST: Final = 0.45
-# Where the arm was left, as a share of the soft limits on either side of the home pose.
+# Range in which the arm was left, as a share of the soft limits on either side of home.
 _LEFT_SPREAD: Final = 0.05
 # The insertion needs 17 s from its far end, the others less.
 _SEARCH_LIMIT: Final = 25.0  # s
@@ -49,7 +49,7 @@ class Raven2Twin(BaseTwin):
     arm : str
         As in `truejoint.robots.get_robot`.
     seed : int
-        Of everything random: homing, friction, clocks.
+        Seed of homing, friction and clocks.
     load : float
         Mass that hangs on the tool [kg], up to `MAX_LOAD`.
 

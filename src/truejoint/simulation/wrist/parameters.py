@@ -56,7 +56,7 @@ class JointFriction(NamedTuple):
 
 
 class Stops(NamedTuple):
-    """Where every joint ends: so far `beyond` its limit [rad], stiffness and damping there.
+    """Stops of every joint: how far `beyond` its limit they are [rad], their stiffness and damping.
 
     In Nm/rad and Nm s/rad.
     """
@@ -103,7 +103,7 @@ class Homing(NamedTuple):
 
 @dataclass(frozen=True)
 class WristParameters(Parameters):
-    """What an instrument's cables, friction and sensors are; an attribute per section."""
+    """Cables, friction and sensors of an instrument; an attribute for each section."""
 
     SPECIMENS: ClassVar[Mapping[str, str]] = {
         "nominal": "wrist/nominal.toml",
@@ -170,7 +170,7 @@ class PlantConstants(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """What of one instrument's sensors strays; (M,) each, tensions (C,)."""
+    """Deviations of one instrument's sensors; (M,) each, tensions (C,)."""
 
     effort_gain: Array
     tension_gain: Array
@@ -242,7 +242,7 @@ def plant_constants(
 
 
 class _Parts(NamedTuple):
-    """What of one instrument's cables and pulleys strays; C cables, J joints, M motors."""
+    """Deviations of one instrument's cables and pulleys; C cables, J joints, M motors."""
 
     groove: Array  # (C, J) of the nominal moment
     capstan: Array  # (M,) of the nominal radius
