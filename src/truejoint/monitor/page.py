@@ -13,9 +13,11 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.drawing import Panel
 from truejoint.errors import TruejointError
 from truejoint.extras import require
-from truejoint.monitor import view
+from truejoint.monitor import markup, panels
+from truejoint.monitor.condition import Condition
 from truejoint.monitor.drawing import ArmDrawing, Drawing, can_draw
 from truejoint.monitor.samples import Samples
 from truejoint.robots import Robot
@@ -36,6 +38,7 @@ _SIDES: Final = 8  # of a tube: without graphics hardware each corner costs
 _PANEL_WIDTH: Final = 384  # [px]
 _PLOT_HEIGHT: Final = 118  # [px]
 _WIDE, _TALL = 880, 170  # [px] of the plots where no arm is drawn
+_BAND: Final = {"series": (1, 2), "fill": panels.COLOURS["band"]}
 
 
 class Page:
@@ -89,7 +92,7 @@ class Page:
         controls(gui)
         self._table = gui.add_html("")
         self._legend = gui.add_html("")
-        gui.add_html(view.STYLE)
+        gui.add_html(markup.style_html())
         if self._drawing is None:
             missing = "The kinematics of this robot are not known"
             if can_draw(self._robot):
@@ -115,14 +118,14 @@ class Page:
         with _silent():
             self._server.stop()
 
-    def show(self, samples: Samples | None, condition: view.Condition, *, replot: bool) -> None:
+    def show(self, samples: Samples | None, condition: Condition, *, replot: bool) -> None:
         """Show the last row of `samples`, and with `replot` all of them over time."""
         with self._lock, self._server.atomic():
             self._latest = samples
-            self._status.content = view.status_html(condition, samples)
+            self._status.content = markup.status_html(condition, samples)
             if samples is None:
                 return
-            table = view.table_html(samples, self._robot, is_fresh=condition.is_fresh)
+            table = markup.table_html(samples, self._robot, is_fresh=condition.is_fresh)
             if table != self._table.content:
                 self._table.content = table
             self._draw(samples, condition.is_fresh)
@@ -137,8 +140,8 @@ class Page:
 
     def stopped(self, error: Exception) -> None:
         """Say that nothing new will be shown, and why."""
-        condition = view.Condition("the page has stopped", str(error), is_fresh=False)
-        self._status.content = view.status_html(condition, self._latest)
+        condition = Condition("the page has stopped", str(error), is_fresh=False)
+        self._status.content = markup.status_html(condition, self._latest)
 
     def _set_theme(self, *, dark: bool) -> None:
         self._server.gui.configure_theme(
@@ -190,7 +193,7 @@ class Page:
             client.camera.position, client.camera.look_at = position, target
 
     def _draw(self, samples: Samples, is_fresh: bool) -> None:
-        poses = view.poses(samples, self._robot) if self._drawing is not None else {}
+        poses = panels.poses(samples, self._robot) if self._drawing is not None else {}
         if self._drawing is None or not poses:
             return
         drawing = self._drawing.at(list(poses.values()))
@@ -199,7 +202,9 @@ class Page:
             for name in poses:
                 if name not in self._bodies:
                     self._bodies[name] = _Body(self._server.scene, name, drawing)
-            self._legend.content = view.legend_html([n for n in view.POSES if n in self._bodies])
+            self._legend.content = markup.legend_html(
+                [n for n in panels.POSES if n in self._bodies]
+            )
         for k, name in enumerate(poses):
             self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
         for name, body in self._bodies.items():
@@ -209,19 +214,19 @@ class Page:
         with self._lock, self._server.atomic():
             if self._window is None:
                 return
-            plots = view.plots(self._window, self._robot, self._joint.value)
-            for name in view.PLOTS:
+            plots = panels.plots(self._window, self._robot, self._joint.value)
+            for name in panels.PLOTS:
                 self._plot(name, plots.get(name))
 
-    def _plot(self, name: str, plot: view.Plot | None) -> None:
+    def _plot(self, name: str, plot: Panel | None) -> None:
         """Give a plot new values; made anew only when other curves are known."""
         handle = self._plots.get(name)
         if plot is None:
             if handle is not None:
                 handle.visible = False
             return
-        data = (plot.t, *(curve.values for curve in plot.curves))
-        shape = (plot.title, *(curve.label for curve in plot.curves))
+        data = (plot.curves[0].x, *(curve.y for curve in plot.curves))
+        shape = (plot.y, *(curve.label for curve in plot.curves))
         if handle is not None and shape == self._titles[name]:
             handle.data = data
             handle.visible = True
@@ -230,21 +235,21 @@ class Page:
             handle.remove()
         with self._plot_tab:
             self._plots[name] = self._server.gui.add_uplot(
-                data, _series(plot), title=plot.title,
+                data, _series(plot), title=plot.y,
                 height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
-                bands=({"series": (1, 2), "fill": view.COLOURS["band"]},) if plot.has_band else (),
+                bands=(_BAND,) if panels.has_band(plot) else (),
                 scales={"x": {"time": False}},
                 axes=(_axis(24), _axis(44)),
                 legend={"show": len(plot.curves) > 1, "live": False},
                 padding=(4, 12, 0, 0),
-                order=1.0 + view.PLOTS.index(name),
+                order=1.0 + panels.PLOTS.index(name),
             )  # fmt: skip
         self._titles[name] = shape
 
 
 def _axis(size: int) -> dict[str, Any]:
     """Axis of a plot that takes up `size` px."""
-    ticks = {"size": 4, "width": 1, "stroke": view.COLOURS["stale"]}
+    ticks = {"size": 4, "width": 1, "stroke": panels.COLOURS["stale"]}
     return {"size": size, "font": "11px system-ui, sans-serif", "gap": 3, "ticks": ticks}
 
 
@@ -252,7 +257,7 @@ class _Body:
     """One pose of the arm in the scene."""
 
     def __init__(self, scene: Any, name: str, drawing: Drawing) -> None:
-        self._colour = _rgb(view.COLOURS[name])
+        self._colour = _rgb(panels.COLOURS[name])
         self._thickness = _THICKNESS[name]
         common = {
             "opacity": _OPACITY[name],
@@ -286,7 +291,7 @@ class _Body:
 
     def show(self, visible: bool, is_fresh: bool) -> None:
         """Show it or not, grey where it is not of now."""
-        colour = self._colour if is_fresh else _rgb(view.COLOURS["stale"])
+        colour = self._colour if is_fresh else _rgb(panels.COLOURS["stale"])
         for part in (self._tubes, self._balls):
             if part.visible != visible:
                 part.visible = visible
@@ -294,7 +299,7 @@ class _Body:
                 part.batched_colors = np.array(colour, dtype=np.uint8)
 
 
-def _series(plot: view.Plot) -> tuple[dict[str, Any], ...]:
+def _series(plot: Panel) -> tuple[dict[str, Any], ...]:
     """Describe the curves as uPlot does, the time first."""
     series: list[dict[str, Any]] = [{"label": "t"}]
     for curve in plot.curves:

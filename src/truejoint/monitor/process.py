@@ -22,9 +22,9 @@ import numpy as np
 
 import truejoint
 from truejoint.errors import TruejointError
+from truejoint.monitor.condition import Condition
 from truejoint.monitor.page import FRAME_RATE, WINDOW, Page
 from truejoint.monitor.samples import Samples
-from truejoint.monitor.view import Condition
 from truejoint.robots import Robot
 
 COMMANDS: Final = ("pause", "resume")

@@ -1,4 +1,4 @@
-"""Tests of truejoint.monitor.view."""
+"""What the page says and draws of samples."""
 
 from dataclasses import replace
 
@@ -7,9 +7,11 @@ import pytest
 from tests.crtk.faulty_backend import Fault, FaultyBackend
 
 from truejoint.crtk.arm import Arm
-from truejoint.monitor import view
+from truejoint.monitor import panels
+from truejoint.monitor.condition import Condition
+from truejoint.monitor.markup import legend_html, status_html, table_html
+from truejoint.monitor.panels import has_band, plots, poses
 from truejoint.monitor.samples import Samples
-from truejoint.monitor.view import Condition, plots, poses, status_html, table_html
 from truejoint.robots import get_robot
 from truejoint.runtime import Status
 
@@ -52,26 +54,26 @@ def test_no_pose_without_every_joint():
 def test_plots_are_in_the_units_of_a_reader(samples):
     found = plots(samples, ROBOT, "jaw")
     assert list(found) == ["position", "correction", "effort", "messages"]
-    position = {curve.label: curve.values for curve in found["position"].curves}
+    position = {curve.label: curve.y for curve in found["position"].curves}
     assert list(position) == ["reported", "corrected", "true"]  # no set-point was recorded
     assert position["reported"] == pytest.approx(np.degrees(samples.reported[:, 0]))
     assert found["position"].title == "jaw [deg]"
     correction = found["correction"]
-    assert correction.has_band
-    upper, lower, correct, true = (curve.values for curve in correction.curves)
+    assert has_band(correction)
+    upper, lower, correct, true = (curve.y for curve in correction.curves)
     width = np.degrees(samples.half_width[:, 0])
     assert upper - correct == pytest.approx(width)
     assert correct - lower == pytest.approx(width)
     assert true == pytest.approx(np.degrees(samples.truth - samples.reported)[:, 0])
-    assert found["messages"].curves[0].values == pytest.approx(np.full(200, 10.0))
+    assert found["messages"].curves[0].y == pytest.approx(np.full(200, 10.0))
 
 
 def test_a_plot_has_no_gap(samples):
     corrected = samples.corrected.copy()
     corrected[50:60] = np.nan
     plot = plots(replace(samples, corrected=corrected), ROBOT, "jaw")["position"]
-    assert len(plot.t) == 190
-    assert all(np.isfinite(curve.values).all() for curve in plot.curves)
+    assert len(plot.curves[0].x) == 190
+    assert all(np.isfinite(curve.y).all() for curve in plot.curves)
 
 
 def test_what_is_lost_leaves_the_plot_and_the_rest_goes_on(samples):
@@ -79,8 +81,8 @@ def test_what_is_lost_leaves_the_plot_and_the_rest_goes_on(samples):
     corrected[90:] = np.nan
     found = plots(replace(samples, corrected=corrected), ROBOT, "jaw")
     assert [curve.label for curve in found["position"].curves] == ["reported", "true"]
-    assert len(found["position"].t) == 200
-    assert not found["correction"].has_band
+    assert len(found["position"].curves[0].x) == 200
+    assert not has_band(found["correction"])
 
 
 def test_without_a_model_and_truth_there_is_no_correction(samples):
@@ -153,7 +155,7 @@ def test_faults_and_silence_have_words(lagging_backend):
     assert Condition.of(arm) == Condition("no answer", "division by zero", False, Condition("").t)
 
 
-@pytest.mark.parametrize("name", view.POSES)
+@pytest.mark.parametrize("name", panels.POSES)
 def test_colours_have_names(name):
-    assert view.TITLES[name] in view.legend_html([name])
-    assert view.COLOURS[name] in view.legend_html([name])
+    assert panels.TITLES[name] in legend_html([name])
+    assert panels.COLOURS[name] in legend_html([name])
