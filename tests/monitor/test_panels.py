@@ -57,7 +57,7 @@ def test_plots_are_in_the_units_of_a_reader(samples):
     position = {curve.label: curve.y for curve in found["position"].curves}
     assert list(position) == ["reported", "corrected", "true"]  # no set-point was recorded
     assert position["reported"] == pytest.approx(np.degrees(samples.reported[:, 0]))
-    assert found["position"].title == "jaw [deg]"
+    assert found["position"].y == "jaw [deg]"
     correction = found["correction"]
     assert has_band(correction)
     upper, lower, correct, true = (curve.y for curve in correction.curves)
