@@ -4,18 +4,16 @@ from __future__ import annotations
 
 import gc
 import os
+import shutil
 import signal
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
-from hypothesis.internal.conjecture import providers
 from tests.synthetic import build_recording, make_recording
-from xdist.remote import Producer
-from xdist.scheduler import LoadFileScheduling
-from xdist.workermanage import WorkerController
 
 from truejoint.crtk import Arm, OperatingState, StateBlock, TruthBlock
 from truejoint.crtk.states import next_state
@@ -34,11 +32,6 @@ settings.register_profile(
     suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
 )
 settings.load_profile("steady")
-# Numbers in the source files that a process happens to have imported would be among the examples:
-# others where tests are dealt out in another way. Reading all files for them takes two seconds.
-# There is no setting for it; this is from within Hypothesis, which reads them from 6.131.1 on.
-providers._get_local_constants = lambda: providers._local_constants
-
 os.fsync = lambda _file: None  # what tests write need outlive no power cut
 
 
@@ -52,39 +45,12 @@ def pytest_collection_finish() -> None:
     gc.set_threshold(50_000)
 
 
-# Each process fits the models of `tests.runtime.registered` that its tests ask for, once. In these
-# files all are asked for: in two processes all would be fitted twice.
-OF_EVERY_ESTIMATOR = {
-    "tests/calibration/test_zero.py",
-    "tests/estimators/test_contract.py",
-    "tests/export/test_registered_c.py",
-    "tests/runtime/test_registered.py",
-}
-
-
-class _FromBothEnds(LoadFileScheduling):
-    """Gives processes a file at a time, but the files of `OF_EVERY_ESTIMATOR` to one of them.
-
-    Every other process begins with the last file. Neighbours share fixtures and kernels, which so
-    are made and compiled once, and those who meet in the middle end together.
-    """
-
-    def _split_scope(self, nodeid: str) -> str:
-        file = super()._split_scope(nodeid)
-        return "models" if file in OF_EVERY_ESTIMATOR else file
-
-    def _assign_work_unit(self, node: WorkerController) -> None:
-        if self.nodes.index(node) % 2:
-            self.workqueue.move_to_end(next(reversed(self.workqueue)), last=False)
-        super()._assign_work_unit(node)
-
-
-@pytest.hookimpl(optionalhook=True)
-def pytest_xdist_make_scheduler(config: pytest.Config, log: Producer) -> _FromBothEnds | None:
-    if config.getvalue("dist") != "loadfile":
-        return None
-    config.option.loadscopereorder = False  # files with the most tests are not the longest
-    return _FromBothEnds(config, log)
+def pytest_configure(config: pytest.Config) -> None:
+    """Give the processes of a run one folder for models that any of them fits."""
+    if "TRUEJOINT_TEST_MODELS" not in os.environ:
+        folder = tempfile.mkdtemp(prefix="truejoint-models-")
+        os.environ["TRUEJOINT_TEST_MODELS"] = folder
+        config.add_cleanup(lambda: shutil.rmtree(folder, ignore_errors=True))
 
 
 @pytest.fixture(autouse=True)

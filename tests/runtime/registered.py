@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
@@ -11,7 +13,7 @@ from unittest.mock import patch
 import numpy as np
 from tests.estimators.motor_side.test_motor_side import recording as grasper_recording
 
-from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import ModelFileError
 from truejoint.estimators import Plays, registry
 from truejoint.estimators.cables import hybrid as cable_hybrid
@@ -113,8 +115,19 @@ def drawn(network, arrays, _steps, _decay, _progress) -> None:
 
 @cache
 def model(name: str) -> Calibration:
-    """Calibration by the estimator called `name`, without an interval."""
-    return fit(name, training(name))
+    """Calibration by the estimator called `name`, without an interval.
+
+    It is fitted once in a run of the tests, whichever of its processes asks first; the others read
+    its file.
+    """
+    path = Path(os.environ["TRUEJOINT_TEST_MODELS"]) / f"{name}.safetensors"
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if path.exists():
+            return read_calibration(path)
+        calibration = fit(name, training(name))
+        write_calibration(calibration, path)
+    return calibration
 
 
 def unseen(name: str) -> Recording:
