@@ -187,7 +187,7 @@ def test_name_family_and_class_lead_to_each_other(name):
     estimator = get_estimator(name)
     assert estimator.name == name
     assert class_of(estimator.family.name) is type(estimator)
-    assert find_family(estimator.family.name) is estimator.family
+    assert find_family(estimator.family.name).row is estimator.family.row
     assert find_family(estimator.family.name).name == estimator.family.name
     assert clone(estimator).get_params() == estimator.get_params()
     assert type(estimator).from_params(estimator.model_params()).name == name

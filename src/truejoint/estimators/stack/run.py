@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
@@ -159,7 +160,10 @@ def _beside(params: Params) -> dict[str, Path]:
 
 def _specialised(params: Params) -> dict[str, Any]:
     """Fields of the family that the members decide: of those with a memory, and with features."""
-    kinds = [(data.kind, data.params) for data, _ in members(params, {})]
+    kinds = []
+    for data, _ in members(params, {}):
+        with suppress(CalibrationError):  # not fitted yet, it may become any that has neither
+            kinds.append((data.kind, data.params))
     remembers = any(kind.remembers for kind, _ in kinds)
     own = next((kind.inputs(found) for kind, found in kinds if kind.inputs), None)
     return {
