@@ -35,9 +35,8 @@ from truejoint.estimators import (
     ElasticJointFilter,
     ElasticJointHybrid,
     JointRegressor,
-    LinearRegressor,
     NeuralNetwork,
-    PolynomialRegressor,
+    Polynomial,
 )
 from truejoint.features import FeatureSet, time_steps
 from truejoint.recordings import Recording
@@ -157,9 +156,9 @@ def elastic(
 
 METHODS: dict[str, Callable[[Bench, Mask, Mask], tuple[float, float]]] = {
     "offset": offset,
-    "linear": lambda *rows: regression(lambda _s: LinearRegressor(), STATIC, *rows),
-    "play, linear": lambda *rows: regression(lambda _s: LinearRegressor(), HISTORY, *rows),
-    "play, quadratic": lambda *rows: regression(lambda _s: PolynomialRegressor(), HISTORY, *rows),
+    "linear": lambda *rows: regression(lambda _s: Polynomial(1), STATIC, *rows),
+    "play, linear": lambda *rows: regression(lambda _s: Polynomial(1), HISTORY, *rows),
+    "play, quadratic": lambda *rows: regression(lambda _s: Polynomial(), HISTORY, *rows),
     "dnn, play features": lambda *rows: regression(
         lambda seed: NeuralNetwork(**DATASET.settings["dnn"], random_state=seed),
         HISTORY,

@@ -22,7 +22,7 @@ from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
 
 from truejoint.array_types import Array
-from truejoint.estimators import LinearRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.estimators import NeuralNetwork, Polynomial
 
 ROWS, UNSEEN, FEATURES, JOINTS = 30_000, 10_000, 16, 3
 PEER = "scikit-learn MLPRegressor, 200 epochs"
@@ -74,8 +74,8 @@ def main() -> None:
     seen, targets = X[:ROWS], y[:ROWS]
     NeuralNetwork(epochs=1).fit(X[:2048], y[:2048])  # libraries loaded, kernels compiled
     fits: dict[str, Callable[[], Any]] = {
-        "linear": lambda: LinearRegressor().fit(seen, targets),
-        "poly2": lambda: PolynomialRegressor().fit(seen, targets),
+        "linear": lambda: Polynomial(1).fit(seen, targets),
+        "poly2": lambda: Polynomial().fit(seen, targets),
         "dnn, 200 epochs": lambda: NeuralNetwork(random_state=0).fit(seen, targets),
         PEER: lambda: peer(seen, targets),
     }

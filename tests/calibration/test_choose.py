@@ -23,7 +23,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     GRU,
     NeuralNetwork,
-    PolynomialRegressor,
+    Polynomial,
     Stack,
     candidates,
     get_estimator,
@@ -54,7 +54,7 @@ def told(model):
 
 
 def test_what_is_better_on_unseen_recordings_is_chosen():
-    model = choose(0.2, [PolynomialRegressor(2), DecisionTreeRegressor()])
+    model = choose(0.2, [Polynomial(2), DecisionTreeRegressor()])
     assert model.estimator == "poly2"
     tried = told(model)
     assert [name for name, trial in tried.items() if trial["weights"]["jaw"]] == ["poly2"]
@@ -82,7 +82,7 @@ def two_joints(seed: int) -> Recording:
 
 def test_each_joint_gets_what_suits_it(tmp_path):
     recordings = [two_joints(seed) for seed in range(4)]
-    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    model = calibrate(recordings, Automatic([Polynomial(2)]))
     assert model.estimator == "stack"
     tried = told(model)
     assert tried["poly2"]["weights"] == {"shoulder": 1.0, "elbow": 0.0}
@@ -152,7 +152,7 @@ def test_short_recordings_give_all_rows_and_long_ones_share_the_rest(sizes, most
 
 
 def test_the_linear_model_stays_where_nothing_is_better():
-    model = choose(0.0, [PolynomialRegressor(2), DecisionTreeRegressor(), Ridge(1e-9)])
+    model = choose(0.0, [Polynomial(2), DecisionTreeRegressor(), Ridge(1e-9)])
     assert model.estimator == "linear"
     assert told(model)["DecisionTreeRegressor"]["note"] == "given up after 2 folds"
     assert told(model)["Ridge"]["ratio"] == pytest.approx(1.0)
@@ -168,7 +168,7 @@ def shifted(seed: int, zero: float) -> Recording:
 
 def test_nothing_is_corrected_where_zeros_differ_and_nothing_else():
     recordings = [shifted(seed, zero) for seed, zero in enumerate((0.01, -0.01, 0.01, -0.01))]
-    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    model = calibrate(recordings, Automatic([Polynomial(2)]))
     assert model.estimator == "raw"
     unseen = shifted(9, 0.0)
     np.testing.assert_array_equal(model.correct(unseen)[:, 0], unseen.column("measured/jaw"))
@@ -192,7 +192,7 @@ def together(seed: int, *, coupled: bool) -> Recording:
 @pytest.mark.parametrize("count", [1, 2])
 def test_signals_that_always_move_together_are_not_set_against_each_other(count):
     recordings = [together(seed, coupled=True) for seed in range(count)]
-    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    model = calibrate(recordings, Automatic([Polynomial(2)]))
     assert model.estimator == "offset"
     tried = told(model)
     for name in ("linear", "poly2"):
@@ -207,14 +207,14 @@ def test_signals_that_always_move_together_are_not_set_against_each_other(count)
 
 def test_one_of_two_recordings_may_be_short_and_have_another_zero():
     few, many = shifted(0, 0.5).rows(np.arange(60)), shifted(1, 0.0)
-    model = calibrate([few, many], Automatic([PolynomialRegressor(2)]))
+    model = calibrate([few, many], Automatic([Polynomial(2)]))
     assert model.estimator in {"linear", "offset", "raw"}
     assert told(model)["offset"]["note"] == told(model)["raw"]["note"] == ""
 
 
 def test_of_positions_the_linear_model_stays_where_no_other_can_be_used():
     recordings = [together(seed, coupled=True) for seed in range(2)]
-    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]), target="position")
+    model = calibrate(recordings, Automatic([Polynomial(2)]), target="position")
     assert set(told(model)) == {"linear", "poly2"}
     assert sum(trial["weights"].get("jaw", 0.0) for trial in told(model).values()) == 1.0
 
@@ -250,7 +250,7 @@ def test_what_is_hopeless_at_once_is_not_tried_with_more_features_either():
     assert folds[0] > folds[1] == 1
 
 
-class Demanding(PolynomialRegressor):
+class Demanding(Polynomial):
     """A polynomial that asks for more rows than it takes."""
 
     needed = 0
@@ -284,7 +284,7 @@ def test_a_candidate_with_a_wrong_parameter_is_refused():
 
 
 def test_what_only_works_offline_is_taken_for_all_joints_or_not_at_all():
-    model = choose(0.2, [SVR(C=5.0, epsilon=0.05), PolynomialRegressor(3)])
+    model = choose(0.2, [SVR(C=5.0, epsilon=0.05), Polynomial(3)])
     assert model.estimator == "polynomial"
     assert told(model)["SVR"]["folds"] == 4
     assert not told(model)["SVR"]["weights"]["jaw"]
@@ -293,7 +293,7 @@ def test_what_only_works_offline_is_taken_for_all_joints_or_not_at_all():
 
 def test_other_features_are_tried_beside_those_asked_for():
     recordings = [bent(seed, 0.2) for seed in range(3)]
-    usual = Automatic([PolynomialRegressor(2)], default_features=True)
+    usual = Automatic([Polynomial(2)], default_features=True)
     model = calibrate(recordings, usual, features=["effort/jaw"])
     assert model.feature_set.names == ("measured/jaw", "effort/jaw")
     tried = model.metadata["choice"]["tried"]
@@ -311,7 +311,7 @@ def with_current(seed: int) -> Recording:
 
 
 def test_motor_currents_are_tried_where_no_features_are_asked_for():
-    tried = Automatic([PolynomialRegressor(2)])
+    tried = Automatic([Polynomial(2)])
     recordings = [with_current(seed) for seed in range(3)]
     assert calibrate(recordings, tried).feature_set.names[-1] == "current/jaw"
     asked = calibrate(recordings, tried, features=["measured/jaw", "effort/jaw"])
@@ -331,7 +331,7 @@ def viscous(seed: int, rate_hz: float = 30.0) -> Recording:
 
 
 def test_rates_are_tried_where_no_features_are_asked_for():
-    recordings, tried = [viscous(seed) for seed in range(3)], Automatic([PolynomialRegressor(2)])
+    recordings, tried = [viscous(seed) for seed in range(3)], Automatic([Polynomial(2)])
     model = calibrate(recordings, tried)
     assert model.feature_set.names[-1] == "rate(measured/jaw, 0.02)"
     tenth = [one.rows(np.arange(0, len(one), 3)) for one in recordings]  # 0.1 s, but for rounding
@@ -346,7 +346,7 @@ def test_rates_are_tried_where_no_features_are_asked_for():
 
 
 def test_rates_that_do_not_help_are_given_up_and_told():
-    trials = choose(0.2, [PolynomialRegressor(2)]).metadata["choice"]["tried"]
+    trials = choose(0.2, [Polynomial(2)]).metadata["choice"]["tried"]
     assert [len(one["features"]) for one in trials] == [2, 2, 2, 2, 3, 3, 3, 3]
     assert not any(one["weights"] for one in trials[4:])
     assert [one["folds"] for one in trials[4:]] == [2, 2, 2, 2]
@@ -357,7 +357,7 @@ def test_currents_that_do_not_help_are_given_up_and_told():
     recordings = [with_current(seed) for seed in range(4)]
     for one in recordings:
         one.table["truth/jaw"] -= 0.05 * one.table["current/jaw"]
-    trials = calibrate(recordings, Automatic([PolynomialRegressor(2)])).metadata["choice"]["tried"]
+    trials = calibrate(recordings, Automatic([Polynomial(2)])).metadata["choice"]["tried"]
     told_of = [one for one in trials if "current/jaw" in one["features"]]
     assert [one["folds"] for one in told_of] == [2, 2, 2, 2]
     assert [one["note"] for one in told_of] == ["given up after 2 folds"] * 4
@@ -369,25 +369,23 @@ def test_a_column_that_one_recording_lacks_is_not_learnt_of_and_told():
     units = {k: v for k, v in recordings[1].units.items() if k != "effort/jaw"}
     some = [recordings[0], replace(recordings[1], table=table, units=units), recordings[2]]
     for order in (some, some[::-1], [some[1], some[0], some[2]]):
-        model = calibrate(order, Automatic([PolynomialRegressor(2)]))
+        model = calibrate(order, Automatic([Polynomial(2)]))
         assert model.feature_set.names == ("measured/jaw",)
         assert model.metadata["choice"]["not_in_all"] == ["effort/jaw"]
-    whole = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    whole = calibrate(recordings, Automatic([Polynomial(2)]))
     assert whole.metadata["choice"]["not_in_all"] == []
 
 
 def test_a_copy_of_a_recording_is_not_judged_by_the_other():
     once = [bent(0, 0.2), bent(1, 0.2)]
-    alone, twice = (
-        calibrate(ones, Automatic([PolynomialRegressor(2)])) for ones in (once, [*once, *once])
-    )
+    alone, twice = (calibrate(ones, Automatic([Polynomial(2)])) for ones in (once, [*once, *once]))
     assert told(twice)["poly2"]["rmse"] == told(alone)["poly2"]["rmse"]
     assert twice.metadata["choice"]["left_out"] == alone.metadata["choice"]["left_out"]
 
 
 def test_features_that_take_more_rows_than_there_are_are_left_out():
     recordings = [with_current(seed).rows(np.arange(18)) for seed in range(3)]
-    model = calibrate(recordings, Automatic([PolynomialRegressor(2)]))
+    model = calibrate(recordings, Automatic([Polynomial(2)]))
     assert model.feature_set.names == ("measured/jaw", "effort/jaw")
     assert [trial["folds"] for trial in model.metadata["choice"]["tried"]] == [3, 3, 3, 0]
 
@@ -407,7 +405,7 @@ def test_a_name_has_it_choose_and_progress_is_told(monkeypatch):
 def test_progress_never_goes_back_where_several_sets_of_features_are_tried():
     seen: list[float] = []
     recordings = [with_current(seed) for seed in range(3)]
-    calibrate(recordings, Automatic([PolynomialRegressor(2)]), progress=seen.append)
+    calibrate(recordings, Automatic([Polynomial(2)]), progress=seen.append)
     assert seen == sorted(seen)
     assert seen[-1] == 1.0
 
@@ -422,7 +420,7 @@ def test_the_registry_says_what_is_tried():
 
 def test_what_takes_columns_that_recordings_lack_is_passed_by():
     jaws = get_estimator("ukf_elastic")
-    assert set(told(choose(0.2, [jaws, PolynomialRegressor(2)]))) == {
+    assert set(told(choose(0.2, [jaws, Polynomial(2)]))) == {
         "linear", "offset", "raw", "poly2"
     }  # fmt: skip
     with pytest.raises(CalibrationError, match="none of ukf_elastic can be tried"):
@@ -471,7 +469,7 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
 
 
 def test_rows_that_are_left_out_do_not_move_what_is_judged(monkeypatch):
-    tried = [PolynomialRegressor(2)]
+    tried = [Polynomial(2)]
     every = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
     monkeypatch.setattr("truejoint.calibration.candidates.MOST_ROWS", 400)
     few = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
@@ -485,7 +483,7 @@ def test_a_part_without_which_a_feature_never_changes_is_judged_without_the_feat
     recording = bent(0, 0.2)
     effort = np.where(recording.t < 2.0, recording.column("effort/jaw"), 1.0)
     table = recording.table.assign(**{"effort/jaw": effort})
-    model = calibrate(replace(recording, table=table), Automatic([PolynomialRegressor(2)]))
+    model = calibrate(replace(recording, table=table), Automatic([Polynomial(2)]))
     assert model.metadata["choice"]["left_out"] == [f"time {k}" for k in (2, 4, 1, 3, 5)]
     tried = [one for one in model.metadata["choice"]["tried"] if len(one["features"]) == 2]
     assert [one["folds"] for one in tried] == [5, 5, 5, 5]

@@ -17,7 +17,7 @@ from truejoint.calibration import calibrate, container, read_calibration, write_
 from truejoint.calibration.container import FORMAT_VERSION, from_bytes, to_bytes
 from truejoint.calibration.model_file import encode
 from truejoint.errors import ModelFileError
-from truejoint.estimators import NeuralNetwork, PolynomialRegressor
+from truejoint.estimators import NeuralNetwork, Polynomial
 
 FEATURES = (
     "measured/elbow",
@@ -26,7 +26,7 @@ FEATURES = (
     "play(measured/elbow, 0.02)",
 )
 ESTIMATORS = (
-    "offset", "linear", "poly2", PolynomialRegressor(3),
+    "offset", "linear", "poly2", Polynomial(3),
     NeuralNetwork(hidden_layer_sizes=(5, 4), epochs=2),
     NeuralNetwork(hidden_layer_sizes=[3], epochs=1, random_state=np.random.RandomState(1)),
 )  # fmt: skip

@@ -16,7 +16,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     ElasticJointFilter,
     ElasticJointHybrid,
-    PolynomialRegressor,
+    Polynomial,
     Stack,
     registry,
 )
@@ -106,7 +106,7 @@ def test_trees_of_the_filter_do_not_smooth(fitted):
 
 def test_a_mean_tells_the_torque_of_its_member(fitted):
     recordings = [recording(seed) for seed in range(4)]
-    members = ElasticJointHybrid(elements=ELEMENTS), PolynomialRegressor(1)
+    members = ElasticJointHybrid(elements=ELEMENTS), Polynomial(1)
     with patch.dict(registry.BOOSTED, max_iter=10):
         mean = Stack((Stack(members, ((0.9,), (0.1,))),), ((1.0,),))
         model = calibrate(recordings[:3], mean, fit_rate=25.0)

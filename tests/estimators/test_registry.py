@@ -15,8 +15,7 @@ from truejoint.estimators import (
     CableLeastSquares,
     JawFilter,
     JawPlays,
-    LinearRegressor,
-    PolynomialRegressor,
+    Polynomial,
     estimator_names,
     get_estimator,
 )
@@ -56,9 +55,8 @@ def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():
 @pytest.mark.parametrize(
     ("estimator", "name"),
     [
-        (LinearRegressor(), "linear"),
-        (PolynomialRegressor(1), "linear"),
-        (PolynomialRegressor(3), "polynomial"),
+        (Polynomial(1), "linear"),
+        (Polynomial(3), "polynomial"),
         (JawFilter(lambda_=2.0), "ukf"),
         (JawFilter(compensated=True), "ukf_compensated"),
         (JawPlays(signals=("cable/reset",), penalty=1.0), "play_reset"),

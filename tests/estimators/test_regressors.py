@@ -15,21 +15,19 @@ from sklearn.utils.estimator_checks import (
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
-    FixedOffset,
     JointRegressor,
-    LinearRegressor,
     NeuralNetwork,
-    PolynomialRegressor,
+    Polynomial,
     estimator_names,
     get_estimator,
 )
 from truejoint.estimators.polynomial.run import count_terms, polynomial_factors
 
 QUICK = [
-    FixedOffset(),
-    LinearRegressor(),
-    PolynomialRegressor(),
-    PolynomialRegressor(degree=3),
+    Polynomial(0),
+    Polynomial(1),
+    Polynomial(),
+    Polynomial(degree=3),
     NeuralNetwork(hidden_layer_sizes=(7,), epochs=20),
     NeuralNetwork(hidden_layer_sizes=(6, 5, 4), epochs=3),
 ]
@@ -64,7 +62,7 @@ def test_an_unknown_value_leaves_the_others_of_its_row(estimator: JointRegressor
         clone(estimator).fit(X, np.full((400, 2), np.nan))
 
 
-@parametrize_with_checks([*of_rows_alone(), PolynomialRegressor(degree=3)])
+@parametrize_with_checks([*of_rows_alone(), Polynomial(degree=3)])
 def test_scikit_learn_contract(estimator, check):
     check(estimator)
 
@@ -127,7 +125,7 @@ def test_progress_ends_at_one(estimator, data):
 
 def test_offset_is_the_mean(data):
     X, y = data
-    np.testing.assert_allclose(FixedOffset().fit(X, y).predict(X[:1])[0], y.mean(axis=0))
+    np.testing.assert_allclose(Polynomial(0).fit(X, y).predict(X[:1])[0], y.mean(axis=0))
 
 
 @pytest.mark.parametrize("degree", [1, 2, 3])
@@ -136,29 +134,29 @@ def test_polynomial_is_the_least_squares_solution(degree, data):
     scaled = (X - X.mean(axis=0)) / X.std(axis=0)
     design = PolynomialFeatures(degree).fit_transform(scaled)
     expected = design @ np.linalg.lstsq(design, y, rcond=None)[0]
-    model = LinearRegressor() if degree == 1 else PolynomialRegressor(degree)
+    model = Polynomial(1) if degree == 1 else Polynomial(degree)
     np.testing.assert_allclose(model.fit(X, y).predict(X), expected, atol=1e-9)
 
 
 def test_blocks_of_rows_do_not_change_the_fit(monkeypatch, data):
     X, y = data
-    whole = PolynomialRegressor().fit(X, y)
+    whole = Polynomial().fit(X, y)
     monkeypatch.setattr("truejoint.estimators.polynomial.learn._BLOCK", 17)
-    np.testing.assert_allclose(PolynomialRegressor().fit(X, y).coef_, whole.coef_, atol=1e-10)
+    np.testing.assert_allclose(Polynomial().fit(X, y).coef_, whole.coef_, atol=1e-10)
 
 
 def test_copies_of_a_feature_share_its_weight(data):
     X, y = data
     twice = np.column_stack([X, 3.0 * X[:, 0] + 2.0])
-    model = LinearRegressor().fit(twice, y)
-    np.testing.assert_allclose(model.predict(twice), LinearRegressor().fit(X, y).predict(X))
+    model = Polynomial(1).fit(twice, y)
+    np.testing.assert_allclose(model.predict(twice), Polynomial(1).fit(X, y).predict(X))
     np.testing.assert_allclose(model.coef_[0], model.coef_[4], rtol=1e-6)
 
 
 def test_offset_of_the_target_moves_the_intercept_alone(data):
     X, y = data
     constant = np.column_stack([X, np.full(len(X), 4.0)])
-    here, there = (PolynomialRegressor().fit(constant, y + shift) for shift in (0.0, 1e3))
+    here, there = (Polynomial().fit(constant, y + shift) for shift in (0.0, 1e3))
     np.testing.assert_allclose(here.coef_, there.coef_, atol=1e-9)
     np.testing.assert_allclose(there.intercept_ - here.intercept_, 1e3)
 
@@ -166,7 +164,7 @@ def test_offset_of_the_target_moves_the_intercept_alone(data):
 def test_fewer_rows_than_terms_still_interpolate():
     rng = np.random.default_rng(0)
     X, y = rng.normal(size=(6, 4)), rng.normal(size=6)
-    np.testing.assert_allclose(PolynomialRegressor().fit(X, y).predict(X), y, atol=1e-9)
+    np.testing.assert_allclose(Polynomial().fit(X, y).predict(X), y, atol=1e-9)
 
 
 def test_terms_are_every_product_once():
@@ -178,9 +176,9 @@ def test_terms_are_every_product_once():
 @pytest.mark.parametrize(
     "estimator",
     [
-        PolynomialRegressor(degree=0),
-        PolynomialRegressor(degree=9),
-        PolynomialRegressor(degree=True),
+        Polynomial(degree=-1),
+        Polynomial(degree=9),
+        Polynomial(degree=True),
         NeuralNetwork(hidden_layer_sizes=()),
         NeuralNetwork(hidden_layer_sizes=(10**9,)),
         NeuralNetwork(hidden_layer_sizes="wide"),
@@ -201,4 +199,4 @@ def test_wrong_parameters_are_refused(estimator, data):
 def test_too_many_terms_are_refused():
     rng = np.random.default_rng(0)
     with pytest.raises(CalibrationError, match="more than 4000"):
-        PolynomialRegressor().fit(rng.normal(size=(10, 100)), np.arange(10.0))
+        Polynomial().fit(rng.normal(size=(10, 100)), np.arange(10.0))

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from truejoint.calibration.zero import Zero
 from truejoint.errors import ExportError, ModelFileError
-from truejoint.estimators import FixedOffset, LinearRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.estimators import NeuralNetwork, Polynomial
 from truejoint.export.c_source import check_prefix, comment, table
 from truejoint.export.export_c import export_c
 from truejoint.runtime import Corrector, Status
@@ -23,7 +23,7 @@ from .export_models import HISTORY, PLAIN, calibration, recording
 from .library import Library, expected, exported, faulty, needs_compiler
 
 ESTIMATORS = (
-    FixedOffset(), LinearRegressor(), PolynomialRegressor(2), PolynomialRegressor(3),
+    Polynomial(0), Polynomial(1), Polynomial(2), Polynomial(3),
     NeuralNetwork(hidden_layer_sizes=(9, 7)),
 )  # fmt: skip
 
@@ -84,7 +84,7 @@ def test_long_streams_stay_equal(tmp_path, estimator):
 
 @needs_compiler
 def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
-    model = calibration(LinearRegressor(), rezero=10.0)
+    model = calibration(Polynomial(1), rezero=10.0)
     model = replace(model, zero=Zero(np.zeros(len(model.joints))))
     library = exported(tmp_path, model)
     assert library.functions.check() == 0
@@ -98,7 +98,7 @@ def test_a_rezeroed_file_has_its_interval_at_once(tmp_path):
 @needs_compiler
 def test_many_signals_are_checked_in_a_loop(tmp_path):
     names = [f"measured/s{i}" for i in range(40)]
-    model = calibration(LinearRegressor(), names, ("elbow",), rezero=0.0)
+    model = calibration(Polynomial(1), names, ("elbow",), rezero=0.0)
     model = replace(model, training_domain=replace(model.training_domain, distance=1e4))
     assert 0.3 < assert_same_as_corrector(exported(tmp_path, model), model, 300, 3) < 1.0
 
@@ -120,7 +120,7 @@ def test_single_precision_is_as_far_off_as_its_header_says(tmp_path, estimator, 
 
 @needs_compiler
 def test_reset_forgets_the_samples_and_nothing_else(tmp_path):
-    model = calibration(LinearRegressor(), HISTORY)
+    model = calibration(Polynomial(1), HISTORY)
     library = exported(tmp_path, model)
     t, samples = random_stream(model, 300, 1)
     library.functions.start()
@@ -136,7 +136,7 @@ def test_reset_forgets_the_samples_and_nothing_else(tmp_path):
 
 @needs_compiler
 def test_check_notices_a_changed_number(tmp_path):
-    model = calibration(LinearRegressor(), PLAIN)
+    model = calibration(Polynomial(1), PLAIN)
     export_c(model, tmp_path, prefix="m")
     source = tmp_path / "m.c"
     head, name, rest = source.read_text().partition("double m_model_intercept[4] = {\n    ")
@@ -151,7 +151,7 @@ def test_check_notices_a_changed_number(tmp_path):
      ((1.0, 2.0), "double", "only 0 of 1092 samples would be corrected")],
 )  # fmt: skip
 def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, precision, said):
-    model = calibration(FixedOffset(), PLAIN)
+    model = calibration(Polynomial(0), PLAIN)
     model.model.arrays_["offset"][:] = 0.0
     lower, upper = (model.model.arrays_["offset"] + error for error in errors)
     domain = replace(model.training_domain, error_lower=lower, error_upper=upper)
@@ -160,7 +160,7 @@ def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, pr
 
 
 def test_vectors_hold_every_status(tmp_path):
-    export_c(calibration(PolynomialRegressor(3), HISTORY), tmp_path, prefix="m")
+    export_c(calibration(Polynomial(3), HISTORY), tmp_path, prefix="m")
     text = (tmp_path / "m_vectors.h").read_text()
     seen = Status(0)
     statuses = [int(s) for s in re.findall(r"\}, (\d+), \{", text)]
@@ -171,14 +171,14 @@ def test_vectors_hold_every_status(tmp_path):
 
 
 def test_header_explains_every_status(tmp_path):
-    export_c(calibration(LinearRegressor()), tmp_path, prefix="m")
+    export_c(calibration(Polynomial(1)), tmp_path, prefix="m")
     header = (tmp_path / "m.h").read_text()
     for status in set(Status) - {Status.WRONG_SIZE, Status.OTHER_THREAD}:
         assert re.search(rf"M_{status.name} = {int(status)},? /\* \w.*\w \*/", header)
 
 
 def test_nothing_is_overwritten_unless_told(tmp_path):
-    model = calibration(LinearRegressor())
+    model = calibration(Polynomial(1))
     paths = export_c(model, tmp_path / "new" / "folder")
     assert [path.name for path in paths] == [
         "raven2_left.h", "raven2_left.c", "raven2_left_vectors.h", "raven2_left_check.c",
@@ -196,14 +196,14 @@ def test_nothing_is_overwritten_unless_told(tmp_path):
 
 def test_a_level_that_is_no_share_is_refused(tmp_path):
     with pytest.raises(ExportError, match="level 3 is not a share between 0 and 1"):
-        export_c(calibration(FixedOffset()), tmp_path, level=3)
+        export_c(calibration(Polynomial(0)), tmp_path, level=3)
 
 
 @pytest.mark.parametrize("prefix", ["", "1arm", "_arm", "a__b", "arm_", "a-b", "a b", "a/b", "é",
                                     "a\n", "a" * 41, "../x"])  # fmt: skip
 def test_bad_prefixes_are_refused(tmp_path, prefix):
     with pytest.raises(ExportError, match="prefix") as caught:
-        export_c(calibration(FixedOffset()), tmp_path, prefix=prefix)
+        export_c(calibration(Polynomial(0)), tmp_path, prefix=prefix)
     assert "\n" not in str(caught.value)
     assert not list(tmp_path.iterdir())
 
@@ -214,7 +214,7 @@ def test_good_prefixes_pass(prefix):
 
 
 def test_what_cannot_be_exported_is_refused_in_one_line(tmp_path):
-    model = calibration(LinearRegressor(), rezero=0.0)
+    model = calibration(Polynomial(1), rezero=0.0)
     cases = [
         (ExportError, "double' or 'float", {"precision": "half"}, model),
         (ExportError, "95 %", {"level": 0.95}, model),
@@ -252,7 +252,7 @@ def test_no_text_ends_a_comment(text):
 
 @needs_compiler
 def test_texts_of_a_model_file_stay_in_comments(tmp_path):
-    model = calibration(LinearRegressor(), homing_ids=["*/ int homing; /*", "??/\n"])
+    model = calibration(Polynomial(1), homing_ids=["*/ int homing; /*", "??/\n"])
     evil = dict.fromkeys(model.units, "*/ }; int unit = 1; /* \\")
     model = replace(model, units=evil).with_metadata(data_sha256="*/\n#error hash\n/*")
     assert exported(tmp_path, model).functions.check() == 0

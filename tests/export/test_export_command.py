@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 from truejoint.calibration import write_calibration
 from truejoint.cli.export import export
 from truejoint.errors import ExportError
-from truejoint.estimators import LinearRegressor
+from truejoint.estimators import Polynomial
 
 from .export_models import calibration
 
@@ -22,7 +22,7 @@ app.command()(export)
 @pytest.fixture
 def model(tmp_path):
     path = tmp_path / "model.tj"
-    write_calibration(calibration(LinearRegressor()), path)
+    write_calibration(calibration(Polynomial(1)), path)
     return path
 
 

@@ -13,10 +13,8 @@ from tests.runtime.streams import trained
 
 from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import (
-    FixedOffset,
-    LinearRegressor,
     NeuralNetwork,
-    PolynomialRegressor,
+    Polynomial,
     Stack,
 )
 from truejoint.export.export_onnx import export_onnx
@@ -27,7 +25,7 @@ onnx = pytest.importorskip("onnx", reason="the extra [onnx] is not installed")
 onnxruntime = pytest.importorskip("onnxruntime", reason="the extra [onnx] is not installed")
 
 ESTIMATORS = (
-    FixedOffset(), LinearRegressor(), PolynomialRegressor(2), PolynomialRegressor(3),
+    Polynomial(0), Polynomial(1), Polynomial(2), Polynomial(3),
     NeuralNetwork(hidden_layer_sizes=(9, 7, 5)),
 )  # fmt: skip
 
@@ -67,7 +65,7 @@ def test_graph_gives_what_correct_gives(tmp_path, estimator, features, target):
 
 
 def test_a_combination_is_the_graphs_of_its_members(tmp_path):
-    tried = (LinearRegressor(), NeuralNetwork(hidden_layer_sizes=(5,), epochs=2))
+    tried = (Polynomial(1), NeuralNetwork(hidden_layer_sizes=(5,), epochs=2))
     model = trained(Stack(tried, ((0.25, 0.0), (0.75, 1.0))))
     test = stream_recording(np.arange(0.0, 5.0, 1 / 30), seed=3)
     _, position = run(export_onnx(model, tmp_path / "m.onnx"), model, test)
@@ -77,7 +75,7 @@ def test_a_combination_is_the_graphs_of_its_members(tmp_path):
 
 
 def test_metadata_name_the_columns(tmp_path):
-    fitted = calibration(LinearRegressor(), HISTORY, ("elbow",))
+    fitted = calibration(Polynomial(1), HISTORY, ("elbow",))
     model = onnx.load(export_onnx(fitted, tmp_path / "m.onnx"))
     said = {entry.key: json.loads(entry.value) for entry in model.metadata_props}
     assert said["truejoint.columns_of_features"] == list(fitted.feature_set.names)
@@ -88,7 +86,7 @@ def test_metadata_name_the_columns(tmp_path):
 
 
 def test_nothing_is_overwritten_unless_told(tmp_path):
-    fitted = calibration(FixedOffset())
+    fitted = calibration(Polynomial(0))
     path = export_onnx(fitted, tmp_path / "m.onnx")
     before = path.read_bytes()
     with pytest.raises(ExportError, match="exists"):
@@ -100,7 +98,7 @@ def test_nothing_is_overwritten_unless_told(tmp_path):
 
 
 def test_without_onnx_the_refusal_says_how_to_install_it(tmp_path, monkeypatch):
-    fitted = calibration(FixedOffset())
+    fitted = calibration(Polynomial(0))
     monkeypatch.setitem(sys.modules, "onnx", None)
     with pytest.raises(TruejointError, match=r'pip install "truejoint\[onnx\]"') as caught:
         export_onnx(fitted, tmp_path / "m.onnx")
@@ -109,14 +107,15 @@ def test_without_onnx_the_refusal_says_how_to_install_it(tmp_path, monkeypatch):
 
 
 def test_numbers_too_large_for_a_float_are_refused(tmp_path):
-    fitted = calibration(FixedOffset())
-    fitted.model.arrays_ = {"offset": np.full(3, 1e39)}
+    made = calibration(Polynomial(0))
+    arrays = {**made.fitted.arrays, "intercept": np.full(3, 1e39)}
+    fitted = replace(made, fitted=replace(made.fitted, arrays=arrays))
     with pytest.raises(ExportError, match="export in double"):
         export_onnx(fitted, tmp_path / "m.onnx", precision="float")
 
 
 def test_a_zero_of_the_output_is_in_the_graph_and_one_of_the_inputs_is_refused(tmp_path):
-    model = calibration(LinearRegressor(), PLAIN)
+    model = calibration(Polynomial(1), PLAIN)
     test = recording(model.signals, 100, 5)
     zero = 0.01 * (1.0 + np.arange(len(model.joints)))
     later = model.shifted(zero)

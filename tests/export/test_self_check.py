@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from truejoint.estimators import LinearRegressor, NeuralNetwork, PolynomialRegressor
+from truejoint.estimators import NeuralNetwork, Polynomial
 from truejoint.export.export_c import export_c
 
 from .export_models import HISTORY, calibration
@@ -27,7 +27,7 @@ LEARNT = [
 ]
 LEARNT = {f"model_{name}" for name in LEARNT}
 
-ESTIMATORS = LinearRegressor(), PolynomialRegressor(2), NeuralNetwork(hidden_layer_sizes=(9, 7))
+ESTIMATORS = Polynomial(1), Polynomial(2), NeuralNetwork(hidden_layer_sizes=(9, 7))
 
 
 class Source:
@@ -92,7 +92,7 @@ def test_every_learnt_number_that_is_wrong_is_noticed(tmp_path, estimator, preci
 
 @needs_compiler
 def test_every_table_of_limits_that_is_wrong_is_noticed(tmp_path):
-    source = Source(tmp_path, calibration(LinearRegressor(), HISTORY, rezero=0.0), "float")
+    source = Source(tmp_path, calibration(Polynomial(1), HISTORY, rezero=0.0), "float")
     rest = {"jump", "correction_lower", "correction_upper"}  # no sample of its own comes near
     for name in source.tables.keys() - LEARNT - rest:
         table = source.tables[name]

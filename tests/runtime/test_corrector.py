@@ -20,14 +20,14 @@ from truejoint.calibration.container import to_bytes
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import encode
 from truejoint.errors import CalibrationError, ModelFileError
-from truejoint.estimators import NeuralNetwork, PolynomialRegressor
+from truejoint.estimators import NeuralNetwork, Polynomial
 from truejoint.runtime import Corrector, Status
 
 from .registered import ready_unless_refused
 from .streams import HISTORY, JOINTS, SIGNALS, recording, stream, trained
 
 ESTIMATORS = (
-    "offset", "linear", "poly2", PolynomialRegressor(3),
+    "offset", "linear", "poly2", Polynomial(3),
     NeuralNetwork(hidden_layer_sizes=(9, 7), epochs=2),
     NeuralNetwork(hidden_layer_sizes=(5,), epochs=1),
 )  # fmt: skip

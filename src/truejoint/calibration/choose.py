@@ -18,8 +18,8 @@ from truejoint.calibration.rows import Rows as Seen
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold
 from truejoint.estimators.family import Target
-from truejoint.estimators.polynomial.learn import FixedOffset, Raw
-from truejoint.estimators.registry import LINEAR, OFFSET
+from truejoint.estimators.polynomial.learn import Raw
+from truejoint.estimators.registry import LINEAR, OFFSET, RAW
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import FeatureSet
@@ -296,7 +296,7 @@ class Group:
         )
         trial.candidate = model.settled()
         spread = np.zeros(predicted.shape[1])
-        if len(self.recordings) < FEW and not isinstance(model, FixedOffset):  # of no signal
+        if len(self.recordings) < FEW and model.name not in (RAW, OFFSET):  # of no signal
             far = (model.evaluate(self._apart, self._dt) - self._middle) / self._deviation
             spread = np.sqrt(np.mean(far**2, axis=0))
         return predicted, spread

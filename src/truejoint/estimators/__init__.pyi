@@ -17,9 +17,7 @@ from .network.sequence import GRU as GRU
 from .network.sequence import TCN as TCN
 from .plays.jaw_plays import JawPlays as JawPlays
 from .plays.learn import Plays as Plays
-from .polynomial.learn import FixedOffset as FixedOffset
-from .polynomial.learn import LinearRegressor as LinearRegressor
-from .polynomial.learn import PolynomialRegressor as PolynomialRegressor
+from .polynomial.learn import Polynomial as Polynomial
 from .registry import BASELINES as BASELINES
 from .registry import estimator_names as estimator_names
 from .stack.learn import Stack as Stack

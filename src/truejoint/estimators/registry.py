@@ -58,12 +58,19 @@ def _least_squares(*, intercept: bool = False, compensated: bool = False) -> Pre
     return Preset("jaw.learn.CableLeastSquares", "jaw.least_squares", params)
 
 
+def _polynomial(
+    degree: int, *, ridge: bool = False, tried: Mapping[str, Any] | None = None
+) -> Preset:
+    params = {"degree": degree, "ridge": ridge}
+    return Preset("polynomial.learn.Polynomial", "polynomial.run", params, tried)
+
+
 PRESETS: Final[dict[str, Preset]] = {
-    OFFSET: Preset("polynomial.learn.FixedOffset", "polynomial.offset", {}, {}),
-    "linear": Preset("polynomial.learn.PolynomialRegressor", "polynomial.run", {"degree": 1}, {}),
-    "poly2": Preset("polynomial.learn.PolynomialRegressor", "polynomial.run", {"degree": 2}),
+    OFFSET: _polynomial(0, tried={}),
+    "linear": _polynomial(1, tried={}),
+    "poly2": _polynomial(2),
     "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
-    "poly2_ridge": Preset("polynomial.ridge.Ridge", "polynomial.interactions", {}, {}),
+    "poly2_ridge": _polynomial(2, ridge=True, tried={}),
     "linear_trees": Preset(
         "stack.learn.Stack",
         "stack.run",

@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import ExportError
 from truejoint.estimators.family import EstimatorData
-from truejoint.estimators.polynomial.run import polynomial_factors
+from truejoint.estimators.polynomial.run import factors_of
 from truejoint.estimators.stack.run import members
 from truejoint.export.c_source import Precision, check_precision, write_files
 from truejoint.extras import require
@@ -193,21 +193,17 @@ class _Graph:
         return self.node("Add", [product, self.constant(bias)])
 
 
-def _offset(graph: _Graph, features: str, data: EstimatorData, n_features: int) -> str:
-    """Offset for every row: the features, weighted with zero, say how many there are."""
-    offset = data.arrays["offset"]
-    return graph.affine(features, np.zeros((n_features, len(offset))), offset)
-
-
 def _polynomial(graph: _Graph, features: str, data: EstimatorData, n_features: int) -> str:
     arrays = data.arrays
     terms = scaled = graph.scaled(features, arrays)
-    degree = int(data.params["degree"])
-    if degree > 1:
-        factors = polynomial_factors(n_features, degree)
+    factors = factors_of(data.params, n_features)
+    if not len(factors):  # the features, weighted with zero, say how many rows there are
+        intercept = arrays["intercept"]
+        return graph.affine(features, np.zeros((n_features, len(intercept))), intercept)
+    if factors.shape[1] > 1:
         missing = factors == n_features
         terms = ""
-        for j in range(degree):
+        for j in range(factors.shape[1]):
             chosen = graph.columns(scaled, np.where(missing[:, j], 0, factors[:, j]))
             if missing[:, j].any():  # a factor 1 where the term is of lower degree
                 kept = graph.node("Mul", [chosen, graph.constant(1.0 - missing[:, j])])
@@ -242,7 +238,6 @@ def _combination(graph: _Graph, features: str, data: EstimatorData, n_features: 
 
 
 _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]] = {
-    "polynomial.offset": _offset,
     "polynomial": _polynomial,
     "network": _network,
     "stack": _combination,

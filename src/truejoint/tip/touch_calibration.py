@@ -15,7 +15,8 @@ from truejoint.calibration.compatibility import check_columns
 from truejoint.calibration.fit import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import EstimatorData
-from truejoint.estimators.polynomial.learn import PolynomialRegressor
+from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.polynomial.run import of_degree
 from truejoint.features.feature_set import default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.tip.block import TOUCH_SD, Block
@@ -170,8 +171,8 @@ def calibrate_by_touch(
     fitted = calibrate(
         [whole], "linear", features=terms.features, joints=terms.joints, redundant=[]
     )
-    data = EstimatorData("polynomial", {"degree": 2}, terms.arrays(coefficients))
-    model = PolynomialRegressor.from_data(data, len(terms.features), len(terms.joints))
+    data = EstimatorData("polynomial", of_degree(2), terms.arrays(coefficients))
+    model = Polynomial.from_data(data, len(terms.features), len(terms.joints))
     baseline = fitted.effort_baseline
     if baseline is not None:
         residual = np.hypot(terms_fit.rows.corrected_sd, report.zero_sd)

@@ -8,12 +8,11 @@ from tests.runtime.streams import SIGNALS, recording
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor, Plays
+from truejoint.estimators import Plays, Polynomial
 from truejoint.estimators.cross_validation import blocks
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.learn import capstan_turns, loaded_pairs
 from truejoint.estimators.plays.run import expand_rows
-from truejoint.estimators.polynomial import ridge
 from truejoint.features.feature_set import FeatureSet, time_steps
 from truejoint.robots import get_robot
 
@@ -172,14 +171,16 @@ def test_a_recording_that_is_hidden_changes_no_blocks_of_the_ridge(monkeypatch, 
     (X, y), told = slack(0), []
     dt = np.where(np.arange(2000) % (2000 // histories) == 0, 0.0, 0.02)
     y = np.where(np.arange(2000) >= 1600, np.nan, y)
-    monkeypatch.setattr(ridge, "blocks", lambda own: told.append(own) or blocks(own))
+    monkeypatch.setattr(
+        "truejoint.estimators.polynomial.learn.blocks", lambda own: told.append(own) or blocks(own)
+    )
     Plays().fit(X, y, dt=dt)
     assert (told[0].size, (told[0] == 0.0).sum()) == (1600, seen)
 
 
 def test_it_knows_a_loop_whose_width_grows_with_the_load():
     (X, y), (X_new, y_new) = slack(0), slack(1)
-    linear = LinearRegressor().fit(X, y)
+    linear = Polynomial(1).fit(X, y)
     rich = Plays().fit(X, y)
     left, before = (np.std(y_new - m.predict(X_new)) for m in (rich, linear))
     assert left < 0.5 * before

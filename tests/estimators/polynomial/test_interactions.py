@@ -7,7 +7,9 @@ import pytest
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import EstimatorData, evaluate
-from truejoint.estimators.polynomial.interactions import FAMILY, interaction_factors
+from truejoint.estimators.polynomial.run import FAMILY, interaction_factors
+
+RIDGE = {"degree": 2, "ridge": True}
 
 
 def test_each_product_of_crossed_and_first_features_is_there_once():
@@ -22,11 +24,11 @@ def test_each_product_of_crossed_and_first_features_is_there_once():
 
 def test_a_row_is_linear_in_the_scaled_features_and_their_products():
     rng = np.random.default_rng(0)
-    shapes = FAMILY.shapes({"first": 1, "crossed": 2, "squared": 0, "by_squares": 0}, 3, 2)
+    shapes = FAMILY.shapes({**RIDGE, "first": 1, "crossed": 2, "squared": 0, "by_squares": 0}, 3, 2)
     arrays = {name: rng.normal(size=shape) for name, shape in shapes.items()}
     X = rng.normal(size=(20, 3))
     data = EstimatorData(
-        "polynomial.interactions", {"first": 1, "crossed": 2, "squared": 0, "by_squares": 0}, arrays
+        "polynomial", {**RIDGE, "first": 1, "crossed": 2, "squared": 0, "by_squares": 0}, arrays
     )
     found = evaluate(FAMILY, FAMILY.memory(data, 3, 2), X, np.zeros(20), 2)
     a, b, c = ((X - arrays["mean"]) * arrays["inverse_scale"]).T
@@ -36,10 +38,10 @@ def test_a_row_is_linear_in_the_scaled_features_and_their_products():
 
 def test_squares_multiply_too():
     rng = np.random.default_rng(1)
-    params = {"first": 1, "crossed": 2, "squared": 1, "by_squares": 2}
+    params = {**RIDGE, "first": 1, "crossed": 2, "squared": 1, "by_squares": 2}
     arrays = {name: rng.normal(size=shape) for name, shape in FAMILY.shapes(params, 2, 1).items()}
     X = rng.normal(size=(20, 2))
-    memory = FAMILY.memory(EstimatorData("polynomial.interactions", params, arrays), 2, 1)
+    memory = FAMILY.memory(EstimatorData("polynomial", params, arrays), 2, 1)
     found = evaluate(FAMILY, memory, X, np.zeros(20), 1)
     a, b = ((X - arrays["mean"]) * arrays["inverse_scale"]).T
     terms = np.column_stack([a, b, a * a, a * b, a * a * a, b * a * a])
@@ -49,4 +51,6 @@ def test_squares_multiply_too():
 @pytest.mark.parametrize(("first", "crossed"), [(2, 1), (1, 4), (4000, 4000)])
 def test_more_than_there_are_is_refused(first, crossed):
     with pytest.raises(CalibrationError, match=f"first {crossed} features with {first}"):
-        FAMILY.shapes({"first": first, "crossed": crossed, "squared": 0, "by_squares": 0}, 3, 1)
+        FAMILY.shapes(
+            {**RIDGE, "first": first, "crossed": crossed, "squared": 0, "by_squares": 0}, 3, 1
+        )

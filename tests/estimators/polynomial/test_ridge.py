@@ -8,20 +8,19 @@ from sklearn import linear_model
 from sklearn.preprocessing import StandardScaler
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators import LinearRegressor
 from truejoint.estimators.cross_validation import PENALTIES
-from truejoint.estimators.polynomial.ridge import Ridge
+from truejoint.estimators.polynomial.learn import Polynomial
 
 
 def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():
     rng = np.random.default_rng(1)
     X = rng.normal(size=(1000, 3))
     y = np.column_stack([X[:, 0] + 0.1 * rng.normal(size=1000), rng.normal(size=1000)])
-    model = Ridge().fit(X, y)
+    model = Polynomial(ridge=True).fit(X, y)
     left = []
     for block in np.array_split(np.arange(1000), 5):
         seen = np.setdiff1d(np.arange(1000), block)
-        line = LinearRegressor().fit(X[seen], y[seen, 0])
+        line = Polynomial(1).fit(X[seen], y[seen, 0])
         left.append(line.predict(X[block]) - y[block, 0])
     expected = np.sqrt(np.mean(np.square(left))) / y[:, 0].std()
     np.testing.assert_allclose(model.errors_, [expected, 1.0], rtol=0.02)
@@ -32,7 +31,7 @@ def test_without_penalty_ridge_is_least_squares_and_noise_makes_it_larger():
     X = rng.normal(size=(400, 30))
     noise = rng.normal(size=400)
     y = np.column_stack([X[:, 0] * X[:, 1] + 2.0 * X[:, 3], noise])
-    model = Ridge(first=2, crossed=2).fit(X, y)
+    model = Polynomial(ridge=True, first=2, crossed=2).fit(X, y)
     assert model.penalties_.tolist() == [PENALTIES[0], PENALTIES[-1]]
     assert model.shares_[0] == 1.0
     np.testing.assert_allclose(model.predict(X)[:, 0], y[:, 0], atol=1e-5)
@@ -51,7 +50,7 @@ def bursts(count: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 def test_ridge_is_not_fitted_to_a_few_rows_that_are_far_off():
     X, y, kept = bursts(12)
-    model = Ridge(first=0, trimmed=True).fit(X, y)
+    model = Polynomial(ridge=True, first=0, trimmed=True).fit(X, y)
     every = np.arange(len(X))
     for j, rows in enumerate((every, kept)):
         scaler = StandardScaler().fit(X[rows])
@@ -64,21 +63,22 @@ def test_ridge_is_not_fitted_to_a_few_rows_that_are_far_off():
 def test_a_feature_that_only_rows_far_off_have_is_not_learnt():
     X, y, kept = bursts(6)
     X[kept, 1] = 0.0
-    model = Ridge(first=0, trimmed=True).fit(X, y)
+    model = Polynomial(ridge=True, first=0, trimmed=True).fit(X, y)
     assert model.coef_[1, 1] == 0.0
     assert model.coef_[1, 0] != 0.0
 
 
 def test_many_rows_that_are_far_off_are_no_exceptions():
     X, y, _ = bursts(60)
-    model, plain = (Ridge(first=0, trimmed=trimmed).fit(X, y) for trimmed in (True, False))
-    np.testing.assert_array_equal(model.predict(X), plain.predict(X))
+    ridge = Polynomial(ridge=True, first=0)
+    model, plain = (ridge.set_params(trimmed=t).fit(X, y).predict(X) for t in (True, False))
+    np.testing.assert_array_equal(model, plain)
 
 
 def test_progress_goes_on_to_the_end():
     told: list[float] = []
     X, y, _ = bursts(0)
-    Ridge(first=2, crossed=2).fit(X, y, told.append)
+    Polynomial(ridge=True, first=2, crossed=2).fit(X, y, told.append)
     assert told == sorted(told)
     assert told[-1] == 1.0
 
@@ -87,4 +87,4 @@ def test_what_is_no_number_of_features_is_refused():
     X = np.random.default_rng(0).normal(size=(200, 2))
     for name in ("first", "crossed", "squared"):
         with pytest.raises(CalibrationError, match=f"{name} is 'two'; it must be an integer"):
-            Ridge(**{name: "two"}).fit(X, X[:, 0])
+            Polynomial(ridge=True, **{name: "two"}).fit(X, X[:, 0])

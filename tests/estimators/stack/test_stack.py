@@ -20,15 +20,15 @@ from truejoint.estimators import (
     GRU,
     ElasticJointFilter,
     JawFilter,
-    LinearRegressor,
     NeuralNetwork,
     Plays,
-    PolynomialRegressor,
+    Polynomial,
     Stack,
     get_estimator,
 )
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.gp.learn import GaussianProcess
+from truejoint.estimators.polynomial.run import of_degree
 from truejoint.estimators.stack.run import FAMILY
 from truejoint.estimators.wrapped import class_of
 from truejoint.features.feature_set import time_steps
@@ -36,9 +36,9 @@ from truejoint.robots import get_robot
 
 NETWORK = NeuralNetwork(hidden_layer_sizes=(5,), epochs=2)
 MEMORY = GRU(units=5, epochs=2)
-STEPS = Stack((LinearRegressor(), DecisionTreeRegressor(max_depth=3)))
+STEPS = Stack((Polynomial(1), DecisionTreeRegressor(max_depth=3)))
 WEIGHTS = ((1.0, 0.2), (0.0, 0.3), (0.0, 0.1), (0.0, 0.0), (0.0, 0.4))
-EVERY_KIND = (LinearRegressor(), NETWORK, MEMORY, PolynomialRegressor(), STEPS)
+EVERY_KIND = (Polynomial(1), NETWORK, MEMORY, Polynomial(), STEPS)
 UNSEEN = recording(np.arange(0.0, 20.0, 1 / 30), seed=5)
 
 
@@ -49,7 +49,9 @@ def model() -> Calibration:
 
 
 def data(members, weights=(1.0,)) -> EstimatorData:
-    arrays = {"weights": np.array(weights), "0/offset": np.zeros(1)}
+    k = np.zeros(2)
+    own = {"mean": k, "inverse_scale": k, "coef": np.zeros((0, 1)), "intercept": np.zeros(1)}
+    arrays = {"weights": np.array(weights), **{f"0/{name}": a for name, a in own.items()}}
     return EstimatorData("stack", {"members": members}, arrays)
 
 
@@ -102,8 +104,8 @@ def test_it_is_printed_to_c_with_the_same_bits(tmp_path):
 def test_without_weights_each_member_is_fitted_to_what_is_left():
     X = np.linspace(-1.0, 1.0, 400)[:, None]
     y = 2.0 * X[:, 0] + (X[:, 0] > 0.3)
-    steps = Stack((LinearRegressor(), DecisionTreeRegressor(max_depth=6))).fit(X, y)
-    linear = LinearRegressor().fit(X, y)
+    steps = Stack((Polynomial(1), DecisionTreeRegressor(max_depth=6))).fit(X, y)
+    linear = Polynomial(1).fit(X, y)
     assert np.abs(steps.predict(X) - y).max() < 0.3 < np.abs(linear.predict(X) - y).max()
     np.testing.assert_array_equal(steps.members_[0].predict(X).ravel(), linear.predict(X))
 
@@ -111,11 +113,11 @@ def test_without_weights_each_member_is_fitted_to_what_is_left():
 def test_members_without_a_memory_are_fitted_to_so_many_rows_at_most():
     X = np.linspace(-1.0, 1.0, 400)[:, None]
     y = np.where(np.arange(400) % 4 == 0, 2.0 * X[:, 0], 7.0)  # every fourth row is on a line
-    model = Stack((LinearRegressor(),), rows=133).fit(X, y)  # every third would be more
+    model = Stack((Polynomial(1),), rows=133).fit(X, y)  # every third would be more
     np.testing.assert_allclose(model.predict(X), 2.0 * X[:, 0], atol=1e-12)
     settled = Stack(rows=100).fit(X, y).settled()
     assert (settled.rows, settled.name) == (100, "linear_trees")
-    assert np.abs(Stack((LinearRegressor(),), rows=400).fit(X, y).predict(X) - y).min() > 0.1
+    assert np.abs(Stack((Polynomial(1),), rows=400).fit(X, y).predict(X) - y).min() > 0.1
     with pytest.raises(CalibrationError, match="parameter rows is 0; it must be an integer"):
         Stack(rows=0).fit(X, y)
 
@@ -142,15 +144,15 @@ def test_a_seed_goes_to_the_members():
 @pytest.mark.parametrize(
     ("members", "weights", "said"),
     [
-        ((LinearRegressor(),), ((1.0, 0.0),), "not all 0 for an output"),
-        ((LinearRegressor(),), ((1.0, 1.0), (0.0, 1.0)), "for each of 1 members"),
-        ((LinearRegressor(),), ((float("nan"), 1.0),), "give a finite one"),
-        ((LinearRegressor(),), "half each", "give a finite one"),
-        ((LinearRegressor(),) * 2, ((1.0,), (1.0, 1.0)), "give a finite one"),
-        ((LinearRegressor(),), ((1.0,) * 3,), "are for 3 outputs"),
+        ((Polynomial(1),), ((1.0, 0.0),), "not all 0 for an output"),
+        ((Polynomial(1),), ((1.0, 1.0), (0.0, 1.0)), "for each of 1 members"),
+        ((Polynomial(1),), ((float("nan"), 1.0),), "give a finite one"),
+        ((Polynomial(1),), "half each", "give a finite one"),
+        ((Polynomial(1),) * 2, ((1.0,), (1.0, 1.0)), "give a finite one"),
+        ((Polynomial(1),), ((1.0,) * 3,), "are for 3 outputs"),
         ((JawFilter(), ElasticJointFilter()), None, "features of their own"),
         ((SVR(),), None, "cannot run in a loop"),
-        ((LinearRegressor(),) * 11, None, "1 to 10 members"),
+        ((Polynomial(1),) * 11, None, "1 to 10 members"),
         ((), None, "1 to 10 members"),
     ],
 )  # fmt: skip
@@ -163,12 +165,12 @@ def test_what_makes_no_combination_is_refused(members, weights, said):
 @pytest.mark.parametrize(
     ("members", "said"),
     [
-        ((("polynomial.offset", {}, (1,)),), "outputs .1.; it must be each of 1"),
+        ((("polynomial", of_degree(0), (1,)),), "outputs .1.; it must be each of 1"),
         ((("oracle", {}, (0,)),), "oracle"),
-        ((("polynomial.offset", {"degree": 3}, (0,)),), "offset has parameters"),
-        ((("polynomial.offset", {}, (0, 0)),), "1 to 10 members"),
-        ((("polynomial.offset", {}, ([],)),), "1 to 10 members"),
-        ((("polynomial.offset", {}),), "1 to 10 members"),
+        ((("polynomial", {"degree": 3}, (0,)),), "polynomial has parameters"),
+        ((("polynomial", of_degree(0), (0, 0)),), "1 to 10 members"),
+        ((("polynomial", of_degree(0), ([],)),), "1 to 10 members"),
+        ((("polynomial", {}),), "1 to 10 members"),
     ],
 )
 def test_damaged_members_of_a_file_are_refused(members, said):
@@ -177,7 +179,7 @@ def test_damaged_members_of_a_file_are_refused(members, said):
 
 
 def test_sums_within_sums_have_an_end():
-    members = (("polynomial.offset", {}, (0,)),)
+    members = (("polynomial", of_degree(0), (0,)),)
     for depth in range(1, 40):
         assert FAMILY.rules["members"].holds(members) == (depth <= 3)
         members = (("stack", {"members": members}, (0,)),)
@@ -185,7 +187,7 @@ def test_sums_within_sums_have_an_end():
 
 def test_the_registered_one_is_called_so():
     assert get_estimator("linear_trees").name == "linear_trees"
-    assert Stack((LinearRegressor(),)).name == "stack"
+    assert Stack((Polynomial(1),)).name == "stack"
 
 
 def test_other_members_make_another_family_of_it():

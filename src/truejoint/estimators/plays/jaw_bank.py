@@ -10,7 +10,7 @@ from truejoint.array_types import Array
 from truejoint.estimators.family import Params, Rule, Shape, only_joint
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.plays import run as plays
-from truejoint.estimators.polynomial import interactions
+from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.layout import Memory
 
 WIDTHS: Final = (
@@ -31,8 +31,15 @@ def bank(widths: tuple[float, ...], n_features: int) -> Params:
     first feature's square multiplies the features alone.
     """
     n_terms = n_features * (1 + len(widths))
-    terms = {"first": 1, "crossed": n_terms, "squared": 1, "by_squares": n_features}
-    model = (interactions.FAMILY.name, terms, ())
+    terms = {
+        "degree": 2,
+        "ridge": True,
+        "first": 1,
+        "crossed": n_terms,
+        "squared": 1,
+        "by_squares": n_features,
+    }
+    model = (POLYNOMIAL.name, terms, ())
     return {**plays.BARE, "plays": widths, "members": (model,)}
 
 

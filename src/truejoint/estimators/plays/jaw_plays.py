@@ -19,7 +19,7 @@ from truejoint.estimators.jaw.signals import MOTOR, RESET
 from truejoint.estimators.plays import jaw_bank
 from truejoint.estimators.plays.learn import feature_scales
 from truejoint.estimators.plays.run import expand_rows
-from truejoint.estimators.polynomial.ridge import Ridge
+from truejoint.estimators.polynomial.learn import Polynomial
 
 PENALTY: Final = 1e-5
 
@@ -35,7 +35,7 @@ def fit_bank(
     params, arrays = jaw_bank.bank(widths, X.shape[1]), feature_scales(X[has_truth])
     inputs = expand_rows(params, arrays, X, dt, has_truth)
     ((_, terms, _),) = params["members"]
-    model = Ridge(**terms, penalty=penalty).fit(inputs, y[has_truth])
+    model = Polynomial(**terms, penalty=penalty).fit(inputs, y[has_truth])
     return {**arrays, **{f"0/{name}": array for name, array in model.arrays_.items()}}
 
 

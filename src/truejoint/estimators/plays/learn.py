@@ -26,9 +26,8 @@ from truejoint.estimators.family import (
 from truejoint.estimators.gp.learn import GaussianProcess
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.coupling import identify_coupling
-from truejoint.estimators.polynomial import interactions, offset
-from truejoint.estimators.polynomial.learn import polynomial_design
-from truejoint.estimators.polynomial.ridge import MOST_PRODUCTS, Ridge
+from truejoint.estimators.polynomial.learn import MOST_PRODUCTS, Polynomial, polynomial_design
+from truejoint.estimators.polynomial.run import interaction_factors
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.stack.run import members
 
@@ -161,7 +160,7 @@ class Plays(JointRegressor):
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
         n_inputs = play_bank.n_constant(self._params(n_features), n_features)
-        return max(self.least_rows, Ridge().minimum_rows(n_inputs))
+        return max(self.least_rows, Polynomial(ridge=True).minimum_rows(n_inputs))
 
     def check_params(self) -> None:
         """Raise CalibrationError, naming the parameter and its rule, when one breaks it."""
@@ -284,7 +283,7 @@ class Plays(JointRegressor):
         inputs = play_bank.expand_rows(alone, arrays, X, dt, used)
         places, has_target = list(self.coupled_), with_truth[used]
         positions = np.ascontiguousarray(inputs[:, places])
-        products = interactions.interaction_factors(*3 * [len(places)])[len(places) :]
+        products = interaction_factors(*3 * [len(places)])[len(places) :]
         explained = np.hstack([inputs, polynomial_design(positions, products)])[has_target]
         coupling = identify_coupling(
             positions, fresh[used], has_target, explained, y[used][has_target]
@@ -295,7 +294,9 @@ class Plays(JointRegressor):
         """Whether a ridge regression errs less with what is `inputs` beyond the first `crossed`."""
         products = self._products(n_features, crossed)
         log_errors = [
-            np.log(np.maximum(Ridge(*products).fit(rows, y, dt=dt).errors_, 1e-12)).mean()
+            np.log(
+                np.maximum(Polynomial(2, True, *products).fit(rows, y, dt=dt).errors_, 1e-12)
+            ).mean()
             for rows in (inputs, inputs[:, :crossed])
         ]
         return bool(log_errors[0] < log_errors[1] + math.log1p(-_GAIN))
@@ -307,7 +308,7 @@ class Plays(JointRegressor):
         has_truth = self._known(y)
         inputs = play_bank.expand_rows(self.model_params(), self.arrays_, X, dt, has_truth)
         ((data, _),) = members(self.model_params(), self.arrays_)
-        ridge = Ridge.from_data(data, inputs.shape[1], y.shape[1])
+        ridge = Polynomial.from_data(data, inputs.shape[1], y.shape[1])
         adapted, penalties = ridge.adapted(inputs, y[has_truth], np.zeros(len(inputs)))
         return self.with_arrays({f"0/{name}": a for name, a in adapted.arrays_.items()}), penalties
 
@@ -338,7 +339,7 @@ class Plays(JointRegressor):
         if self.learner == "gaussian_process":
             return GaussianProcess()
         products = self._products(n_features, n_crossed)
-        ridge = Ridge(*products, trimmed=self.learner == "trees")
+        ridge = Polynomial(2, True, *products, trimmed=self.learner == "trees")
         if self.learner == "ridge":
             return ridge
         trees = registry.member("boosted_trees")
@@ -400,4 +401,4 @@ def capstan_turns(
     return tuple(by_capstan)
 
 
-_UNFITTED: Final[tuple[Any, ...]] = ((offset.FAMILY.name, {}, ()),)
+_UNFITTED: Final[tuple[Any, ...]] = ((Polynomial.family.name, Polynomial(0).model_params(), ()),)

@@ -1,24 +1,26 @@
-"""Polynomials of the features, of which a linear model is the simplest: peng2024, II-C."""
+"""Polynomials of the features, from a constant on (peng2024, II-C), and chosen products."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from itertools import combinations_with_replacement
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
-from truejoint.estimators.family import Family, Params, Shape, integer
+from truejoint.estimators.family import Family, Params, Shape, integer, one_of
 from truejoint.estimators.products import layer, padded, standardise
 from truejoint.layout import Layout, Memory
 
 MAX_DEGREE: Final = 5
 MAX_TERMS: Final = 4000
 """Most terms of a polynomial: 88 features at degree 2."""
+INTERACTIONS: Final = "first", "crossed", "squared", "by_squares"
+"""Parameters of the products of a ridge regression, see `interaction_factors`."""
 
 LAYOUT: Final = Layout()
 LAYOUT.array("mean", "of each feature in training", "n_features")
@@ -74,47 +76,94 @@ def polynomial_factors(n_features: int, degree: int) -> Integers:
     return np.array(terms, dtype=np.int64).reshape(-1, degree)
 
 
-def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    degree = int(params["degree"])
-    n_terms = count_terms(n_features, degree)
-    if n_terms > MAX_TERMS:
+def interaction_factors(
+    n_features: int, first: int, crossed: int, squared: int = 0, by_squares: int | None = None
+) -> Integers:
+    """Features that each term (n_terms, 2 or 3) multiplies, filled up with `n_features`.
+
+    Every feature by itself, then each of the first `crossed` times each of the `first`, once. Then
+    each of the first `by_squares`, by default `crossed`, times the square of each of the first
+    `squared`.
+    """
+    alone = [(i, n_features) for i in range(n_features)]
+    products = [(i, j) for j in range(first) for i in range(j, crossed)]
+    factors = np.array(alone + products, dtype=np.int64)
+    if not squared:
+        return factors
+    filled = np.column_stack([factors, np.full(len(factors), n_features)])
+    cubes = [(i, j, j) for j in range(squared)
+             for i in range(crossed if by_squares is None else by_squares)]  # fmt: skip
+    return np.vstack([filled, np.array(cubes, dtype=np.int64)])
+
+
+def of_degree(degree: int) -> Params:
+    """Give the parameters of a polynomial of all products up to a degree."""
+    return {"degree": degree, "ridge": False, **dict.fromkeys(INTERACTIONS, 0)}
+
+
+def factors_of(params: Params, n_features: int) -> Integers:
+    """Features that each term multiplies (n_terms, order), `n_features` for none.
+
+    Raises CalibrationError for more terms than there may be, or products of features not there.
+    """
+    if not params["ridge"]:
+        degree = int(params["degree"])
+        n_terms = count_terms(n_features, degree)
+        if n_terms > MAX_TERMS:
+            raise CalibrationError(
+                f"a polynomial of degree {degree} in {n_features} features has {n_terms} "
+                f"terms, more than {MAX_TERMS}; choose fewer features"
+            )
+        return polynomial_factors(n_features, max(degree, 1))[:n_terms]
+    first, crossed, squared, by_squares = (int(params[name]) for name in INTERACTIONS)
+    n_products = first * crossed + squared * by_squares
+    fits = max(first, squared, by_squares) <= crossed <= n_features
+    if not fits or n_products > MAX_TERMS:
         raise CalibrationError(
-            f"a polynomial of degree {degree} in {n_features} features has {n_terms} "
-            f"terms, more than {MAX_TERMS}; choose fewer features"
+            f"interactions of the first {crossed} features with {first}, and the squares of "
+            f"{squared}, are asked for; it must be at most {n_features}, as many or more than "
+            f"those, and {MAX_TERMS} products"
         )
-    return linear_shapes(n_features, n_terms, n_outputs)
+    return interaction_factors(n_features, first, crossed, squared, by_squares)
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int) -> Memory:
-    return pack_terms(arrays, polynomial_factors(n_features, int(params["degree"])))
-
-
-def linear_shapes(n_features: int, n_terms: int, n_outputs: int) -> dict[str, Shape]:
-    """Shapes of the arrays of a model that is linear in `n_terms` products of features."""
+def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
     return {
         "mean": (n_features,),
         "inverse_scale": (n_features,),
-        "coef": (n_terms, n_outputs),
+        "coef": (len(factors_of(params, n_features)), n_outputs),
         "intercept": (n_outputs,),
     }
 
 
-def pack_terms(arrays: Mapping[str, Array], factors: Integers) -> Memory:
-    """Memory of the row for the arrays of `linear_shapes` and `factors` (n_terms, degree)."""
-    coef = padded(arrays["coef"])
+def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int) -> Memory:
+    factors, coef = factors_of(params, n_features), padded(arrays["coef"])
+    if not len(factors):  # of a constant: C has no arrays without elements
+        factors, coef = np.array([[n_features]]), np.zeros((1, coef.shape[1]))
     return LAYOUT.pack(
         **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"][None])[0]},
         factors=factors,
-        scaled=np.append(np.zeros(len(arrays["mean"])), 1.0),
+        scaled=np.append(np.zeros(n_features), 1.0),
         terms=np.zeros(len(factors)),
         total=np.zeros(coef.shape[1]),
     )
 
 
+def _specialised(params: Params) -> dict[str, Any]:
+    """Decide the target: a constant is the offset of an error."""
+    is_constant = not params["degree"] and not params["ridge"]
+    return {"targets": ("error",)} if is_constant else {}
+
+
 FAMILY: Final = Family(
     "polynomial",
-    rules={"degree": integer(1, MAX_DEGREE)},
+    rules={
+        "degree": integer(0, MAX_DEGREE),
+        "ridge": one_of(False, True),
+        **{name: integer(0, MAX_TERMS) for name in INTERACTIONS},
+    },
     shapes=_shapes,
     pack=_pack,
     row=polynomial_row,
+    specialise=_specialised,
 )

@@ -112,7 +112,7 @@ def _linear(
         "coef": np.ascontiguousarray(np.concatenate(coefs).T * target_scale),
         "intercept": target_mean + target_scale * np.concatenate(intercepts),
     }
-    return EstimatorData(polynomial.FAMILY.name, {"degree": 1}, arrays)
+    return EstimatorData(polynomial.FAMILY.name, polynomial.of_degree(1), arrays)
 
 
 def _network(part: _Scaled, target_mean: Array, target_scale: Array) -> EstimatorData | None:
