@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from truejoint.estimators.registry import estimator_names
-from truejoint.studies.table import _rows, reported
+from truejoint.studies.paper_tables import _rows, reported
 
 PRINTED = {
     ("2", "trajectory 28", "lsm"): (1.45, -1.08, 0.57),

@@ -58,6 +58,14 @@ def _study(name: str, title: str, source: str, *options: Option, version: int = 
     )
 
 
+def _population(name: str, title: str, source: str, *options: Option) -> Study:
+    """Study of methods on so many specimens, one module by other options."""
+    homing = Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]")
+    module = "truejoint.studies.forceps.population"
+    return Study(f"forceps-{name}", title, source, module, (*options, _DIRECTIONS, homing), 4)
+
+
+_WEIGHTS: Final = replace(_MASSES, meaning="weights [g]; 0: none")
 _RAVENS: Final = Option(
     "specimens", ("nominal", "peng2024"), "shipped ones, or TOML files of your own",
     small=("peng2024",),
@@ -237,7 +245,7 @@ _REAL: Final = (
                 (
                     "linear", "poly2", "dnn", "poly2_ridge", "linear_trees",
                     "rich_play", "rich_trees", "coupled_play", "gp", "gru", "tcn",
-                    "ukf_elastic", "hybrid",
+                    "ukf_elastic", "hybrid", "auto",
                 ),
                 "columns of the table, any of -e", small=("linear", "poly2", "dnn", "rich_play"),
             ),
@@ -265,32 +273,21 @@ _FORCEPS: Final = (
         _SPECIMEN, _DIRECTIONS, Option("masses_g", (50.0, 100.0, 200.0), "weights [g]"), _CHOICES,
         version=2,
     ),
-    _study(
-        "population", "Does it hold on other specimens? Every method on each",
-        "yan2020, Table 2",
+    _population(
+        "population", "Does it hold on other specimens? Every method on each", "yan2020, Table 2",
         _drawn(100, 10),
-        replace(_FRICTIONS, default="lugre"),
-        Option("homing_um", 0.0, "standard deviation of the cables' zeros between runs [um]"),
+        replace(_FRICTIONS, default="lugre"), replace(_CALIBRATED, default="calibration"),
+        replace(_WEIGHTS, default=(0.0,)),
         _UNLOADED,
-        version=2,
     ),
-    _study(
-        "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?",
-        "",
-        _drawn(100, 4),
-        _FRICTIONS,
-        _CALIBRATED,
-        _MASSES, _DIRECTIONS,
+    _population(
+        "mixed", "Does it hold with other frictions and sizes, unloaded and under weights?", "",
+        _drawn(100, 4), _FRICTIONS, _CALIBRATED, _WEIGHTS,
         _methods("ukf_compensated", "play_reset", "play_both", "play_gated"),
-        version=3,
     ),
     _study(
         "load", "How heavy is what hangs on the jaw? Dead band and stiffness",
         "", _SPECIMEN, _COUNT, _FRICTIONS, _CALIBRATED, _MASSES, _DIRECTIONS, version=3,
-    ),
-    _study(
-        "physical", "Does friction in physical parameters make a better filter?",
-        "yan2020, (10) and (11)", _SPECIMEN, _COUNT, _FRICTIONS, _CALIBRATED, _MASSES, _DIRECTIONS,
     ),
     _study(
         "rezero", "What does a wrong zero after homing cost, and can it be found?",

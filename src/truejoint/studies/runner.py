@@ -17,7 +17,7 @@ from importlib.metadata import version
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -25,43 +25,48 @@ from truejoint.errors import StudyError, TruejointError
 from truejoint.files import write_atomically
 from truejoint.studies.catalogue import get_study
 from truejoint.studies.cluster import on_cluster
-from truejoint.studies.study import Part, PartResult, Settings, Study, Summary
+from truejoint.studies.study import Part, PartResult, Results, Settings, Study, Summary
 from truejoint.summary import json_values
 from truejoint.threads import one_thread
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 Outcome = tuple[Part, PartResult | TruejointError]
 
 _POOLS: Final = 3  # how often workers may die before it is given up
-_NUMBERS: Final = "numbers"
+_ROWS: Final = "rows"
 _DIGEST: Final = 32  # bytes of a SHA-256
 _ARRAY: Final = "array/"
 
 
 @dataclass(frozen=True, eq=False)
 class StudyResult:
-    """A study that was run; `computed` tells how many of `parts`, by key, were not kept before.
+    """A study that was run: its parts by key, and the tidy `rows` of all of them.
+
+    `computed` is the number of parts that were not stored before.
 
     Examples
     --------
-    >>> study = get_study("forceps-unloaded")
-    >>> StudyResult(study, study.settings("small"), {}, Summary(), 0).to_dict()["study"]
-    'forceps-unloaded'
+    >>> result = run_study("forceps-rezero", {"shifts_um": "20"})  # doctest: +SKIP
+    >>> result.rows.groupby("method").rms.median()  # doctest: +SKIP
     """
 
     study: Study
     settings: Settings
     parts: Mapping[str, PartResult]
+    rows: DataFrame
     summary: Summary
     computed: int
 
     def to_dict(self) -> dict[str, Any]:
-        """JSON values: settings, claims and tables for a person, numbers of every part in SI."""
+        """JSON values: settings, claims and tables for a person, rows of every part in SI."""
         return {
             "study": self.study.name,
             "settings": self.settings.to_dict(),
             "claims": [{**vars(c), "verdict": c.verdict} for c in self.summary.claims],
             "tables": [vars(table) for table in self.summary.tables],
-            "parts": json_values({key: part.numbers for key, part in self.parts.items()}),
+            "parts": json_values({key: part.rows for key, part in self.parts.items()}),
         }
 
 
@@ -110,26 +115,27 @@ def run_study(
     Examples
     --------
     >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
-    >>> error = result.parts["unloaded"].numbers["verification"]["play_gated"]["rms"]
-    >>> print(f"{error:.5f} rad")
+    >>> rms = result.rows.set_index(["motion", "method"]).rms
+    >>> print(f"{rms['verification', 'play_gated']:.5f} rad")
     0.00061 rad
     """
     chosen = get_study(study) if isinstance(study, str) else study
     settings = chosen.settings(preset, seed, options)
     if jobs < 1:
         raise StudyError(f"{jobs} jobs; give 1 or more")
+    parts = chosen.parts(settings)
     with TemporaryDirectory() as temporary:
-        files = {
-            part: part_file(Path(folder or temporary) / "parts", chosen, part)
-            for part in chosen.parts(settings)
-        }  # fmt: skip
-        missing = [part for part, file in files.items() if read_part(file) is None]
+        place = Path(folder or temporary) / "parts"
+        files = {part.key: part_file(place, chosen, part) for part in parts}
+        if not len(files) == len(parts) > 0:
+            raise StudyError(f"{chosen.name}: no parts, or two of one key")
+        missing = [part for part in parts if read_part(files[part.key]) is None]
         failed = []
         for count, (part, result) in enumerate(_computed(missing, jobs, cluster), 1):
             if isinstance(result, TruejointError):
                 failed.append((part.key, result))
             else:
-                write_part(files[part], result)
+                write_part(files[part.key], result)
             if progress is not None:
                 progress(count / len(missing))
         if failed:
@@ -137,12 +143,12 @@ def run_study(
             key, error = failed[0]
             raise StudyError(f"{chosen.name}: part {key} failed{others}: {error}")
         # Read back even if computed just now, so that no result depends on when it was computed.
-        parts = {part.key: read_part(file) for part, file in files.items()}
-    results = {key: part for key, part in parts.items() if part is not None}
-    if not len(results) == len(files) > 0:
-        what = "no parts, two of one key, or one that cannot be read back"
-        raise StudyError(f"{chosen.name}: {what}")
-    return StudyResult(chosen, settings, results, chosen.summarise(settings, results), len(missing))
+        stored = {key: read_part(file) for key, file in files.items()}
+    results = {key: part for key, part in stored.items() if part is not None}
+    if len(results) < len(parts):
+        raise StudyError(f"{chosen.name}: a part cannot be read back")
+    every = Results.of(settings, parts, results)
+    return StudyResult(chosen, settings, results, every.rows, chosen.summarise(every), len(missing))
 
 
 def _computed(parts: Sequence[Part], jobs: int, cluster: str | None) -> Iterator[Outcome]:
@@ -155,18 +161,18 @@ def _computed(parts: Sequence[Part], jobs: int, cluster: str | None) -> Iterator
     if min(jobs, len(parts)) <= 1:
         yield from map(compute, parts)
         return
-    left = list(parts)
+    remaining = list(parts)
     for _ in range(_POOLS):
         try:
-            for part, result in _pooled(left, jobs):
-                left = [other for other in left if other.key != part.key]
+            for part, result in _pooled(remaining, jobs):
+                remaining = [other for other in remaining if other.key != part.key]
                 yield part, result
         except BrokenProcessPool:
             continue
         return
     raise StudyError(
-        f"workers died {_POOLS} times with {len(left)} parts left; is memory short? Run it again "
-        "with fewer --jobs: what is done is kept"
+        f"workers died {_POOLS} times with {len(remaining)} parts left; is memory short? Run it "
+        "again with fewer --jobs: what is done is kept"
     )
 
 
@@ -187,9 +193,10 @@ def compute(part: Part) -> Outcome:
     """Compute a part with one thread, wherever it is; an error of the caller's is an outcome."""
     try:
         with one_thread():
-            return part, part.compute(**part.arguments)
+            result = part.compute(**part.arguments)
     except TruejointError as error:
         return part, error
+    return part, result if isinstance(result, PartResult) else PartResult(result)
 
 
 def part_file(folder: Path, study: Study, part: Part) -> Path:
@@ -202,9 +209,9 @@ def part_file(folder: Path, study: Study, part: Part) -> Path:
 def write_part(path: Path, result: PartResult) -> None:
     """Write a part whole or not at all; raises RecordingError or OSError where it cannot."""
     content = io.BytesIO()
-    numbers = np.frombuffer(json.dumps(result.numbers).encode(), np.uint8)
+    rows = np.frombuffer(json.dumps(list(result.rows)).encode(), np.uint8)
     arrays = {_ARRAY + name: values for name, values in result.arrays.items()}
-    np.savez(content, allow_pickle=False, **{_NUMBERS: numbers}, **arrays)
+    np.savez(content, allow_pickle=False, **{_ROWS: rows}, **arrays)
     write_bytes(path, hashlib.sha256(content.getvalue()).digest() + content.getvalue())
 
 
@@ -216,7 +223,7 @@ def read_part(path: Path) -> PartResult | None:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = {name.removeprefix(_ARRAY): archive[name] for name in archive.files}
-    return PartResult(json.loads(arrays.pop(_NUMBERS).tobytes()), arrays)
+    return PartResult(json.loads(arrays.pop(_ROWS).tobytes()), arrays)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

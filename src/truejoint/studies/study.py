@@ -6,7 +6,7 @@ Nothing heavy is imported here, so that studies can be listed and completed at o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
@@ -15,6 +15,7 @@ from truejoint.errors import StudyError, unknown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+    from pandas import DataFrame
 
     from truejoint.drawing import Figure
     from truejoint.recordings import Recording
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
 Scalar = int | float | str
 Value = Scalar | tuple[Scalar, ...]
 Preset = Literal["small", "full"]
+Row = Mapping[str, Any]
+"""Flat JSON values by column."""
+Rows = list[Row]
 
 PRESETS: Final = get_args(Preset)
 MAX_SEED: Final = 2**31 - 1
@@ -30,30 +34,32 @@ MAX_SEED: Final = 2**31 - 1
 
 @dataclass(frozen=True)
 class PartResult:
-    """What one part found: `numbers`, JSON values in SI, and `arrays` by name.
+    """Result of one part: tidy `rows`, flat JSON values in SI, and `arrays` by name.
 
     Examples
     --------
-    >>> PartResult({"rms": 0.01}).numbers["rms"]
+    >>> PartResult([{"method": "linear", "rms": 0.01}]).rows[0]["rms"]
     0.01
     """
 
-    numbers: Mapping[str, Any]
+    rows: Sequence[Row]
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A piece of a study that is computed apart from the others, kept and resumed.
+    """A piece of a study that is computed by itself, stored and resumed.
 
     Attributes
     ----------
     key : str
         Its name in the study, which is part of a file's.
     compute : callable
-        Pure function of a module, which another process can import.
+        Pure function of a module, which another process can import: rows, or a `PartResult`.
     arguments : mapping
         What it is called with, JSON values: everything, seeds included, that its result depends on.
+    labels : mapping
+        Columns that its rows get, such as the specimen; the result does not depend on them.
 
     Examples
     --------
@@ -63,8 +69,9 @@ class Part:
     """
 
     key: str
-    compute: Callable[..., PartResult]
+    compute: Callable[..., Rows | PartResult]
     arguments: Mapping[str, Any]
+    labels: Row = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -138,24 +145,57 @@ class Settings:
     def __getitem__(self, option: str) -> Any:
         return self.options[option]
 
+    def check_positive(self, *names: str) -> None:
+        """Raise StudyError naming the first option that is not above 0."""
+        for name in names:
+            if not self[name] > 0:
+                raise StudyError(f"{name}={self[name]}; it must be above 0")
+
+    def check_names(self, kind: str, option: str, choices: Collection[str]) -> None:
+        """Raise StudyError naming the first name in an option that is not one of the choices."""
+        names = self[option]
+        for name in (names,) if isinstance(names, str) else names:
+            if name not in choices:
+                raise StudyError(unknown(kind, name, choices))
+
     def to_dict(self) -> dict[str, Any]:
         """Plain values, options as texts."""
         options = {name: shown(value) for name, value in self.options.items()}
         return {"preset": self.preset, "seed": self.seed, "options": options}
 
 
-def check_counts(settings: Settings, *names: str) -> None:
-    """Raise StudyError naming the first option that is not above 0."""
-    for name in names:
-        if not settings[name] > 0:
-            raise StudyError(f"{name}={settings[name]}; it must be above 0")
+@dataclass(frozen=True, eq=False)
+class Results:
+    """Results of all parts of a study.
 
+    Attributes
+    ----------
+    settings : Settings
+    rows : DataFrame
+        Tidy rows of all parts: the part's key in the column ``part``, its labels, its values in SI.
+    arrays : mapping
+        Arrays of each part by its key.
+    """
 
-def check_names(kind: str, names: Sequence[str], known: Sequence[str]) -> None:
-    """Raise StudyError naming the first of `names` that is not known."""
-    for name in names:
-        if name not in known:
-            raise StudyError(unknown(kind, name, known))
+    settings: Settings
+    rows: DataFrame
+    arrays: Mapping[str, Mapping[str, NDArray[Any]]]
+
+    @classmethod
+    def of(
+        cls, settings: Settings, parts: Sequence[Part], results: Mapping[str, PartResult]
+    ) -> Results:
+        """Put the results of parts, by key, together."""
+        from pandas import DataFrame  # noqa: PLC0415  # a list of studies needs no arithmetic
+
+        rows = [
+            {"part": part.key, **part.labels, **row}
+            for part in parts
+            for row in results[part.key].rows
+        ]
+        return cls(
+            settings, DataFrame(rows), {part.key: results[part.key].arrays for part in parts}
+        )
 
 
 @dataclass(frozen=True)
@@ -231,8 +271,8 @@ class Study:
     source : str
         Paper and table or figure that it repeats; empty for one of ours.
     module : str
-        Where ``parts(settings)``, a sequence of `Part`, and ``summarise(settings, results)``, a
-        `Summary` of `PartResult` by key, are defined.
+        Where ``parts(settings)``, a sequence of `Part`, and ``summarise(results)``, a `Summary` of
+        `Results`, are defined.
     options : tuple of Option
     version : int
         Raised when its parts compute something else from the same arguments.
@@ -261,22 +301,22 @@ class Study:
             raise StudyError(f"no preset {preset!r:.60}; choose one of {', '.join(PRESETS)}")
         if not 0 <= seed <= MAX_SEED:
             raise StudyError(f"seed {seed!r:.60}; it must be 0 to {MAX_SEED}")
-        known = {option.name: option for option in self.options}
+        by_name = {option.name: option for option in self.options}
         values = {
             name: option.small if preset == "small" and option.small else option.default
-            for name, option in known.items()
+            for name, option in by_name.items()
         }
         for name, value in (options or {}).items():
-            if name not in known:
+            if name not in by_name:
                 names = "; ".join(f"{o.name} ({o.meaning})" for o in self.options) or "none"
                 raise StudyError(f"{self.name} has no option {name!r:.60}; it has {names}")
-            values[name] = known[name].parse(value)
+            values[name] = by_name[name].parse(value)
         return Settings(cast("Preset", preset), seed, values)
 
     def parts(self, settings: Settings) -> Sequence[Part]:
         """Parts that the settings ask for; raises StudyError where one cannot be made of them."""
         return cast("Sequence[Part]", import_module(self.module).parts(settings))
 
-    def summarise(self, settings: Settings, results: Mapping[str, PartResult]) -> Summary:
-        """Tables, figures and claims of the results of all parts, by key."""
-        return cast("Summary", import_module(self.module).summarise(settings, results))
+    def summarise(self, results: Results) -> Summary:
+        """Tables, figures and claims of the results of all parts."""
+        return cast("Summary", import_module(self.module).summarise(results))

@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
-from truejoint.crtk import Arm
-from truejoint.crtk.backends.simulated import SimulatedBackend
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel, by_condition, ecdf
 from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
-from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.runtime import Compensator, Corrector, Status
 from truejoint.runtime.loop_gain import check_rate
@@ -24,12 +22,13 @@ from truejoint.simulation.forceps.load import SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
-from truejoint.simulation.twin import Twin, glide, hold
+from truejoint.simulation.twin import glide, hold
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, title_of
-from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import degrees_text
-from truejoint.tables import Table
+from truejoint.studies.loop import TwinSignals, homed_arm
+from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.tables import Table, fixed
 
 OPEN: Final = "open"
 """Stands for no method: the motor is sent where the jaw should be."""
@@ -65,12 +64,13 @@ def parts(settings: Settings) -> Sequence[Part]:
     for number, load in enumerate(loads.values()):
         for method in (OPEN, *common["methods"]):
             case = {"method": method, "load": load, "seconds": seconds, **how}
-            found.append(Part(f"{number}-{method}", track_28, {**common, **case}))
+            labels = {"number": number, "load": list(loads)[number], "method": method}
+            found.append(Part(f"{number}-{method}", track_28, {**common, **case}, labels))
     motion = {"methods": common["methods"], "mass": settings["mass_g"] / 1e3, **how}
     for n, plant in enumerate(plants):
         own = {"forceps": plant.to_dict(), "number": n}
         some = {**own, **motion, "seconds": min(seconds, _A_PERIOD)}
-        found.append(Part(f"specimen-{n:05d}", track_specimen, some))
+        found.append(Part(f"specimen-{n:05d}", track_specimen, some, {"specimen": n}))
         rests = {**own, **how, "method": common["methods"][-1]}
         found.append(Part(f"margin-{n:05d}", try_margins, rests))
     return found
@@ -95,21 +95,6 @@ def lag(plant: ForcepsParameters) -> float:
     return plant.motor_loop.damping_ratio / (math.pi * plant.motor_loop.bandwidth)
 
 
-class _Heard:
-    """Jaw angles that an arm on a twin tells: of the reference encoder, and exact."""
-
-    def __init__(self, arm: Arm) -> None:
-        self.reference: list[Array] = []
-        self.exact: list[Array] = []
-        arm.subscribe(self)
-
-    def __call__(self, block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, TruthBlock):
-            self.reference.append(block.position[:, 0])
-        else:
-            self.exact.append(block.extra["truth_exact/jaw"])
-
-
 def follow_jaw(
     plant: ForcepsParameters,
     model: Calibration | None,
@@ -128,12 +113,11 @@ def follow_jaw(
     corrector's steps (k,).
     """
     twin = ForcepsTwin(plant, seed=seed)
-    arm = Arm(SimulatedBackend(cast("Twin", twin)))
-    arm.enable()
-    arm.home()
+    arm = homed_arm(twin)
     start = arm.time
     twin.tip_force = lambda t: load.force(t - start)
-    heard, status = _Heard(arm), np.zeros(0, dtype=np.int64)
+    signals = TwinSignals(arm, ("truth/jaw", "truth_exact/jaw"))
+    status = np.zeros(0, dtype=np.int64)
     if model is None:
         arm.wait(SETPOINT_DT)
         arm.servo_jp_stream(wanted[:, None])
@@ -154,8 +138,7 @@ def follow_jaw(
         compensator.gain *= margin
         compensator.drive(arm, wanted[:, None])
         status = np.array(list(compensator.statuses.elements()), dtype=np.int64)
-    reference, exact = (np.concatenate(found)[1:] for found in (heard.reference, heard.exact))
-    return reference, exact, status
+    return signals.values("truth/jaw")[1:], signals.values("truth_exact/jaw")[1:], status
 
 
 def errors(wanted: Array, followed: tuple[Array, Array, Integers]) -> dict[str, float]:
@@ -204,10 +187,9 @@ def track_28(
     model = None if method == OPEN else m.calibrated(plant, tuple(methods), seed)[method]
     how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * seed + 1}
     followed = follow_jaw(plant, model, wanted, SwingingLoad(*load), **how)
-    thin = slice(None, None, 20)
-    error = (followed[0] - wanted[: len(followed[0])])[thin]
+    error = (followed[0] - wanted[: len(followed[0])])[::20]
     t = SETPOINT_DT * np.arange(len(error)) * 20
-    return PartResult(errors(wanted, followed), {"t": t, "error": error})
+    return PartResult([errors(wanted, followed)], {"t": t, "error": error})
 
 
 def track_specimen(
@@ -218,7 +200,7 @@ def track_specimen(
     gain: float,
     seconds: float,
     number: int,
-) -> PartResult:
+) -> Rows:
     """Track the first `seconds` of (28) on one specimen, unloaded and loaded.
 
     The load shuts the jaw of every other specimen, and opens that of the others.
@@ -228,19 +210,19 @@ def track_specimen(
     models = {OPEN: None, **m.calibrated(plant, tuple(methods), number)}
     how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * number + 1}
     loads = {"none": SwingingLoad(0.0), "steady": SwingingLoad(mass, opens=bool(number % 2))}
-    found: dict[str, Any] = {
-        name: {key: tracked(plant, model, wanted, load, **how) for key, model in models.items()}
+    return [
+        {"load": name, "method": key, **tracked(plant, model, wanted, load, **how)}
         for name, load in loads.items()
-    }
-    return PartResult(found)
+        for key, model in models.items()
+    ]
 
 
-def try_margins(forceps: Plain, method: str, rate: float, gain: float, number: int) -> PartResult:
+def try_margins(forceps: Plain, method: str, rate: float, gain: float, number: int) -> Rows:
     """Try whether the jaw of one specimen comes to rest, at each of `MARGINS` times the gain."""
     plant = built(forceps)
     model = m.calibrated(plant, (method,), number)[method]
     how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * number + 1}
-    return PartResult({"stable": [is_stable(plant, model, margin=x, **how) for x in MARGINS]})
+    return [{"margin": x, "stable": is_stable(plant, model, margin=x, **how)} for x in MARGINS]
 
 
 def is_stable(plant: ForcepsParameters, model: Calibration | None, **how: Any) -> bool:
@@ -257,113 +239,107 @@ def is_stable(plant: ForcepsParameters, model: Calibration | None, **how: Any) -
     return all(rest.std() < SWING and abs(rest.mean()) < _ASTRAY for rest in rests)
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Errors by load and method, their spread over the population, and the margin of stability."""
-    methods = [OPEN, *settings["methods"]]
-    loads = _loads(settings)
-    name = title_of(settings["specimen"])
-    rows = []
-    for number, load in enumerate(loads):
-        cells = [_pair(results[f"{number}-{key}"].numbers) for key in methods]
-        rows.append((load, *cells))
-    header = ("load", *map(_title, methods))
+    settings, rows = results.settings, results.rows
+    methods, name = [OPEN, *settings["methods"]], title_of(settings["specimen"])
+    own, every, margins = (
+        rows[rows[column].notna()] for column in ("number", "specimen", "margin")
+    )
+
+    def pair(key: str) -> Cell:
+        def cell(of_load: DataFrame) -> str:
+            row = select(of_load, method=key)
+            return f"{m.degrees(row)} ({m.degrees(row, 'exact_rms')})"
+
+        return cell
+
     notes = (
         "RMS error in degrees on (28) against the reference encoder that the estimators were "
         "calibrated on, and in brackets against the jaw itself, which the encoder's own error is "
         "part of. Loads are of "
         f"{settings['mass_g']:g} g; the loop runs at {settings['rate_hz']:g} Hz.",
     )
-    tables = [Table(f"Tracking (28), specimen {name}", header, tuple(rows), notes)]
-    every = [r.numbers for key, r in results.items() if key.startswith("specimen-")]
-    margins = [r.numbers["stable"] for key, r in results.items() if key.startswith("margin-")]
-    tables += [_spread(settings, every, methods), _stability(settings, margins)]
-    figures = {"forceps-closed-loop": _figure(settings, results, every, methods)}
-    return Summary(tables, figures)
+    cells = {_title(key): pair(key) for key in methods}
+    tables = (
+        table_of(f"Tracking (28), specimen {name}", own, "load", cells, notes),
+        _spread(settings, every),
+        _stability(settings, margins),
+    )
+    return Summary(tables, {"forceps-closed-loop": _figure(results, own, every, methods)})
 
 
 def _title(method: str) -> str:
-    return "open loop" if method == OPEN else m.METHODS[method].title
+    return "open loop" if method == OPEN else m.title(method)
 
 
-def _pair(found: Mapping[str, float]) -> str:
-    return f"{degrees_text(found['rms'])} ({degrees_text(found['exact_rms'])})"
+def _spread(settings: Settings, every: DataFrame) -> Table:
+    every = every.assign(bar=every.load.map(BARS))
+    loads = {"none": "none", "steady": f"{settings['mass_g']:g} g"}
 
+    def quantile(q: float) -> Cell:
+        return lambda own: fixed(math.degrees(own.rms.quantile(q)), 3)
 
-def _rms(every: Sequence[Mapping[str, Any]], load: str, method: str) -> Array:
-    """RMS errors (n,) [rad], NaN where the loop refused."""
-    return np.array([one[load][method]["rms"] for one in every], dtype=np.float64)
-
-
-def _spread(
-    settings: Settings, every: Sequence[Mapping[str, Any]], methods: Sequence[str]
-) -> Table:
-    rows, refused = [], 0
-    for load, title in (("none", "none"), ("steady", f"{settings['mass_g']:g} g")):
-        for key in methods:
-            rms = _rms(every, load, key)
-            refused += int(np.isnan(rms).sum())
-            quantiles = [degrees_text(float(np.nanquantile(rms, q))) for q in (0.5, 0.95, 1.0)]
-            within = float(np.mean(rms <= math.radians(BARS[load])))
-            rows.append((f"{title}: {_title(key)}", *quantiles, f"{100 * within:.0f} %"))
+    cells: dict[str, Cell] = {"median": quantile(0.5), "95 %": quantile(0.95)}
+    cells["worst"] = quantile(1.0)
+    cells["within"] = lambda own: f"{100 * np.mean(np.degrees(own.rms) <= own.bar):.0f} %"
     notes = (
         "RMS error in degrees against the reference encoder on the first "
-        f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {len(every)} specimens of seed "
-        f"{settings.seed}, prior {settings['prior']}; the last column counts those within "
+        f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {every.specimen.nunique()} specimens "
+        f"of seed {settings.seed}, prior {settings['prior']}; the last column counts those within "
         f"{BARS['none']:g} deg without a load and {BARS['steady']:g} deg with one.",
-        f"Refused, since no set-point takes the jaw where it is wanted: {refused}; not within.",
+        f"Refused, since no set-point takes the jaw where it is wanted: {every.rms.isna().sum()}; "
+        "not within.",
     )
-    header = ("load: loop", "median", "95 %", "worst", "within")
-    return Table("Tracking over the population", header, tuple(rows), notes)
+    return table_of(
+        "Tracking over the population", every.sort_values("load", kind="stable"),
+        ["load", "method"], cells, notes,
+        names=lambda load, method: f"{loads[load]}: {_title(method)}", head="load: loop",
+    )  # fmt: skip
 
 
-def _stability(settings: Settings, stable: Sequence[Sequence[bool]]) -> Table:
-    rows = tuple(
-        (f"{margin:g} x", f"{100 * share:.0f} %")
-        for margin, share in zip(MARGINS, np.mean(stable, axis=0), strict=True)
-    )
+def _stability(settings: Settings, margins: DataFrame) -> Table:
     notes = (
         f"Specimens of the population on which {_title(settings['methods'][-1])} in the loop bring "
         f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "
         f"less than {math.degrees(SWING):g} deg RMS, after steps of up to 30 deg.",
     )
-    return Table("Margin of stability", ("gain", "stable"), rows, notes)
+    cells: dict[str, Cell] = {"stable": lambda own: f"{100 * own.stable.mean():.0f} %"}
+    return table_of("Margin of stability", margins, "margin", cells, notes,
+                    names="{:g} x".format, head="gain")  # fmt: skip
 
 
-def _figure(
-    settings: Settings,
-    results: Mapping[str, PartResult],
-    every: Sequence[Mapping[str, Any]],
-    methods: Sequence[str],
-) -> Figure:
-    colours = {OPEN: "0.6", **{key: m.METHODS[key].colour for key in methods[1:]}}
-    loads = list(_loads(settings))
+def _figure(results: Results, own: DataFrame, every: DataFrame, methods: Sequence[str]) -> Figure:
+    settings = results.settings
+    colours = {OPEN: "0.6", **{key: m.METHODS[key].colour or "0.7" for key in methods[1:]}}
+    titles = {_title(key): colour for key, colour in colours.items()}
 
-    def panel(number: int) -> Panel:
+    def over_time(number: int) -> Panel:
+        of_load = select(own, number=number)
         curves = []
-        for key in methods:
-            found = results[f"{number}-{key}"].arrays
-            error = np.degrees(found["error"])
-            curves.append(Curve(found["t"], error, _title(key), colours[key]))
-        title = f"specimen {title_of(settings['specimen'])}, load {loads[number]}"
+        for row in of_load.itertuples():
+            arrays, look = results.arrays[row.part], (_title(row.method), colours[row.method])
+            curves.append(Curve(arrays["t"], np.degrees(arrays["error"]), *look))
+        title = f"specimen {title_of(settings['specimen'])}, load {of_load.load.iloc[0]}"
         return Panel(curves, "time [s]", "jaw minus wanted [deg]", title)
 
-    swings = settings["swings_hz"]
-    first = len(loads) - len(swings)
-    swinging, spread = [], []
-    for key in methods:
-        rms = [results[f"{first + i}-{key}"].numbers["rms"] for i in range(len(swings))]
-        swinging.append(Curve(swings, np.degrees(rms), _title(key), colours[key], "o-"))
-        rms_there = _rms(every, "steady", key)
-        error = np.sort(np.degrees(rms_there[np.isfinite(rms_there)]))
-        below = np.arange(1, len(error) + 1) / len(every)
-        spread.append(Curve(error, below, _title(key), colours[key], width=1.2))
+    first = own.number.nunique() - len(settings["swings_hz"])
+    rates = dict(enumerate(settings["swings_hz"], first))
+    swinging, steady = (
+        rows.assign(name=rows.method.map(_title), rate=rows.number.map(rates))
+        for rows in (select(own, number=rates), select(every, load="steady").dropna(subset="rms"))
+    )
+    look: dict[str, Any] = {"scale": np.degrees(1.0), "colours": titles}
     panels = (
-        (panel(0), panel(1)),
+        (over_time(0), over_time(1)),
         (
-            Panel(swinging, "load swings at [Hz]", "RMS error [deg]", "a load that swings", "xy"),
-            Panel(
-                spread, "RMS error [deg]", "share of specimens below",
-                f"population, {settings['mass_g']:g} g", "x",
+            by_condition(
+                swinging, "rate", "rms", "name", x="load swings at [Hz]", y="RMS error [deg]",
+                title="a load that swings", log="xy", **look,
+            ),
+            ecdf(
+                steady, "rms", "name", x="RMS error [deg]", y="share of specimens [%]",
+                title=f"population, {settings['mass_g']:g} g", log="x", **look,
             ),
         ),
     )  # fmt: skip

@@ -8,6 +8,7 @@ from itertools import product
 from typing import Any, Final, cast
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
@@ -22,7 +23,8 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
-from truejoint.studies.study import Part, PartResult, Settings, Summary
+from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
 
@@ -34,16 +36,20 @@ _CYCLES: Final = 3
 LEVEL: Final = 1.645
 """Deviations on either side that hold 90 % of a normal distribution."""
 _ESTIMATES: Final = {"assumed": "K_d assumed", "identified": "K_d identified"}
-_CASES: Final = ("unloaded", "along", "opposing")
+UNLOADED, SLACK, PAPER = "unloaded", "slack", "paper"
+"""Cases beside the weights: none, one that slackens the drive cable, and the paper's filter."""
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
     hung, motion = list(cases(settings).values()), settings["motion"]
     return [
-        Part(name, weigh, {"forceps": plant, "seed": seed, "motion": motion, "hung": hung})
+        Part(
+            name, weigh, {"forceps": plant, "seed": seed, "motion": motion, "hung": hung},
+            {"specimen": name},
+        )
         for name, plant, seed in drawn_specimens(settings)
-    ]
+    ]  # fmt: skip
 
 
 def signals(recording: Recording) -> tuple[Array, Array]:
@@ -91,200 +97,198 @@ def rocking_test(mass: float, way: str) -> LoadTest:
     return LoadTest(mass, cast("Any", way), speed=speed, **quick, end=end, rock=ROCK)
 
 
-def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> PartResult:
-    """Find the stiffness of a specimen by known weights, and estimate others on it."""
+def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> Rows:
+    """Identify the stiffness of a specimen by known weights, and estimate others on it."""
     plant = built(forceps)
-    assumed, known = unloaded_filter(plant, seed, motion), []
+    assumed, loads = unloaded_filter(plant, seed, motion), []
     for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, ("along", "opposing"))):
         test = rocking_test(mass, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
         hangs = within(run.t, *test.phases["IV"])
         torque = np.where(hangs, run.column("truth_load/jaw"), np.nan)
         if float(np.nanmax(torque)) <= slack_torque(plant, test.angle - test.rock):
-            known.append((*signals(run), torque))
-    X, dt, torque = (np.concatenate(columns) for columns in zip(*known, strict=True))
-    found = identify_stiffness(assumed, X, torque, dt)
-    identified = assumed.with_stiffness(found)
-    weighed, slack = [], []
-    judged: dict[str, list[dict[str, float]]] = {}
+            loads.append((*signals(run), torque))
+    X, dt, torque = (np.concatenate(columns) for columns in zip(*loads, strict=True))
+    stiffness = identify_stiffness(assumed, X, torque, dt)
+    identified = assumed.with_stiffness(stiffness)
+    common = {
+        **vars(stiffness),
+        "true_stiffness": effective_stiffness(plant),
+        "friction": identified.jaw_friction,
+        "true_friction": hidden_friction(plant),
+        "arm": plant.jaw.load_arm,
+    }
+    rows: Rows = []
     for case in hung:
         test = load_test(case["mass"], case["direction"])
         run = record(plant, test, seed=case["hand"])
         still = within(run.t, *test.phases["IV"])
+        labels = {**common, "mass": case["mass"], "direction": case["direction"]}
         if float(run.column("truth_load/jaw")[still].mean()) > slack_torque(plant, test.angle):
-            slack.append(case)
+            rows.append({**labels, "case": SLACK})
             continue
-        own = _judged(identified, run, still)
-        judged.setdefault(case["direction"], []).append(own)
         tried = assumed.states(*signals(run)).load[still]
-        weighed.append({**case, **own, "assumed": float(tried.mean())})
+        judged = {"case": case["direction"], "assumed": float(tried.mean())}
+        rows.append({**labels, **judged, **_judged(identified, run, still)})
     run = settled(record(plant, "verification", seed=2 * seed + 1))
-    paper = _paper_filter(plant, seed, motion, run)
-    judged["unloaded"] = [_judged(identified, run, np.isfinite(run.column("truth/jaw")))]
-    return PartResult(
-        {
-            **vars(found),
-            "true_stiffness": effective_stiffness(plant),
-            "friction": identified.jaw_friction,
-            "true_friction": hidden_friction(plant),
-            "arm": plant.jaw.load_arm,
-            "weighed": weighed,
-            "slack": slack,
-            "judged": judged,
-            "paper": paper,
-        }
-    )
+    judged = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
+    rows.append({**common, "case": UNLOADED, **judged})
+    rows.append({**common, "case": PAPER, **_paper_filter(plant, seed, motion, run)})
+    return rows
 
 
 def _paper_filter(
     plant: ForcepsParameters, seed: int, motion: str, run: Recording
 ) -> dict[str, float]:
-    """How the covariance of yan2020's filter stands to its errors (NEES) and innovations (NIS)."""
+    """Compare the covariance of yan2020's filter with its errors (NEES) and innovations (NIS)."""
     recording = settled(record(plant, motion, seed=2 * seed))
     model = cast("JawFilter", calibrate(recording, JawFilter(compensated=True)).model)
     X, dt = signals(run)
-    known = np.isfinite(run.column("truth/jaw"))
+    has_truth = np.isfinite(run.column("truth/jaw"))
     states = model.states(X, dt)
-    error = (model.evaluate(X, dt)[:, 0] - run.column("truth/jaw"))[known]
-    ratio = error / np.sqrt(states.P[known, 0, 0])
+    error = (model.evaluate(X, dt)[:, 0] - run.column("truth/jaw"))[has_truth]
+    ratio = error / np.sqrt(states.P[has_truth, 0, 0])
     return {
         "angle_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
         "angle_nees": float(np.mean(ratio**2)),
-        "nis": float(np.nanmean(states.nis[known])) / 2.0,  # of two measurements
+        "nis": float(np.nanmean(states.nis[has_truth])) / 2.0,  # of two measurements
     }
 
 
-def _judged(model: FrictionFilter, run: Recording, rows: Mask) -> dict[str, float]:
+def _judged(model: FrictionFilter, run: Recording, chosen: Mask) -> dict[str, float]:
     """Load and angle of some rows of a run, and how they stand to what is stated of them."""
     states = model.states(*signals(run))
     load = states.load - run.column("truth_load/jaw")
     angle = states.angle - run.column("truth/jaw")
     pairs = {"load": (load, states.load_deviation), "angle": (angle, states.angle_deviation)}
     found = {
-        "torque": float(run.column("truth_load/jaw")[rows].mean()),
-        "identified": float(states.load[rows].mean()),
-        "stated": LEVEL * float(states.load_deviation[rows].mean()),
+        "torque": float(run.column("truth_load/jaw")[chosen].mean()),
+        "identified": float(states.load[chosen].mean()),
+        "stated": LEVEL * float(states.load_deviation[chosen].mean()),
     }
     for name, (error, deviation) in pairs.items():
-        ratio = (error / deviation)[rows]
+        ratio = (error / deviation)[chosen]
         found |= {
-            f"{name}_rms": float(np.sqrt(np.mean(error[rows] ** 2))),
+            f"{name}_rms": float(np.sqrt(np.mean(error[chosen] ** 2))),
             f"{name}_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
             f"{name}_nees": float(np.mean(ratio**2)),
         }
     return found
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """List the loads of the first specimen, and errors and coverage over all."""
-    numbers = [result.numbers for result in results.values()]
-    first = next(iter(results))
-    tables = (_weights(first, numbers[0]), _population(settings, numbers))
-    return Summary(tables, {"forceps-load": _figure(numbers)})
+    rows = results.rows
+    weighed = select(rows, case=("along", "opposing"))
+    first = rows.specimen.iloc[0]
+    tables = (_weights(select(rows, specimen=first)), _population(results.settings, rows, weighed))
+    return Summary(tables, {"forceps-load": _figure(weighed)})
 
 
-def _grams(numbers: Mapping[str, Any], torque: float) -> float:
-    return 1e3 * torque / (GRAVITY * float(numbers["arm"]))
+def grams(rows: Any, torque: Any) -> Any:
+    """Weight [g] at the tip of a specimen's jaw that has a torque [Nm]."""
+    return 1e3 * torque / (GRAVITY * rows.arm)
 
 
-def _weights(name: str, found: Mapping[str, Any]) -> Table:
+def _weights(rows: DataFrame) -> Table:
     """Each weight as it is, as it is estimated, and what is stated of it."""
-    rows = []
-    for case in found["weighed"]:
-        torques = [case[key] for key in ("torque", *_ESTIMATES, "stated")]
-        cells = [f"{fixed(1e3 * v, 1)} ({fixed(_grams(found, v), 0)})" for v in torques]
-        load = f"{1e3 * case['mass']:.0f} g {case['direction']}"
-        rows.append((load, *cells, f"{100 * case['load_inside']:.0f} %"))
-    friction = [_text(found, 2.0 * found[key]) for key in ("friction", "true_friction")]
+    weighed, slack = select(rows, case=("along", "opposing")), select(rows, case=SLACK)
+    one = rows.iloc[0]
+
+    def torque(column: str) -> Cell:
+        return lambda own: _torque(own.iloc[0], own[column].iloc[0])
+
+    cells: dict[str, Cell] = {
+        "true": torque("torque"),
+        **{title: torque(key) for key, title in _ESTIMATES.items()},
+        "stated 90 %": torque("stated"),
+        "inside": lambda own: f"{100 * own.load_inside.iloc[0]:.0f} %",
+    }
+    friction, true_friction = (
+        f"{1e3 * value:.1f} mNm ({grams(one, value):.0f} g)"
+        for value in (2.0 * one.friction, 2.0 * one.true_friction)
+    )
     notes = [
-        f"Torque in mNm (grams at {1e3 * found['arm']:.1f} mm), still under the weight. Identified"
+        f"Torque in mNm (grams at {1e3 * one.arm:.1f} mm), still under the weight. Identified"
         f" with {', '.join(f'{1e3 * mass:.0f}' for mass in CALIBRATION_WEIGHTS)} g each way, "
         "but where the drive cable is slack: "
-        f"K_d = {found['drive_stiffness'] / 1e3:.1f} +- {found['deviation'] / 1e3:.1f} kN/m, "
-        f"growing by {found['growth']:.0f} N/m per N; cable and gear have "
-        f"{found['true_stiffness'] / 1e3:.1f}.",
-        f"Dead band: up to {friction[0]} against the last motion may not show, since the jaw's "
-        f"friction holds them; in truth {friction[1]}.",
+        f"K_d = {one.drive_stiffness / 1e3:.1f} +- {one.deviation / 1e3:.1f} kN/m, "
+        f"growing by {one.growth:.0f} N/m per N; cable and gear have "
+        f"{one.true_stiffness / 1e3:.1f}.",
+        f"Dead band: up to {friction} against the last motion may not show, since the jaw's "
+        f"friction holds them; in truth {true_friction}.",
     ]
-    if found["slack"]:
-        left = ", ".join(f"{1e3 * c['mass']:.0f} g {c['direction']}" for c in found["slack"])
-        notes.append(f"Left out, since the drive cable is slack under it: {left}.")
-    header = ("load", "true", *_ESTIMATES.values(), "stated 90 %", "inside")
-    return Table(f"External load, {name}", header, tuple(rows), tuple(notes))
+    if len(slack):
+        names = ", ".join(f"{1e3 * row.mass:.0f} g {row.direction}" for row in slack.itertuples())
+        notes.append(f"Left out, since the drive cable is slack under it: {names}.")
+    named = weighed.assign(load=(1e3 * weighed.mass).map("{:.0f} g ".format) + weighed.direction)
+    return table_of(f"External load, {one.specimen}", named, "load", cells, notes)
 
 
-def _text(found: Mapping[str, Any], torque: float) -> str:
-    return f"{1e3 * torque:.1f} mNm ({_grams(found, torque):.0f} g)"
+def _torque(row: Any, torque: float) -> str:
+    return f"{fixed(1e3 * torque, 1)} ({fixed(grams(row, torque), 0)})"
 
 
-def errors_in_grams(found: Mapping[str, Any], way: str) -> float:
-    """RMS [g] of what the mean estimate is off by, over the weights one way; NaN without any."""
-    off = [c["identified"] - c["torque"] for c in found["weighed"] if c["direction"] == way]
-    return _grams(found, math.sqrt(float(np.mean(np.square(off))))) if off else math.nan
+def errors_in_grams(weighed: DataFrame, way: str) -> Array:
+    """RMS [g] of what the mean estimate is off by, over the weights one way, by specimen."""
+    own = select(weighed, direction=way)
+    square = grams(own, own.identified - own.torque) ** 2
+    return np.sqrt(square.groupby(own.specimen, sort=False).mean().to_numpy())
 
 
-def floor_in_grams(found: Mapping[str, Any]) -> float:
-    """RMS [g] of an estimate that sees all but what friction may hide: 0 to twice its size."""
-    return _grams(found, 2.0 * float(found["true_friction"]) / math.sqrt(3.0))
-
-
-def _population(settings: Settings, numbers: Sequence[Mapping[str, Any]]) -> Table:
+def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Table:
     """Quantiles over the specimens, and how often what is stated holds."""
-    stiffness = np.array(
-        [100.0 * (n["drive_stiffness"] / n["true_stiffness"] - 1) for n in numbers]
-    )
+    one = rows.drop_duplicates("specimen")
+    stiffness = 100.0 * np.abs(one.drive_stiffness / one.true_stiffness - 1.0)
+    # Of an estimate that sees all but what friction may hide: 0 to twice its size.
+    floor = grams(one, 2.0 * one.true_friction) / math.sqrt(3.0)
+    opposing = errors_in_grams(weighed, "opposing")
     measures = {
-        "stiffness off by [%]": np.abs(stiffness),
-        "load along, RMS [g]": np.array([errors_in_grams(n, "along") for n in numbers]),
-        "load opposing, RMS [g]": np.array([errors_in_grams(n, "opposing") for n in numbers]),
-        "its floor by friction [g]": np.array([floor_in_grams(n) for n in numbers]),
+        "stiffness off by [%]": stiffness,
+        "load along, RMS [g]": errors_in_grams(weighed, "along"),
+        "load opposing, RMS [g]": opposing,
+        "its floor by friction [g]": floor,
     }
-    rows = []
+    body = []
     for label, values in measures.items():
-        known = values[np.isfinite(values)]
-        quantiles = np.quantile(known, [0.5, 0.95, 1.0]) if len(known) else [math.nan] * 3
-        rows.append((label, *(fixed(float(value), 1) for value in quantiles), ""))
-    for kind in ("load", "angle"):
-        for case in _CASES:
-            own = [j for n in numbers for j in n["judged"].get(case, ())]
-            if own:
-                inside = 100.0 * float(np.mean([j[f"{kind}_inside"] for j in own]))
-                nees = float(np.mean([j[f"{kind}_nees"] for j in own]))
-                label = f"stated 90 % of the {kind}, {case}"
-                rows.append((label, "", "", "", f"{inside:.0f} % inside, NEES {nees:.2f}"))
-    paper = {key: np.array([n["paper"][key] for n in numbers]) for key in numbers[0]["paper"]}
+        quantiles = np.quantile(values, [0.5, 0.95, 1.0]) if len(values) else [math.nan] * 3
+        body.append((label, *(fixed(float(value), 1) for value in quantiles), ""))
+    for kind, case in product(("load", "angle"), (UNLOADED, "along", "opposing")):
+        own = select(rows, case=case)
+        if len(own):
+            inside, nees = 100.0 * own[f"{kind}_inside"].mean(), own[f"{kind}_nees"].mean()
+            stated = f"{inside:.0f} % inside, NEES {nees:.2f}"
+            body.append((f"stated 90 % of the {kind}, {case}", "", "", "", stated))
+    paper = select(rows, case=PAPER)
     text = (
-        f"{100 * paper['angle_inside'].mean():.0f} % inside, "
-        f"NEES {paper['angle_nees'].mean():.1f}, "
-        f"NIS per measurement {np.median(paper['nis']):.1f} (median)"
+        f"{100 * paper.angle_inside.mean():.0f} % inside, NEES {paper.angle_nees.mean():.1f}, "
+        f"NIS per measurement {paper.nis.median():.1f} (median)"
     )
-    rows.append(("the same of the paper's filter (26), unloaded", "", "", "", text))
-    floors = measures["its floor by friction [g]"]
-    below = float(np.mean(measures["load opposing, RMS [g]"] <= floors))
-    slack = sum(len(n["slack"]) for n in numbers)
+    body.append(("the same of the paper's filter (26), unloaded", "", "", "", text))
+    below = np.mean(opposing <= floor.to_numpy()) if len(opposing) == len(floor) else math.nan
     notes = (
-        f"{len(numbers)} specimens of seed {settings.seed}. Weights "
+        f"{len(one)} specimens of seed {settings.seed}. Weights "
         f"{', '.join(f'{mass:g}' for mass in settings['masses_g'])} g; still under each. The floor "
         "is of an estimate that sees all but what jaw and guide may hide, evenly from nothing "
         f"to twice its size; opposing is no worse in {100 * below:.0f} %.",
-        f"Stiffness within 5 % in {100 * float(np.mean(np.abs(stiffness) <= 5.0)):.0f} %. "
-        f"Left out, since the drive cable is slack under it: {slack} weights.",
+        f"Stiffness within 5 % in {100 * np.mean(stiffness <= 5.0):.0f} %. "
+        f"Left out, since the drive cable is slack under it: {len(select(rows, case=SLACK))} "
+        "weights.",
     )
     header = ("", "median", "95 %", "worst", "stated")
-    return Table("External load over the specimens", header, tuple(rows), notes)
+    return Table("External load over the specimens", header, tuple(body), notes)
 
 
-def _figure(numbers: Sequence[Mapping[str, Any]]) -> Figure:
+def _figure(weighed: DataFrame) -> Figure:
     panels = []
     for way in ("opposing", "along"):
-        own = [(n, c) for n in numbers for c in n["weighed"] if c["direction"] == way]
-        if not own:
+        own = select(weighed, direction=way)
+        if not len(own):
             continue
-        true = np.array([_grams(n, c["torque"]) for n, c in own])
+        true = grams(own, own.torque)
         curves = [Curve(np.sort(true), np.sort(true), "as it is", "k")]
         for key, label in _ESTIMATES.items():
-            shown = np.array([_grams(n, c[key]) for n, c in own])
-            curves.append(Curve(true, shown, label, style="."))
+            curves.append(Curve(true, grams(own, own[key]), label, style="."))
         panels.append(Panel(curves, "true load [g]", "estimate [g]", f"load {way}"))
     caption = (
         "Each weight while it hangs still. Against the motion the jaw's friction hides part of it, "

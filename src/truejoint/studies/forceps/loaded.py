@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, Final, cast
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
@@ -13,11 +14,10 @@ from truejoint.errors import StudyError
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
-from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import degrees_text, reported, reported_text
-from truejoint.tables import Table
-
-Case = Mapping[str, Any]
+from truejoint.studies.paper_tables import reported, reported_text
+from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.tables import fixed
 
 MAX_DRAWS: Final = 1000
 JUDGED: Final = ("I", "II", "IV")
@@ -34,8 +34,9 @@ def parts(settings: Settings) -> Sequence[Part]:
         raise StudyError(f"draws={draws}; it must be 1 to {MAX_DRAWS}")
     for draw in range(draws):
         for key, case in cases(settings).items():
-            drawn = {**case, "hand": case["hand"] + 100 * draw}
-            found.append(Part(f"{key}-{draw}" if draw else key, hang, {**common, **drawn}))
+            labels = {"mass": case["mass"], "direction": case["direction"], "draw": draw}
+            drawn = {**common, **case, "hand": case["hand"] + 100 * draw}
+            found.append(Part(f"{key}-{draw}" if draw else key, hang, drawn, labels))
     return found
 
 
@@ -57,16 +58,11 @@ def hang(
     plant, test = built(forceps), load_test(mass, direction)
     models = m.calibrated(plant, tuple(methods), seed)
     judged = m.judge(models, record(plant, test, seed=hand))
-    errors = {phase: judged.errors(*test.phases[phase]) for phase in JUDGED}
     still = [judged.exact[m.within(judged.t, *test.phases[phase])].mean() for phase in ("II", "IV")]
-    numbers = {
-        "mass": mass,
-        "direction": direction,
-        "jaw_motion": float(still[1] - still[0]),
-        "released": test.phases["III"],
-        "errors": {key: {phase: errors[phase][key] for phase in JUDGED} for key in models},
-    }
-    return PartResult(numbers, judged.arrays())
+    turn, rows = float(still[1] - still[0]), Rows()
+    for phase in JUDGED:
+        rows += judged.errors(*test.phases[phase], phase=phase, turn=turn)
+    return PartResult(rows, {**judged.arrays(), "released": np.array(test.phases["III"])})
 
 
 def load_test(mass: float, direction: str) -> LoadTest:
@@ -74,86 +70,90 @@ def load_test(mass: float, direction: str) -> LoadTest:
     return LoadTest(mass, cast("Any", direction))
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Table 3 beside the paper's, and figure 9."""
-    name, hung = title_of(settings["specimen"]), [result.numbers for result in results.values()]
-    methods = list(hung[0]["errors"])
-    header = ("load", "paper", *(m.METHODS[key].title for key in methods))
-    by_load: dict[str, list[Case]] = {}
-    for case in hung:
-        by_load.setdefault(f"{1e3 * case['mass']:.0f} g {case['direction']}", []).append(case)
-    medians, spreads, extremes = [], [], []
-    for load, drawn in by_load.items():
-        phases = []
-        for phase in JUDGED:
-            rms = [degrees_text(float(np.median(_rms(drawn, key, phase)))) for key in methods]
-            phases.append([reported_text(_paper(drawn[0], phase).get("rms")), *rms])
-        turns = degrees_text(float(np.median([case["jaw_motion"] for case in drawn])), 2)
-        medians.append((load, turns, *("/".join(one) for one in zip(*phases, strict=True))))
-        there = reported_text(_paper(drawn[0], "IV").get("rms"))
-        spreads.append((load, there, *(_spread(drawn, key) for key in methods)))
-        paper = _paper(drawn[0], "I")
-        there = "/".join(reported_text(paper.get(end)) for end in ("max", "min"))
-        extremes.append((load, there, *(_extremes(drawn, key) for key in methods)))
-    draws = len(hung) // len(by_load)
+    settings, rows = results.settings, results.rows
+    name, methods = title_of(settings["specimen"]), unique(rows, "method")
+    rows = rows.assign(
+        load=[f"{1e3 * a:.0f} g {b}" for a, b in zip(rows.mass, rows.direction, strict=True)]
+    )
+
+    def by_phase(cell: Cell) -> Cell:
+        return lambda own: "/".join(cell(select(own, phase=phase)) for phase in JUDGED)
+
+    def each(cell: Callable[[DataFrame], str]) -> dict[str, Cell]:
+        return {m.title(key): lambda own, key=key: cell(select(own, method=key)) for key in methods}
+
+    draws = rows.draw.nunique()
     notes = (
         "Error in degrees against the reference encoder in phases I, moving / II, still / IV, "
         f"loaded; {draws} draws of the hand that hangs the weight and of the sensors' noise. The "
         "paper's numbers are of its filter; which way it loaded it does not say.",
-        *m.left_out(settings, hung[0]["errors"]),
+        *m.note_left_out(settings, rows),
     )
-    title = f"yan2020 Table 3, specimen {name}"
-    turning = (header[0], "jaw turns", *header[1:])
-    tables = (
-        Table(f"{title}: RMS, median of the draws", turning, tuple(medians), notes),
-        Table(f"{title}: RMS in phase IV, median (least to largest)", header, tuple(spreads)),
-        Table(f"{title}: largest/smallest error in phase I", header, tuple(extremes)),
-    )
-    first = list(results.values())[: len(by_load)]
-    figures = {
-        "forceps-loaded-angles": _angles(first, name),
-        "forceps-loaded": _figure(first, methods, name),
+    title, fourth, first = f"yan2020 Table 3, specimen {name}", {"phase": "IV"}, {"phase": "I"}
+    medians: dict[str, Cell] = {
+        "jaw turns": lambda own: m.degrees(own.drop_duplicates("part"), "turn", 2),
+        "paper": by_phase(_paper("rms")),
+        **each(by_phase(m.degrees)),
     }
-    claims = list(_claims(hung)) if m.PAPERS_BEST in methods else []
+    tables = (
+        table_of(f"{title}: RMS, median of the draws", rows, "load", medians, notes),
+        table_of(
+            f"{title}: RMS in phase IV, median (least to largest)",
+            select(rows, **fourth), "load", {"paper": _paper("rms"), **each(_spread)},
+        ),
+        table_of(
+            f"{title}: largest/smallest error in phase I",
+            select(rows, **first), "load",
+            {"paper": lambda own: f"{_paper('max')(own)}/{_paper('min')(own)}", **each(_extremes)},
+        ),
+    )  # fmt: skip
+    shown = [part for part in unique(rows, "part") if (rows[rows.part == part].draw == 0).all()]
+    figures = {
+        "forceps-loaded-angles": _angles(results, shown, methods[0], name),
+        "forceps-loaded": _figure(results, shown, methods, name),
+    }
+    claims = list(_claims(rows)) if m.PAPERS_BEST in methods else []
     return Summary(tables, figures, claims)
 
 
-def _paper(case: Case, phase: str) -> Mapping[str, float]:
-    return reported("yan2020", "3", f"load={1e3 * case['mass']:.0f}g phase {phase}", m.PAPERS_BEST)
+def _paper(metric: str) -> Cell:
+    """Give a number of Table 3 for a weight and a phase."""
+
+    def cell(own: DataFrame) -> str:
+        condition = f"load={1e3 * own.mass.iloc[0]:.0f}g phase {own.phase.iloc[0]}"
+        return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
+
+    return cell
 
 
-def _rms(drawn: Sequence[Case], method: str, phase: str) -> list[float]:
-    return [float(case["errors"][method][phase]["rms"]) for case in drawn]
+def _spread(own: DataFrame) -> str:
+    middle, least, largest = np.degrees(own.rms.quantile([0.5, 0.0, 1.0]))
+    return f"{fixed(middle, 3)} ({fixed(least, 3)} to {fixed(largest, 3)})"
 
 
-def _spread(drawn: Sequence[Case], method: str) -> str:
-    rms = _rms(drawn, method, "IV")
-    middle, least, largest = (degrees_text(float(f(rms))) for f in (np.median, np.min, np.max))
-    return f"{middle} ({least} to {largest})"
+def _extremes(own: DataFrame) -> str:
+    ends = own.largest.max(), own.smallest.min()
+    return "/".join(fixed(float(np.degrees(end)), 2) for end in ends)
 
 
-def _extremes(drawn: Sequence[Case], method: str) -> str:
-    errors = [case["errors"][method]["I"] for case in drawn]
-    most, least = max(e["largest"] for e in errors), min(e["smallest"] for e in errors)
-    return f"{degrees_text(most, 2)}/{degrees_text(least, 2)}"
-
-
-def worst(hung: Sequence[Case], method: str, phase: str, *directions: str) -> float:
+def worst(rows: DataFrame, method: str, phase: str, *directions: str) -> float:
     """Largest RMS error [rad] of a method in a phase over the weights, pulling as `directions`."""
-    chosen = [case for case in hung if case["direction"] in directions]
-    return max(_rms(chosen, method, phase))
+    return float(select(rows, method=method, phase=phase, direction=directions).rms.max())
 
 
-def _claims(hung: Sequence[Case]) -> Iterator[Claim]:
+def _claims(rows: DataFrame) -> Iterator[Claim]:
+    ways = unique(rows, "direction")
     for phase, limit in (("I", 0.2), ("II", 0.2), ("IV", 0.5)):
-        ways = dict.fromkeys(case["direction"] for case in hung)
         text = f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight"
-        found = {way: worst(hung, m.PAPERS_BEST, phase, way) for way in ways}
+        found = {way: worst(rows, m.PAPERS_BEST, phase, way) for way in ways}
         yield _claim(text, "yan2020, IV-D and Table 3", limit, found)
-    light = [(abs(case["jaw_motion"]), case["direction"]) for case in hung if case["mass"] < 0.05]
-    if light:
+    light = rows[rows.mass < 0.05]
+    if len(light):
         text = "a weight below 50 g hardly turns the jaw: less than 0.5 deg"
-        yield _claim(text, "yan2020, IV-D", 0.5, {way: turn for turn, way in sorted(light)})
+        turns = light.assign(turn=light.turn.abs()).groupby("direction").turn.max().sort_values()
+        yield _claim(text, "yan2020, IV-D", 0.5, dict(turns))
 
 
 def _claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> Claim:
@@ -164,55 +164,62 @@ def _claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> 
     return Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
 
 
-def _angles(results: Sequence[PartResult], name: str) -> Figure:
+def _angles(results: Results, parts: Sequence[str], method: str, name: str) -> Figure:
     """Draw figure 9(a), the paper's filter, or the first method, beside the encoder."""
-    method = next(iter(results[0].numbers["errors"]))
     panels = []
-    for way in dict.fromkeys(result.numbers["direction"] for result in results):
+    for way, own in _by_direction(results.rows, parts).items():
         curves = []
-        own = [r for r in results if r.numbers["direction"] == way]
-        for place, result in enumerate(own):
-            t, colour = result.arrays["t"], f"C{place}"
-            label = f"{1e3 * result.numbers['mass']:g} g"
+        for place, (part, label) in enumerate(own.items()):
+            arrays = results.arrays[part]
             for key, style, text in (("truth", "-", label), (method, ":", "")):
-                angle = np.degrees(result.arrays[key]) + SHIFT * place
-                curves.append(Curve(t, _averaged(t, angle), text, colour, style, width=1.4))
-        shade = own[0].numbers["released"]
-        panels.append(Panel(curves, "time [s]", "jaw [deg]", f"load {way}", shade=shade))
+                angle = _averaged(arrays["t"], np.degrees(arrays[key]) + SHIFT * place)
+                curves.append(Curve(arrays["t"], angle, text, f"C{place}", style, width=1.4))
+        title, shade = f"load {way}", _released(results, own)
+        panels.append(Panel(curves, "time [s]", "jaw [deg]", title, shade=shade))
     caption = (
-        f"Jaw by the reference encoder and, dotted, by {m.METHODS[method].title}; each weight "
+        f"Jaw by the reference encoder and, dotted, by {m.title(method)}; each weight "
         f"{SHIFT:g} deg above the one before. Grey: the hand lets go."
     )
     title = f"yan2020 figure 9(a), specimen {name}"
     return Figure(title, (panels,), caption, height=4.8, legend=True)
 
 
-def _figure(results: Sequence[PartResult], methods: Sequence[str], name: str) -> Figure:
-    rows = [
-        [
-            _panel(method, [r for r in results if r.numbers["direction"] == way])
-            for way in dict.fromkeys(result.numbers["direction"] for result in results)
-        ]
-        for method in methods
-    ]
+def _figure(results: Results, parts: Sequence[str], methods: Sequence[str], name: str) -> Figure:
+    """Draw figure 9(b): the errors of each method by direction."""
+    panels = []
+    for method in methods:
+        line = []
+        for way, own in _by_direction(results.rows, parts).items():
+            curves = []
+            for part, label in own.items():
+                arrays = results.arrays[part]
+                # The encoder's steps of 0.088 deg would hide everything else.
+                error = _averaged(arrays["t"], np.degrees(arrays[method] - arrays["truth"]))
+                curves.append(Curve(arrays["t"], error, label))
+            title = f"{m.title(method)}, load {way}"
+            shade = _released(results, own)
+            line.append(Panel(curves, "time [s]", "error [deg]", title, shade=shade))
+        panels.append(line)
     caption = (
         f"Errors while weights are hung on the jaw, means over {_AVERAGE:g} s, each panel with a "
         "scale of its own; grey: the hand lets go."
     )
-    title, height = f"yan2020 figure 9(b), specimen {name}", 2.3 * len(rows) + 1.0
-    return Figure(title, rows, caption, height=height, legend=True)
+    title, height = f"yan2020 figure 9(b), specimen {name}", 2.3 * len(panels) + 1.0
+    return Figure(title, panels, caption, height=height, legend=True)
 
 
-def _panel(method: str, results: Sequence[PartResult]) -> Panel:
-    curves = []
-    for result in results:
-        t, error = result.arrays["t"], result.arrays[method] - result.arrays["truth"]
-        # The encoder's steps of 0.088 deg would hide everything else.
-        label = f"{1e3 * result.numbers['mass']:g} g"
-        curves.append(Curve(t, _averaged(t, np.degrees(error)), label))
-    first = results[0].numbers
-    title = f"{m.METHODS[method].title}, load {first['direction']}"
-    return Panel(curves, "time [s]", "error [deg]", title, shade=first["released"])
+def _by_direction(rows: DataFrame, parts: Sequence[str]) -> dict[str, dict[str, str]]:
+    """Weights by part, of each direction."""
+    one = select(rows, part=parts).drop_duplicates("part")
+    return {
+        str(way): {part: f"{1e3 * mass:g} g" for part, mass in zip(own.part, own.mass, strict=True)}
+        for way, own in one.groupby("direction", sort=False)
+    }
+
+
+def _released(results: Results, parts: Mapping[str, str]) -> tuple[float, float]:
+    first, last = results.arrays[next(iter(parts))]["released"]
+    return float(first), float(last)
 
 
 def _averaged(t: Array, values: Array) -> Array:

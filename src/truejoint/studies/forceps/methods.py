@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import Calibration, calibrate
@@ -17,9 +19,8 @@ from truejoint.evaluation import evaluate
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record
-from truejoint.studies.study import Settings
-
-Errors = dict[str, dict[str, float]]
+from truejoint.studies.study import Row, Rows, Settings
+from truejoint.tables import fixed
 
 SETTLED: Final = 2.2
 """Time from which errors count [s]: the motion swells for the first 2 s."""
@@ -76,15 +77,9 @@ PAPERS: Final = ("lsm", "lsm_compensated", PAPERS_BEST)
 
 def common_arguments(settings: Settings) -> dict[str, Any]:
     """Specimen, methods and seed, which most parts take."""
-    check_methods(settings["methods"])
+    settings.check_names("method", "methods", METHODS)
     forceps = plain_specimen(settings["specimen"])
     return {"forceps": forceps, "methods": settings["methods"], "seed": settings.seed}
-
-
-def check_methods(methods: Sequence[str]) -> None:
-    """Raise StudyError naming the known methods if one is unknown."""
-    if unknown := [key for key in methods if key not in METHODS]:
-        raise StudyError(f"no method {', '.join(unknown):.60}; known: {', '.join(METHODS)}")
 
 
 def settled(recording: Recording) -> Recording:
@@ -125,21 +120,26 @@ class Judged:
     exact: Array  # the jaw itself
     estimates: Mapping[str, Array]
 
-    def errors(self, first: float = -np.inf, last: float = np.inf) -> Errors:
-        """Estimate minus truth from `first` to `last` [s] by method: rms, largest, smallest [rad].
+    def errors(self, first: float = -np.inf, last: float = np.inf, **labels: Any) -> Rows:
+        """Estimate minus truth from `first` to `last` [s], a row a method, with the `labels`.
 
-        ``exact_rms`` is against the jaw itself, so it holds the encoder's own error.
+        ``rms``, ``largest`` and ``smallest`` are against the reference encoder; ``exact_rms`` is
+        against the jaw itself, so it holds the encoder's own error [rad].
         """
-        rows, found = within(self.t, first, last), {}
+        chosen, rows = within(self.t, first, last), list[Row]()
         for key, estimate in self.estimates.items():
-            error, exact = (estimate - self.truth)[rows], (estimate - self.exact)[rows]
-            found[key] = {
-                "rms": float(np.sqrt(np.mean(error**2))),
-                "largest": float(error.max()),
-                "smallest": float(error.min()),
-                "exact_rms": float(np.sqrt(np.mean(exact**2))),
-            }
-        return found
+            error, exact = (estimate - self.truth)[chosen], (estimate - self.exact)[chosen]
+            rows.append(
+                {
+                    **labels,
+                    "method": key,
+                    "rms": float(np.sqrt(np.mean(error**2))),
+                    "largest": float(error.max()),
+                    "smallest": float(error.min()),
+                    "exact_rms": float(np.sqrt(np.mean(exact**2))),
+                }
+            )
+        return rows
 
     def arrays(self, prefix: str = "") -> dict[str, Array]:
         """Time, truth and estimates by name, for figures."""
@@ -160,7 +160,22 @@ def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
     return Judged(trace.t, trace.truth[:, 0], exact, estimates)
 
 
-def left_out(settings: Settings, used: Mapping[str, Any]) -> tuple[str, ...]:
-    """Note on the methods that were asked for and are not among those used, if there are any."""
-    names = [METHODS[key].title for key in settings["methods"] if key not in used]
+def note_left_out(settings: Settings, rows: DataFrame) -> tuple[str, ...]:
+    """Note on the methods that were asked for and have no rows, if there are any."""
+    names = [METHODS[key].title for key in settings["methods"] if key not in set(rows.method)]
     return (f"Left out, since a sensor is not installed: {', '.join(names)}.",) if names else ()
+
+
+def title(key: str) -> str:
+    """Title of a method for a reader."""
+    return METHODS[key].title
+
+
+def degrees(rows: DataFrame, column: str = "rms", decimals: int = 3) -> str:
+    """Median of a column of angles [rad] in degrees: the only one, where there is one row."""
+    return fixed(math.degrees(rows[column].median()), decimals)
+
+
+TITLES: Final = {key: method.title for key, method in METHODS.items()}
+COLOURS: Final = {m.title: m.colour or "0.7" for m in METHODS.values()}
+"""By the title of a method."""

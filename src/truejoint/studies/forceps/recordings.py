@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Sequence
 from typing import Any
 
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import Provenance
 from truejoint.studies.forceps.loaded import load_test
 from truejoint.studies.forceps.motions import Plain, built, plain_specimen, record, title_of
-from truejoint.studies.study import Part, PartResult, Settings, Summary
+from truejoint.studies.study import Part, PartResult, Results, Settings, Summary
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -29,16 +30,19 @@ def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: An
     """Record a motion: columns, their units and the provenance; `how` is as `record` takes it."""
     chosen = load_test(mass, direction) if motion == "load" else motion
     recording = record(built(forceps), chosen, **how)
-    numbers = {"provenance": recording.provenance.to_dict(), "units": dict(recording.units)}
-    return PartResult(numbers, {name: recording.column(name) for name in recording.table.columns})
+    origin = json.dumps([recording.provenance.to_dict(), dict(recording.units)])
+    columns = {name: recording.column(name) for name in recording.table.columns}
+    return PartResult([{"motion": motion, "origin": origin}], columns)
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Give the recordings."""
-    recordings = {
-        f"{motion}-{title_of(settings['specimen'])}": Recording.from_columns(
-            part.arrays, Provenance.from_dict(part.numbers["provenance"]), part.numbers["units"]
+    recordings = {}
+    for row in results.rows.itertuples():
+        provenance, units = json.loads(row.origin)
+        recordings[f"{row.motion}-{title_of(results.settings['specimen'])}"] = (
+            Recording.from_columns(
+                results.arrays[row.part], Provenance.from_dict(provenance), units
+            )
         )
-        for motion, part in results.items()
-    }
     return Summary(recordings=recordings)

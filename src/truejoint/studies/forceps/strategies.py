@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.studies.forceps import loaded, unloaded
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import title_of
-from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary
-from truejoint.studies.table import degrees_text
-from truejoint.tables import Table
+from truejoint.studies.paper_tables import degrees_text
+from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.study import Claim, Part, Results, Settings, Summary
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -20,43 +21,46 @@ def parts(settings: Settings) -> Sequence[Part]:
     return (*unloaded.parts(settings), *loaded.parts(settings))
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Methods by strategy: RMS unloaded, and the worst loaded phase in each direction."""
-    errors = results["unloaded"].numbers["verification"]
-    cases = [result.numbers for key, result in results.items() if key != "unloaded"]
-    ways = settings["directions"]
-    rows = []
-    for key, error in errors.items():
-        method, rms = m.METHODS[key], degrees_text(error["rms"])
-        worst = [degrees_text(loaded.worst(cases, key, "IV", way)) for way in ways]
-        sensors = ", ".join(("motor", *method.cables))
-        rows.append((method.title, str(method.strategy), sensors, rms, *worst))
-    header = ("method", "strategy", "sensors", "RMS unloaded", *(f"worst IV {way}" for way in ways))
+    settings, rows = results.settings, results.rows
+    verified, ways = select(rows, motion="verification"), settings["directions"]
+
+    def worst(*directions: str) -> Cell:
+        return lambda own: degrees_text(loaded.worst(rows, own.method.iloc[0], "IV", *directions))
+
+    cells: dict[str, Cell] = {
+        "strategy": lambda own: str(m.METHODS[own.method.iloc[0]].strategy),
+        "sensors": lambda own: ", ".join(("motor", *m.METHODS[own.method.iloc[0]].cables)),
+        "RMS unloaded": m.degrees,
+        **{f"worst IV {way}": worst(way) for way in ways},
+    }
     notes = (
         "RMS error in degrees against the reference encoder: unloaded on (28); IV is still "
         f"under a load of up to {max(settings['masses_g']):.0f} g.",
-        *m.left_out(settings, errors),
+        *m.note_left_out(settings, verified),
     )
     title = f"Sensor strategies, specimen {title_of(settings['specimen'])}"
+    table = table_of(title, verified, "method", cells, notes, names=m.title)
+    keys = unique(verified, "method")
     points = {
-        "unloaded, (28)": [error["rms"] for error in errors.values()],
-        "still under a load, worst": [loaded.worst(cases, key, "IV", *ways) for key in errors],
+        "unloaded, (28)": verified.rms,
+        "still under a load, worst": [loaded.worst(rows, key, "IV", *ways) for key in keys],
     }
-    place = np.arange(len(errors))
+    place = np.arange(len(keys))
     curves = [Curve(np.degrees(values), place, k, style="o") for k, values in points.items()]
-    names = [f"{m.METHODS[key].title}  [{m.METHODS[key].strategy}]" for key in errors]
+    names = [f"{m.title(key)}  [{m.METHODS[key].strategy}]" for key in keys]
     panel = Panel(curves, "RMS error [deg]", log="x", rows=names, legend=True)
     caption = "RMS error of each method without a load and still under the worst; [strategy]."
     figure = Figure(title, ((panel,),), caption, width=9.0, height=4.8)
-    table = Table(title, header, tuple(rows), notes)
-    return Summary((table,), {"forceps-strategies": figure}, _claims(errors))
+    return Summary((table,), {"forceps-strategies": figure}, _claims(verified))
 
 
-def _claims(errors: m.Errors) -> list[Claim]:
-    both = [float(np.degrees(errors[k]["rms"])) for k in m.PAPERS[:2] if k in errors]
-    if m.PAPERS_BEST not in errors or not both:
+def _claims(verified: DataFrame) -> list[Claim]:
+    rms = np.degrees(verified.set_index("method").rms)
+    both = [rms[key] for key in m.PAPERS[:2] if key in rms]
+    if m.PAPERS_BEST not in rms or not both:
         return []
-    one = float(np.degrees(errors[m.PAPERS_BEST]["rms"]))
     text = "one sensor, on the reset cable, is enough: its filter beats least squares on both"
-    numbers = f"{one:.3f} deg with x2; with x1 and x2 {min(both):.3f} deg"
-    return [Claim(text, "yan2020, IV-C", one < min(both), numbers)]
+    found = f"{rms[m.PAPERS_BEST]:.3f} deg with x2; with x1 and x2 {min(both):.3f} deg"
+    return [Claim(text, "yan2020, IV-C", bool(rms[m.PAPERS_BEST] < min(both)), found)]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame, concat
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
@@ -25,9 +25,9 @@ from truejoint.simulation.forceps.sensors import ZeroShift, quantised
 from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, changed, record
-from truejoint.studies.study import Part, PartResult, Settings, Summary
-from truejoint.studies.table import degrees_text
-from truejoint.tables import Table, median_text
+from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
+from truejoint.tables import Table, fixed, median_text
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
     "motor": (MOTOR,),
@@ -50,31 +50,18 @@ _WEIGHT: Final = {"speed": math.radians(10.0), "start": 1.0, "loaded_from": 5.0,
 _LOADED_END: Final = 10.5  # [s]
 
 
-@dataclass(frozen=True)
-class Design:
-    """One choice of a designer; lengths [m], stiffness [N/m], friction in that of the specimens."""
+_DESIGN: Final = ["layout", "resolution", "stiffness", "friction", "homing"]
+"""Columns that make a design: lengths [m], stiffness [N/m], friction in that of the specimens."""
 
-    layout: str
-    resolution: float
-    stiffness: float
-    friction: float
-    homing: float
 
-    @property
-    def encoders(self) -> int:
-        """Encoders on the cables."""
-        return sum(name != MOTOR for name in LAYOUTS[self.layout])
-
-    @property
-    def key(self) -> str:
-        """Its name in a part, which says all but stiffness and friction."""
-        return f"{self.layout}/{1e6 * self.resolution:g}/{1e6 * self.homing:g}"
+def encoders(layout: str) -> int:
+    """Count the encoders on the cables."""
+    return sum(name != MOTOR for name in LAYOUTS[layout])
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, stiffness and friction: sensors are tried on the same motion."""
-    if unknown := [name for name in settings["layouts"] if name not in LAYOUTS]:
-        raise StudyError(f"no layout {', '.join(unknown):.60}; known: {', '.join(LAYOUTS)}")
+    settings.check_names("layout", "layouts", LAYOUTS)
     if len(settings["prices"]) != len(settings["resolutions_um"]):
         raise StudyError("prices: give one for each of resolutions_um")
     if not all(value > 0.0 for name in ("prices", "resolutions_um") for value in settings[name]):
@@ -88,19 +75,16 @@ def parts(settings: Settings) -> Sequence[Part]:
         "mass": settings["mass_g"] / 1e3,
     }
     plants = population(settings["count"], settings.seed, settings["prior"])
-    found = []
-    for (n, plant), k, f in product(
-        enumerate(plants), settings["stiffnesses_kNm"], settings["frictions"]
-    ):
-        forceps = designed(plant, 1e3 * k, f).to_dict()
-        arguments = {"forceps": forceps, "number": n, **common}
-        found.append(Part(part_key(n, k, f), measure, arguments))
-    return found
-
-
-def part_key(number: int, stiffness: float, friction: float) -> str:
-    """Name of the part of a specimen, a stiffness [kN/m] and a friction."""
-    return f"specimen-{number:03d}-{stiffness:g}-{friction:g}"
+    return [
+        Part(
+            f"specimen-{n:03d}-{k:g}-{f:g}", measure,
+            {"forceps": designed(plant, 1e3 * k, f).to_dict(), "number": n, **common},
+            {"specimen": n, "stiffness": 1e3 * k, "friction": f},
+        )
+        for (n, plant), k, f in product(
+            enumerate(plants), settings["stiffnesses_kNm"], settings["frictions"]
+        )
+    ]  # fmt: skip
 
 
 def designed(plant: ForcepsParameters, stiffness: float, friction: float) -> ForcepsParameters:
@@ -137,23 +121,20 @@ def measure(
     homings: Sequence[float],
     mass: float,
     number: int,
-) -> PartResult:
+) -> Rows:
     """Calibrate every layout at every resolution on (27), and judge it on (28) and under a load.
 
     Homed anew in between; RMS errors [rad] against the reference encoder, loaded the worse of both
     directions.
     """
-    plant = built(forceps)
-    rate = {"log_rate": 100.0}
+    plant, rate, rows = built(forceps), {"log_rate": 100.0}, Rows()
     ways: tuple[Any, ...] = ("opposing", "along")
     tests = [LoadTest(mass, way, end=_LOADED_END, **_WEIGHT) for way in ways]
     taught = settled(record(plant, "calibration", seed=4 * number, **rate))
     verified = settled(record(plant, "verification", seed=4 * number + 1, **rate))
     hung = [record(plant, t, seed=4 * number + 2 + i, **rate) for i, t in enumerate(tests)]
-    found = {}
     for layout, resolution, homing in product(layouts, resolutions, homings):
-        design = Design(layout, resolution, 0.0, 0.0, homing)
-        if not design.encoders and (resolution, homing) != (resolutions[0], homings[0]):
+        if not encoders(layout) and (resolution, homing) != (resolutions[0], homings[0]):
             continue  # nothing that these change
         zero = ZeroShift.drawn(homing, number)
         estimator = fitted(layout, sensed(taught, resolution, ZeroShift(), number))
@@ -162,8 +143,9 @@ def measure(
             rms(estimator, layout, sensed(one, resolution, zero, number), test.phases["IV"][0])
             for one, test in zip(hung, tests, strict=True)
         ]
-        found[design.key] = {"unloaded": unloaded, "loaded": max(loaded)}
-    return PartResult(found)
+        design = {"layout": layout, "resolution": resolution, "homing": homing}
+        rows.append({**design, "unloaded": unloaded, "loaded": max(loaded)})
+    return rows
 
 
 def fitted(layout: str, recording: Recording) -> JointRegressor:
@@ -187,19 +169,27 @@ def rms(estimator: JointRegressor, layout: str, recording: Recording, first: flo
     return float(np.sqrt(np.nanmean(error[within(recording.t, first, np.inf)] ** 2)))
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Errors of every design, those that no cheaper one beats, and what reaches the target."""
-    errors = _errors(settings, results)
+    settings, rows = results.settings, results.rows
     prices = dict(zip(settings["resolutions_um"], settings["prices"], strict=True))
-    price = {d: d.encoders * prices[round(1e6 * d.resolution, 6)] for d in errors}
-    worst = {d: max(e["unloaded"].max(), e["loaded"].max()) for d, e in errors.items()}
-    best = front(price, {d: _typical(e) for d, e in errors.items()})
-    target = math.radians(settings["target_deg"])
-    reach = [d for d, error in worst.items() if error <= target]
-    cheapest = min(reach, key=lambda d: (price[d], worst[d]), default=None)
-    answer = (
-        "no design does" if cheapest is None else f"{named(cheapest)}, price {price[cheapest]:g}"
+    unit = (1e6 * rows.resolution).round(6).map(prices)
+    rows = rows.assign(
+        price=rows.layout.map(encoders) * unit, name=[*map(named, rows.itertuples())]
     )
+    designs = rows.groupby("name", sort=False).agg(
+        {**dict.fromkeys((*_DESIGN, "price"), "first"), "unloaded": ["median", "max"],
+         "loaded": ["median", "max"]}
+    )  # fmt: skip
+    designs.columns = [
+        column if how == "first" else f"{column}_{how}" for column, how in designs.columns
+    ]
+    for name, how in (("typical", "median"), ("worst", "max")):
+        designs[name] = designs[[f"unloaded_{how}", f"loaded_{how}"]].max(axis=1)
+    best = front(designs)
+    reach = designs[designs.worst <= math.radians(settings["target_deg"])]
+    reach = reach.sort_values(["price", "worst"], kind="stable")
+    answer = f"{reach.index[0]}, price {reach.price.iloc[0]:g}" if len(reach) else "no design does"
     notes = (
         "RMS error in degrees against the reference encoder, median (worst) of "
         f"{settings['count']} specimens of seed {settings.seed}, prior {settings['prior']}, each "
@@ -208,109 +198,75 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
         f"Cheapest design that keeps {settings['target_deg']:g} deg on every specimen, loaded and "
         f"unloaded: {answer}. Prices are assumed; --set prices=... takes yours.",
     )
-    chosen = [
-        (named(d), f"{price[d]:g}", _pair(errors[d]["unloaded"]), _pair(errors[d]["loaded"]))
-        for d in best
-    ]
-    header = ("design", "price", "unloaded", f"under {settings['mass_g']:g} g")
+    under = f"under {settings['mass_g']:g} g"
+    chosen = concat([select(rows, name=name) for name in best.index])
+    cells: dict[str, Cell] = {
+        "price": lambda own: f"{own.price.iloc[0]:g}",
+        "unloaded": lambda own: median_text(np.degrees(own.unloaded), 3),
+        under: lambda own: median_text(np.degrees(own.loaded), 3),
+    }
+    title = "Designs that no cheaper one beats"
     tables = (
-        Table("Designs that no cheaper one beats", header, tuple(chosen), notes),
-        _grid(settings, errors),
+        table_of(title, chosen, "name", cells, notes, head="design"),
+        _grid(settings, rows),
     )
-    return Summary(tables, {"forceps-sweep": _figure(settings, errors, price, best)})
+    return Summary(tables, {"forceps-sweep": _figure(settings, designs, best)})
 
 
-def named(design: Design) -> str:
-    """Name a design in a person's units."""
-    sensors = f" at {1e6 * design.resolution:g} um" if design.encoders else " only"
-    homed = f", homed to {1e6 * design.homing:g} um" if design.encoders else ""
+def named(design: Any) -> str:
+    """Name a design, a row with the columns of one, in a person's units."""
+    homed = f", homed to {1e6 * design.homing:g} um"
+    sensors = f" at {1e6 * design.resolution:g} um{homed}" if encoders(design.layout) else " only"
     rubs = "" if design.friction == 1.0 else f", friction x {design.friction:g}"
-    return f"{design.layout}{sensors}{homed}, {design.stiffness / 1e3:g} kN/m{rubs}"
+    return f"{design.layout}{sensors}, {design.stiffness / 1e3:g} kN/m{rubs}"
 
 
-def front(price: Mapping[Design, float], error: Mapping[Design, float]) -> list[Design]:
+def front(designs: DataFrame) -> DataFrame:
     """Designs, cheapest first, that err less than every cheaper one: the Pareto front."""
-    found: list[Design] = []
-    for design in sorted(price, key=lambda d: (price[d], error[d])):
-        if not found or error[design] < error[found[-1]]:
-            found.append(design)
-    return found
+    ordered = designs.sort_values(["price", "typical"], kind="stable")
+    least = ordered.typical.cummin().shift(fill_value=math.inf)
+    return ordered[ordered.typical < least]
 
 
-def _errors(
-    settings: Settings, results: Mapping[str, PartResult]
-) -> dict[Design, dict[str, Array]]:
-    """Errors [rad] of each design, unloaded and loaded, (count,) over the specimens."""
-    found = {}
-    lists = (settings[name] for name in ("layouts", "resolutions_um", "homings_um"))
-    for layout, um, spread in product(*lists):
-        for k, friction in product(settings["stiffnesses_kNm"], settings["frictions"]):
-            design = Design(layout, um / 1e6, 1e3 * k, friction, spread / 1e6)
-            own = [results[part_key(n, k, friction)].numbers for n in range(settings["count"])]
-            if design.key in own[0]:
-                both = ("unloaded", "loaded")
-                found[design] = {b: np.array([one[design.key][b] for one in own]) for b in both}
-    return found
-
-
-def _typical(error: Mapping[str, Array]) -> float:
-    """Larger of the medians [rad] over the specimens, unloaded and loaded."""
-    return max(float(np.median(values)) for values in error.values())
-
-
-def _pair(values: Array) -> str:
-    return median_text(np.degrees(values), 3)
-
-
-def _grid(settings: Settings, errors: Mapping[Design, Mapping[str, Array]]) -> Table:
+def _grid(settings: Settings, rows: DataFrame) -> Table:
     """Medians of every design, a row for what does not change the cables' stiffness."""
-    rows: dict[str, list[str]] = {}
-    for design, found in errors.items():
-        name = named(design).replace(f", {design.stiffness / 1e3:g} kN/m", "")
-        medians = [degrees_text(float(np.median(found[b]))) for b in ("unloaded", "loaded")]
-        rows.setdefault(name, []).append("/".join(medians))
-    header = ("sensors", *(f"{k:g} kN/m" for k in settings["stiffnesses_kNm"]))
+    names = [
+        name.replace(f", {k / 1e3:g} kN/m", "")
+        for name, k in zip(rows.name, rows.stiffness, strict=True)
+    ]
+
+    def cell(stiffness: float) -> Cell:
+        return lambda own: "/".join(
+            fixed(math.degrees(select(own, stiffness=stiffness)[load].median()), 3)
+            for load in ("unloaded", "loaded")
+        )
+
+    cells = {f"{k:g} kN/m": cell(1e3 * k) for k in settings["stiffnesses_kNm"]}
     note = f"Median RMS error in degrees, unloaded/under {settings['mass_g']:g} g."
-    return Table("Every design", header, tuple((n, *c) for n, c in rows.items()), (note,))
+    return table_of("Every design", rows.assign(sensors=names), "sensors", cells, (note,))
 
 
-def _figure(
-    settings: Settings,
-    errors: Mapping[Design, Mapping[str, Array]],
-    price: Mapping[Design, float],
-    best: Sequence[Design],
-) -> Figure:
-    finest, usual = min(d.resolution for d in errors), min(d.homing for d in errors)
-    friction = settings["frictions"][0]
+def _figure(settings: Settings, designs: DataFrame, best: DataFrame) -> Figure:
+    finest, usual = designs.resolution.min(), designs.homing.min()
     middle = sorted(settings["stiffnesses_kNm"])[len(settings["stiffnesses_kNm"]) // 2]
-    plain = [d for d in errors if (d.homing, d.friction) == (usual, friction)]
-    by_stiffness: list[Curve] = []
-    by_resolution: list[Curve] = []
-    both: list[Curve] = []
-    costs: list[Curve] = []
-
-    def medians(designs: Sequence[Design], which: str) -> list[float]:
-        return [math.degrees(float(np.median(errors[one][which]))) for one in designs]
-
-    def typical(designs: Sequence[Design]) -> tuple[list[float], list[float]]:
-        return [price[d] for d in designs], [math.degrees(_typical(errors[d])) for d in designs]
-
-    for layout in settings["layouts"]:
-        look = layout, _COLOURS[layout]
-        own = [d for d in plain if d.layout == layout]
-        row = [d for d in own if d.resolution == finest or not d.encoders]
-        x = [d.stiffness / 1e3 for d in row]
-        by_stiffness.append(Curve(x, medians(row, "loaded"), *look, "o-"))
-        column = [d for d in own if d.stiffness == 1e3 * middle]
-        if column and column[0].encoders:
-            x = [1e6 * d.resolution for d in column]
-            by_resolution.append(Curve(x, medians(column, "unloaded"), *look, "o-"))
-        every = [d for d in errors if d.layout == layout]
-        both.append(Curve(medians(every, "unloaded"), medians(every, "loaded"), *look, "o"))
-        costs.append(Curve(*typical(every), *look, "o"))
-    costs.append(Curve(*typical(best), "", "k", "--o"))
-    mass = f"under {settings['mass_g']:g} g"
-    rms_name = "median RMS error [deg]"
+    plain = select(designs, homing=usual, friction=settings["frictions"][0])
+    by_stiffness, by_resolution, both, costs = (list[Curve]() for _ in range(4))
+    deg = {c: np.degrees(designs[c]) for c in ("unloaded_median", "loaded_median", "typical")}
+    for layout, every in designs.groupby("layout", sort=False):
+        look = str(layout), _COLOURS[str(layout)]
+        own, sensors = plain[plain.layout == layout], encoders(str(layout))
+        row = own[own.resolution == finest] if sensors else own
+        loaded = deg["loaded_median"][row.index]
+        by_stiffness.append(Curve(row.stiffness / 1e3, loaded, *look, "o-"))
+        column = own[own.stiffness == 1e3 * middle]
+        if sensors:
+            unloaded = deg["unloaded_median"][column.index]
+            by_resolution.append(Curve(1e6 * column.resolution, unloaded, *look, "o-"))
+        of = {name: values[every.index] for name, values in deg.items()}
+        both.append(Curve(of["unloaded_median"], of["loaded_median"], *look, "o"))
+        costs.append(Curve(every.price, of["typical"], *look, "o"))
+    costs.append(Curve(best.price, np.degrees(best.typical), "", "k", "--o"))
+    mass, rms_name = f"under {settings['mass_g']:g} g", "median RMS error [deg]"
     panels = (
         (
             Panel(

@@ -11,13 +11,14 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from pandas import DataFrame
 
-from truejoint.evaluation.metrics import rmse
+from truejoint.array_types import Array
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.features import all_features, with_state
-from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.verdicts import RULE
 
 GROUPS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -38,7 +39,7 @@ _CHOSEN: Final = ("measured", "effort")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    check_counts(settings, "minutes", "sessions", "noise")
+    settings.check_positive("minutes", "sessions", "noise")
     s.combination(settings["training"])
     common = {
         "training": settings["training"],
@@ -48,7 +49,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     return s.part_for_each(settings, leave_out, _OFFSET, common)
 
 
-def leave_out(raven: s.Plain, seed: int, training: str, seconds: float, noise: float) -> PartResult:
+def leave_out(raven: s.Plain, seed: int, training: str, seconds: float, noise: float) -> Rows:
     """Fit without each group in turn, and judge; then judge the whole with noise on each.
 
     `noise` is the standard deviation as a share of that of the feature.
@@ -68,14 +69,17 @@ def leave_out(raven: s.Plain, seed: int, training: str, seconds: float, noise: f
         name: s.fitted(own, 1, seed, features=features, fit_rate=_FIT_RATE)
         for name, features in sets.items()
     }
-    found = {name: s.judged(models, test) for name, models in fitted.items()}
-    for group, quantities in GROUPS.items():
-        spoilt = _with_noise(test, quantities, noise, seed)
-        found[f"all, noise on {group}"] = _judged(fitted["all"], test, spoilt)
-    for group in ("positions", "torques"):
-        spoilt = _with_noise(test, GROUPS[group], noise, seed)
-        found[f"selected, noise on {group}"] = _judged(fitted["16 selected"], test, spoilt)
-    return PartResult({"errors": found})
+    rows: Rows = []
+    for name, models in fitted.items():
+        rows += s.judged(models, test, condition=name)
+    for every, kind, groups in (
+        ("all", "all", GROUPS), ("16 selected", "selected", ("positions", "torques"))
+    ):  # fmt: skip
+        for group in groups:
+            spoilt = _with_noise(test, GROUPS[group], noise, seed)
+            name = f"{kind}, noise on {group}"
+            rows += _judged(fitted[every], test, spoilt, name)
+    return rows
 
 
 def _quantity(feature: str) -> str:
@@ -93,60 +97,59 @@ def _with_noise(test: Recording, quantities: Sequence[str], share: float, seed: 
     return replace(test, table=test.table.assign(**changed))
 
 
-def _judged(models: s.Models, test: Recording, spoilt: Recording) -> s.Errors:
+def _judged(models: s.Models, test: Recording, spoilt: Recording, condition: str) -> Rows:
     """RMSE where the errors are predicted from spoilt features; measured positions are not."""
     error = test.error(s.JOINTS)
-    known = np.isfinite(error).all(axis=1)
-    return {
-        method: [rmse((model.predict_error(spoilt) - error)[known]).tolist() for model in ones]
-        for method, ones in models.items()
-    }
+    has_truth = np.isfinite(error).all(axis=1)
+    rows: Rows = []
+    for method, several in models.items():
+        for n, model in enumerate(several):
+            off = (model.predict_error(spoilt) - error)[has_truth]
+            rows += s.rmse_rows(off, method, n, condition=condition)
+    return rows
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """RMSE by what is left out or spoilt, and what is said of the groups."""
-    made, figures, judged = [], {}, []
-    for title, numbers in s.numbers_of(settings, results).items():
-        found = {name: [one["errors"][name] for one in numbers] for name in numbers[0]["errors"]}
-        name = f"Groups of features, specimen {title}"
-        notes = (
-            "; ".join(f"{group}: {', '.join(own)}" for group, own in GROUPS.items()) + ".",
-            f"Noise: {settings['noise']:g} of the standard deviation of each feature.",
-            RULE,
-        )
-        made.append(tables.accuracy_table(name, found, _METHODS, tables.unprinted, notes))
-        figures[f"ablation-{title}"] = tables.accuracy_figure(
-            name, found, _METHODS, tables.unprinted, "RMSE by what is left out or spoilt."
-        )
-        judged += [claim.judged(found, title) for claim in CLAIMS]
-    return Summary(made, figures, judged)
-
-
-def _of(name: str, joint: int) -> claims.Pick:
-    return lambda found: tables.by_session(found[name], "dnn")[:, joint]
-
-
-def _matters(joint: int, more: str, less: str) -> claims.Pair:
-    """Pair that says that one group is missed more than another of the 16."""
-    return (
-        f"{s.JOINTS[joint]}, without {less} and without {more}",
-        _of(f"selected without {less}", joint),
-        _of(f"selected without {more}", joint),
+    notes = (
+        "; ".join(f"{group}: {', '.join(own)}" for group, own in GROUPS.items()) + ".",
+        f"Noise: {results.settings['noise']:g} of the standard deviation of each feature.",
+        RULE,
     )
+
+    def of_specimen(title: str, rows: DataFrame) -> Summary:
+        name, caption = (
+            f"Groups of features, specimen {title}",
+            "RMSE by what is left out or spoilt.",
+        )
+        table = tables.accuracy_table(name, rows, _METHODS, notes=notes)
+        figure = tables.accuracy_figure(name, rows, _METHODS, caption)
+        judged = [claim.judged(rows, title) for claim in CLAIMS]
+        return Summary((table,), {f"ablation-{title}": figure}, judged)
+
+    return tables.by_specimen(results, of_specimen)
+
+
+def _without(*groups: str) -> claims.Pick:
+    """Errors of the network without a group, in each of the joints."""
+
+    def pick(rows: DataFrame, joint: str) -> Array:
+        name = f"selected without {groups[s.JOINTS.index(joint)]}"
+        return tables.by_session(rows, condition=name, method="dnn", joint=joint)
+
+    return pick
 
 
 CLAIMS: Final = (
-    claims.kept(
+    claims.not_worse(
+        0.05,
         "joint positions and motor torques are enough: the network loses nothing without the rest",
         "peng2024, II-C",
-        0.05,
-        *((joint, _of("all", k), _of("16 selected", k)) for k, joint in enumerate(s.JOINTS)),
+        {"condition": "all"}, {"condition": "16 selected"}, method=("dnn",), joint=s.JOINTS,
     ),
     claims.ordered(
-        "joint 3 is the one in which torques matter more than positions",
-        "peng2024, III",
-        _matters(0, "positions", "torques"),
-        _matters(1, "positions", "torques"),
-        _matters(2, "torques", "positions"),
+        "joint 3 is the one in which torques matter more than positions", "peng2024, III",
+        _without("torques", "torques", "positions"), _without("positions", "positions", "torques"),
+        joint=s.JOINTS,
     ),
-)
+)  # fmt: skip

@@ -6,15 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame, Series
 
 from truejoint.array_types import Array
-from truejoint.calibration import ENOUGH, expected_gain
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.calibration import ENOUGH, Calibration, expected_gain
+from truejoint.drawing import Figure, by_condition
 from truejoint.errors import CalibrationError
 from truejoint.motion import PROFILES, designed_motion, random_motion
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.study import Claim, Part, PartResult, Settings, Summary, check_counts
+from truejoint.studies.rows import select, values
+from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
 _FINE: Final = (4, 5, 6)  # divisions of the zig-zags that are compared with, as in peng2024
@@ -23,6 +25,8 @@ _MOTION_SEED: Final = 2_000_000  # between the seed of an arm and that of its mo
 _REFERENCE: Final = "zigzag"
 _DESIGNED: Final = "designed"
 _MOTIONS: Final = {_REFERENCE: "tab:gray", "random": "tab:orange", _DESIGNED: "tab:blue"}
+FIRST, WHOLE, STOPPED = "first seconds", "whole", "stopped"
+"""What a calibration is made of: the first seconds of a motion, all of it, or up to its stop."""
 _MINUTES: Final = 2.5  # in which the designed motion is to reach the zig-zags' accuracy
 _FIRST_LOOK: Final = 60.0  # [s], when it is first asked whether that is enough,
 _LOOK: Final = 30.0  # [s], and how often
@@ -33,7 +37,7 @@ _SHARE: Final = 0.7  # of the time of random motion that it may take
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, session and motion."""
-    check_counts(settings, "sessions", "longest", "every_s", "test")
+    settings.check_positive("sessions", "longest", "every_s", "test")
     steps = max(1, round(60.0 * settings["longest"] / settings["every_s"]))
     common = {
         "seconds": [settings["every_s"] * (1 + k) for k in range(steps)],
@@ -42,7 +46,7 @@ def parts(settings: Settings) -> Sequence[Part]:
         "test": 60.0 * settings["test"],
     }
     cases = {motion: {"motion": motion} for motion in _MOTIONS}
-    return s.part_for_each(settings, learn, _OFFSET, common, cases=cases, one_arm=True)
+    return s.part_for_each(settings, learn, _OFFSET, common, cases=cases, same_arm=True)
 
 
 def features(which: str) -> list[str] | None:
@@ -60,7 +64,7 @@ def learn(
     estimator: str,
     features: Sequence[str] | None,
     test: float,
-) -> PartResult:
+) -> Rows:
     """Calibrate on the first `seconds` of a motion, and judge on random motion after it.
 
     Zig-zags are judged whole too. A calibration that cannot be made has no accuracy.
@@ -75,20 +79,34 @@ def learn(
         training = [s.record(arm, path)]
     judged = s.random_test(arm, test, s.TEST_SEED + seed)
 
-    def rmse(recordings: Sequence[Recording]) -> list[float]:
+    def rmse(recordings: Sequence[Recording]) -> dict[str, float]:
         try:
-            model = s.model_of(recordings, estimator, features=features)
+            return rmse_of(s.model_of(recordings, estimator, features=features), judged)
         except CalibrationError:
-            return [float("nan")] * len(s.JOINTS)
-        return s.judged({estimator: [model]}, judged)[estimator][0]
+            return dict.fromkeys(s.JOINTS, float("nan"))
 
     ends = np.cumsum([one.duration for one in training])
-    found = [rmse(until(training, end)) for end in seconds if end <= ends[-1] + 1.0]
-    numbers: dict[str, Any] = {"total": float(ends[-1]), "whole": rmse(training)}
+    cuts = {end: until(training, end) for end in seconds if end <= ends[-1] + 1.0}
+    rows: Rows = [
+        {"seconds": end, "total": float(ends[-1]), "of": FIRST, **rmse(brief)}
+        for end, brief in cuts.items()
+    ]
+    rows.append({"seconds": float(ends[-1]), "of": WHOLE, **rmse(training)})
     if motion == _DESIGNED:
         end = stopped(training[0], estimator, features)
-        numbers |= {"stopped": end, "at_stop": rmse(until(training, end))}
-    return PartResult(numbers, {"rmse": np.array(found)})
+        rows.append({"seconds": end, "of": STOPPED, **rmse(until(training, end))})
+    return rows
+
+
+def rmse_of(model: Calibration, recording: Recording) -> dict[str, float]:
+    """RMSE of a calibration on a recording [rad or m] by joint."""
+    rows = s.judged({"model": [model]}, recording)
+    return {row["joint"]: row["rmse"] for row in rows if row["method"] == "model"}
+
+
+def errors(rows: DataFrame, **where: Any) -> Array:
+    """RMSE (n, 3) of rows with a column for each joint."""
+    return np.asarray(select(rows, **where)[list(s.JOINTS)].to_numpy(dtype=np.float64))
 
 
 def stopped(recording: Recording, estimator: str, features: Sequence[str] | None) -> float:
@@ -105,13 +123,13 @@ def stopped(recording: Recording, estimator: str, features: Sequence[str] | None
 
 def until(recordings: Sequence[Recording], seconds: float) -> list[Recording]:
     """Cut recordings, one after the other, after so much time of all [s]."""
-    kept = []
+    cut = []
     for recording in recordings:
         if seconds <= 0.0:
             break
-        kept.append(recording.rows(recording.t - recording.t[0] <= seconds))
+        cut.append(recording.rows(recording.t - recording.t[0] <= seconds))
         seconds -= recording.duration
-    return [one for one in kept if len(one) > 1]
+    return [recording for recording in cut if len(recording) > 1]
 
 
 def relative(rmse: Array, whole: Array | Sequence[float]) -> Array:
@@ -129,57 +147,60 @@ def reached(share: Array, seconds: Array) -> tuple[float, float]:
     return float(times[first]), float(times[last])
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Accuracy against minutes, and the minutes until that of the zig-zags."""
+    settings = results.settings
     seconds = np.array(parts(settings)[0].arguments["seconds"])
-    rows, claims, panels = [], [], []
-    for title in s.specimens(settings["specimens"]):
-        parts_of = {name: s.sessions_of(settings, results, title, name) for name in _MOTIONS}
-        whole = [part.numbers["whole"] for part in parts_of[_REFERENCE]]
-        total = np.median([part.numbers["total"] for part in parts_of[_REFERENCE]])
-        rows.append(_row(f"{title}, zig-zags", np.full(2, total), np.array(whole), 1.0))
-        curves, times = [], {}
-        for motion, colour in _MOTIONS.items():
-            rmse = [part.arrays["rmse"] for part in parts_of[motion]]
-            shares = [relative(one, own) for one, own in zip(rmse, whole, strict=True)]
-            least = min(map(len, shares))
+    lines, claims, panels = [], [], []
+    for title, rows in results.rows.groupby("specimen", sort=False):
+        whole = errors(rows, case=_REFERENCE, of=WHOLE)
+        total = np.median(select(rows, case=_REFERENCE, of=WHOLE).seconds)
+        lines.append(_line(f"{title}, zig-zags", np.full(2, total), whole, 1.0))
+        first = select(rows, of=FIRST)
+        share = np.concatenate(
+            [relative(errors(own), whole[n]) for n, own in first.groupby("session", sort=False)]
+        )
+        order = np.concatenate([own.index for _, own in first.groupby("session", sort=False)])
+        first = first.assign(share=Series(share, order), minutes=first.seconds / 60.0)
+        times = {}
+        for motion, own in first.groupby("case", sort=False):
+            shares = [one.share.to_numpy() for _, one in own.groupby("session", sort=False)]
             times[motion] = np.array([reached(one, seconds) for one in shares])
-            middle = np.median([one[:least] for one in shares], axis=0)
-            curves.append(Curve(seconds[:least] / 60.0, middle, motion, colour, "-o", 2.0))
-            curves += [
-                Curve(seconds[: len(one)] / 60.0, one, "", colour, width=0.2) for one in shares
-            ]
             if motion == _REFERENCE:
                 continue
             for minutes in (_MINUTES, float(seconds[-1]) / 60.0):
-                at = int(np.abs(seconds - 60.0 * minutes).argmin())
-                here = np.array([one[at] for one in rmse])
-                text = f"{title}, {motion}, {seconds[at] / 60:.1f} min"
+                end = seconds[np.abs(seconds - 60.0 * minutes).argmin()]
+                name = f"{title}, {motion}, {end / 60:.1f} min"
+                middle = np.median(values(own, "share", seconds=end))
                 spent = np.median(times[motion], axis=0)
-                rows.append(_row(text, spent, here, float(middle[at])))
-        panels.append(Panel(curves, "minutes", "RMSE / that of all zig-zags", title, log="xy"))
-        claims += _claims(title, times)
-        claims.append(_stopping(title, parts_of[_DESIGNED]))
-    count = settings["sessions"]
+                lines.append(_line(name, spent, errors(own, seconds=end), float(middle)))
+        panels.append(
+            by_condition(
+                first, "minutes", "share", "case", each="session", colours=_MOTIONS,
+                x="minutes", y="RMSE / that of all zig-zags", title=str(title), log="xy",
+            )
+        )  # fmt: skip
+        claims += [*_claims(str(title), times), _stopping(str(title), rows)]
     header = ("motion", *s.TITLES, "to the zig-zags'", "as good from [min]", "for good [min]")
     chosen = f"{settings['estimator']}, features of {settings['features']} joints"
     notes = (
         f"RMSE on {settings['test']:g} minutes of random motion of the laboratory's profile after "
-        f"the training, mean over {count} sessions with an arm's seed and a homing each; {chosen}. "
+        f"the training, mean over {settings['sessions']} sessions with an arm's seed and a homing "
+        f"each; {chosen}. "
         "The last three are medians over the sessions: of the geometric mean over the joints of "
         "the RMSE over that of the session's zig-zags, and of the minutes until that is 1 or "
         "below, for the first time and for good.",
     )
-    table = Table("Accuracy against minutes of training", header, tuple(rows), notes)
+    table = Table("Accuracy against minutes of training", header, tuple(lines), notes)
     caption = "Bold: median over the sessions, which are the thin lines. 1: all zig-zags."
     asked = "How soon is a calibration as good as by all zig-zags?"
     figure = Figure(asked, (panels,), caption, legend=True)
     return Summary((table,), {"efficiency": figure}, claims)
 
 
-def _row(name: str, spent: Array, rmse: Array, share: float) -> tuple[str, ...]:
-    errors = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
-    return (name, *errors, fixed(share, 2), *(fixed(float(one) / 60.0, 2) for one in spent))
+def _line(name: str, spent: Array, rmse: Array, share: float) -> tuple[str, ...]:
+    means = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
+    return (name, *means, fixed(share, 2), *(fixed(float(one) / 60.0, 2) for one in spent))
 
 
 def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
@@ -199,19 +220,21 @@ def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
     ]  # fmt: skip
 
 
-def _stopping(title: str, sessions: Sequence[PartResult]) -> Claim:
+def _stopping(title: str, rows: DataFrame) -> Claim:
     near, minutes = 0, []
-    for part in sessions:
-        errors = relative(np.vstack([part.arrays["rmse"], part.numbers["at_stop"]]), np.ones(3))
-        near += bool(errors[-1] <= _NEAR * np.nanmin(errors))
-        minutes.append(part.numbers["stopped"] / 60.0)
+    for _, own in select(rows, case=_DESIGNED).groupby("session", sort=False):
+        at_stop = select(own, of=STOPPED)
+        reachable = np.vstack([errors(own, of=FIRST), errors(at_stop)])
+        shares = relative(reachable, np.ones(3))
+        near += bool(shares[-1] <= _NEAR * np.nanmin(shares))
+        minutes.append(float(at_stop.seconds.iloc[0]) / 60.0)
     text = (
         f"stopped when twice the time is expected to lower no error by {100 * ENOUGH:g} %, the "
         f"designed motion ends within {100 * (_NEAR - 1.0):.0f} % of the least error that it ever "
         "reaches"
     )
     found = (
-        f"{near} of {len(sessions)} sessions, after {np.median(minutes):.1f} minutes "
+        f"{near} of {len(minutes)} sessions, after {np.median(minutes):.1f} minutes "
         f"({min(minutes):.1f} to {max(minutes):.1f})"
     )
-    return Claim(text, "ours", near >= _STOPS * len(sessions), found, title)
+    return Claim(text, "ours", near >= _STOPS * len(minutes), found, title)

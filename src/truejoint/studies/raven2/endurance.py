@@ -2,29 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
 import numpy as np
+from pandas import DataFrame, concat
 
 from truejoint.array_types import Array
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel, by_condition
 from truejoint.errors import StudyError
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.study import (
-    Part,
-    PartResult,
-    Settings,
-    Statement,
-    Summary,
-    check_counts,
-    check_names,
-)
+from truejoint.studies.raven2.sparsity import by_length
+from truejoint.studies.rows import select, unique
+from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Statement, Summary
 from truejoint.studies.verdicts import RULE
-from truejoint.tables import Table
 
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does; the last with a mass on its tool."""
@@ -38,17 +33,14 @@ _DRAWN: Final = {
 }  # fmt: skip
 """What is drawn of them, and how; the last two fitted to the longest training."""
 
-Hours = Sequence[Mapping[str, s.Errors]]
-"""Errors by combination of sparsities, for each hour."""
-Choose = Callable[[Mapping[str, s.Errors]], s.Errors]
-Found = Mapping[str, Sequence[Hours]]
-"""Hours of each session by what the arm did; combinations in the order of time."""
+LONGEST, SHORTEST = "longest", "shortest"
+"""Combinations of sparsities by the time that they take, up to three of each."""
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, kind of work and session."""
-    check_counts(settings, "hours", "sessions", "networks")
-    check_names("kind of work", settings["works"], WORKS)
+    settings.check_positive("hours", "sessions", "networks")
+    settings.check_names("kind of work", "works", WORKS)
     s.check_sets(settings)
     if not 0.0 < settings["load_g"] <= 2000.0:
         raise StudyError(f"load_g={settings['load_g']:g}; it must be above 0, up to 2000")
@@ -75,9 +67,12 @@ def last(
     twin.load = load
     go_on = s.resting if work == IDLE else s.working
     tests = go_on(arm, hours, s.TEST_SEED + seed)
-    errors = [{text: s.judged(own, test) for text, own in models.items()} for test in tests]
+    rows: Rows = []
+    for hour, test in enumerate(tests):
+        for text, fitted in models.items():
+            rows += s.judged(fitted, test, hour=hour, set=text, seconds=lengths[text])
     example = _example(models[max(lengths, key=lambda text: lengths[text])], tests[0])
-    return PartResult({"hours": errors, "seconds": lengths}, example)
+    return PartResult(rows, example)
 
 
 def _example(models: s.Models, test: Recording) -> dict[str, Array]:
@@ -93,105 +88,67 @@ def _example(models: s.Models, test: Recording) -> dict[str, Array]:
     }
 
 
-def by_work(settings: Settings, results: Mapping[str, PartResult], title: str) -> Found:
-    """Sort the hours of a specimen, combinations by the time that they take."""
-    found = {}
-    for work in settings["works"]:
-        numbers = [part.numbers for part in s.sessions_of(settings, results, title, work)]
-        order = sorted(settings["sets"], key=numbers[0]["seconds"].get)
-        found[work] = [
-            [{text: hour[text] for text in order} for hour in one["hours"]] for one in numbers
-        ]
-    return found
+def by_training(rows: DataFrame) -> DataFrame:
+    """Rows of the longest and of the shortest combinations, which the column ``training`` names.
+
+    ``when`` says ``"first"`` of the first hour and ``"last"`` of the last.
+    """
+    count, ends = rows.place.nunique(), {0: "first", rows.hour.max(): "last"}
+    some = max(1, min(_FEW, count // 2))
+    which = ((LONGEST, rows.place >= count - some), (SHORTEST, rows.place < some))
+    return concat(
+        rows[chosen].assign(training=name, when=rows.hour.map(ends)) for name, chosen in which
+    )
 
 
-def longest(hour: Mapping[str, s.Errors]) -> s.Errors:
-    """Errors of the models of the longest combinations together."""
-    return _together(list(hour.values())[-_some(hour) :])
-
-
-def _shortest(hour: Mapping[str, s.Errors]) -> s.Errors:
-    return _together(list(hour.values())[: _some(hour)])
-
-
-def _some(hour: Mapping[str, s.Errors]) -> int:
-    return max(1, min(_FEW, len(hour) // 2))
-
-
-def _together(errors: Sequence[s.Errors]) -> s.Errors:
-    return {method: [row for one in errors for row in one[method]] for method in errors[0]}
-
-
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Figures 6 and 7, the rows of Table III, and what the paper says of the hours."""
-    made, figures, judged = [], {}, []
-    for title in s.specimens(settings["specimens"]):
-        found = by_work(settings, results, title)
-        for work, sessions in found.items():
-            rows = {
-                f"hour {hour}": [longest(one[hour]) for one in sessions]
-                for hour in range(settings["hours"])
-            }
+    settings, works = results.settings, results.settings["works"]
+
+    def of_specimen(title: str, rows: DataFrame) -> Summary:
+        every = tables.in_order(by_length(rows.assign(work=rows.case)), "work", works)
+        rows, made = by_training(every), []
+        for work in works:
+            hours = select(rows, work=work, training=LONGEST).sort_values("hour", kind="stable")
             name = f"{work}, {settings['load_g']:g} g" if work == LOADED else work
             made.append(
                 tables.accuracy_table(
                     f"peng2024 figure 6 and Table III, {name}, specimen {title}",
-                    rows,
-                    _METHODS,
-                    partial(_printed, work),
+                    hours.assign(condition=hours.hour.map("hour {}".format)),
+                    _METHODS, partial(_printed, work),
                     ("Models of the longest trainings, three where there are six or more.", RULE),
                 )
-            )
-        made.append(_by_length(title, found, settings))
-        figures[f"endurance-{title}"] = _figure(title, found)
-        first = {
-            work: s.sessions_of(settings, results, title, work)[0].arrays
-            for work in settings["works"]
+            )  # fmt: skip
+        mean = f"Mean over {settings['hours']} h by what was trained on, specimen {title}"
+        every = every.assign(condition=every.work + ", " + every.set)
+        made.append(tables.accuracy_table(mean, every, _METHODS, notes=(tables.ZIGZAGS,)))
+        first = {work: results.arrays[f"{title}-{work}-0"] for work in works}
+        figures = {
+            f"endurance-{title}": _figure(title, rows, works),
+            f"trajectories-{title}": _trajectories(title, first),
         }
-        figures[f"trajectories-{title}"] = _trajectories(title, first)
-        if set(WORKS) <= set(found) and settings["hours"] > 1:
-            judged += [claim.judged(found, title) for claim in CLAIMS]
-    return Summary(made, figures, judged)
+        whole = set(WORKS) <= set(works) and settings["hours"] > 1
+        return Summary(made, figures, [c.judged(rows, title) for c in CLAIMS] if whole else ())
+
+    return tables.by_specimen(results, of_specimen)
 
 
 def _printed(work: str, condition: str, joint: int, method: str) -> float | None:
-    return tables.printed("III", f"RAVEN-II {work} {condition.replace(' ', '')}", joint, method)
+    return tables.printed("III", f"RAVEN-II {work} {{}}")(condition.replace(" ", ""), joint, method)
 
 
-def _by_length(title: str, found: Found, settings: Settings) -> Table:
-    rows = {}
-    for work, sessions in found.items():
-        for text in sessions[0][0]:
-            rows[f"{work}, {text}"] = [_together([hour[text] for hour in one]) for one in sessions]
-    return tables.accuracy_table(
-        f"Mean over {settings['hours']} h by what was trained on, specimen {title}",
-        rows,
-        _METHODS,
-        tables.unprinted,
-        ("4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6.",),
-    )
-
-
-def _figure(title: str, found: Found) -> Figure:
-    rows = []
-    for joint, label in enumerate(s.TITLES):
-        panels = []
-        for work, sessions in found.items():
-            curves = []
-            for method in _METHODS:
-                for part, style in ((longest, "o-"), (_shortest, "o:")):
-                    by_hour = [
-                        _errors([part(hour) for hour in hours], method, joint).mean()
-                        for hours in zip(*sessions, strict=True)
-                    ]
-                    name = f"{method}, {'longest' if part is longest else 'shortest'} trainings"
-                    place = np.arange(len(by_hour))
-                    curves.append(Curve(place, by_hour, name, tables.COLOURS[method], style))
-            names, name = [str(hour) for hour in range(len(sessions[0]))], "" if joint else work
-            panels.append(Panel(curves, "hour", f"RMSE, {label}", name, "y", columns=names))
-        rows.append(panels)
-    caption = "RMSE by hour after one calibration; mean over trainings of the three lengths."
-    return Figure(f"peng2024 figure 6, specimen {title}", rows, caption, height=9.5, legend=True)
+def _figure(title: str, rows: DataFrame, works: Sequence[str]) -> Figure:
+    rows = select(rows, method=_METHODS)
+    rows = rows.assign(name=rows.method + ", " + rows.training + " trainings")
+    panel = partial(by_condition, condition="hour", value="rmse", by="name", x="hour", log="y")
+    columns = [tables.joint_panels(select(rows, work=work), panel) for work in works]
+    columns = [
+        [replace(column[0], title=work), *column[1:]]
+        for work, column in zip(works, columns, strict=True)
+    ]
+    caption = "RMSE by hour after one calibration; median over trainings of the three lengths."
+    panels = list(zip(*columns, strict=True))
+    return Figure(f"peng2024 figure 6, specimen {title}", panels, caption, height=9.5, legend=True)
 
 
 def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Figure:
@@ -212,127 +169,68 @@ def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Fi
     return Figure(f"peng2024 figure 7, specimen {title}", rows, caption, height=8.0, legend=True)
 
 
-def _at(work: str, hour: int, method: str, joint: int) -> claims.Pick:
-    """Errors in an hour (-1: the last) with the longest trainings."""
-    return lambda found: _errors([longest(one[hour]) for one in found[work]], method, joint)
-
-
-def _over(work: str, method: str, joint: int, part: Choose = longest) -> claims.Pick:
-    """Errors over all hours."""
-    return lambda found: _errors(
-        [_together([part(hour) for hour in one]) for one in found[work]], method, joint
-    )
-
-
-def _errors(sessions: Sequence[s.Errors], method: str, joint: int) -> Array:
-    return np.asarray(tables.by_session(sessions, method)[:, joint])
-
-
-def _growth(work: str, method: str, joint: int) -> claims.Pick:
-    """Last hour over the first."""
-    return lambda found: _at(work, -1, method, joint)(found) / _at(work, 0, method, joint)(found)
-
-
-def _length_gain(found: Found) -> tuple[bool | None, str]:
+def _length_gain(rows: DataFrame) -> tuple[bool | None, str]:
     """Whether long trainings are better by a fifth, geometric mean over joints and all works."""
     texts, ratios = [], []
+    gain = _LONG, _SHORT
     for method in ("dnn", "linear", "poly2"):
         logs = [
-            np.log(_over(work, method, k)(found) / _over(work, method, k, _shortest)(found))
-            for work in found
-            for k in range(len(s.JOINTS))
+            np.log(claims.errors(rows, gain, work=work, joint=joint, method=method))
+            for work in unique(rows, "work")
+            for joint in s.JOINTS
         ]
         ratios.append(float(np.exp(np.mean(logs))))
         texts.append(f"{method} {100 * (1 - ratios[-1]):.0f} % better")
-    return bool(max(ratios) <= 0.8), f"{', '.join(texts)} after the longest than the shortest"
+    return max(ratios) <= 0.8, f"{', '.join(texts)} after the longest than the shortest"
 
 
+_LONG, _SHORT = {"training": LONGEST}, {"training": SHORTEST}
+_FIRST, _LAST = _LONG | {"when": "first"}, _LONG | {"when": "last"}
 _WORKED: Final = (UNLOADED, LOADED)
 _TWO: Final = ("dnn", "linear")
-
+_SHOULDER, _OTHERS = s.JOINTS[:1], s.JOINTS[1:]
+_LINEAR, _NETWORK = ({"method": method} for method in ("linear", "dnn"))
 CLAIMS: Final = (
-    claims.kept(
-        "idle for six hours, network, linear model and fixed offset hardly get worse",
-        "peng2024, II-G",
-        0.15,
-        *(
-            (f"{name}, {joint}", _at(IDLE, 0, name, k), _at(IDLE, -1, name, k))
-            for name in (*_TWO, "offset")
-            for k, joint in enumerate(s.JOINTS)
-        ),
+    claims.not_worse(
+        0.15, "idle for six hours, network, linear model and fixed offset hardly get worse",
+        "peng2024, II-G", _FIRST, _LAST, work=(IDLE,), method=(*_TWO, "offset"), joint=s.JOINTS,
     ),
     claims.ordered(
         "joint 1: network and linear model are worse after hours of work, without and with a load",
-        "peng2024, II-G",
-        *(
-            (f"{work}, {name}", _at(work, 0, name, 0), _at(work, -1, name, 0))
-            for work in _WORKED
-            for name in _TWO
-        ),
+        "peng2024, II-G", _FIRST, _LAST, work=_WORKED, method=_TWO, joint=_SHOULDER,
     ),
     claims.ordered(
-        "joint 1 drifts most: its error grows by the largest factor",
-        "peng2024, III",
-        *(
-            (f"{work}, {name}, {s.JOINTS[k]}", _growth(work, name, k), _growth(work, name, 0))
-            for work in _WORKED
-            for name in _TWO
-            for k in (1, 2)
-        ),
+        "joint 1 drifts most: its error grows by the largest factor", "peng2024, III",
+        (_LAST, _FIRST), tuple(one | {"joint": s.JOINTS[0]} for one in (_LAST, _FIRST)),
+        work=_WORKED, method=_TWO, joint=_OTHERS,
     ),
     claims.ordered(
-        "joint 1: a load makes it worse",
-        "peng2024, II-G",
-        *((name, _at(UNLOADED, -1, name, 0), _at(LOADED, -1, name, 0)) for name in _METHODS),
+        "joint 1: a load makes it worse", "peng2024, II-G",
+        _LAST | {"work": UNLOADED}, _LAST | {"work": LOADED}, method=_METHODS, joint=_SHOULDER,
     ),
     claims.ordered(
         "joint 1: the fixed offset too gets worse with work",
-        "peng2024, II-G and III",
-        *((work, _at(work, 0, "offset", 0), _at(work, -1, "offset", 0)) for work in _WORKED),
+        "peng2024, II-G and III", _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_SHOULDER,
     ),
-    claims.kept(
-        "joints 2 and 3: the fixed offset does not get worse with work",
-        "peng2024, II-G and III",
-        0.1,
-        *(
-            (f"{work}, {s.JOINTS[k]}", _at(work, 0, "offset", k), _at(work, -1, "offset", k))
-            for work in _WORKED
-            for k in (1, 2)
-        ),
+    claims.not_worse(
+        0.1, "joints 2 and 3: the fixed offset does not get worse with work",
+        "peng2024, II-G and III", _FIRST, _LAST, work=_WORKED, method=("offset",), joint=_OTHERS,
     ),
     Statement(
         "trainings above 800 s leave a fifth less error than those below 500 s",
-        "peng2024, II-G",
-        _length_gain,
+        "peng2024, II-G", _length_gain,
     ),
     claims.ordered(
         "the polynomial is worse than the fixed offset in joints 2 and 3, even idle",
         "peng2024, II-G and Table II",
-        *(
-            (f"{work}, {s.JOINTS[k]}", _over(work, "offset", k), _over(work, "poly2", k))
-            for work in WORKS
-            for k in (1, 2)
-        ),
+        _LONG | {"method": "offset"}, _LONG | {"method": "poly2"}, work=WORKS, joint=_OTHERS,
     ),
     claims.ordered(
         "under the load, the network errs less than the linear model",
-        "peng2024, III",
-        *(
-            (joint, _over(LOADED, "dnn", k), _over(LOADED, "linear", k))
-            for k, joint in enumerate(s.JOINTS)
-        ),
+        "peng2024, III", _LONG | _NETWORK, _LONG | _LINEAR, work=(LOADED,), joint=s.JOINTS,
     ),
     claims.ordered(
         "on the three shortest trainings, the network errs less than the linear model",
-        "peng2024, III",
-        *(
-            (
-                f"{work}, {joint}",
-                _over(work, "dnn", k, _shortest),
-                _over(work, "linear", k, _shortest),
-            )
-            for work in _WORKED
-            for k, joint in enumerate(s.JOINTS)
-        ),
+        "peng2024, III", _SHORT | _NETWORK, _SHORT | _LINEAR, work=_WORKED, joint=s.JOINTS,
     ),
-)
+)  # fmt: skip

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
-from truejoint.estimators.network.learn import WideNetwork
+from pandas import DataFrame
+
+from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import default_unit
 from truejoint.robots.raven2.state_message import state_message
 from truejoint.simulation.raven2 import Raven2Twin
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts, check_names
+from truejoint.studies.raven2.sparsity import by_length
+from truejoint.studies.rows import select
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.verdicts import RULE
 
 SELECTED: Final = "selected"
@@ -21,7 +25,7 @@ ALL: Final = "all"
 TIMELESS: Final = "all but time"
 """And but the sequence number: neither was ever seen as it is hours later."""
 WIDE: Final = "wide"
-"""The larger network, on all features."""
+"""The larger network of II-H, on all features."""
 KINDS: Final = (SELECTED, TIMELESS, ALL)
 _CLOCKS: Final = ("state/time", "state/last_seq")
 _OFFSET: Final = 700_000  # of the arms' seeds, so that no other study has the same
@@ -29,12 +33,13 @@ _METHODS: Final = ("dnn", "linear", "poly2", "offset", WIDE)
 _STRIDE: Final = 10
 """Every tenth row of the hours is judged: a large network takes its time to predict them."""
 _FIT_RATE: Final = 10.0  # [Hz], of the larger network
+_LARGE: Final = {"hidden_layer_sizes": (600, 500, 400), "weight_decay": 1e-4}
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    check_counts(settings, "hours", "sessions", "networks")
-    check_names("model", settings["models"], ("dnn", WIDE))
+    settings.check_positive("hours", "sessions", "networks")
+    settings.check_names("model", "models", ("dnn", WIDE))
     s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "models", "networks", "hours")}
     return s.part_for_each(settings, fit_both, _OFFSET, common)
@@ -42,7 +47,7 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def fit_both(
     raven: s.Plain, seed: int, sets: Sequence[str], models: Sequence[str], networks: int, hours: int
-) -> PartResult:
+) -> Rows:
     """Fit with the selected and with all features, and judge hours of unloaded work."""
     arm, twin = s.homed(raven, seed)
     training = {
@@ -53,20 +58,21 @@ def fit_both(
     test = with_state(worked, twin)
     longest = max(training, key=lambda text: s.seconds_of(training[text]))
     names = all_features(test)
-    found = {}
+    timeless = [name for name in names if name not in _CLOCKS]
+    rows: Rows = []
     for text, own in training.items():
         every = s.fitted(own, networks, seed, features=names)
         if WIDE in models and text == longest:
-            wide = s.model_of(own, WideNetwork(), features=names, fit_rate=_FIT_RATE)
-            every = {**every, WIDE: [wide]}
-        timeless = [name for name in names if name not in _CLOCKS]
-        found[text] = {
-            SELECTED: s.judged(s.fitted(own, networks, seed), test),
-            TIMELESS: s.judged(s.fitted(own, 0, seed, features=timeless), test),
-            ALL: s.judged(every, test),
-        }
-    lengths = {text: s.seconds_of(own) for text, own in training.items()}
-    return PartResult({"errors": found, "seconds": lengths, "inputs": len(names)})
+            network = NeuralNetwork(**_LARGE)
+            every[WIDE] = [s.model_of(own, network, features=names, fit_rate=_FIT_RATE)]
+        for kind, fitted in (
+            (SELECTED, s.fitted(own, networks, seed)),
+            (TIMELESS, s.fitted(own, 0, seed, features=timeless)),
+            (ALL, every),
+        ):
+            labels = {"kind": kind, "set": text, "seconds": s.seconds_of(own)}
+            rows += s.judged(fitted, test, inputs=len(names), **labels)
+    return rows
 
 
 def with_state(recording: Recording, twin: Raven2Twin) -> Recording:
@@ -84,92 +90,68 @@ def all_features(recording: Recording) -> list[str]:
     return [name for name in recording.units if not name.startswith("truth")]
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Figure 8, its numbers, and what the paper says of features."""
-    made, figures, judged = [], {}, []
-    for title, numbers in s.numbers_of(settings, results).items():
-        order = sorted(settings["sets"], key=numbers[0]["seconds"].get)
-        found = {
-            (kind, text): [one["errors"][text][kind] for one in numbers]
-            for kind in KINDS
-            for text in order
-        }
-        rows = {f"{kind}, {text}": sessions for (kind, text), sessions in found.items()}
-        known = found[ALL, order[-1]][0]
-        methods = [method for method in _METHODS if method in known]
+
+    def of_specimen(title: str, rows: DataFrame) -> Summary:
+        rows = tables.in_order(by_length(rows), "kind", KINDS)
+        rows = rows.assign(condition=rows.kind + ", " + rows.set)
+        methods = [name for name in _METHODS if name in set(rows.method)]
         name = f"peng2024 figure 8, specimen {title}"
         notes = (
             "Selected: measured position and torque of every channel, 16; all: "
-            f"{numbers[0]['inputs']} of one arm's state message, constant ones included (the paper "
+            f"{rows.inputs.iloc[0]} of one arm's state message, constant ones included (the paper "
             "counts 138).",
-            f"Mean over {settings['hours']} hours of unloaded work. A dash: the polynomial of all "
-            "features has more coefficients than a tenth of the rows, and is not fitted.",
+            f"Mean over {results.settings['hours']} hours of unloaded work. A dash: the polynomial "
+            "of all features has more coefficients than a tenth of the rows, and is not fitted.",
             RULE,
         )
-        made.append(tables.accuracy_table(name, rows, methods, tables.unprinted, notes))
-        shown = [method for method in ("dnn", "linear", "offset", WIDE) if method in known]
-        figures[f"features-{title}"] = tables.accuracy_figure(
-            name, rows, shown, tables.unprinted, "RMSE over the hours by features and training."
-        )
-        longest = {kind: found[kind, order[-1]] for kind in KINDS}
-        judged += [claim.judged(longest, title) for claim in (*CLAIMS, CAUSE)]
-        if WIDE in known:
-            judged += [claim.judged(longest, title) for claim in OF_WIDE]
-    return Summary(made, figures, judged)
+        table = tables.accuracy_table(name, rows, methods, notes=notes)
+        drawn = [method for method in methods if method != "poly2"]
+        caption = "RMSE over the hours by features and training."
+        figure = tables.accuracy_figure(name, rows, drawn, caption)
+        longest = select(rows, place=rows.place.max())
+        chosen = (*CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))
+        judged = [claim.judged(longest, title) for claim in chosen]
+        return Summary((table,), {f"features-{title}": figure}, judged)
+
+    return tables.by_specimen(results, of_specimen)
 
 
-def _of(kind: str, method: str, joint: int) -> claims.Pick:
-    return lambda found: tables.by_session(found[kind], method)[:, joint]
-
-
-def _growth(method: str, joint: int) -> claims.Pick:
-    """All features over the selected ones."""
-    return lambda found: _of(ALL, method, joint)(found) / _of(SELECTED, method, joint)(found)
-
-
-def _each(name: str, low: tuple[str, str], high: tuple[str, str]) -> list[claims.Pair]:
-    """One pair a joint, of a kind of features and a method each."""
-    return [(f"{name}, {joint}", _of(*low, k), _of(*high, k)) for k, joint in enumerate(s.JOINTS)]
-
-
+_OF_ALL, _OF_SELECTED = {"kind": ALL}, {"kind": SELECTED}
+_LINEAR, _NETWORK, _OF_WIDE = ({"method": method} for method in ("linear", "dnn", WIDE))
 CLAIMS: Final = (
     claims.ordered(
         "all features make the network worse in every joint",
-        "peng2024, II-H",
-        *_each("dnn", (SELECTED, "dnn"), (ALL, "dnn")),
+        "peng2024, II-H", _OF_SELECTED, _OF_ALL, method=("dnn",), joint=s.JOINTS,
     ),
     claims.ordered(
         "all features make the linear model worse in every joint",
-        "peng2024, II-H",
-        *_each("linear", (SELECTED, "linear"), (ALL, "linear")),
+        "peng2024, II-H", _OF_SELECTED, _OF_ALL, method=("linear",), joint=s.JOINTS,
     ),
     claims.ordered(
-        "all features hurt the linear model most",
-        "peng2024, II-H and Table V",
-        *((joint, _growth("dnn", k), _growth("linear", k)) for k, joint in enumerate(s.JOINTS)),
+        "all features hurt the linear model most", "peng2024, II-H and Table V",
+        (_OF_ALL | _NETWORK, _OF_SELECTED | _NETWORK), (_OF_ALL | _LINEAR, _OF_SELECTED | _LINEAR),
+        joint=s.JOINTS,
     ),
     claims.ordered(
-        "with all features the linear model is no better than the fixed offset",
-        "peng2024, II-H",
-        *_each("linear", (ALL, "offset"), (ALL, "linear")),
+        "with all features the linear model is no better than the fixed offset", "peng2024, II-H",
+        _OF_ALL | {"method": "offset"}, _OF_ALL | _LINEAR, joint=s.JOINTS,
     ),
-)
-CAUSE: Final = claims.kept(
-    "without time and sequence number, all features do the linear model no harm in joints 2 and 3",
-    "ours",
+)  # fmt: skip
+CAUSE: Final = claims.not_worse(
     0.1,
-    *((s.JOINTS[k], _of(SELECTED, "linear", k), _of(TIMELESS, "linear", k)) for k in (1, 2)),
-)
+    "without time and sequence number, all features do the linear model no harm in joints 2 and 3",
+    "ours", _OF_SELECTED, {"kind": TIMELESS}, method=("linear",), joint=s.JOINTS[1:],
+)  # fmt: skip
 """Why all features hurt: a fit of minutes is followed for hours along what grows all the time."""
 OF_WIDE: Final = (
     claims.ordered(
         "with all features the larger network is better than the small one",
-        "peng2024, II-H",
-        *_each("wide", (ALL, WIDE), (ALL, "dnn")),
+        "peng2024, II-H", _OF_ALL | _OF_WIDE, _OF_ALL | _NETWORK, joint=s.JOINTS,
     ),
     claims.ordered(
         "yet the larger network is not as good as the small one on the selected features",
-        "peng2024, II-H",
-        *_each("wide", (SELECTED, "dnn"), (ALL, WIDE)),
+        "peng2024, II-H", _OF_SELECTED | _NETWORK, _OF_ALL | _OF_WIDE, joint=s.JOINTS,
     ),
-)
+)  # fmt: skip

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
+from pandas import DataFrame
 from sklearn.ensemble import RandomForestRegressor
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
@@ -17,10 +18,11 @@ from truejoint.errors import StudyError
 from truejoint.estimators import Stack, get_estimator
 from truejoint.evaluation.metrics import rmse, tool_error
 from truejoint.recordings import Recording
+from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.study import Part, PartResult, Settings, Summary, check_counts, check_names
-from truejoint.studies.table import reported, reported_text
+from truejoint.studies.rows import unique, values
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.verdicts import RULE
 from truejoint.tables import Table, fixed
 
@@ -29,7 +31,8 @@ WHEN: Final = ("first", "last")
 """Hours that are judged."""
 _OFFSET: Final = 600_000  # of the arms' seeds, so that no other study has the same
 _AXES: Final = ("x", "y", "z", "distance")
-_CONDITION: Final = {"joint": "RAVEN-II unloaded", "tool": "RAVEN-II estimated"}
+_SCALES: Final = {**dict(zip(s.JOINTS, s.SCALES, strict=True)), **dict.fromkeys(_AXES, 1e3)}
+"""From SI to deg and mm."""
 _OTHERS: Final = (
     ("III", "RAVEN-II Haghighipanah 2015", "ukf"),
     ("III", "dVRK left arm Hwang 2022", "rnn"),
@@ -64,10 +67,6 @@ RIVALS: Final[Mapping[str, Rival]] = {
 """By the key that stands in options and numbers."""
 
 
-Found = Sequence[Mapping[str, Any]]
-"""Numbers of each session."""
-
-
 def _unfitted(name: str) -> Any:
     if name == "gpr":
         kernel = ConstantKernel(1.0) * RBF(3.0) + WhiteKernel(1e-2)
@@ -83,8 +82,8 @@ def _unfitted(name: str) -> Any:
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    check_counts(settings, "sessions")
-    check_names("model", settings["models"], tuple(RIVALS))
+    settings.check_positive("sessions")
+    settings.check_names("model", "models", RIVALS)
     s.combination(settings["training"])
     if settings["hours"] < 2:
         raise StudyError(f"hours={settings['hours']}; first and last make at least 2")
@@ -92,9 +91,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     return s.part_for_each(settings, compare, _OFFSET, common)
 
 
-def compare(
-    raven: s.Plain, models: Sequence[str], seed: int, training: str, hours: int
-) -> PartResult:
+def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hours: int) -> Rows:
     """Fit models, and judge joints and tool in the first and the last hour of unloaded work."""
     arm, _ = s.homed(raven, seed)
     sets = s.training_sets(arm, (training,))[training]
@@ -105,90 +102,94 @@ def compare(
     fitted = {
         name: s.model_of(sets, _unfitted(name), fit_rate=RIVALS[name].fit_rate) for name in models
     }
-    return PartResult(
-        {
-            when: {
-                RAW: errors_of(test.columns("measured", s.JOINTS), test),
-                **{name: errors_of(model.correct(test), test) for name, model in fitted.items()},
-            }
-            for when, test in zip(WHEN, tests, strict=True)
-        }
-    )
+    rows: Rows = []
+    for when, test in zip(WHEN, tests, strict=True):
+        estimates = {RAW: test.columns("measured", s.JOINTS)}
+        estimates |= {name: model.correct(test) for name, model in fitted.items()}
+        for name, estimate in estimates.items():
+            rows += errors_of(estimate, test, when=when, method=name)
+    return rows
 
 
-def errors_of(estimate: Array, test: Recording) -> dict[str, list[float]]:
-    """RMSE of the joints (3,) [rad, rad, m] and of the tool (x, y, z, distance) [m]."""
+def errors_of(estimate: Array, test: Recording, **labels: str) -> Rows:
+    """RMSE of the joints (3,) [rad, rad, m] and of the tool (x, y, z, distance) [m], as rows."""
     truth, robot = test.columns("truth", s.JOINTS), test.robot
-    known = np.isfinite(truth).all(axis=1)
-    estimate, truth = estimate[known], truth[known]
-    here = test.columns("measured", robot.joint_names)[known]
+    has_truth = np.isfinite(truth).all(axis=1)
+    estimate, truth = estimate[has_truth], truth[has_truth]
+    here = test.columns("measured", robot.joint_names)[has_truth]
     there, columns = here.copy(), robot.index(s.JOINTS)
     here[:, columns], there[:, columns] = estimate, truth
     assert robot.kinematics is not None  # noqa: S101 - for the type checker; RAVEN-II has them
     away = tool_error(robot.kinematics, here, there)
     distance = float(np.sqrt(np.mean((away**2).sum(axis=1))))
-    return {"joint": rmse(estimate - truth).tolist(), "tool": [*rmse(away).tolist(), distance]}
+    tool = dict(zip(_AXES, (*rmse(away).tolist(), distance), strict=True))
+    return [
+        {**labels, "quantity": name, "rmse": value}
+        for name, value in (
+            *zip(s.JOINTS, rmse(estimate - truth).tolist(), strict=True),
+            *tool.items(),
+        )
+    ]
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Tables III and IV beside the paper's and those that it quotes."""
-    made, judged = [], []
-    for title, numbers in s.numbers_of(settings, results).items():
-        for table, kind in (("III", "joint"), ("IV", "tool")):
-            made.append(_table(title, table, kind, numbers))
-        if set(_MEANT) <= set(settings["models"]):
-            judged += [claim.judged(numbers, title) for claim in CLAIMS]
-    return Summary(made, claims=judged)
+    judged = CLAIMS if set(_MEANT) <= set(results.settings["models"]) else ()
+    made, found_claims = [], []
+    for title, found in results.rows.groupby("specimen", sort=False):
+        rows = found.assign(rmse=found.rmse * found.quantity.map(_SCALES))
+        made += [_table(str(title), rows, table) for table in ("III", "IV")]
+        found_claims += [claim.judged(rows, str(title)) for claim in judged]
+    return Summary(made, claims=found_claims)
 
 
-def _values(numbers: Found, when: str, kind: str, model: str) -> Array:
-    """RMSE by session and column [deg, deg, mm], or [mm]."""
-    scales = s.SCALES if kind == "joint" else 1e3
-    return np.array([one[when][model][kind] for one in numbers]) * scales
-
-
-def _table(title: str, table: str, kind: str, numbers: Found) -> Table:
-    columns = s.TITLES if kind == "joint" else tuple(f"{axis} [mm]" for axis in _AXES)
-    rows = []
-    for model in numbers[0][WHEN[0]]:
-        ends = [_values(numbers, when, kind, model).mean(axis=0) for when in WHEN]
-        cells = [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in zip(*ends, strict=True)]
-        rows.append((RIVALS[model].title if model in RIVALS else model, *cells))
-    quantities = [f"joint{k + 1}" for k in range(3)] if kind == "joint" else _AXES
-    for model in ("dnn", "linear"):
+def _table(title: str, rows: DataFrame, table: str) -> Table:
+    joints = table == "III"
+    quantities = s.JOINTS if joints else _AXES
+    printed = [f"joint{k + 1}" for k in range(3)] if joints else _AXES
+    body = []
+    for method in unique(rows, "method"):
+        ends = [[_mean(rows, when, method, one) for when in WHEN] for one in quantities]
+        cells = [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in ends]
+        body.append((RIVALS[method].title if method in RIVALS else method, *cells))
+    for method in ("dnn", "linear"):
+        condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
         ends = [
-            [_printed(table, f"{_CONDITION[kind]} hour{h}", model, one) for one in quantities]
-            for h in (0, 5)
+            [_printed(table, f"{condition}{h}", method, one) for h in (0, 5)] for one in printed
         ]
-        cells = [
-            f"{reported_text(a, 3)} to {reported_text(b, 3)}" for a, b in zip(*ends, strict=True)
-        ]
-        rows.append((f"paper: {model}, hour 0 to 5", *cells))
-    for own, condition, model in _OTHERS:
+        cells = [f"{reported_text(a, 3)} to {reported_text(b, 3)}" for a, b in ends]
+        body.append((f"paper: {method}, hour 0 to 5", *cells))
+    for own, condition, method in _OTHERS:
         if own == table:
-            cells = [reported_text(_printed(table, condition, model, one), 3) for one in quantities]
-            rows.append((f"paper: {condition}, {model}", *cells))
+            cells = [reported_text(_printed(table, condition, method, one), 3) for one in printed]
+            body.append((f"paper: {condition}, {method}", *cells))
     notes = (
         "RMSE in the first to the last hour of unloaded work after one calibration.",
-        "The tool by forward kinematics, the last four joints taken as exact, as in the paper."
-        if kind == "tool"
-        else RULE,
+        RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
     )
-    header = ("model", *columns)
-    return Table(f"peng2024 Table {table}, specimen {title}", header, tuple(rows), notes)
+    columns = s.TITLES if joints else tuple(f"{axis} [mm]" for axis in _AXES)
+    return Table(
+        f"peng2024 Table {table}, specimen {title}", ("model", *columns), tuple(body), notes
+    )
+
+
+def _mean(rows: DataFrame, when: str, method: str, quantity: str) -> float:
+    return float(values(rows, "rmse", when=when, method=method, quantity=quantity).mean())
 
 
 def _printed(table: str, condition: str, method: str, quantity: str) -> float | None:
     return reported("peng2024", table, condition, method, quantity).get("rmse")
 
 
-def _here(when: str, kind: str, model: str, column: int) -> claims.Pick:
-    return lambda numbers: _values(numbers, when, kind, model)[:, column]
+def _quoted(*sources: tuple[str, str, str]) -> claims.Pick:
+    """Smallest of the errors that peng2024 quotes of others, by table, condition and method."""
 
+    def pick(rows: DataFrame, quantity: str, **_: Any) -> Array:
+        name = f"joint{s.JOINTS.index(quantity) + 1}" if quantity in s.JOINTS else quantity
+        least = min(_printed(*source, name) or np.inf for source in sources)
+        return np.full(rows.session.nunique(), least)
 
-def _there(table: str, condition: str, method: str, quantity: str) -> claims.Pick:
-    value = _printed(table, condition, method, quantity)
-    return lambda numbers: np.full(len(numbers), value)
+    return pick
 
 
 _MEANT: Final = ("dnn", "linear")
@@ -196,40 +197,16 @@ CLAIMS: Final = (
     claims.ordered(
         "even after hours, network and linear model are below the filter of Haghighipanah 2015",
         "peng2024, Table III",
-        *(
-            (
-                f"{model}, {joint}",
-                _here("last", "joint", model, k),
-                _there("III", "RAVEN-II Haghighipanah 2015", "ukf", f"joint{k + 1}"),
-            )
-            for model in _MEANT
-            for k, joint in enumerate(s.JOINTS)
-        ),
+        {"when": "last"}, _quoted(_OTHERS[0]), method=_MEANT, quantity=s.JOINTS,
     ),
     claims.ordered(
         "fresh, network and linear model are below Mahler 2014 and Peng 2020 on every axis",
         "peng2024, Table IV",
-        *(
-            (
-                f"{model}, {axis}, {condition}",
-                _here("first", "tool", model, k),
-                _there("IV", condition, method, axis),
-            )
-            for model in _MEANT
-            for _, condition, method in _OTHERS[-2:]
-            for k, axis in enumerate(_AXES[:3])
-        ),
+        {"when": "first"}, _quoted(*_OTHERS[-2:]), method=_MEANT, quantity=_AXES[:3],
     ),
     claims.ordered(
-        "fresh, the tool is off by less than Hwang's 0.65 mm",
-        "peng2024, Table IV",
-        *(
-            (
-                model,
-                _here("first", "tool", model, 3),
-                _there("IV", "dVRK Hwang 2022 pick", "rnn", "distance"),
-            )
-            for model in _MEANT
-        ),
+        "fresh, the tool is off by less than Hwang's 0.65 mm", "peng2024, Table IV",
+        {"when": "first"}, _quoted(("IV", "dVRK Hwang 2022 pick", "rnn")),
+        method=_MEANT, quantity=("distance",),
     ),
-)
+)  # fmt: skip

@@ -18,14 +18,12 @@ from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_mo
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation import Twin
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
-from truejoint.studies.study import Part, PartResult, Settings
+from truejoint.studies.study import Part, PartResult, Rows, Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
 Models = Mapping[str, Sequence[Calibration]]
 """Fitted models by method."""
-Errors = dict[str, list[list[float]]]
-"""RMSE (models, 3) [rad, rad, m] by method."""
 
 JOINTS: Final = ("shoulder", "elbow", "insertion")
 SCALES: Final = np.array([np.degrees(1.0), np.degrees(1.0), 1e3])
@@ -54,26 +52,26 @@ def specimens(names: Sequence[str]) -> dict[str, Plain]:
 
     Raises StudyError if two files have one name, TruejointError if one cannot be read.
     """
-    found: dict[str, Plain] = {
+    plain: dict[str, Plain] = {
         Path(name).stem: Raven2Parameters.read(name).to_dict() for name in names
     }
-    if len(found) < len(names):
+    if len(plain) < len(names):
         raise StudyError(f"specimens {', '.join(names)}: two have one name; rename a file")
-    return found
+    return plain
 
 
 def part_for_each(
     settings: Settings,
-    compute: Callable[..., PartResult],
+    compute: Callable[..., Rows | PartResult],
     offset: int,
     common: Mapping[str, Any],
     *,
     count: str = "sessions",
     cases: Mapping[str, Mapping[str, Any]] = ONE_CASE,
     chosen: Sequence[str] | None = None,
-    one_arm: bool = False,
+    same_arm: bool = False,
 ) -> list[Part]:
-    """Part of every specimen, session and case.
+    """Part of every specimen, session and case, labelled by these three.
 
     Parameters
     ----------
@@ -85,50 +83,26 @@ def part_for_each(
     count : str
         Option that says how many sessions there are.
     cases : mapping
-        What is done apart in a session, by what a part is called after it.
+        Arguments of every case by its name, which is part of a key.
     chosen : sequence of str, optional
-        Cases that are wanted; which others are does not change a case's seed.
-    one_arm : bool
+        Cases that are computed; the choice does not change a case's seed.
+    same_arm : bool
         Whether the cases of a session have one arm's seed.
     """
     first = offset + STUDY_SEED * settings.seed
-    step = 1 if one_arm else len(cases)
+    step = 1 if same_arm else len(cases)
     return [
         Part(
-            _key(title, case, session),
+            f"{title}-{case}-{session}" if case else f"{title}-{session}",
             compute,
-            {"raven": raven, "seed": first + step * session + number % step, **common, **own},
+            {"raven": raven, "seed": first + step * session + n % step, **common, **arguments},
+            {"specimen": title, "session": session, "case": case},
         )
         for title, raven in specimens(settings["specimens"]).items()
         for session in range(settings[count])
-        for number, (case, own) in enumerate(cases.items())
+        for n, (case, arguments) in enumerate(cases.items())
         if chosen is None or case in chosen
     ]
-
-
-def sessions_of(
-    settings: Settings,
-    results: Mapping[str, PartResult],
-    title: str,
-    case: str = "",
-    count: str = "sessions",
-) -> list[PartResult]:
-    """Results of the sessions of a specimen in one case; see `part_for_each`."""
-    return [results[_key(title, case, session)] for session in range(settings[count])]
-
-
-def numbers_of(
-    settings: Settings, results: Mapping[str, PartResult], count: str = "sessions"
-) -> dict[str, list[Mapping[str, Any]]]:
-    """Numbers of the sessions of every specimen, by its title, where there is one case."""
-    return {
-        title: [part.numbers for part in sessions_of(settings, results, title, count=count)]
-        for title in specimens(settings["specimens"])
-    }
-
-
-def _key(title: str, case: str, session: int) -> str:
-    return f"{title}-{case}-{session}" if case else f"{title}-{session}"
 
 
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
@@ -178,15 +152,15 @@ def training_sets(
     arm: Arm, sets: Sequence[str], direction: str = BEST
 ) -> dict[str, list[Recording]]:
     """Zig-zags of every combination in `sets`; each sparsity is recorded once."""
-    wanted = {text: combination(text) for text in sets}
-    divisions = sorted({n for one in wanted.values() for n in one})
+    combinations = {text: combination(text) for text in sets}
+    divisions = sorted({n for several in combinations.values() for n in several})
     recorded = dict(zip(divisions, zigzags(arm, divisions, direction), strict=True))
-    return {text: [recorded[n] for n in own] for text, own in wanted.items()}
+    return {text: [recorded[n] for n in several] for text, several in combinations.items()}
 
 
 def seconds_of(training: Sequence[Recording]) -> float:
     """Time that recordings took [s]."""
-    return sum(one.duration for one in training)
+    return sum(recording.duration for recording in training)
 
 
 def random_test(arm: Arm, seconds: float, seed: int, rate: float = STATE_RATE) -> Recording:
@@ -223,15 +197,28 @@ def fitted(
     }
 
 
-def judged(models: Models, recording: Recording) -> Errors:
-    """RMSE of models, and of the raw positions, on a recording that none of them saw."""
+def judged(models: Models, recording: Recording, **labels: Any) -> Rows:
+    """RMSE of models, and of the raw positions, on a recording that none of them saw.
+
+    A row holds the `labels`, ``method``, ``model`` (its number), ``joint`` and ``rmse`` [rad or m].
+    """
     recording = recording.with_truth(JOINTS)
     truth = recording.columns("truth", JOINTS)
-    found = {
-        name: [rmse(model.correct(recording) - truth).tolist() for model in ones]
-        for name, ones in models.items()
+    errors = {
+        (name, n): model.correct(recording) - truth
+        for name, several in models.items()
+        for n, model in enumerate(several)
     }
-    return {**found, "raw": [rmse(recording.error(JOINTS)).tolist()]}
+    errors["raw", 0] = recording.error(JOINTS)
+    return [row for key, error in errors.items() for row in rmse_rows(error, *key, **labels)]
+
+
+def rmse_rows(error: Array, method: str, model: int = 0, **labels: Any) -> Rows:
+    """RMSE of errors (n, 3) as rows, which are those of `judged`."""
+    return [
+        {**labels, "method": method, "model": model, "joint": joint, "rmse": value}
+        for joint, value in zip(JOINTS, rmse(error).tolist(), strict=True)
+    ]
 
 
 def working(arm: Arm, hours: int, seed: int) -> list[Recording]:
@@ -249,23 +236,18 @@ def resting(arm: Arm, hours: int, seed: int) -> list[Recording]:
 
     The motion is the same each time, so that hours differ by what became of the arm.
     """
-    found = []
+    tests = []
     for hour in range(hours):
         if hour:
             arm.disable()
             arm.wait(HOUR - _IDLE_TEST)
             arm.enable()
             arm.wait(1.0)  # until it has reported where it is now
-        found.append(random_test(arm, _IDLE_TEST, seed, _LONG_RATE))
-    return found
+        tests.append(random_test(arm, _IDLE_TEST, seed, _LONG_RATE))
+    return tests
 
 
 def cut_by_hour(recording: Recording, hours: int) -> list[Recording]:
     """Cut a recording of so many hours into them."""
     hour = np.minimum(((recording.t - recording.t[0]) / HOUR).astype(int), hours - 1)
     return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]
-
-
-def shown(errors: Errors, method: str) -> Array:
-    """RMSE (3,) of a method, mean over its models, in the units of `TITLES`."""
-    return np.asarray(np.mean(errors[method], axis=0) * SCALES)

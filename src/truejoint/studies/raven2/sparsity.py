@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from functools import partial
 from typing import Final
 
-import numpy as np
+from pandas import DataFrame
 
-from truejoint.drawing import Box, Figure, Panel
+from truejoint.drawing import Figure, box_plot
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.study import Part, PartResult, Settings, Statement, Summary, check_counts
+from truejoint.studies.rows import select
+from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
 from truejoint.studies.verdicts import RULE
 
 _OFFSET: Final = 200_000  # of the arms' seeds, so that no other study has the same
@@ -19,126 +21,101 @@ _METHODS: Final = (*s.MODELS, "offset")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and repetition."""
-    check_counts(settings, "minutes", "repeats", "networks")
+    settings.check_positive("minutes", "repeats", "networks")
     s.check_sets(settings)
-    common = {
-        "sets": settings["sets"],
-        "networks": settings["networks"],
-        "seconds": 60.0 * settings["minutes"],
-    }
+    common = {name: settings[name] for name in ("sets", "networks")}
+    common["seconds"] = 60.0 * settings["minutes"]
     return s.part_for_each(settings, repeat, _OFFSET, common, count="repeats")
 
 
-def repeat(
-    raven: s.Plain, seed: int, sets: Sequence[str], networks: int, seconds: float
-) -> PartResult:
+def repeat(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, seconds: float) -> Rows:
     """Record every sparsity once, calibrate on each combination, and judge on a random motion."""
     arm, _ = s.homed(raven, seed)
     training = s.training_sets(arm, sets)
     test = s.random_test(arm, seconds, s.TEST_SEED + seed)
-    errors = {text: s.judged(s.fitted(own, networks, seed), test) for text, own in training.items()}
-    lengths = {text: s.seconds_of(own) for text, own in training.items()}
-    return PartResult({"errors": errors, "seconds": lengths})
+    rows: Rows = []
+    for text, own in training.items():
+        models = s.fitted(own, networks, seed)
+        rows += s.judged(models, test, set=text, seconds=s.seconds_of(own))
+    return rows
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def by_length(rows: DataFrame) -> DataFrame:
+    """Rows in the order of the mean ``length`` [s] of what was trained on.
+
+    ``when`` says ``"first"`` of the shortest and ``"last"`` of the longest.
+    """
+    length = rows.groupby("set").seconds.mean()
+    place = {text: n for n, text in enumerate(length.sort_values().index)}
+    ends = {0: "first", len(place) - 1: "last"}
+    rows = rows.assign(length=rows.set.map(length), place=rows.set.map(place))
+    return rows.assign(when=rows.place.map(ends)).sort_values("place", kind="stable")
+
+
+def summarise(results: Results) -> Summary:
     """Figure 5, its numbers, and what the paper says of them."""
-    made, figures, judged = [], {}, []
-    for title, numbers in s.numbers_of(settings, results, "repeats").items():
-        seconds = {
-            text: np.mean([one["seconds"][text] for one in numbers]) for text in settings["sets"]
-        }
-        order = sorted(seconds, key=lambda text: float(seconds[text]))
-        found = {text: [one["errors"][text] for one in numbers] for text in order}
-        named = {f"{text}, {seconds[text]:.0f} s": found[text] for text in order}
-        made.append(
-            tables.accuracy_table(
-                f"peng2024 figure 5, specimen {title}",
-                named,
-                _METHODS,
-                tables.unprinted,
-                ("4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6.", RULE),
-            )
-        )
-        figures[f"sparsity-{title}"] = _figure(title, found, seconds)
-        judged += [claim.judged(found, title) for claim in CLAIMS]
-    return Summary(made, figures, judged)
+
+    def of_specimen(title: str, rows: DataFrame) -> Summary:
+        rows = by_length(rows)
+        seconds = rows.length.map("{:.0f} s".format)
+        rows = rows.assign(condition=rows.set + ", " + seconds, place=rows.set + "\n" + seconds)
+        name = f"peng2024 figure 5, specimen {title}"
+        table = tables.accuracy_table(name, rows, _METHODS, notes=(tables.ZIGZAGS, RULE))
+        box = partial(box_plot, condition="place", value="rmse", by="method", log="y")
+        drawn = select(rows, method=_METHODS)
+        panels = tables.joint_panels(drawn, partial(box, colours=tables.COLOURS))
+        caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
+        figure = Figure(name, [[one] for one in panels], caption, height=9.0, legend=True)
+        judged = [claim.judged(rows, title) for claim in CLAIMS]
+        return Summary((table,), {f"sparsity-{title}": figure}, judged)
+
+    return tables.by_specimen(results, of_specimen)
 
 
-def _figure(title: str, found: tables.Found, seconds: Mapping[str, float]) -> Figure:
-    panels = []
-    for joint, label in enumerate(s.TITLES):
-        boxes = [
-            Box(
-                place + (number - 1.5) * 0.2,
-                tables.by_session(sessions, method)[:, joint],
-                tables.COLOURS[method],
-                method if place == 0 else "",
-            )
-            for place, sessions in enumerate(found.values())
-            for number, method in enumerate(_METHODS)
-        ]
-        names = [f"{text}\n{seconds[text]:.0f} s" for text in found]
-        panels.append([Panel((), y=f"RMSE, {label}", log="y", boxes=boxes, columns=names)])
-    caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
-    return Figure(f"peng2024 figure 5, specimen {title}", panels, caption, height=9.0, legend=True)
-
-
-def _of(place: int, method: str, joint: int) -> claims.Pick:
-    """Errors of the combination at a `place` in the order of time."""
-    return lambda found: tables.by_session(list(found.values())[place], method)[:, joint]
-
-
-def _longer(joint: int, *methods: str) -> list[claims.Pair]:
-    return [(name, _of(-1, name, joint), _of(0, name, joint)) for name in methods]
-
-
-def _spread(found: tables.Found) -> tuple[bool | None, str]:
+def _spread(rows: DataFrame) -> tuple[bool | None, str]:
     """Whether the polynomial scatters more than the others on the shortest, in joint 1 and 2."""
-    first = next(iter(found.values()))
-    if len(first) < 2:
+    first = select(rows, when="first", joint=s.JOINTS[:2])
+    if first.session.nunique() < 2:
         return None, "one repetition has no spread"
-    spread = {m: tables.by_session(first, m).std(axis=0, ddof=1)[:2] for m in s.MODELS}
-    holds = all((spread["poly2"] > spread[name]).all() for name in ("dnn", "linear"))
-    text = "; ".join(f"{name} {v[0]:.3f}, {v[1]:.3f}" for name, v in spread.items())
-    return bool(holds), f"standard deviations: {text}"
+    errors = first.groupby(["session", "method", "joint"], sort=False).rmse.mean()
+    spread = errors.groupby(["method", "joint"], sort=False).std().unstack()[list(s.JOINTS[:2])]
+    holds = all((spread.loc["poly2"] > spread.loc[name]).all() for name in ("dnn", "linear"))
+    text = "; ".join(f"{m} {spread.loc[m].iloc[0]:.3f}, {spread.loc[m].iloc[1]:.3f}"
+                     for m in s.MODELS)  # fmt: skip
+    return holds, f"standard deviations: {text}"
 
 
+_SHORTEST, _LONGEST = {"when": "first"}, {"when": "last"}
+_SHOULDER, _ELBOW, _INSERTION = ((joint,) for joint in s.JOINTS)
+_TWO: Final = ("dnn", "linear")
 CLAIMS: Final = (
     claims.ordered(
         "joint 1: the longest calibration is better than the shortest, for every model",
-        "peng2024, II-F",
-        *_longer(0, *s.MODELS),
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.MODELS, joint=_SHOULDER,
     ),
     claims.ordered(
         "joint 2: network and linear model are better after more than 800 s",
-        "peng2024, II-F",
-        *_longer(1, "dnn", "linear"),
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=_TWO, joint=_ELBOW,
     ),
     claims.ordered(
         "joint 3: network and linear model are better after more time",
-        "peng2024, II-F",
-        *_longer(2, "dnn", "linear"),
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=_TWO, joint=_INSERTION,
     ),
     claims.ordered(
         "joint 1: on the shortest, network and linear model already beat the fixed offset",
-        "peng2024, II-F",
-        *((name, _of(0, name, 0), _of(0, "offset", 0)) for name in ("dnn", "linear")),
+        "peng2024, II-F", _SHORTEST, _SHORTEST | {"method": "offset"}, method=_TWO, joint=_SHOULDER,
     ),
     claims.ordered(
         "the network needs less data: on the shortest it errs less than the linear model",
         "peng2024, III and Table V",
-        *((joint, _of(0, "dnn", k), _of(0, "linear", k)) for k, joint in enumerate(s.JOINTS)),
+        _SHORTEST | {"method": "dnn"}, _SHORTEST | {"method": "linear"}, joint=s.JOINTS,
     ),
-    claims.kept(
-        "joint 1: the fixed offset gains nothing by more time",
-        "peng2024, II-F",
-        0.05,
-        ("offset", _of(-1, "offset", 0), _of(0, "offset", 0)),
+    claims.not_worse(
+        0.05, "joint 1: the fixed offset gains nothing by more time",
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=("offset",), joint=_SHOULDER,
     ),
     Statement(
         "on the shortest, the polynomial scatters more than the others in joints 1 and 2",
-        "peng2024, II-F",
-        _spread,
+        "peng2024, II-F", _spread,
     ),
-)
+)  # fmt: skip

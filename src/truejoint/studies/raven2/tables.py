@@ -2,144 +2,195 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Collection, Sequence
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.evaluation.metrics import percent_of
-from truejoint.studies.raven2.sessions import JOINTS, MODELS, TITLES, Errors, shown
-from truejoint.studies.table import reported
+from truejoint.studies.paper_tables import reported
+from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
+from truejoint.studies.rows import select, unique, values
+from truejoint.studies.study import Results, Summary
 from truejoint.tables import Table, fixed
 
-Found = Mapping[str, Sequence[Errors]]
-"""Errors of each session by condition."""
 Paper = Callable[[str, int, str], float | None]
 """RMSE that the paper prints for a condition, a joint's index and a method; None: none."""
+
+COLOURS: Final = {
+    "dnn": "tab:blue", "poly2": "tab:orange", "linear": "tab:green", "offset": "tab:gray",
+    "raw": "k", "wide": "tab:red",
+}  # fmt: skip
+ZIGZAGS: Final = "4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6."
 
 
 def unprinted(_condition: str, _joint: int, _method: str) -> None:
     """Nothing: the paper prints no number of these."""
 
 
-COLOURS: Final = {
-    "dnn": "tab:blue", "poly2": "tab:orange", "linear": "tab:green", "offset": "tab:gray",
-    "raw": "k", "wide": "tab:red",
-}  # fmt: skip
+def printed(table: str, form: str) -> Paper:
+    """RMSE in a table of peng2024 [deg, deg, mm], of the condition that `form` makes of ours."""
+
+    def paper(condition: str, joint: int, method: str) -> float | None:
+        return reported("peng2024", table, form.format(condition), method, f"joint{joint + 1}").get(
+            "rmse"
+        )
+
+    return paper
 
 
-def printed(table: str, condition: str, joint: int, method: str) -> float | None:
-    """RMSE in a table of peng2024 [deg, deg, mm]; None where it has none."""
-    return reported("peng2024", table, condition, method, f"joint{joint + 1}").get("rmse")
+def readable(rows: DataFrame) -> DataFrame:
+    """Rows with their RMSE in the units of `TITLES` [deg or mm]."""
+    scale = rows.joint.map(dict(zip(JOINTS, SCALES, strict=True)))
+    return rows.assign(rmse=scale * rows.rmse)
 
 
-def by_session(sessions: Sequence[Errors], method: str) -> Array:
-    """RMSE (k, 3) of a method in each session, mean over its models [deg, deg, mm]."""
-    return np.array([shown(errors, method) for errors in sessions])
+def by_specimen(results: Results, summarise: Callable[[str, DataFrame], Summary]) -> Summary:
+    """Put together what is made of the rows of every specimen, in the units of `TITLES`."""
+    made = [
+        summarise(str(title), readable(rows))
+        for title, rows in results.rows.groupby("specimen", sort=False)
+    ]
+    return Summary(
+        [table for one in made for table in one.tables],
+        {name: figure for one in made for name, figure in one.figures.items()},
+        [claim for one in made for claim in one.claims],
+    )
 
 
-def _mean(sessions: Sequence[Errors], method: str, joint: int) -> float:
-    """RMSE over sessions [deg, deg, mm]; NaN where the method has none."""
-    if method not in sessions[0]:
-        return float("nan")
-    return float(by_session(sessions, method)[:, joint].mean())
+def in_order(rows: DataFrame, column: str, names: Sequence[str]) -> DataFrame:
+    """Rows in the order that a column's names have in `names`."""
+    return rows.sort_values(column, key=lambda own: own.map(names.index), kind="stable")
+
+
+def by_session(rows: DataFrame, **where: Any) -> Array:
+    """RMSE (k,) of every session: the mean over the rows that `select` gives of it."""
+    return np.asarray(select(rows, **where).groupby("session", sort=False).rmse.mean().to_numpy())
+
+
+def percent(rows: DataFrame, **where: Any) -> Array:
+    """Share (k, 3) [%] of the fixed offset's error that a method leaves, by session and joint."""
+    method = where.pop("method")
+    left, offset = (
+        np.column_stack([by_session(rows, joint=j, method=name, **where) for j in JOINTS])
+        for name in (method, "offset")
+    )
+    return np.asarray(percent_of(left, offset))
 
 
 def accuracy_table(
-    title: str, found: Found, methods: Sequence[str], paper: Paper, notes: Sequence[str] = ()
+    title: str,
+    rows: DataFrame,
+    methods: Sequence[str],
+    paper: Paper = unprinted,
+    notes: Sequence[str] = (),
 ) -> Table:
     """RMSE [deg, deg, mm] of each condition and joint, with the paper's in brackets."""
-    rows = []
-    for condition, sessions in found.items():
-        for joint, name in enumerate(TITLES):
-            cells = [_cell(sessions, condition, method, joint, paper) for method in methods]
-            rows.append((f"{condition}, {name}", *cells))
-    header = ("condition, joint", *_titles(methods, rows))
-    count = max((len(sessions) for sessions in found.values()), default=0)
+    count = rows.groupby("condition").session.nunique().max()
     over = f"{count} sessions" if count > 1 else "the models of one session"
-    has_spread = any("±" in cell for row in rows for cell in row)
+    table = _by_joint(title, rows, methods, partial(_cell, paper=paper))
+    has_spread = any("±" in cell for row in table.rows for cell in row)
     what = f"RMSE; ± standard deviation over {over}." if has_spread else "RMSE, of one session."
-    return Table(title, header, tuple(rows), (what, *notes))
+    return Table(table.title, table.header, table.rows, (what, *notes))
 
 
-def _cell(sessions: Sequence[Errors], condition: str, method: str, joint: int, paper: Paper) -> str:
-    if method not in sessions[0]:
-        return fixed(np.nan, 3)
-    values = by_session(sessions, method)[:, joint]
-    if len(values) == 1:
-        values = np.array([shown({"": [one]}, "")[joint] for one in sessions[0][method]])
-    spread = f" ± {fixed(float(values.std(ddof=1)), 3)}" if len(values) > 1 else ""
-    there = paper(condition, joint, method)
-    return fixed(float(values.mean()), 3) + spread + ("" if there is None else f" ({there:.3f})")
-
-
-def percent_table(title: str, found: Found, paper: Paper) -> Table:
+def percent_table(title: str, rows: DataFrame, paper: Paper) -> Table:
     """Share [%] of the fixed offset's error that each model leaves, the paper's in brackets."""
-    rows = []
-    for condition, sessions in found.items():
-        for joint, name in enumerate(TITLES):
-            cells = []
-            for method in MODELS:
-                here = percent(sessions, method)[:, joint].mean()
-                there = [paper(condition, joint, one) for one in (method, "offset")]
-                after = f" ({percent_of(*there):.1f})" if None not in there else ""  # type: ignore[arg-type]
-                cells.append(fixed(float(here), 1) + after)
-            rows.append((f"{condition}, {name}", *cells))
-    header = ("condition, joint", *_titles([f"{method} %" for method in MODELS], rows))
-    return Table(title, header, tuple(rows))
+
+    def cell(rows: DataFrame, name: str, joint: int, method: str) -> str:
+        text = fixed(float(percent(rows, method=method)[:, joint].mean()), 1)
+        here, offset = paper(name, joint, method), paper(name, joint, "offset")
+        if here is None or offset is None:
+            return text
+        return f"{text} ({percent_of(here, offset):.1f})"
+
+    return _by_joint(title, rows, MODELS, cell, " %")
 
 
-def _titles(names: Sequence[str], rows: Sequence[Sequence[str]]) -> Iterator[str]:
-    """Titles of the columns behind the first; those in which the paper has a number say so."""
-    for column, name in enumerate(names, 1):
-        yield name + " (paper)" * any("(" in row[column] for row in rows)
+def _by_joint(
+    title: str,
+    rows: DataFrame,
+    methods: Sequence[str],
+    cell: Callable[[DataFrame, str, int, str], str],
+    unit: str = "",
+) -> Table:
+    """Table of conditions and joints by method; a column says where the paper has a number."""
+    body = [
+        (f"{name}, {label}", *(cell(rows_of, name, k, method) for method in methods))
+        for name, rows_of in rows.groupby("condition", sort=False)
+        for k, label in enumerate(TITLES)
+    ]
+    heads = (
+        method + unit + " (paper)" * any("(" in row[column] for row in body)
+        for column, method in enumerate(methods, 1)
+    )
+    return Table(title, ("condition, joint", *heads), tuple(body))
 
 
-def percent(sessions: Sequence[Errors], method: str) -> Array:
-    """Share (k, 3) [%] of the fixed offset's error that a model leaves, by session."""
-    return percent_of(by_session(sessions, method), by_session(sessions, "offset"))
+def _cell(rows: DataFrame, condition: str, joint: int, method: str, *, paper: Paper) -> str:
+    errors = by_session(rows, joint=JOINTS[joint], method=method)
+    if not len(errors):
+        return fixed(np.nan, 3)
+    if len(errors) == 1:
+        errors = values(rows, "rmse", joint=JOINTS[joint], method=method)
+    spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
+    there = paper(condition, joint, method)
+    return fixed(float(errors.mean()), 3) + spread + ("" if there is None else f" ({there:.3f})")
 
 
 def ratio_table(
-    title: str, groups: Mapping[str, Found], methods: Sequence[str], paper: Paper
+    title: str,
+    rows: DataFrame,
+    groups: dict[str, Collection[str]],
+    methods: Sequence[str],
+    paper: Paper,
 ) -> Table:
     """Geometric mean of RMSE over the paper's, by group of conditions."""
-    rows = []
-    for name, found in groups.items():
-        cells = []
-        for method in methods:
-            logs = [
-                np.log(by_session(sessions, method)[:, joint].mean() / there)
-                for condition, sessions in found.items()
-                for joint in range(len(JOINTS))
-                if (there := paper(condition, joint, method)) is not None
-            ]
-            cells.append(fixed(float(np.exp(np.mean(logs))) if logs else np.nan, 2))
-        rows.append((name, *cells))
-    return Table(title, ("conditions", *methods), tuple(rows), ("1: as in the paper.",))
+
+    def cell(conditions: Collection[str], method: str) -> str:
+        logs = [
+            np.log(by_session(rows, joint=name, condition=condition, method=method).mean() / there)
+            for condition in conditions
+            for joint, name in enumerate(JOINTS)
+            if (there := paper(condition, joint, method)) is not None
+        ]
+        return fixed(float(np.exp(np.mean(logs))) if logs else np.nan, 2)
+
+    body = [(name, *(cell(own, method) for method in methods)) for name, own in groups.items()]
+    return Table(title, ("conditions", *methods), tuple(body), ("1: as in the paper.",))
 
 
 def accuracy_figure(
-    title: str, found: Found, methods: Sequence[str], paper: Paper, caption: str
+    title: str, rows: DataFrame, methods: Sequence[str], caption: str, paper: Paper = unprinted
 ) -> Figure:
     """Points by condition, a panel a joint; the paper's are crosses."""
-    names, panels = list(found), []
+    names, panels = unique(rows, "condition"), []
     place = np.arange(len(names))
     for joint, label in enumerate(TITLES):
         curves = []
         for method in methods:
-            here = [_mean(found[name], method, joint) for name in names]
-            there = [paper(name, joint, method) for name in names]
+            where = {"joint": JOINTS[joint], "method": method}
+            means = [by_session(rows, **where, condition=name) for name in names]
+            here = [errors.mean() if len(errors) else np.nan for errors in means]
             curves.append(Curve(here, place, method, COLOURS.get(method), "o"))
-            known = [(v, p) for v, p in zip(there, place, strict=True) if v is not None]
-            if known:
-                x, y = zip(*known, strict=True)
-                curves.append(Curve(x, y, "", COLOURS.get(method), "x"))
+            there = np.array([paper(name, joint, method) for name in names], dtype=np.float64)
+            if np.isfinite(there).any():
+                curves.append(Curve(there, place, "", COLOURS.get(method), "x"))
         panels.append(Panel(curves, f"RMSE, {label}", log="x", rows=names))
     if paper is not unprinted:
         caption += " Dots: here; crosses: the paper's robot."
     return Figure(
         title, (panels,), caption, width=12.0, height=1.8 + 0.32 * len(names), legend=True
     )
+
+
+def joint_panels(rows: DataFrame, plot: Callable[..., Panel]) -> list[Panel]:
+    """Plot the rows of each joint, with the label of its axis."""
+    return [
+        plot(select(rows, joint=joint), y=f"RMSE, {label}")
+        for joint, label in zip(JOINTS, TITLES, strict=True)
+    ]

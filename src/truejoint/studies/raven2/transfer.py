@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from contextlib import suppress
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, adapted
@@ -13,18 +15,10 @@ from truejoint.crtk import Arm
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.motion import designed_motion
-from truejoint.recordings import Recording
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.efficiency import features, relative, until
-from truejoint.studies.study import (
-    Claim,
-    Part,
-    PartResult,
-    Settings,
-    Summary,
-    check_counts,
-    check_names,
-)
+from truejoint.studies.raven2.efficiency import errors, features, relative, rmse_of, until
+from truejoint.studies.rows import select
+from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
 _OFFSET: Final = 1_000_000  # of the arms' seeds, so that no other study has the same
@@ -40,6 +34,8 @@ _MOST: Final = 0.8  # share of the sessions that shall be as accurate
 _DRAWN: Final = 3.0  # of the error of a whole calibration, beyond which none is drawn
 
 _REFERENCE: Final = "prior, reference"
+BEFORE, OWN = "before", "own"
+"""The prior before the change, and a whole calibration after it."""
 _WAYS: Final = {_REFERENCE: "tab:blue", "prior": "tab:green", "anew": "tab:orange"}
 """What is made of the first motion, followed again: the prior adapted, beside its own recording or
 without, or a fit of its own."""
@@ -49,8 +45,8 @@ CHANGES: Final = {"homing": 10.0, "day": 60.0, "tool": 60.0, "arm": None}
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, change and session."""
-    check_counts(settings, "sessions", "first", "test")
-    check_names("change", settings["changes"], tuple(CHANGES))
+    settings.check_positive("sessions", "first", "test")
+    settings.check_names("change", "changes", CHANGES)
     common = {
         "estimator": settings["estimator"],
         "features": features(settings["features"]),
@@ -70,33 +66,38 @@ def go_over(
     features: Sequence[str] | None,
     first: float,
     test: float,
-) -> PartResult:
+) -> Rows:
     """Calibrate, change something, and see what the first seconds of the same motion make of it.
 
-    The day's `own` calibration is as long as the first, and of another motion.
+    The calibration after the change is as long as the first, and of another motion.
     """
     arm, _ = s.homed(raven, seed)
     path = designed_motion(arm.robot, first, _MOTION_SEED + seed)
     reference = s.record(arm, path)
     prior = s.model_of(reference, estimator, features=features)
-    before = _rmse(prior, s.random_test(arm, test, s.TEST_SEED + seed))
+    before = rmse_of(prior, s.random_test(arm, test, s.TEST_SEED + seed))
     arm = changed(arm, raven, change, seed)
     recording = s.record(arm, designed_motion(arm.robot, _SECONDS[-1], _MOTION_SEED + seed))
     judged = s.random_test(arm, test, 2 * s.TEST_SEED + seed)
-    made: dict[str, list[list[float]]] = {way: [] for way in _WAYS}
+    rows: Rows = []
+
+    def fitted(made_by: str, seconds: float, model: Calibration | None) -> None:
+        errors = rmse_of(model, judged) if model else dict.fromkeys(s.JOINTS, float("nan"))
+        rows.append({"made_by": made_by, "seconds": seconds, **errors})
+
     for seconds in _SECONDS:
         (brief,) = until([recording], seconds)
-        made[_REFERENCE].append(_rmse(adapted(prior, brief, reference=reference), judged))
-        made["prior"].append(_rmse(adapted(prior, brief), judged))
-        try:
-            anew = _rmse(s.model_of(brief, estimator, features=features), judged)
-        except CalibrationError:  # too few rows, or a joint has not moved yet
-            anew = [float("nan")] * len(s.JOINTS)
-        made["anew"].append(anew)
+        fitted(_REFERENCE, seconds, adapted(prior, brief, reference=reference))
+        fitted("prior", seconds, adapted(prior, brief))
+        anew = None
+        with suppress(CalibrationError):  # too few rows, or a joint has not moved yet
+            anew = s.model_of(brief, estimator, features=features)
+        fitted("anew", seconds, anew)
     whole = s.record(arm, designed_motion(arm.robot, first, 2 * _MOTION_SEED + seed))
-    own = _rmse(s.model_of(whole, estimator, features=features), judged)
-    arrays = {way: np.array(rows) for way, rows in made.items()}
-    return PartResult({"before": before, "as it was": _rmse(prior, judged), "own": own}, arrays)
+    rows.append({"made_by": BEFORE, "seconds": 0.0, **before})
+    fitted("as it was", 0.0, prior)
+    fitted(OWN, first, s.model_of(whole, estimator, features=features))
+    return rows
 
 
 def changed(arm: Arm, raven: s.Plain, change: str, seed: int) -> Arm:
@@ -128,43 +129,31 @@ def _varied(value: Any, random: np.random.Generator) -> Any:
     return several.tolist()
 
 
-def _rmse(model: Calibration, recording: Recording) -> list[float]:
-    return s.judged({"model": [model]}, recording)["model"][0]
-
-
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Accuracy against seconds of the new motion, as a share of that of a whole calibration."""
-    rows, claims = [], []
+    settings = results.settings
+    lines, claims = [], []
     panels: list[list[Panel]] = []
-    for title in s.specimens(settings["specimens"]):
+    for title, found in results.rows.groupby("specimen", sort=False):
         line: list[Panel] = []
         for change in (name for name in CHANGES if name in settings["changes"]):
-            parts = s.sessions_of(settings, results, title, change)
-            found = _by_what(parts)
-            rows += [_row(f"{title}, {change}, {what}", one, found) for what, one in found.items()]
+            rows = select(found, case=change)
+            lines += _lines(f"{title}, {change}", rows)
             if CHANGES[change] is not None:
-                claims.append(_claim(title, change, found))
-            curves = []
-            for way, colour in _WAYS.items():
-                shares = [relative(part.arrays[way], part.numbers["own"]) for part in parts]
-                middle = np.median(shares, axis=0)
-                near = np.where(middle <= _DRAWN, middle, np.nan)
-                curves.append(Curve(_SECONDS, near, way, colour, "-o"))
-            curves.append(Curve(_SECONDS, np.full(len(_SECONDS), _SAME), "", "0.5", ":"))
-            name = f"{title}, {change}"
-            line.append(Panel(curves, "motion [s]", "RMSE / own calibration", name, log="xy"))
+                claims.append(_claim(str(title), change, rows))
+            line.append(_panel(f"{title}, {change}", rows))
         panels.append(line)
-    count = settings["sessions"]
     notes = (
-        f"RMSE on {settings['test']:g} minutes of random motion, mean over {count} sessions; "
-        f"{settings['estimator']}, features of {settings['features']} joints, first fitted to "
-        f"{settings['first']:g} minutes of designed motion, which is followed again for so many "
+        f"RMSE on {settings['test']:g} minutes of random motion, mean over {settings['sessions']} "
+        f"sessions; {settings['estimator']}, features of {settings['features']} joints, first "
+        f"fitted to {settings['first']:g} minutes of designed motion, which is followed again for "
+        "so many "
         "seconds after the change. Own: as long a calibration after the change. The last columns: "
         "medians over the sessions of the geometric mean over the joints, as shares of the error "
         "before the change and of that of the own calibration.",
     )
     header = ("what", *s.TITLES, "to before", "to own")
-    table = Table("After a change", header, tuple(rows), notes)
+    table = Table("After a change", header, tuple(lines), notes)
     caption = (
         "Medians over the sessions. Blue: the first calibration as the prior, beside its own "
         "recording; green: without that; orange: without a prior. Dotted: "
@@ -175,43 +164,51 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
     return Summary((table,), {"transfer": figure}, claims)
 
 
-def _by_what(parts: Sequence[PartResult]) -> dict[str, Array]:
-    """RMSE (sessions, 3) before and after a change, by what was made of how many seconds."""
-    found = {
-        what: np.array([part.numbers[what] for part in parts])
-        for what in ("before", "as it was", "own")
+def _lines(name: str, rows: DataFrame) -> list[tuple[str, ...]]:
+    """Lines of the table: before and after a change, and by what was made of how many seconds."""
+    chosen: dict[str, dict[str, Any]] = {
+        what: {"made_by": what} for what in (BEFORE, "as it was", OWN)
     }
-    for way in _WAYS:
-        for seconds in _SHOWN:
-            at = _SECONDS.index(seconds)
-            found[_what(way, seconds)] = np.array([part.arrays[way][at] for part in parts])
-    return found
+    chosen |= {
+        f"{way}, {seconds:g} s": {"made_by": way, "seconds": seconds}
+        for way in _WAYS
+        for seconds in _SHOWN
+    }
+    lines = []
+    for what, where in chosen.items():
+        rmse = errors(rows, **where)
+        means = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
+        shares = (float(np.median(_shares(rows, rmse, base))) for base in (BEFORE, OWN))
+        lines.append((f"{name}, {what}", *means, *(fixed(share, 2) for share in shares)))
+    return lines
 
 
-def _what(way: str, seconds: float) -> str:
-    return f"{way}, {seconds:g} s"
-
-
-def _shares(rmse: Array, whole: Array) -> Array:
+def _shares(rows: DataFrame, rmse: Array, base: str) -> Array:
     """RMSE (sessions, 3) as shares (sessions,) of another, geometric mean over the joints."""
-    return np.concatenate([relative(a[None], b) for a, b in zip(rmse, whole, strict=True)])
+    return np.concatenate(
+        [relative(a[None], b) for a, b in zip(rmse, errors(rows, made_by=base), strict=True)]
+    )
 
 
-def _row(name: str, rmse: Array, found: Mapping[str, Array]) -> tuple[str, ...]:
-    errors = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
-    shares = (float(np.median(_shares(rmse, found[what]))) for what in ("before", "own"))
-    return (name, *errors, *(fixed(share, 2) for share in shares))
+def _panel(name: str, rows: DataFrame) -> Panel:
+    curves = []
+    for way, colour in _WAYS.items():
+        shares = [_shares(rows, errors(rows, made_by=way, seconds=t), OWN) for t in _SECONDS]
+        middle = np.median(shares, axis=1)
+        near = np.where(middle <= _DRAWN, middle, np.nan)
+        curves.append(Curve(_SECONDS, near, way, colour, "-o"))
+    curves.append(Curve(_SECONDS, np.full(len(_SECONDS), _SAME), "", "0.5", ":"))
+    return Panel(curves, "motion [s]", "RMSE / own calibration", name, log="xy")
 
 
-def _claim(title: str, change: str, found: Mapping[str, Array]) -> Claim:
+def _claim(title: str, change: str, rows: DataFrame) -> Claim:
     wanted = CHANGES[change]
-    assert wanted is not None  # noqa: S101  # nothing is claimed of another arm
-    rmse = found[_what(_REFERENCE, wanted)]
-    shares = _shares(rmse, found["own"])
-    same, before = int((shares <= _SAME).sum()), np.median(_shares(rmse, found["before"]))
+    rmse = errors(rows, made_by=_REFERENCE, seconds=wanted)
+    shares = _shares(rows, rmse, OWN)
+    same, before = int((shares <= _SAME).sum()), np.median(_shares(rows, rmse, BEFORE))
     text = f"a new {change} takes {wanted:g} s for the accuracy of a whole calibration"
-    said = (
+    found = (
         f"{same} of {len(shares)} sessions within {_SAME:g} of it, median {np.median(shares):.2f}; "
         f"of the error before the change {before:.2f}"
     )
-    return Claim(text, "ours", same >= _MOST * len(shares), said, title)
+    return Claim(text, "ours", same >= _MOST * len(shares), found, title)

@@ -8,11 +8,14 @@ too; here they are held out). The trajectories that they finally judge on are no
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
+from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
@@ -22,21 +25,11 @@ from truejoint.evaluation.metrics import rmse
 from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
-from truejoint.studies.study import (
-    Claim,
-    Part,
-    PartResult,
-    Settings,
-    Summary,
-    check_counts,
-    check_names,
-)
-from truejoint.studies.table import reported
-from truejoint.tables import Table, decimals_for, fixed
+from truejoint.studies.paper_tables import reported
+from truejoint.studies.rows import Cell, select, table_of, unique, values
+from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
+from truejoint.tables import decimals_for, fixed
 from truejoint.units import display_unit
-
-Groups = dict[tuple[str, str], dict[str, Any]]
-"""What was found on each data set and split."""
 
 HWANG: Final = "hwang"
 """Split of the da Vinci arm's set as its authors do it."""
@@ -48,41 +41,33 @@ _COLOURS: Final = 10  # of the cycle that "C0" begins; then marks change
 _SEEN: Final = 0.1
 _WINDOW: Final = 4
 _OFFSET: Final = "offset"
+_AUTO: Final = "auto"
 _BASELINES: Final = ("raw", _OFFSET)
 _SUITED: Final = ("linear", "poly2", "dnn")  # that take the features and settings of a data set
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a data set, split and estimator."""
-    check_counts(settings, "networks")
-    check_names("data set", settings["datasets"], tuple(_judged_sets()))
-    known = [name for name in estimator_names() if name not in _BASELINES]
-    check_names("estimator", settings["estimators"], known)
-    check_names("kind of features", (settings["features"],), FEATURES)
+    settings.check_positive("networks")
+    settings.check_names("data set", "datasets", [n for n, d in DATASETS.items() if d.splits])
+    names = [*(name for name in estimator_names() if name not in _BASELINES), _AUTO]
+    settings.check_names("estimator", "estimators", names)
+    settings.check_names("kind of features", "features", FEATURES)
+    suited, first = settings["features"] == FEATURES[0], settings.seed
     found = []
     for name in settings["datasets"]:
         splits = [split.name for split in DATASETS[name].splits] + [HWANG] * (name == _DVRK)
-        for split in splits:
-            for estimator in settings["estimators"]:
-                seeds = settings["networks"] if estimator == "dnn" else 1
-                arguments = {
-                    "dataset": name,
-                    "split": split,
-                    "estimator": estimator,
-                    "suited": settings["features"] == FEATURES[0],
-                    "seeds": list(range(settings.seed, settings.seed + seeds)),
-                }
-                found.append(Part(f"{name}-{split}-{estimator}", judge, arguments))
+        for split, estimator in product(splits, settings["estimators"]):
+            seeds = settings["networks"] if estimator == "dnn" else 1
+            labels = {"dataset": name, "split": split, "estimator": estimator}
+            arguments = {**labels, "suited": suited, "seeds": [*range(first, first + seeds)]}
+            found.append(Part(f"{name}-{split}-{estimator}", judge, arguments, labels))
     return found
-
-
-def _judged_sets() -> list[str]:
-    return [name for name, dataset in DATASETS.items() if dataset.splits]
 
 
 def judge(
     dataset: str, split: str, estimator: str, seeds: Sequence[int], suited: bool = True
-) -> PartResult:
+) -> Rows:
     """Fit an estimator to the training side, and judge it on what was held out.
 
     One that refuses the recordings, as a filter of another robot does, has its reason as a result.
@@ -102,16 +87,19 @@ def judge(
     try:
         models = [calibrate(training, one, features=features, fit_rate=rate) for one in unfitted]
     except CalibrationError as reason:
-        return PartResult({"dataset": dataset, "estimator": estimator, "refused": str(reason)})
+        return [{"refused": str(reason)}]
     joints = models[0].joints
-    found = {estimator: [_left(model, testing) for model in models]}
+    rmses = [(estimator, _rmse(model, testing)) for model in models]
     if estimator == "linear":
-        found[_OFFSET] = [_left(models[0].baselines[_OFFSET], testing)]
+        rmses.append((_OFFSET, _rmse(models[0].baselines[_OFFSET], testing)))
         error = np.concatenate([one.with_truth(joints).error(joints) for one in testing])
-        found["raw"] = [rmse(error).tolist()]
-    units = [testing[0].robot.joint(joint).unit for joint in joints]
-    about_it = {"dataset": dataset, "split": split, "joints": list(joints), "units": units}
-    return PartResult({**about_it, "rmse": found})
+        rmses.append(("raw", rmse(error).tolist()))
+    robot = testing[0].robot
+    return [
+        {"method": method, "joint": joint, "unit": robot.joint(joint).unit, "rmse": value}
+        for method, errors in rmses
+        for joint, value in zip(joints, errors, strict=True)
+    ]
 
 
 def _window(recording: Recording) -> list[str]:
@@ -126,39 +114,32 @@ def _unfitted(about: Any, estimator: str, seed: int) -> Any:
     return get_estimator(estimator)
 
 
-def _left(model: Calibration, testing: Sequence[Recording]) -> list[float]:
+def _rmse(model: Calibration, testing: Sequence[Recording]) -> list[float]:
     """RMSE (n_joints,) over all rows with truth."""
     errors = []
     for recording in testing:
         truth = recording.columns("truth", model.joints)
-        known = np.isfinite(truth).all(axis=1)
-        errors.append((model.correct(recording) - truth)[known])
+        has_truth = np.isfinite(truth).all(axis=1)
+        errors.append((model.correct(recording) - truth)[has_truth])
     return [float(value) for value in rmse(np.concatenate(errors))]
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """RMSE of every estimator by data set, split and joint."""
-    groups: Groups = {}
-    refused = {}
-    for numbers in (part.numbers for part in results.values()):
-        if "refused" in numbers:
-            refused[f"{numbers['estimator']} on {numbers['dataset']}"] = numbers["refused"]
-            continue
-        key = numbers["dataset"], numbers["split"]
-        group = groups.setdefault(key, {**numbers, "rmse": {}})
-        group["rmse"] |= numbers["rmse"]
+    settings, rows = results.settings, results.rows
+    refused = rows[rows.refused.notna()] if "refused" in rows else rows[:0]
+    rows = rows.drop(refused.index)
+    scale = rows.unit.map(lambda unit: display_unit(unit).scale)
+    names = rows.unit.map(lambda unit: display_unit(unit).name)
+    name = rows.dataset + ", " + rows.split + ": " + rows.joint
+    rows = rows.assign(rmse=scale * rows.rmse, name=name, row=name + " [" + names + "]")
     estimators = settings["estimators"]
-    methods = [*_BASELINES, *estimators]
-    rows, shares = [], dict[str, list[float]]()
-    for (dataset, split), group in groups.items():
-        for k, joint in enumerate(group["joints"]):
-            unit, name = display_unit(group["units"][k]), f"{dataset}, {split}: {joint}"
-            values = {one: np.array(seeds)[:, k] for one, seeds in group["rmse"].items()}
-            cells = (_cell(values.get(method), unit.scale) for method in methods)
-            rows.append((f"{name} [{unit.name}]", *cells))
-            whole = float(np.mean(values.get(_OFFSET, np.nan)))
-            shares[name] = [float(np.mean(values.get(one, np.nan))) / whole for one in estimators]
+    cells: dict[str, Cell] = {
+        method: lambda own, method=method: _cell(values(own, "rmse", method=method))
+        for method in (*_BASELINES, *estimators)
+    }
     networks = settings["networks"] if "dnn" in estimators else 1
+    why = dict(zip(refused.estimator + " on " + refused.dataset, refused.refused, strict=True))
     notes = (
         "RMSE on whole recordings, or the last part by time, that no fit saw; all features are "
         "causal. "
@@ -169,62 +150,49 @@ def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
             else "All take measured positions and efforts as they come."
         ),
         f"{HWANG}: both motions together, four samples of all joints, the first tenth held out.",
-        *(f"{what}: {reason}" for what, reason in refused.items()),
+        *(f"{what}: {reason}" for what, reason in why.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
-    table = Table(_TITLE, ("held out", *methods), tuple(rows), notes)
-    return Summary((table,), {"real": _figure(estimators, shares)}, _claims(groups))
+    table = table_of(_TITLE, rows, "row", cells, notes, head="held out")
+    return Summary((table,), {"real": _figure(estimators, rows)}, _claims(rows))
 
 
-def _figure(estimators: Sequence[str], shares: Mapping[str, Sequence[float]]) -> Figure:
-    """Draw the estimators' shares of the fixed offset's error by what was held out."""
-    place, of_each = np.arange(len(shares)), np.array(list(shares.values())).T
-    curves = [
-        Curve(own, place, name, f"C{i % _COLOURS}", "os"[i // _COLOURS % 2])
-        for i, (name, own) in enumerate(zip(estimators, of_each, strict=True))
-    ]
-    panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(shares))
-    caption = "Every estimator on what was held out; 1: no better than a fixed offset."
-    return Figure(_TITLE, ((panel,),), caption, 11.0, 2.0 + 0.3 * len(shares), legend=True)
-
-
-def _cell(values: Any, scale: float) -> str:
-    if values is None:
+def _cell(errors: Array) -> str:
+    if not len(errors):
         return fixed(np.nan, 3)
-    values = scale * values
-    decimals = decimals_for([float(values.mean())], most=4)
-    spread = f" ± {fixed(float(values.std(ddof=1)), decimals)}" if len(values) > 1 else ""
-    return fixed(float(values.mean()), decimals) + spread
+    decimals = decimals_for([float(errors.mean())], most=4)
+    spread = f" ± {fixed(float(errors.std(ddof=1)), decimals)}" if len(errors) > 1 else ""
+    return fixed(float(errors.mean()), decimals) + spread
 
 
-def _claims(groups: Groups) -> list[Claim]:
+def _figure(estimators: Sequence[str], rows: DataFrame) -> Figure:
+    """Draw the estimators' shares of the fixed offset's error by what was held out."""
+    means = rows.pivot_table("rmse", "name", "method", sort=False)
+    place, curves = np.arange(len(means)), []
+    for i, name in enumerate(estimators):
+        share = means.get(name, np.nan) / means.get(_OFFSET, np.nan) * np.ones(len(means))
+        look = f"C{i % _COLOURS}", "os"[i // _COLOURS % 2]
+        curves.append(Curve(share, place, name, *look))
+    panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(means.index))
+    caption = "Every estimator on what was held out; 1: no better than a fixed offset."
+    return Figure(_TITLE, ((panel,),), caption, 11.0, 2.0 + 0.3 * len(means), legend=True)
+
+
+def _claims(rows: DataFrame) -> list[Claim]:
     """Set the best estimator beside what the set's authors report of theirs, joints 1 to 3."""
-    group = groups.get((_DVRK, HWANG))
-    if group is None:
-        return []
-    scales = [display_unit(unit).scale for unit in group["units"]]
-    errors = {
-        method: np.mean(seeds, axis=0) * scales
-        for method, seeds in group["rmse"].items()
-        if method not in _BASELINES
-    }
-    found = []
-    for k, name in enumerate(("joint 1", "joint 2", "joint 3")):
-        there = reported("peng2024", "III", "dVRK left arm Hwang 2022", "rnn", f"joint{k + 1}")[
-            "rmse"
-        ]
-        best = min(errors, key=lambda method: float(errors[method][k]))
-        text = f"{name}: a model of the arm's history reaches {there:g} deg or mm"
-        number = (
-            f"{best} {errors[best][k]:.3f}, the best of {len(errors)} on the very rows that judge "
-            "them; other rows of the same arm than theirs"
+    rows = select(rows, dataset=_DVRK, split=HWANG)
+    rows = rows[~rows.method.isin(_BASELINES)]
+    claims = []
+    for number, joint in enumerate(unique(rows, "joint")[:3], 1):
+        paper = "dVRK left arm Hwang 2022"
+        there = reported("peng2024", "III", paper, "rnn", f"joint{number}")["rmse"]
+        errors = select(rows, joint=joint).groupby("method", sort=False).rmse.mean()
+        best, least = errors.idxmin(), float(errors.min())
+        text = f"joint {number}: a model of the arm's history reaches {there:g} deg or mm"
+        found = (
+            f"{best} {least:.3f}, the best of {len(errors)} on the very rows that judge them; "
+            "other rows of the same arm than theirs"
         )
-        found.append(
-            Claim(
-                text,
-                "Hwang et al. 2022, in peng2024, Table III",
-                bool(errors[best][k] <= there),
-                number,
-            )
-        )
-    return found
+        source = "Hwang et al. 2022, in peng2024, Table III"
+        claims.append(Claim(text, source, least <= there, found))
+    return claims

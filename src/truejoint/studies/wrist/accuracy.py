@@ -5,20 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, product
+from itertools import product
+from statistics import NormalDist
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel, ecdf
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.cables.hybrid import WRIST_PLAYS
 from truejoint.estimators.cables.learn import CableFilter, CableStates
-from truejoint.estimators.cables.loops import LOAD, PIN
+from truejoint.estimators.cables.loops import LOAD as LAST
+from truejoint.estimators.cables.loops import PIN
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
@@ -26,16 +29,9 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.study import (
-    Part,
-    PartResult,
-    Settings,
-    Summary,
-    check_counts,
-    check_names,
-)
+from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.physical import LOADS, honesty
 from truejoint.tables import Table, median_text
 
 _RAW: Final = "coupling"
@@ -43,25 +39,27 @@ SETTLED: Final = 2.0
 """Time after which a history that began with the recording counts [s]."""
 BLIND: Final = 5e-3
 """Dead band [Nm] above which a torque at the tip is declared blind: what pins hide of it."""
+LOADS: Final = ("grip", "pitch", "yaw")
+"""Of jaws on what they hold, and of forces at the tip about pitch and yaw."""
+TESTS: Final = ("free", "loaded")
+ANGLE, LOAD, HONESTY, IDENTIFIED, GRIP = "angle", "load", "honesty", "identified", "grip"
+"""What a row is of."""
+_NINETY: Final = NormalDist().inv_cdf(0.95)  # deviations that hold 90 % of a normal's draws
 _FILTER: Final = "filter"
 _MODEL: Final = "model"
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What is told of a recording by the physical filter, and by its model alone, unloaded."""
+class Simulated:
+    """A recording run through the physical filter, and through its model alone, unloaded."""
 
     filtered: CableStates
     joints: Array  # (n, 3) [rad]
     states: Array  # (n, 15)
 
 
-Numbers = Mapping[str, Any]
-"""What was found of one specimen, by name."""
-Families = Mapping[str, Sequence[Numbers]]
-"""That by the specimens' families."""
-Known = Mapping[str, Told]
-"""That by the recordings' sessions."""
+Physical = Mapping[str, Simulated]
+"""Runs of the physical filter by the recordings' sessions."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +115,7 @@ _DRAWN: Final = ("play_motor", "linear_effort", _FILTER, "play_effort", "play_fi
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    check_names("method", settings["methods"], tuple(METHODS))
+    settings.check_names("method", "methods", METHODS)
     check_times(settings)
     get_robot("wrist", settings["instrument"])  # refused here if there is none
     return specimens(settings, judge, "methods", "instrument", "free_s", "loaded_s", "test_s")
@@ -125,19 +123,20 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def check_times(settings: Settings) -> None:
     """Raise StudyError unless something is calibrated on, and a test lasts beyond `SETTLED`."""
-    check_counts(settings, "free_s", "loaded_s")
+    settings.check_positive("free_s", "loaded_s")
     if not settings["test_s"] > SETTLED:
         raise StudyError(f"test_s={settings['test_s']:g}; it must be above {SETTLED:g}")
 
 
-def specimens(settings: Settings, judge: Callable[..., PartResult], *names: str) -> list[Part]:
+def specimens(settings: Settings, judge: Callable[..., Any], *names: str) -> list[Part]:
     """One part a virtual instrument: `judge` of it, its family, its number, and options `names`."""
     family, common = settings["family"], {name: settings[name] for name in names}
     return [
         Part(
             f"specimen-{n:05d}",
             judge,
-            {"specimen": p.to_dict(), "family": family_of(n, family), "number": n, **common},
+            {"specimen": p.to_dict(), "number": n, **common},
+            {"specimen": n, "family": family_of(n, family)},
         )
         for n, p in enumerate(population(settings["count"], settings.seed, family))
     ]
@@ -145,7 +144,6 @@ def specimens(settings: Settings, judge: Callable[..., PartResult], *names: str)
 
 def judge(
     specimen: Mapping[str, Mapping[str, Any]],
-    family: str,
     methods: Sequence[str],
     instrument: str,
     free_s: float,
@@ -161,40 +159,50 @@ def judge(
         "free": motions.record(twin, motions.steps, test_s, seed + 2, load=False),
         "loaded": motions.record(twin, motions.steps, test_s, seed + 3, load=True),
     }
-    numbers: dict[str, Any] = {"family": family, "errors": {}, "loads": {}}
+    rows: Rows = []
     arrays: dict[str, Array] = {}
-    known: Known = {}
+    runs: Physical = {}
     if any(METHODS[key].with_filter for key in methods):
         physical = calibrate([free, under_load], "ukf_cables", joints=JOINTS)
-        known = {
-            run.provenance.session: told(physical, run)
+        runs = {
+            run.provenance.session: simulated(physical, run)
             for run in (free, under_load, *tests.values())
         }
-        numbers["identified"] = _filter_of(physical).identified
-        numbers["true"] = quantities(twin)
-        numbers["honest"] = {
-            name: honesty(known[test.provenance.session].filtered, test, SETTLED)
-            for name, test in tests.items()
-        }
-    for key in methods:
-        found = estimates(METHODS[key], free, under_load, tests, known)
-        numbers["errors"][key] = {}
+        true = quantities(twin)
+        rows += [
+            {"of": IDENTIFIED, "name": name, "value": value, "deviation": deviation, "unit": unit,
+             "true": true.get(name)}
+            for name, (value, deviation, unit) in _filter_of(physical).identified.items()
+        ]  # fmt: skip
         for name, test in tests.items():
-            rows = test.t - test.t[0] > SETTLED
+            rows += honesty(runs[test.provenance.session].filtered, test, SETTLED, test=name)
+    for key in methods:
+        found = estimates(METHODS[key], free, under_load, tests, runs)
+        for name, test in tests.items():
+            settled = test.t - test.t[0] > SETTLED
             angle, load = found[name]
-            off = (angle - test.columns("truth_exact", JOINTS))[rows]
-            numbers["errors"][key][name] = rms(off)
+            off = (angle - test.columns("truth_exact", JOINTS))[settled]
+            rows.append(
+                {
+                    "of": ANGLE,
+                    "method": key,
+                    "test": name,
+                    **dict(zip(JOINTS, rms(off), strict=True)),
+                }
+            )
             arrays[f"{name}/{key}"] = off[::4]
             if load is not None:
-                truth = test.columns("truth_load", LOADS)[rows]
-                own = zip(LOADS, rms(load[rows] - truth), rms(truth), strict=True)
-                numbers["loads"].setdefault(key, {})[name] = {n: (a, b) for n, a, b in own}
+                truth = test.columns("truth_load", LOADS)[settled]
+                missed = zip(LOADS, rms(load[settled] - truth), rms(truth), strict=True)
+                rows += [
+                    {"of": LOAD, "method": key, "test": name, "name": n, "rms": a, "size": b}
+                    for n, a, b in missed
+                ]
     for name, test in tests.items():
-        rows = test.t - test.t[0] > SETTLED
-        arrays[f"{name}/t"] = test.t[rows][::4] - test.t[0]
+        arrays[f"{name}/t"] = (test.t - test.t[0])[test.t - test.t[0] > SETTLED][::4]
     grip = tests["loaded"].column("truth_load/grip")
-    numbers["grip_rms"] = float(np.sqrt(np.mean(grip**2)))
-    return PartResult(numbers, arrays)
+    rows.append({"of": GRIP, "rms": float(np.sqrt(np.mean(grip**2)))})
+    return PartResult(rows, arrays)
 
 
 def estimates(
@@ -202,29 +210,29 @@ def estimates(
     free: Recording,
     under_load: Recording,
     tests: Mapping[str, Recording],
-    known: Known,
+    runs: Physical,
 ) -> Mapping[str, tuple[Array, Array | None]]:
     """Joints (n, 3) [rad], and loads (n, 3) [Nm] where it tells them, of a method in each test."""
     if method.estimator is None and method.with_filter:
-        own = {name: known[test.provenance.session] for name, test in tests.items()}
+        own = {name: runs[test.provenance.session] for name, test in tests.items()}
         if not method.with_load:
             return {name: (one.joints, None) for name, one in own.items()}
         return {name: (one.filtered.angle, one.filtered.load) for name, one in own.items()}
     if method.with_load:
-        return fitted([free, under_load], tests, method, known)
+        return fitted([free, under_load], tests, method, runs)
     if method.estimator is None:
         return {name: (test.columns("measured", JOINTS), None) for name, test in tests.items()}
     if method.with_filter:
-        return {name: (a, None) for name, (a, _) in fitted([free], tests, method, known).items()}
+        return {name: (a, None) for name, (a, _) in fitted([free], tests, method, runs).items()}
     model = calibrate([free], method.estimator, features=method.features, joints=JOINTS)
     return {name: (model.correct(test), None) for name, test in tests.items()}
 
 
-def told(physical: Calibration, recording: Recording) -> Told:
+def simulated(physical: Calibration, recording: Recording) -> Simulated:
     """Run the physical filter, and its model alone, over a recording."""
     model, gap = _filter_of(physical), physical.gap_limit
     X, dt = physical.feature_set.compute(recording, gap), time_steps(recording.t, gap)
-    return Told(model.states(X, dt), *model.unloaded(X, dt))
+    return Simulated(model.states(X, dt), *model.unloaded(X, dt))
 
 
 def quantities(twin: WristTwin) -> dict[str, float]:
@@ -268,6 +276,11 @@ def _filter_of(physical: Calibration) -> CableFilter:
     return model
 
 
+def by_joint(values: Sequence[float], suffix: str = "") -> dict[str, float]:
+    """Name values (3,) by the joints."""
+    return {joint + suffix: value for joint, value in zip(JOINTS, values, strict=True)}
+
+
 def rms(values: Array) -> list[float]:
     """Root mean square of each column (k,) of (n, k)."""
     return np.sqrt(np.mean(values**2, axis=0)).tolist()  # type: ignore[no-any-return]
@@ -277,7 +290,7 @@ def fitted(
     training: Sequence[Recording],
     tests: Mapping[str, Recording],
     method: Method,
-    known: Known | None,
+    runs: Physical,
 ) -> dict[str, tuple[Array, Array]]:
     """Joints (n, 3) [rad] and loads (n, 3) [Nm] in each test, by a method that learns both."""
     features = FeatureSet.parse(method.features)
@@ -285,12 +298,12 @@ def fitted(
 
     def inputs(recording: Recording) -> Array:
         own, measured = features.compute(recording, gap), recording.columns("measured", JOINTS)
-        if not (method.with_filter and known):
+        if not (method.with_filter and runs):
             return own
-        one = known[recording.provenance.session]
+        one = runs[recording.provenance.session]
         if not method.with_load:
-            return np.hstack([own, one.joints - measured, one.states[:, PIN:LOAD]])
-        states = one.filtered.states[:, PIN:LOAD]
+            return np.hstack([own, one.joints - measured, one.states[:, PIN:LAST]])
+        states = one.filtered.states[:, PIN:LAST]
         return np.hstack([own, one.filtered.angle - measured, one.filtered.load, states])
 
     def targets(recording: Recording) -> Array:
@@ -309,40 +322,63 @@ def fitted(
     return found
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def honesty(states: CableStates, test: Recording, settled: float, **labels: str) -> Rows:
+    """NEES per number, and share within the stated 90 %, of angles and loads `settled` s on."""
+    chosen, rows = test.t - test.t[0] > settled, Rows()
+    for name, error, deviation in (
+        ("angle", states.angle - test.columns("truth_exact", JOINTS), states.angle_deviation),
+        ("load", states.load - test.columns("truth_load", LOADS), states.load_deviation),
+    ):
+        scaled = (error / deviation)[chosen]
+        covered = float(np.mean(np.abs(scaled) < _NINETY))
+        found = {"name": name, "nees": float(np.mean(scaled**2)), "covered": covered}
+        rows.append({**labels, "of": HONESTY, **found})
+    return rows
+
+
+def summarise(results: Results) -> Summary:
     """Table of medians by family, and the errors of the first specimen over time."""
-    numbers = [result.numbers for result in results.values()]
-    families = by_family(numbers)
-    tables = [_table(families, settings)]
-    if numbers[0]["loads"]:
-        tables.append(_load_table(families))
-    if "honest" in numbers[0]:
-        tables += [_honest_table(families), _identified_table(families)]
-    first = next(iter(results.values()))
-    return Summary(tables, {"wrist": _figure(numbers, settings), "wrist-errors": _errors(first)})
-
-
-def by_family(numbers: Sequence[Numbers]) -> Families:
-    """Sort what was found of specimens by their families."""
-    families = dict.fromkeys(n["family"] for n in numbers)
-    return {family: [n for n in numbers if n["family"] == family] for family in families}
-
-
-def _table(families: Families, settings: Settings) -> Table:
-    rows = []
-    for key in settings["methods"]:
-        for family, own in families.items():
-            cells = []
-            for name in ("free", "loaded"):
-                rms = np.degrees([n["errors"][key][name] for n in own])
-                middle = " ".join(f"{value:.3f}" for value in np.median(rms, axis=0))
-                cells += [middle, f"{rms.max():.2f}"]
-            rows.append((METHODS[key].title, family, str(len(own)), *cells))
-    header = (
-        "method", "family", "n", "free: pitch jaw1 jaw2", "worst", "loaded: pitch jaw1 jaw2",
-        "worst",
+    settings = results.settings
+    by_kind = {str(kind): rows for kind, rows in results.rows.groupby("of", sort=False)}
+    tables = [_table(by_kind[ANGLE], settings, by_kind[GRIP])]
+    if LOAD in by_kind:
+        tables.append(_load_table(by_kind[LOAD], by_kind.get(IDENTIFIED)))
+    if HONESTY in by_kind:
+        tables += [_honest_table(by_kind[HONESTY]), _identified_table(by_kind[IDENTIFIED])]
+    errors = by_kind[ANGLE].melt(
+        ["test", "method", "specimen"], list(JOINTS), "joint", "rms"
     )  # fmt: skip
-    grip = 1e3 * float(np.median([n["grip_rms"] for own in families.values() for n in own]))
+    errors = errors.assign(name=errors.method.map({k: m.title for k, m in METHODS.items()}))
+    colours = {METHODS[key].title: colour for key, colour in _COLOURS.items()}
+    panels = [
+        ecdf(
+            select(errors, test=name), "rms", "name", scale=np.degrees(1.0), colours=colours,
+            x="RMS error [deg]", y="share of joints [%]", title=name, log="x",
+        )
+        for name in TESTS
+    ]  # fmt: skip
+    caption = "Share of all specimens' joints with a smaller error, by method."
+    figure = Figure("Wristed instruments, another class of motion", (panels,), caption, legend=True)
+    first = _errors(next(iter(results.arrays.values())))
+    return Summary(tables, {"wrist": figure, "wrist-errors": first})
+
+
+def joint_medians(rows: DataFrame, decimals: int = 3) -> str:
+    """Medians of columns of all joints [rad], in degrees."""
+    return " ".join(f"{value:.{decimals}f}" for value in np.degrees(rows[list(JOINTS)].median()))
+
+
+def worst(rows: DataFrame) -> str:
+    """Largest error of any specimen's any joint, in degrees."""
+    return f"{np.degrees(rows[list(JOINTS)].to_numpy().max()):.2f}"
+
+
+def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
+    grip = 1e3 * grips.rms.median()
+    cells: dict[str, Cell] = {"n": lambda own: str(own.specimen.nunique())}
+    for name, mark in zip(TESTS, ("", " "), strict=True):
+        cells[f"{name}: pitch jaw1 jaw2"] = lambda own, t=name: joint_medians(select(own, test=t))
+        cells["worst" + mark] = lambda own, t=name: worst(select(own, test=t))
     notes = (
         f"RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint. Fitted to {settings['free_s']:g} s "
@@ -352,116 +388,102 @@ def _table(families: Families, settings: Settings) -> Table:
         "up to 2 N along two axes. Motors alone do not see them: what stands there is what a load "
         "that nothing measures does.",
     )
-    return Table("Pitch and jaws of a wristed instrument", header, tuple(rows), notes)
+    title = "Pitch and jaws of a wristed instrument"
+    return table_of(title, rows, ["method", "family"], cells, notes, names=_named)
 
 
-def _load_table(families: Families) -> Table:
-    rows, numbers = [], list(chain(*families.values()))
-    for key, (family, specimens) in product(numbers[0]["loads"], families.items()):
-        own, cells = [n["loads"][key] for n in specimens], []
-        for load in LOADS:
-            error, size = 1e3 * np.array([n["loaded"][load] for n in own]).T
-            cells += [median_text(error, 1), f"{np.median(size):.1f}"]
-        false = 1e3 * np.array([n["free"]["grip"][0] for n in own])
-        rows.append((METHODS[key].title, family, *cells, median_text(false, 1)))
-    header = ("method", "family", *(t for load in LOADS for t in (load, "of")), "grip when free")
+def _named(method: str, family: str) -> str:
+    return f"{METHODS[method].title}, {family}"
+
+
+def _load_table(rows: DataFrame, identified: DataFrame | None) -> Table:
+    cells: dict[str, Cell] = {}
+    for load in LOADS:
+
+        def of_load(own: DataFrame, load: str = load) -> DataFrame:
+            return 1e3 * select(own, test="loaded", name=load)[["rms", "size"]]
+
+        cells[load] = lambda own, of_load=of_load: median_text(of_load(own).rms, 1)
+        cells["of " + load] = lambda own, of_load=of_load: f"{of_load(own)['size'].median():.1f}"
+    cells["grip when free"] = lambda own: median_text(
+        1e3 * select(own, test="free", name="grip").rms, 1
+    )
     notes = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
         "the RMS of the load itself: pitch and yaw are torques of the force at the tip. What a pin "
         "holds by friction no motor feels; that is the dead band below which a push stays unseen.",
-        *_blind(numbers),
+        *(() if identified is None else (_blind(identified),)),
     )
-    return Table("Grip and tip torque", header, tuple(rows), notes)
+    by = ["method", "family"]
+    return table_of("Grip and tip torque", rows, by, cells, notes, names=_named)
 
 
-def _blind(numbers: Sequence[Numbers]) -> tuple[str, ...]:
-    """Say by the dead bands that were identified which torques at the tip are declared blind."""
-    if "identified" not in numbers[0]:
-        return ()
-    said = []
+def _blind(identified: DataFrame) -> str:
+    """State by the identified dead bands which torques at the tip are declared blind."""
+    texts = []
     for title, name in (("grip", "grip"), ("pitch", "tip_first"), ("yaw", "tip_second")):
-        bands = 1e3 * np.array([n["identified"][f"{name}_dead_band"][0] for n in numbers])
-        said.append(
-            f"{title} {np.median(bands):.1f} ({bands.min():.1f} to {bands.max():.1f}), "
-            f"{np.count_nonzero(bands > 1e3 * BLIND)} of {len(bands)} blind"
+        bands = 1e3 * select(identified, name=f"{name}_dead_band").value
+        texts.append(
+            f"{title} {bands.median():.1f} ({bands.min():.1f} to {bands.max():.1f}), "
+            f"{(bands > 1e3 * BLIND).sum()} of {len(bands)} blind"
         )
     return (
         f"Dead bands that were identified, in mNm; above {1e3 * BLIND:g} a torque is declared "
-        f"blind: {'; '.join(said)}.",
+        f"blind: {'; '.join(texts)}."
     )
 
 
-def _honest_table(families: Families) -> Table:
-    rows = []
-    for family, specimens in families.items():
-        own, cells = [n["honest"] for n in specimens], []
-        for name, quantity in product(("free", "loaded"), ("angle", "load")):
-            nees, covered = np.array(
-                [[n[name][quantity][key] for key in ("nees", "covered")] for n in own]
-            ).T
-            cells += [median_text(nees, 2), f"{100 * np.median(covered):.0f} %"]
-        rows.append((family, *cells))
-    header = (
-        "family", "free: angle", "in 90 %", "load", "in 90 %", "loaded: angle", "in 90 %", "load",
-        "in 90 %",
-    )  # fmt: skip
+def _honest_table(rows: DataFrame) -> Table:
+    cells: dict[str, Cell] = {}
+    for n, (test, name) in enumerate(product(TESTS, ("angle", "load"))):
+        of: dict[str, Any] = {"test": test, "name": name}
+        cells[f"{test}: {name}"] = lambda own, of=of: median_text(select(own, **of).nees, 2)
+        cells["in 90 %" + " " * n] = lambda own, of=of: (
+            f"{100 * select(own, **of).covered.median():.0f} %"
+        )
     notes = (
         "Normalised square of the physical filter's errors, 1 where its deviations are honest: "
         "median (worst) of the specimens; share of errors within what it states for 90 %, median. "
         "Its deviations are scaled to the errors in calibration, of another class of motion.",
     )
-    return Table("What the physical filter states of itself", header, tuple(rows), notes)
+    return table_of("What the physical filter states of itself", rows, "family", cells, notes)
 
 
-def _identified_table(families: Families) -> Table:
-    rows = []
-    for name, (_, _, unit) in next(iter(families.values()))[0]["identified"].items():
-        cells = []
-        for own in families.values():
-            found, deviation = np.array([n["identified"][name][:2] for n in own]).T
-            cells += [f"{np.median(found):.3g} +- {np.median(deviation):.1g}"]
-            if name in own[0]["true"]:
-                true = np.array([n["true"][name] for n in own])
-                apart = np.sqrt(np.mean(((found - true) / deviation) ** 2))
-                cells += [f"{100 * np.median(np.abs(found / true - 1.0)):.0f} %, {apart:.1f} x"]
-            else:
-                cells += ["-"]
-        rows.append((name, unit, *cells))
-    header = ("identified", "unit", *(title for f in families for title in (f, "off")))
+def _identified_table(rows: DataFrame) -> Table:
+    ratio = ((rows.value - rows.true) / rows.deviation) ** 2
+    rows = rows.assign(off=(rows.value / rows.true - 1.0).abs(), ratio=ratio)
+    cells: dict[str, Cell] = {"unit": lambda own: str(own.unit.iloc[0])}
+    for n, family in enumerate(unique(rows, "family")):
+
+        def value(own: DataFrame, family: str = family) -> str:
+            one = select(own, family=family)
+            return f"{one.value.median():.3g} +- {one.deviation.median():.1g}"
+
+        def off(own: DataFrame, family: str = family) -> str:
+            one = select(own, family=family).dropna(subset="true")
+            apart = np.sqrt(one.ratio.mean())
+            return f"{100 * one.off.median():.0f} %, {apart:.1f} x" if len(one) else "-"
+
+        cells |= {family: value, "off" + " " * n: off}
     notes = (
         "Medians of what was identified and of its stated deviation; how far it is off what the "
         "specimen was made with, where that is one number, in the median, and the RMS of that in "
         "stated deviations. A loop's stiffness is that of its own two cables; what their radii "
         "stray by stays in it.",
     )
-    return Table("What was identified", header, tuple(rows), notes)
+    return table_of("What was identified", rows, "name", cells, notes, head="identified")
 
 
-def _figure(numbers: Sequence[Numbers], settings: Settings) -> Figure:
-    panels = []
-    for name in ("free", "loaded"):
-        curves = []
-        for key in settings["methods"]:
-            sizes = np.sort(np.degrees([n["errors"][key][name] for n in numbers]), axis=None)
-            below = (np.arange(sizes.size) + 0.5) / sizes.size
-            curves.append(Curve(sizes, below, METHODS[key].title, _COLOURS[key], width=1.3))
-        panels.append(Panel(curves, "RMS error [deg]", "share of joints below", name, log="x"))
-    caption = "Share of all specimens' joints with a smaller error, by method."
-    return Figure("Wristed instruments, another class of motion", (panels,), caption, legend=True)
-
-
-def _errors(result: PartResult) -> Figure:
-    """Errors over the first half minute of the loaded test."""
-    t = result.arrays["loaded/t"]
-    shown = t < SETTLED + 30.0
+def _errors(arrays: Mapping[str, Array]) -> Figure:
+    """Draw errors over the first half minute of the loaded test."""
+    shown = arrays["loaded/t"] < SETTLED + 30.0
+    t = arrays["loaded/t"][shown]
     panels = []
     for j, joint in enumerate(JOINTS):
-        curves = [
-            Curve(t[shown], np.degrees(result.arrays[f"loaded/{key}"][shown, j]),
-                  METHODS[key].title, _COLOURS[key])
-            for key in _DRAWN
-            if f"loaded/{key}" in result.arrays
-        ]  # fmt: skip
+        curves = []
+        for key in (key for key in _DRAWN if f"loaded/{key}" in arrays):
+            error = np.degrees(arrays[f"loaded/{key}"][shown, j])
+            curves.append(Curve(t, error, METHODS[key].title, _COLOURS[key]))
         panels.append(Panel(curves, "time [s]", "error [deg]", joint))
     caption = "Errors under load, first specimen; the motors alone see no load."
     return Figure("Errors under load", (panels,), caption, legend=True, height=4.5)

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 from sklearn.base import clone
 
 from truejoint.array_types import Array
@@ -19,21 +20,28 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.study import Part, PartResult, Settings, Summary
+from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import (
+    LOADS,
     METHODS,
     SETTLED,
+    by_joint,
     check_times,
+    joint_medians,
     rms,
     specimens,
+    worst,
 )
-from truejoint.studies.wrist.physical import LOADS
 from truejoint.tables import Table, median_text
 
 NOTHING: Final = "nothing"
 GAIN: Final = "effort gain + 10 %"
 ENGAGED: Final = "engaged anew"
+TOUCHED: Final = "stops touched"
+STOPS: Final = ("pitch_stop", "jaw1_stop", "jaw2_stop", "opening_stop")
+"""By how much engaging anew moved what the joints measure at their stops [rad]."""
 CHANGES: Final[Mapping[str, Mapping[str, float]]] = {
     NOTHING: {},
     "pretension - 25 %": {"cables.pretension": 0.75},
@@ -65,12 +73,11 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def judge(
     specimen: Mapping[str, Mapping[str, Any]],
-    family: str,
     number: int,
     free_s: float,
     loaded_s: float,
     test_s: float,
-) -> PartResult:
+) -> Rows:
     """Errors after each change, of a calibration from before, and the misfit of its efforts."""
     plant, seed = WristParameters.from_dict(specimen), 5 * number
     twin = WristTwin(plant, seed=number)
@@ -92,25 +99,23 @@ def judge(
         checks[name] = motions.record(other, motions.paused_sines, _CHECK, seed + 3, load=False)
         if name == GAIN:
             tests[name], checks[name] = (amplified(run, 1.1) for run in (tests[name], checks[name]))
-    known = {name: told(model, test) for name, test in tests.items()}
     strange = strangeness(free, checks)
-    errors = {}
-    for name in CHANGES:
-        test = tests[name]
-        rows = test.t - test.t[0] > SETTLED
-        off = (known[name].angle - test.columns("truth_exact", JOINTS))[rows]
-        errors[name] = {
-            "angle": rms(off),
-            "grip": rms((known[name].load - test.columns("truth_load", LOADS))[rows])[0],
-            "mean": off.mean(axis=0).tolist(),
-            "strange": strange[name],
-        }
-    moved = (stops[ENGAGED] - stops[NOTHING]).tolist()
-    return PartResult({"family": family, "errors": errors, "stops": moved})
+    rows: Rows = []
+    for name, test in tests.items():
+        settled = test.t - test.t[0] > SETTLED
+        states = estimated(model, test)
+        off = (states.angle - test.columns("truth_exact", JOINTS))[settled]
+        load = (states.load - test.columns("truth_load", LOADS))[settled]
+        rows.append(
+            {"changed": name, **by_joint(rms(off)), **by_joint(off.mean(axis=0).tolist(), "_mean"),
+             "grip": rms(load)[0], "strange": strange[name]}
+        )  # fmt: skip
+    moved = zip(STOPS, (stops[ENGAGED] - stops[NOTHING]).tolist(), strict=True)
+    return [*rows, {"changed": TOUCHED, **dict(moved)}]
 
 
-def told(model: Calibration, recording: Recording) -> CableStates:
-    """Say what a calibration by a filter of the cables tells of joints and loads."""
+def estimated(model: Calibration, recording: Recording) -> CableStates:
+    """Estimate joints and loads by a calibration that is a filter of the cables."""
     gap = model.gap_limit
     found: CableStates = model.model.states(
         model.feature_set.compute(recording, gap), time_steps(recording.t, gap)
@@ -191,60 +196,57 @@ def strangeness(free: Recording, checks: Mapping[str, Recording]) -> dict[str, f
     }
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Medians over the specimens by change, and what each way to a zero leaves."""
-    numbers = [result.numbers for result in results.values()]
-    rows, middle = [], []
-    for name in CHANGES:
-        own = [n["errors"][name] for n in numbers]
-        angle = np.degrees([one["angle"] for one in own])
-        middle.append(np.median(angle, axis=0))
-        grip, strange = (np.array([one[key] for one in own]) for key in ("grip", "strange"))
-        rows.append(
-            (
-                name,
-                " ".join(f"{value:.2f}" for value in middle[-1]),
-                f"{angle.max():.2f}",
-                f"{1e3 * np.median(grip):.1f}",
-                f"{100 * np.median(strange):.1f} %",
-                f"{100 * np.mean(strange > FLAGGED):.0f} %",
-            )
-        )
-    header = ("changed", "pitch jaw1 jaw2", "worst", "grip [mNm]", "efforts differ by", "flagged")
+    rows = results.rows[results.rows.changed != TOUCHED]
+    cells: dict[str, Cell] = {
+        "pitch jaw1 jaw2": lambda own: joint_medians(own, 2),
+        "worst": worst,
+        "grip [mNm]": lambda own: f"{1e3 * own.grip.median():.1f}",
+        "efforts differ by": lambda own: f"{100 * own.strange.median():.1f} %",
+        "flagged": lambda own: f"{100 * np.mean(own.strange > FLAGGED):.0f} %",
+    }
     notes = (
         "RMS error in degrees under loads, of the filter with plays that was calibrated before "
-        f"the change: medians of {len(numbers)} specimens of seed {settings.seed}. Efforts "
-        f"in {_CHECK:g} s of free motion are compared with those that such a motion took in "
-        f"calibration; the motor that differs most counts, and is flagged from {FLAGGED:.0%} on.",
+        f"the change: medians of {len(results.arrays)} specimens of seed {results.settings.seed}. "
+        f"Efforts in {_CHECK:g} s of free motion are compared with those that such a motion took "
+        "in calibration; the motor that differs most counts, and is flagged from "
+        f"{FLAGGED:.0%} on.",
     )
-    zero = _zero_table(numbers)
-    place = np.arange(len(CHANGES))
-    curves = [
-        Curve(np.array(middle)[:, j], place, joint, f"C{j}", "o") for j, joint in enumerate(JOINTS)
-    ]
-    panel = Panel(curves, "median RMS error under loads [deg]", rows=list(CHANGES))
-    figure = Figure("Changed after the calibration", ((panel,),), notes[0], height=3.6, legend=True)
-    table = Table("Changed after the calibration", header, tuple(rows), notes)
-    return Summary((table, zero), {"wrist-changes": figure})
+    title = "Changed after the calibration"
+    table = table_of(title, rows, "changed", cells, notes)
+    medians = np.degrees(rows.groupby("changed", sort=False)[list(JOINTS)].median())
+    place = np.arange(len(medians))
+    curves = [Curve(medians[j], place, j, f"C{n}", "o") for n, j in enumerate(JOINTS)]
+    panel = Panel(curves, "median RMS error under loads [deg]", rows=list(medians.index))
+    figure = Figure(title, ((panel,),), notes[0], height=3.6, legend=True)
+    return Summary((table, _zero_table(results.rows)), {"wrist-changes": figure})
 
 
-def _zero_table(numbers: Sequence[Mapping[str, Any]]) -> Table:
+def _zero_table(rows: DataFrame) -> Table:
     """How far engaging anew moved the errors, and what each way to a zero leaves of that."""
-    means = np.array([[n["errors"][name]["mean"] for name in (NOTHING, ENGAGED)] for n in numbers])
-    moved, stops = means[:, 1] - means[:, 0], np.array([n["stops"] for n in numbers])
-    left, opening = moved - stops[:, :3], moved[:, 2] - moved[:, 1]
+
+    def means(change: str) -> Array:
+        return select(rows, changed=change)[[f"{joint}_mean" for joint in JOINTS]].to_numpy()
+
+    moved = means(ENGAGED) - means(NOTHING)
+    stops = select(rows, changed=TOUCHED)[list(STOPS)].to_numpy()
+    remaining, opening = moved - stops[:, :3], moved[:, 2] - moved[:, 1]
 
     def cell(values: Array) -> str:
         return median_text(np.abs(np.degrees(values)), 3)
 
-    rows = (
+    body = (
         ("as engaged", *map(cell, moved.T), cell(opening)),
-        ("after touching their stops", *map(cell, left.T), cell(left[:, 2] - left[:, 1])),
+        (
+            "after touching their stops",
+            *map(cell, remaining.T), cell(remaining[:, 2] - remaining[:, 1]),
+        ),
         ("after closing the jaws on themselves", *["-"] * len(JOINTS), cell(opening - stops[:, 3])),
-    )
+    )  # fmt: skip
     notes = (
         "How far, in degrees, the mean errors are from those before; the worst in brackets. Joints "
         "that press on the stops at the ends of their ranges, or jaws on each other, as lightly as "
         "they did after calibration, measure there by how much their zeros have moved.",
     )
-    return Table("Engaged anew", ("", *JOINTS, "opening"), rows, notes)
+    return Table("Engaged anew", ("", *JOINTS, "opening"), body, notes)

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
+from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
-from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -24,23 +25,21 @@ from truejoint.runtime import (
     Status,
 )
 from truejoint.runtime.loop_gain import check_rate
-from truejoint.simulation.twin import Twin, hold
+from truejoint.simulation.twin import hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.study import (
-    Part,
-    PartResult,
-    Settings,
-    Summary,
-    check_counts,
-    check_names,
-)
+from truejoint.studies.loop import TwinSignals, homed_arm
+from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.accuracy import METHODS, Families, by_family, rms, specimens
+from truejoint.studies.wrist.accuracy import METHODS, by_joint, joint_medians, rms, specimens, worst
 from truejoint.studies.wrist.grip import ForwardLoop, gripping
 from truejoint.tables import Table, median_text
 
 OPEN: Final = "open"
+JOINT, GRIP = "joint", "grip"
+"""What a row is of."""
+Judge = Callable[[Array], dict[str, float]]
 _HYBRID: Final = "hybrid"
 
 
@@ -118,12 +117,12 @@ class PerfectSensor(Corrector):
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    check_counts(settings, "free_s", "loaded_s", "rate_hz")
+    settings.check_positive("free_s", "loaded_s", "rate_hz")
     if not settings["seconds"] >= _SETTLED:  # a step of the grip, and what follows it
         raise StudyError(f"seconds={settings['seconds']:g}; it must be {_SETTLED:g} or more")
     if abs(math.remainder(1.0 / SETPOINT_DT, settings["rate_hz"])) > 1e-6:
         raise StudyError(f"rate_hz={settings['rate_hz']:g}; it must divide the arm's 1 kHz")
-    check_names("loop", settings["loops"], tuple(TITLES))
+    settings.check_names("loop", "loops", TITLES)
     found = specimens(settings, judge, "free_s", "loaded_s", "seconds", "rate_hz", "gain", "loops")
     for part in found:
         plant = WristParameters.from_dict(part.arguments["specimen"])
@@ -133,7 +132,6 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def judge(
     specimen: Mapping[str, Mapping[str, Any]],
-    family: str,
     number: int,
     free_s: float,
     loaded_s: float,
@@ -158,18 +156,22 @@ def judge(
     off = (free.columns("truth", JOINTS) - free.columns("measured", JOINTS)).mean(axis=0)
     pose = motions.steps(seconds, seed + 2)
     wanted = np.vstack([hold(motions.joints(pose[:1])[0], _SETTLED), motions.joints(pose)])
-    numbers: dict[str, Any] = {"family": family, "errors": {}, "grip": {}, "refused": {}}
+    rows: Rows = []
     arrays: dict[str, Array] = {}
-    for case, pushed in CASES.items():
-        for key in keys:
-            where = f"{case}/{key}"
-            try:
-                error = bench.follow(key, wanted, off, pushed)
-            except CommandRefused as refused:
-                numbers["refused"][where] = str(refused)
-                continue
-            numbers["errors"][where] = rms(error)
-            arrays[where] = error[::10]
+
+    def tried(of: str, case: str, key: str, run: Callable[[], Array], judge: Judge) -> None:
+        """Add a row on what a loop did, or on why it refused."""
+        labels = {"of": of, "load": case, "loop": key}
+        try:
+            signal = run()
+        except CommandRefused as refused:
+            rows.append({**labels, "refused": str(refused)})
+            return
+        rows.append({**labels, **judge(signal)})
+        arrays[f"{case}/{key}"] = signal[::10]
+
+    for (case, pushed), key in product(CASES.items(), keys):
+        tried(JOINT, case, key, partial(bench.follow, key, wanted, off, pushed), joint_errors)
     for case, moving in GRIPS.items():
         path, grip = motions.grip_steps(seconds, seed + 3)
         if not moving:
@@ -177,15 +179,14 @@ def judge(
         path[:, 2] = _APART
         arrays[f"{case}/grip"] = grip[::10]
         for key in filter(SEES_GRIP.__contains__, keys):
-            where = f"{case}/{key}"
-            try:
-                force = bench.grip(key, motions.joints(path), grip)
-            except CommandRefused as refused:
-                numbers["refused"][where] = str(refused)
-                continue
-            numbers["grip"][where] = judged_grip(force, grip)
-            arrays[where] = force[::10]
-    return PartResult(numbers, arrays)
+            run = partial(bench.grip, key, motions.joints(path), grip)
+            tried(GRIP, case, key, run, partial(judged_grip, wanted=grip))
+    return PartResult(rows, arrays)
+
+
+def joint_errors(error: Array) -> dict[str, float]:
+    """RMS [rad] of every joint's error (n, 3)."""
+    return by_joint(rms(error))
 
 
 @dataclass(frozen=True, eq=False)
@@ -208,12 +209,12 @@ class Bench:
         if pushed:
             force = motions.pushes(len(wanted), self.number)
             twin.tip_force = motions.later(twin.time + _SETTLED, force)
-        heard = _heard(arm, [f"truth_exact/{name}" for name in JOINTS])
+        signals = TwinSignals(arm, [f"truth_exact/{name}" for name in JOINTS])
         if key == OPEN:
             arm.servo_jp_stream(wanted - offset)
         else:
             self._loop(key, arm).drive(arm, wanted)
-        error = np.concatenate(heard)[-len(wanted) :] - wanted
+        error = signals.table()[-len(wanted) :] - wanted
         return np.asarray(error[round(_SETTLED / SETPOINT_DT) :])
 
     def grip(self, key: str, path: Array, wanted: Array) -> Array:
@@ -224,18 +225,15 @@ class Bench:
         twin, arm = self._arm()
         arm.move_jp(path[0]).wait()
         twin.held = lambda t: np.full(len(t), _HELD)
-        heard = _heard(arm, ["truth_load/grip"])
+        signals = TwinSignals(arm, ["truth_load/grip"])
         loop = self._loop(key, arm)
         pieces = loop.setpoints(arm, gripping(loop, arm.robot, path, wanted, arm.rate))
         arm.stream(pieces, len(path) * SETPOINT_DT, "grip").wait()
-        return np.concatenate(heard)[-len(path) :, 0]
+        return signals.values("truth_load/grip")[-len(path) :]
 
     def _arm(self) -> tuple[WristTwin, Arm]:
         twin = WristTwin(self.plant, seed=self.number)
-        arm = Arm(SimulatedBackend(cast("Twin", twin)))
-        arm.enable()
-        arm.home()
-        return twin, arm
+        return twin, homed_arm(twin)
 
     def _loop(self, key: str, arm: Arm) -> ForwardLoop:
         around = LOOPS[key]
@@ -250,18 +248,6 @@ class Bench:
             corrector, arm.robot, ahead, rate=self.rate, lag=self.plant.motor.lag, gain=self.gain,
             time_constant=_QUICK, integral_time=math.inf, believed=_BELIEVED,
         )  # fmt: skip
-
-
-def _heard(arm: Arm, columns: Sequence[str]) -> list[Array]:
-    """Rows (n, n_columns) of what an arm on a twin tells beside its state, added as they come."""
-    heard: list[Array] = []
-
-    def hear(block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, StateBlock):
-            heard.append(np.column_stack([block.extra[name] for name in columns]))
-
-    arm.subscribe(hear)
-    return heard
 
 
 def judged_grip(force: Array, wanted: Array) -> dict[str, float]:
@@ -286,75 +272,74 @@ def judged_grip(force: Array, wanted: Array) -> dict[str, float]:
     }
 
 
-def summarise(settings: Settings, results: Mapping[str, PartResult]) -> Summary:
+def summarise(results: Results) -> Summary:
     """Medians by family and case, each loop beside that of a perfect sensor."""
-    numbers = [result.numbers for result in results.values()]
-    families = by_family(numbers)
-    tables = [_joint_table(families, settings), _grip_table(families)]
-    refused = [
-        (part, case, TITLES[key], text)
-        for part, result in results.items()
-        for (case, key), text in (
-            (where.split("/"), text) for where, text in result.numbers["refused"].items()
-        )
-    ]
-    if refused:
+    settings, rows = results.settings, results.rows
+    rows = rows.assign(refused=None) if "refused" not in rows else rows
+    refused = rows[rows.refused.notna()]
+    done = rows[rows.refused.isna()]
+    tables = [_joint_table(select(done, of=JOINT), settings), _grip_table(select(done, of=GRIP))]
+    if len(refused):
+        body = tuple((r.part, r.load, TITLES[r.loop], r.refused) for r in refused.itertuples())
         header = ("instrument", "load", "in the loop", "refused")
-        tables.append(Table("Loops that refused", header, tuple(refused)))
-    arrays = next(iter(results.values())).arrays
-    return Summary(
-        tables, {"wrist-loop": _joint_figure(arrays), "wrist-grip": _grip_figure(arrays)}
-    )
+        tables.append(Table("Loops that refused", header, body))
+    arrays = next(iter(results.arrays.values()))
+    figures = {"wrist-loop": _joint_figure(arrays), "wrist-grip": _grip_figure(arrays)}
+    return Summary(tables, figures)
 
 
-def _rows_of(
-    families: Families, what: str, cases: Iterable[str], keys: Iterable[str]
-) -> Iterator[tuple[str, str, str, list[Any], list[Any]]]:
-    """Case, family, key, what was found, and what with a perfect sensor, where both were."""
-    for case, (family, own), key in product(cases, families.items(), keys):
-        here, best = f"{case}/{key}", f"{case}/{PERFECT}"
-        both = [n[what] for n in own if here in n[what] and best in n[what]]
-        if both:
-            yield case, family, key, [n[here] for n in both], [n[best] for n in both]
+def _beside_perfect(rows: DataFrame, columns: Sequence[str]) -> DataFrame:
+    """Rows of specimens where a perfect sensor was tried too, and the ``ratio`` to it."""
+    keys = ["load", "specimen"]
+    perfect = select(rows, loop=PERFECT)[[*keys, *columns]]
+    both = rows.merge(perfect, on=keys, suffixes=("", "_perfect"))
+    ratio = both[list(columns)].to_numpy() / both[[f"{c}_perfect" for c in columns]].to_numpy()
+    both = both.assign(ratio=list(ratio), place=both.loop.map(list(TITLES).index))
+    return both.sort_values(["load", "family", "place"], kind="stable")
 
 
-def _joint_table(families: Families, settings: Settings) -> Table:
-    rows = []
-    for case, family, key, own, best in _rows_of(families, "errors", CASES, TITLES):
-        error = np.array(own)
-        middle = " ".join(f"{v:.3f}" for v in np.degrees(np.median(error, axis=0)))
-        ratio = f"{np.median(error / np.array(best)):.2f}"
-        worst = f"{np.degrees(error.max()):.2f}"
-        rows.append((case, family, TITLES[key], str(len(own)), middle, worst, ratio))
-    header = ("load", "family", "in the loop", "n", "pitch jaw1 jaw2", "worst", "of perfect")
+def _ratio(own: DataFrame) -> str:
+    return f"{np.median(np.concatenate(own.ratio.to_list())):.2f}"
+
+
+def _named(load: str, family: str, loop: str) -> str:
+    return f"{load}, {family}, {TITLES[loop]}"
+
+
+def _joint_table(rows: DataFrame, settings: Settings) -> Table:
+    cells: dict[str, Cell] = {
+        "n": lambda own: str(len(own)),
+        "pitch jaw1 jaw2": joint_medians,
+        "worst": worst,
+        "of perfect": _ratio,
+    }
     notes = (
         f"RMS of joint less wanted in degrees along {settings['seconds']:g} s of steps with rests, "
         f"medians of the specimens of seed {settings.seed}; the loop runs at "
         f"{settings['rate_hz']:g} Hz. tip: pushes up to 2 N. The last column is the median of the "
         "ratio to the same loop, not fed forward, around a sensor that knows the joints exactly.",
     )
-    return Table("Joints in a closed loop", header, tuple(rows), notes)
+    by, head = ["load", "family", "loop"], "load, family, in the loop"
+    return table_of("Joints in a closed loop", _beside_perfect(rows, JOINTS), by, cells, notes,
+                    names=_named, head=head)  # fmt: skip
 
 
-def _grip_table(families: Families) -> Table:
-    rows = []
-    for case, family, key, own, best in _rows_of(families, "grip", GRIPS, SEES_GRIP):
-        found = 1e3 * np.array([[n[k] for k in ("rms", "standing", "overshoot")] for n in own])
-        ratio = np.median(found[:, 0] / (1e3 * np.array([n["rms"] for n in best])))
-        middle = np.median(found, axis=0)
-        errors = [median_text(found[:, k], 1) for k in (0, 1)]
-        what = case, family, TITLES[key], str(len(own))
-        rows.append((*what, *errors, f"{middle[2]:.1f}", f"{ratio:.2f}"))
-    header = (
-        "pitch, yaw", "family", "in the loop", "n", "RMS (worst)", "between steps", "overshoot",
-        "of perfect",
-    )  # fmt: skip
+def _grip_table(rows: DataFrame) -> Table:
+    cells: dict[str, Cell] = {
+        "n": lambda own: str(len(own)),
+        "RMS (worst)": lambda own: median_text(1e3 * own.rms, 1),
+        "between steps": lambda own: median_text(1e3 * own.standing, 1),
+        "overshoot": lambda own: f"{1e3 * own.overshoot.median():.1f}",
+        "of perfect": _ratio,
+    }
     notes = (
         "Grip less wanted in mNm, medians of the specimens: jaws close on something, grip it at "
         "10 to 70 mNm in minimum-jerk steps of 0.3 s, and hold each for 1 to 2 s; standing, and "
         "while pitch and yaw step too. Between steps counts from 0.5 s after each.",
     )
-    return Table("Grip in a closed loop", header, tuple(rows), notes)
+    by, head = ["load", "family", "loop"], "pitch and yaw, family, in the loop"
+    return table_of("Grip in a closed loop", _beside_perfect(rows, ("rms",)), by, cells, notes,
+                    names=_named, head=head)  # fmt: skip
 
 
 def _joint_figure(arrays: Mapping[str, Array]) -> Figure:

@@ -1,0 +1,82 @@
+"""Tidy rows of a study: which of them, and a table for a reader with a cell for each.
+
+`truejoint.tables.pivot` lays one value out; `table_of` serves where several stand side by side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from pandas import DataFrame
+
+from truejoint.array_types import Array
+from truejoint.tables import Table
+
+Cell = Callable[[DataFrame], str]
+"""Text of the rows that a cell of a table stands for."""
+
+
+def select(rows: DataFrame, **where: Any) -> DataFrame:
+    """Rows whose columns have a value, or one of several.
+
+    >>> rows = DataFrame({"method": list("abc"), "rms": [1.0, 2.0, 3.0]})
+    >>> select(rows, method=("a", "c")).rms.tolist()
+    [1.0, 3.0]
+    """
+    keep = np.ones(len(rows), dtype=bool)
+    for column, value in where.items():
+        several = isinstance(value, Collection) and not isinstance(value, str)
+        keep &= (rows[column].isin(list(value)) if several else rows[column] == value).to_numpy()
+    return rows[keep]
+
+
+def unique(rows: DataFrame, column: str) -> list[Any]:
+    """Values of a column, each once, in the order of the rows."""
+    return list(dict.fromkeys(rows[column]))
+
+
+def values(rows: DataFrame, column: str, **where: Any) -> Array:
+    """Values (n,) of a column of the rows that `select` gives."""
+    return np.asarray(select(rows, **where)[column].to_numpy(dtype=np.float64))
+
+
+def table_of(
+    title: str,
+    rows: DataFrame,
+    by: str | Sequence[str],
+    cells: dict[str, Cell],
+    notes: Iterable[str] = (),
+    *,
+    names: Callable[..., str] | None = None,
+    head: str = "",
+) -> Table:
+    """Table with a row for each group of rows, and a column for each of `cells`.
+
+    Parameters
+    ----------
+    title, notes : str, iterable of str
+    rows : DataFrame
+    by : str or sequence of str
+        Columns whose values make a group, in the order of the rows.
+    cells : dict
+        Text of a group's rows by the title of a column; blanks around a title do not show.
+    names : callable, optional
+        Name of a row from the values of `by`; they are joined by commas by default.
+    head : str
+        Title of the column of names.
+
+    Examples
+    --------
+    >>> rows = DataFrame({"method": list("aab"), "rms": [1.0, 3.0, 5.0]})
+    >>> table_of("RMS", rows, "method", {"mean": lambda own: f"{own.rms.mean():.1f}"}).rows
+    (('a', '2.0'), ('b', '5.0'))
+    """
+    keys = [by] if isinstance(by, str) else list(by)
+    body = []
+    for key, own in rows.groupby(keys, sort=False, dropna=False):
+        name = names(*key) if names else ", ".join(map(str, key))
+        body.append((name, *(cell(own) for cell in cells.values())))
+    header = (head or ", ".join(keys), *(name.strip() for name in cells))
+    return Table(title, header, tuple(body), tuple(notes))
