@@ -42,12 +42,12 @@ def compute(n, seed, scale):
     with open(os.environ["TOY_LOG"], "a") as log:
         log.write(f"{n}\\n")
     values = np.random.default_rng([seed, n]).normal(0.0, scale, 50)
-    return PartResult({"n": n, "mean": float(values.mean())}, {"values": values})
+    return PartResult([{"n": n, "mean_value": float(values.mean())}], {"values": values})
 
 
-def summarise(settings, results):
-    rows = tuple((key, f"{part.numbers['mean']:.17g}") for key, part in results.items())
-    curves = [Curve(range(50), part.arrays["values"], key) for key, part in results.items()]
+def summarise(results):
+    rows = tuple((row.part, f"{row.mean_value:.17g}") for row in results.rows.itertuples())
+    curves = [Curve(range(50), own["values"], key) for key, own in results.arrays.items()]
     table = Table("Means [1] <b>", ("part", "mean [/x]"), rows, ("a | note",))
     figure = Figure("Toy", ((Panel(curves, "row", "value", log="x", legend=True),),), "What it is.")
     claims = [Claim("means differ", "toy2020", holds, "so") for holds in (True, False, None)]

@@ -24,7 +24,7 @@ def test_a_study_leaves_page_table_numbers_and_pictures(result, tmp_path):
     assert rb"a | note" in markdown
     values = json.loads(numbers)
     assert values["origin"]["command"] == "truejoint study toy"
-    assert values["parts"]["part-3"] == result.parts["part-3"].numbers
+    assert values["parts"]["part-3"] == result.parts["part-3"].rows
     assert [claim["verdict"] for claim in values["claims"]][1] == "does not agree"
     text = page.decode()
     for verdict in ("agrees", "does not agree", "cannot be told"):

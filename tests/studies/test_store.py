@@ -23,12 +23,15 @@ ARRAYS = hnp.arrays(st.sampled_from((np.float64, np.int64, np.bool_)), hnp.array
 NAMES = st.text("abcdefghij_/.0123456789", min_size=1, max_size=12)
 
 
-@given(st.dictionaries(st.text(), JSON), st.dictionaries(NAMES, ARRAYS, max_size=3))
-def test_a_part_is_read_back_bit_for_bit(tmp_path_factory, numbers, arrays):
+@given(
+    st.lists(st.dictionaries(st.text(), JSON), max_size=3),
+    st.dictionaries(NAMES, ARRAYS, max_size=3),
+)
+def test_a_part_is_read_back_bit_for_bit(tmp_path_factory, rows, arrays):
     path = tmp_path_factory.mktemp("parts") / "one.part"
-    write_part(path, PartResult(numbers, arrays))
+    write_part(path, PartResult(rows, arrays))
     part = read_part(path)
-    assert json.dumps(part.numbers) == json.dumps(numbers)
+    assert json.dumps(part.rows) == json.dumps(rows)
     assert part.arrays.keys() == arrays.keys()
     for name, values in arrays.items():
         assert part.arrays[name].dtype == values.dtype
@@ -37,7 +40,7 @@ def test_a_part_is_read_back_bit_for_bit(tmp_path_factory, numbers, arrays):
 
 def test_a_damaged_part_is_no_part(tmp_path):
     path = tmp_path / "one.part"
-    write_part(path, PartResult({"a": 1}, {"values": np.arange(100.0)}))
+    write_part(path, PartResult([{"a": 1}], {"values": np.arange(100.0)}))
     whole = path.read_bytes()
     assert read_part(tmp_path / "none.part") is None
     for length in range(0, len(whole), 97):
@@ -50,9 +53,9 @@ def test_a_damaged_part_is_no_part(tmp_path):
 
 def test_objects_are_never_unpickled(tmp_path):
     with pytest.raises(ValueError, match="Object arrays"):
-        write_part(tmp_path / "part", PartResult({}, {"x": np.array([print], dtype=object)}))
+        write_part(tmp_path / "part", PartResult([], {"x": np.array([print], dtype=object)}))
     content = io.BytesIO()
-    np.savez(content, numbers=np.array([print], dtype=object))
+    np.savez(content, rows=np.array([print], dtype=object))
     data = content.getvalue()
     (tmp_path / "part").write_bytes(hashlib.sha256(data).digest() + data)
     with pytest.raises(ValueError, match="allow_pickle=False"):

@@ -139,15 +139,6 @@ _RAVEN: Final = (
         ),
     ),
     Study(
-        "ablation", "Which of the state's features matter, left out or with noise on them?",
-        "peng2024, II-C; arXiv 2302.04999", "truejoint.studies.raven2.ablation",
-        (
-            _RAVENS, replace(_LONGEST, small="4+5"),
-            _SESSIONS, _MINUTES,
-            Option("noise", 0.3, "share of each feature's standard deviation"),
-        ),
-    ),
-    Study(
         "homing", "What does a new homing cost, with none or one seen in training?",
         "peng2024, II-I, figure 9", "truejoint.studies.raven2.homing",
         (

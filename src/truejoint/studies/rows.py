@@ -5,14 +5,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.tables import Table
+from truejoint.tables import Table, median_text
 
 Cell = Callable[[DataFrame], str]
 """Text of the rows that a cell of a table stands for."""
@@ -40,6 +40,26 @@ def unique(rows: DataFrame, column: str) -> list[Any]:
 def values(rows: DataFrame, column: str, **where: Any) -> Array:
     """Values (n,) of a column of the rows that `select` gives."""
     return np.asarray(select(rows, **where)[column].to_numpy(dtype=np.float64))
+
+
+def groups(rows: DataFrame, column: str) -> Iterator[tuple[Any, DataFrame]]:
+    """Rows of each value of a column, in the order of the rows."""
+    yield from rows.groupby(column, sort=False)
+
+
+def each(rows: DataFrame) -> Iterator[Any]:
+    """Rows one by one, with a field for each column."""
+    yield from rows.itertuples()
+
+
+def of(cell: Cell, **where: Any) -> Cell:
+    """Cell of those of a group's rows that `select` gives."""
+    return lambda rows: cell(select(rows, **where))
+
+
+def median(column: str, decimals: int, scale: float = 1.0) -> Cell:
+    """Cell of the median of a column and, in brackets, the largest."""
+    return lambda rows: median_text(scale * values(rows, column), decimals)
 
 
 def table_of(

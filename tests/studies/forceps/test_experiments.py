@@ -6,22 +6,21 @@ from functools import partial
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 
 from truejoint.errors import CommandRefused, StudyError, TruejointError
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording, read_recording
 from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
-from truejoint.simulation.forceps.parameters import friction_at_pretension
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import get_study, run_study, write_study
 from truejoint.studies.forceps import closed_loop, load, methods, motions
 from truejoint.studies.forceps.load import errors_in_grams
 from truejoint.studies.forceps.loaded import worst
-from truejoint.studies.forceps.methods import METHODS
-from truejoint.studies.forceps.mixed import load_test, unseen_turn
 from truejoint.studies.forceps.motions import built, plain_specimen, record
-from truejoint.studies.forceps.population import share
+from truejoint.studies.forceps.population import load_test, share, unseen_turn
 from truejoint.studies.forceps.sweep import front
+from truejoint.studies.rows import select
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"
 
@@ -47,25 +46,25 @@ def unloaded():
 
 
 def test_table_2_has_the_order_of_the_paper(unloaded, drawn):
-    errors = unloaded.parts["unloaded"].numbers["verification"]
-    rms = {key: np.degrees(error["rms"]) for key, error in errors.items()}
+    errors = select(unloaded.rows, motion="verification").set_index("method")
+    rms = np.degrees(errors.rms)
     assert rms["lsm"] > rms["lsm_compensated"] > rms["ukf_compensated"]
     assert rms["ukf_compensated"] <= 0.14
-    assert np.degrees(errors["ukf_compensated"]["largest"]) <= 0.55
+    assert np.degrees(errors.largest["ukf_compensated"]) <= 0.55
     assert rms["play_gated"] <= 0.05
     # The encoder's own error is learnt.
-    assert errors["play_gated"]["exact_rms"] > errors["play_gated"]["rms"]
+    assert errors.exact_rms["play_gated"] > errors.rms["play_gated"]
     assert drawn(unloaded)
 
 
 def test_errors_are_those_of_the_estimates(unloaded):
     part = unloaded.parts["unloaded"]
     error = part.arrays["verification/lsm"] - part.arrays["verification/truth"]
-    numbers = part.numbers["verification"]["lsm"]
+    (numbers,) = select(unloaded.rows, motion="verification", method="lsm").itertuples()
     assert part.arrays["verification/t"][0] == pytest.approx(2.205)
     assert part.arrays["verification/t"][-1] == pytest.approx(64.83, abs=5e-3)
-    assert numbers["rms"] == np.sqrt(np.mean(error**2))
-    assert (numbers["largest"], numbers["smallest"]) == (error.max(), error.min())
+    assert numbers.rms == np.sqrt(np.mean(error**2))
+    assert (numbers.largest, numbers.smallest) == (error.max(), error.min())
 
 
 def test_tables_say_what_the_numbers_are(unloaded):
@@ -89,7 +88,7 @@ def test_table_3_separates_the_methods(drawn):
     assert list(result.parts) == [
         f"250g-{way}{draw}" for draw in ("", "-1") for way in ("opposing", "along")
     ]
-    cases = [part.numbers for part in result.parts.values()]
+    cases = result.rows
     both = ("opposing", "along")
     assert worst(cases, "ukf_compensated", "I", *both) <= np.radians(0.2)
     assert worst(cases, "play_gated", "IV", *both) <= np.radians(0.15)
@@ -100,7 +99,8 @@ def test_table_3_separates_the_methods(drawn):
     assert verdicts[2] != "agrees"
     # The hand's draw counts: the table says how much, and the claims take the worst.
     spread = result.summary.tables[1]
-    both = [float(case["errors"]["ukf_compensated"]["IV"]["rms"]) for case in cases[::2]]
+    one = {"method": "ukf_compensated", "phase": "IV", "direction": "opposing"}
+    both = select(cases, **one).rms
     least, largest = sorted(f"{np.degrees(value):.3f}" for value in both)
     assert spread.rows[0][2].endswith(f"({least} to {largest})")
     assert least != largest
@@ -120,8 +120,8 @@ def test_strategies_name_their_sensors(drawn):
     options = {"specimen": "B", "masses_g": "100", "methods": "play_motor,play_gated,play_cables"}
     result = run_study("forceps-strategies", options)
     assert [row[1] for row in result.summary.tables[0].rows] == ["1", "2", "3"]
-    errors = result.parts["unloaded"].numbers["verification"]
-    assert errors["play_motor"]["rms"] > errors["play_gated"]["rms"]
+    rms = select(result.rows, motion="verification").set_index("method").rms
+    assert rms["play_motor"] > rms["play_gated"]
     assert drawn(result)
 
 
@@ -131,7 +131,7 @@ def test_a_larger_population_begins_with_the_smaller(drawn, tmp_path):
     one = run_study("forceps-population", {"count": 1, "methods": methods}, folder=tmp_path)
     two = run_study("forceps-population", {"count": 2, "methods": methods}, folder=tmp_path)
     assert two.computed == 1
-    assert one.parts["specimen-00000"].numbers == two.parts["specimen-00000"].numbers
+    assert one.parts["specimen-00000"].rows == two.parts["specimen-00000"].rows
     assert drawn(two)
     with pytest.raises(TruejointError, match="a population of 0"):
         run_study("forceps-population", {"count": 0})
@@ -142,18 +142,19 @@ def test_a_larger_population_begins_with_the_smaller(drawn, tmp_path):
 def test_other_frictions_and_weights_are_judged_together(drawn):
     options = {"count": 1, "masses_g": "100", "methods": "ukf_compensated,play_gated"}
     result = run_study("forceps-mixed", options)
-    for part in result.parts.values():
-        ours, paper = (part.numbers["unloaded"][key] for key in ("play_gated", "ukf_compensated"))
-        assert np.degrees(ours["rms"]) < 0.05
-        assert ours["rms"] < paper["rms"]
-        assert list(part.numbers["loaded"]["play_gated"]) == ["100 g opposing", "100 g along"]
-        assert 0.85 < part.numbers["inside"]["unloaded"] < 0.98
-        assert 0.8 * ours["rms"] < part.numbers["floor"] < ours["rms"]
-        assert list(part.numbers["unseen"].values()) == [0.0, 0.0]  # no guide holds this one
+    rows = select(result.rows, method="play_gated")
+    ours, *hung = rows.itertuples()
+    (paper,) = select(result.rows, method="ukf_compensated", load="unloaded").rms
+    assert np.degrees(ours.rms) < 0.05
+    assert ours.rms < paper
+    assert list(rows.load) == ["unloaded", "100 g opposing", "100 g along"]
+    assert 0.85 < ours.inside < 0.98
+    assert 0.8 * ours.rms < ours.floor < ours.rms
+    assert [case.unseen for case in hung] == [0.0, 0.0]  # no guide holds this one
     (table,) = result.summary.tables
-    assert table.notes[1].startswith("The reference encoder's noise and counts alone are 0.03")
-    assert table.notes[2].startswith("In 0.0 % of the cases in phase IV the weight turned the jaw")
-    assert table.notes[3].startswith("gated plays (our default): a stated 90 % holds in")
+    assert table.notes[2].startswith("The reference encoder's noise and counts alone are 0.03")
+    assert table.notes[3].startswith("In 0.0 % of the cases in phase IV the weight turned the jaw")
+    assert table.notes[4].startswith("gated plays (our default): a stated 90 % holds in")
     assert drawn(result)
     with pytest.raises(TruejointError, match="no prior called 'dahl'"):
         run_study("forceps-mixed", {"prior": "dahl"})
@@ -188,31 +189,16 @@ def test_shares_count_specimens():
 def test_loads_are_weighed(drawn, monkeypatch):
     monkeypatch.setattr(load, "CALIBRATION_WEIGHTS", (0.1, 0.25))
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
-    (found,) = (part.numbers for part in result.parts.values())
-    opposing, along = found["weighed"]
-    assert along["identified"] == pytest.approx(along["torque"], rel=0.1)
-    missed = abs(opposing["identified"] - opposing["torque"])
-    assert missed < 2.0 * found["true_friction"] + 0.1 * abs(along["torque"])
-    assert found["drive_stiffness"] == pytest.approx(found["true_stiffness"], rel=0.05)
-    assert errors_in_grams(found, "along") < 25.0
-    assert 0.8 < found["judged"]["unloaded"][0]["angle_inside"] < 0.99
+    opposing, along, unloaded, _ = result.rows.itertuples()
+    assert along.identified == pytest.approx(along.torque, rel=0.1)
+    missed = abs(opposing.identified - opposing.torque)
+    assert missed < 2.0 * along.true_friction + 0.1 * abs(along.torque)
+    assert along.drive_stiffness == pytest.approx(along.true_stiffness, rel=0.05)
+    assert (errors_in_grams(result.rows, "along") < 25.0).all()
+    assert 0.8 < unloaded.angle_inside < 0.99
     weights, errors = result.summary.tables
     assert "Dead band" in weights.markdown()
     assert "Stiffness within 5 % in 100 %." in errors.markdown()
-    assert drawn(result)
-
-
-def test_friction_in_physical_parameters_is_found_and_compared(drawn):
-    result = run_study(
-        "forceps-physical",
-        {"specimen": "nominal", "masses_g": "200", "directions": "along", "motion": "calibration"},
-    )
-    (found,) = (part.numbers for part in result.parts.values())
-    stiffness, jaw, slider, *_ = found["parameters"]
-    assert 7e3 < stiffness < 16e3
-    assert jaw == pytest.approx(friction_at_pretension(specimen())[0], rel=0.5)
-    assert slider == pytest.approx(friction_at_pretension(specimen())[1], rel=0.6)
-    assert np.degrees(found["unloaded"]["physical"]) < 0.08
     assert drawn(result)
 
 
@@ -221,10 +207,10 @@ def test_homing_is_mended(drawn):
     result = run_study(
         "forceps-rezero", {"specimen": "B", "shifts_um": "20", "methods": "play_gated"}
     )
-    (case,) = (part.numbers for part in result.parts.values())
-    assert case["found"] == case["taken_off"] == pytest.approx(2e-5, abs=3e-6)
-    assert case["before"]["play_gated"]["rms"] > np.radians(0.2)
-    assert case["after"]["play_gated"]["rms"] < np.radians(0.06)
+    before, after = result.rows.itertuples()
+    assert before.estimate == before.taken_off == pytest.approx(2e-5, abs=3e-6)
+    assert before.rms > np.radians(0.2)
+    assert after.rms < np.radians(0.06)
     assert drawn(result)
 
 
@@ -237,11 +223,11 @@ def test_the_jaw_follows_in_a_closed_loop(drawn):
     }  # fmt: skip
     result = run_study("forceps-closed-loop", options)
     for number in range(4):  # no load, steady both ways, swinging
-        open_loop, closed = (result.parts[f"{number}-{k}"].numbers for k in ("open", "play_gated"))
-        assert closed["rms"] < np.radians(0.25) < 4 * closed["rms"] + open_loop["rms"]
-        assert closed["rms"] < 0.2 * open_loop["rms"]
-        assert closed["corrected"] > 0.99
-    assert result.parts["margin-00000"].numbers["stable"][0]
+        open_loop, closed = select(result.rows, number=number).itertuples()
+        assert closed.rms < np.radians(0.25) < 4 * closed.rms + open_loop.rms
+        assert closed.rms < 0.2 * open_loop.rms
+        assert closed.corrected > 0.99
+    assert result.rows.stable.dropna().iloc[0]
     assert drawn(result)
     with pytest.raises(TruejointError, match="50 Hz is too slow"):
         run_study("forceps-closed-loop", {**options, "rate_hz": 50})
@@ -257,9 +243,13 @@ def test_a_loop_that_refuses_is_not_within(monkeypatch):
     none = closed_loop.tracked(specimen(), None, np.zeros(2), SwingingLoad(0.1))
     assert none == {"rms": None, "exact_rms": None, "corrected": None}
     good = {"rms": np.radians(0.05)}
-    every = [{"none": {"open": good}, "steady": {"open": found}} for found in (good, none)]
+    every = [
+        {"specimen": n, "load": load, "method": "open", **found}
+        for n, cases in enumerate(((good, good), (good, none)))
+        for load, found in zip(("none", "steady"), cases, strict=True)
+    ]
     settings = get_study("forceps-closed-loop").settings()
-    table = closed_loop._spread(settings, every, ["open"])
+    table = closed_loop._spread(settings, DataFrame(every).astype({"rms": float}))
     assert [row[1:] for row in table.rows] == [
         ("0.050", "0.050", "0.050", "100 %"),
         ("0.050", "0.050", "0.050", "50 %"),
@@ -274,24 +264,27 @@ def test_a_sweep_says_what_a_designer_must_pay(drawn):
         "stiffnesses_kNm": "6", "homings_um": "0,10", "count": 1,
     }  # fmt: skip
     result = run_study("forceps-sweep", options)
-    (soft,) = (part.numbers for part in result.parts.values())
-    assert soft["x2/1/0"]["unloaded"] < soft["x2/20/0"]["unloaded"]
-    assert soft["x2/1/0"]["unloaded"] < soft["x2/1/10"]["unloaded"]
-    assert soft["x2/1/0"]["loaded"] < 0.1 * soft["motor/1/0"]["loaded"]
-    assert "motor/20/0" not in soft  # nothing that a cable's encoder changes
+    soft = result.rows.set_index(["layout", 1e6 * result.rows.resolution, 1e6 * result.rows.homing])
+    unloaded = soft.unloaded
+    assert unloaded["x2", 1, 0] < unloaded["x2", 20, 0]
+    assert unloaded["x2", 1, 0] < unloaded["x2", 1, 10]
+    assert soft.loaded["x2", 1, 0] < 0.1 * soft.loaded["motor", 1, 0]
+    assert ("motor", 20, 0) not in soft.index  # nothing that a cable's encoder changes
     best, every = result.summary.tables
     assert [float(row[1]) for row in best.rows] == sorted({float(row[1]) for row in best.rows})
     assert len(every.rows) == 1 + 2 * 2 * 2
     assert "Cheapest design that keeps 0.1 deg" in best.notes[1]
     assert drawn(result)
-    for wrong, why in (("layouts", "no layout x9"), ("prices", "one for each")):
+    for wrong, why in (("layouts", "no layout called 'x9'"), ("prices", "one for each")):
         with pytest.raises(StudyError, match=why):
             run_study("forceps-sweep", {**options, wrong: "x9" if wrong == "layouts" else "1"})
 
 
 def test_a_front_drops_what_a_cheaper_design_beats():
-    price = {"a": 1.0, "b": 2.0, "c": 2.0, "d": 3.0}
-    assert front(price, {"a": 0.5, "b": 0.4, "c": 0.3, "d": 0.3}) == ["a", "c"]
+    designs = DataFrame(
+        {"price": [1.0, 2.0, 2.0, 3.0], "typical": [0.5, 0.4, 0.3, 0.3]}, index=list("abcd")
+    )
+    assert list(front(designs).index) == ["a", "c"]
 
 
 @pytest.mark.usefixtures("briefer")
@@ -303,7 +296,7 @@ def test_a_changed_cable_changes_what_rigid_cables_miss(tmp_path):
         cable = f"stiffness = {stiffness}\n"
         file.write_text(f"[drive_cable]\n{cable}[reset_cable]\n{cable}", encoding="utf-8")
         result = run_study("forceps-unloaded", {"specimen": file, "methods": "rigid"})
-        rms[stiffness] = result.parts["unloaded"].numbers["verification"]["rigid"]["rms"]
+        rms[stiffness] = select(result.rows, motion="verification").rms.item()
         assert f"specimen cable-{stiffness:.0f}" in result.summary.tables[0].title
     assert rms[17e3] < rms[9e3]
 
@@ -340,5 +333,5 @@ def test_motions_become_recordings(tmp_path):
 
 
 def test_unknown_methods_are_refused():
-    with pytest.raises(StudyError, match=f"no method svm; known: {', '.join(list(METHODS)[:2])}"):
+    with pytest.raises(StudyError, match="no method called 'svm'"):
         run_study("forceps-unloaded", {"methods": ("lsm", "svm")})

@@ -4,22 +4,22 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 
 from truejoint.errors import StudyError
-from truejoint.estimators import registry
-from truejoint.estimators.network.learn import WideNetwork
+from truejoint.estimators import NeuralNetwork, registry
 from truejoint.studies import get_study, run_study
 from truejoint.studies.raven2 import (
-    ablation,
     directions,
     endurance,
     homing,
     rivals,
     sparsity,
+    tables,
     targets,
 )
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.features import all_features
+from truejoint.studies.rows import select
 
 RAVEN = s.specimens(("peng2024",))["peng2024"]
 FEW = {"specimens": "peng2024", "networks": 1}
@@ -54,7 +54,7 @@ def test_sparsities_are_recorded_once_for_all_combinations(session):
 def test_errors_are_those_of_the_models_on_rows_with_truth(session):
     sets, test = session
     models = s.fitted(sets["1"], 0, 0)
-    found = s.judged(models, test)
+    found = DataFrame(s.judged(models, test))
     truth = test.columns("truth", s.JOINTS)
     known = np.isfinite(truth).all(axis=1)
     assert 0 < known.sum() < len(test)  # the encoders start and end at times of their own
@@ -63,14 +63,13 @@ def test_errors_are_those_of_the_models_on_rows_with_truth(session):
         ("linear", models["linear"][0].correct(test)),
     ):
         expected = np.sqrt(((estimate - truth)[known] ** 2).mean(axis=0))
-        assert found[method] == [pytest.approx(expected, rel=1e-12)]
-    assert s.shown(found, "raw") == pytest.approx(
-        np.array(found["raw"][0]) * [57.29578, 57.29578, 1e3]
-    )
+        assert select(found, method=method).rmse.tolist() == pytest.approx(expected, rel=1e-12)
+    shown = tables.readable(found).rmse / found.rmse
+    assert shown[:3].tolist() == pytest.approx([57.29578, 57.29578, 1e3])
     error = truth - test.columns("measured", s.JOINTS)
     training = np.concatenate([one.with_truth(s.JOINTS).error(s.JOINTS) for one in sets["1"]])
     left = np.sqrt(((error[known] - training.mean(axis=0)) ** 2).mean(axis=0))
-    assert found["offset"] == [pytest.approx(left, rel=1e-3)]
+    assert select(found, method="offset").rmse.tolist() == pytest.approx(left, rel=1e-3)
 
 
 @pytest.fixture(scope="module")
@@ -86,8 +85,8 @@ def test_table_1_stands_beside_the_papers(table_1, drawn):
     assert "(2.103) |" in row  # and raw positions
     percents = table_1.summary.tables[1].markdown()
     assert "(12.1) |" in next(line for line in percents.splitlines() if "J2-J3, shoulder" in line)
-    here = table_1.parts["peng2024-J2-J3-0"].numbers["fine"]
-    share = 100 * here["dnn"][0][0] / here["offset"][0][0]
+    here = select(table_1.rows, case="J2-J3", kind="fine", joint="shoulder").set_index("method")
+    share = 100 * here.rmse["dnn"] / here.rmse["offset"]
     assert f"{share:.1f} (12.1)" in percents
     assert drawn(table_1)
     # Claims on the best direction need all seven.
@@ -99,34 +98,44 @@ def test_directions_have_arms_and_tests_of_their_own(table_1):
     parts = study.parts(study.settings("full"))
     assert len({part.arguments["seed"] for part in parts}) == 7  # the same on both specimens
     assert len(parts) == 14
-    raw = [part.numbers["fine"]["raw"] for part in table_1.parts.values()]
-    assert raw[0] != raw[1]
+    raw = select(table_1.rows, kind="fine", method="raw", joint="elbow").rmse
+    assert raw.nunique() == 2
 
 
-def synthetic(errors):
-    """Errors of one session by method, the same in every joint."""
-    return [{method: [[value] * 3] for method, value in errors.items()}]
+def synthetic(errors, session=0, **labels):
+    """Rows of one session by method, the same in every joint."""
+    return [
+        {**labels, "session": session, "method": method, "joint": joint, "rmse": value}
+        for method, value in errors.items()
+        for joint in s.JOINTS
+    ]
 
 
 def test_the_best_direction_is_found():
     usual = {"dnn": 0.2, "poly2": 0.2, "linear": 0.2, "offset": 1.0, "raw": 4.0}
-    fine = {name: synthetic(usual) for name in directions.DIRECTIONS}
-    fine["J2-J3"] = synthetic({**usual, "dnn": 0.1, "poly2": 0.15, "linear": 0.15})
-    found = {claim.text: claim.judged(fine) for claim in directions.CLAIMS}
+    fine = dict.fromkeys(directions.DIRECTIONS, usual)
+    fine["J2-J3"] = {**usual, "dnn": 0.1, "poly2": 0.15, "linear": 0.15}
+
+    def rows():
+        return DataFrame(
+            [row for name, own in fine.items() for row in synthetic(own, condition=name)]
+        )
+
+    found = {claim.text: claim.judged(rows()) for claim in directions.CLAIMS}
     best = found["J2-J3 is the best direction over all joints and models"]
     assert best.verdict == "agrees"
     assert "J2-J3 13.3 %" in best.found
     assert found["trained on J2-J3, the network errs least in every joint"].holds
     assert found["joint 3: all models are best on J3"].holds is False
-    fine["J1"] = synthetic({**usual, "dnn": 0.05, "poly2": 0.05, "linear": 0.05})
-    best = directions.CLAIMS[0].judged(fine)
+    fine["J1"] = {**usual, "dnn": 0.05, "poly2": 0.05, "linear": 0.05}
+    best = directions.CLAIMS[0].judged(rows())
     assert best.verdict == "does not agree"
     assert "number 2 of 7" in best.found
 
 
 def test_six_hours_are_judged_hour_by_hour(drawn):
     result = run_study("endurance", FEW | {"sets": "1", "hours": 2})
-    assert [len(part.numbers["hours"]) for part in result.parts.values()] == [2, 2, 2]
+    assert result.rows.groupby("case").hour.nunique().tolist() == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
     assert texts == [claim.text for claim in endurance.CLAIMS]
     assert drawn(result)
@@ -134,11 +143,11 @@ def test_six_hours_are_judged_hour_by_hour(drawn):
 
 def test_a_load_is_hung_on_the_tool_after_the_training():
     off = [
-        endurance.last(RAVEN, "unloaded", load, 3, ("1",), 0, 1).numbers["hours"][0]["1"]
+        DataFrame(endurance.last(RAVEN, "unloaded", load, 3, ("1",), 0, 1).rows)
         for load in (0.0, 0.5)
     ]
     # Half a kilogram pulls at the insertion's cable, by some 0.25 mm.
-    raw = [errors["raw"][0][2] for errors in off]
+    raw = [select(rows, method="raw", joint="insertion").rmse.item() for rows in off]
     assert abs(raw[1] - raw[0]) > 1e-4
     study = get_study("endurance")
     loads = [part.arguments["load"] for part in study.parts(study.settings("small"))]
@@ -146,25 +155,25 @@ def test_a_load_is_hung_on_the_tool_after_the_training():
 
 
 def test_hours_that_grow_are_told():
-    def session(*shoulder):
-        errors = {"dnn": 0.1, "poly2": 0.1, "linear": 0.1, "offset": 1.0}
-        return [
-            {
-                str(k): {m: [[value * growth, value, value]] for m, value in errors.items()}
-                for k in range(6)
-            }
-            for growth in shoulder
-        ]
+    def verdicts(**growth):
+        rows = []
+        for work, (first, last) in growth.items():
+            for n, factor in ((0, first), (1, last)):
+                errors = {"dnn": 0.1, "poly2": 0.1, "linear": 0.1, "offset": 1.0}
+                for k in range(6):
+                    own = synthetic(errors, work=work, hour=n, set=str(k), place=k, seconds=k)
+                    for row in own:
+                        row["rmse"] *= factor if row["joint"] == "shoulder" else 1.0
+                    rows += own
+        found = endurance.by_training(DataFrame(rows))
+        return {claim.text: claim.judged(found).holds for claim in endurance.CLAIMS}
 
-    found = {"idle": [session(1.0, 1.0)], "unloaded": [session(1, 2)], "loaded": [session(1, 4)]}
-    verdicts = {claim.text.split(":")[0]: claim.judged(found).holds for claim in endurance.CLAIMS}
-    assert verdicts["joint 1 drifts most"]
-    assert verdicts["idle for six hours, network, linear model and fixed offset hardly get worse"]
-    worse = {k: c.judged(found).holds for k, c in enumerate(endurance.CLAIMS) if "load" in c.text}
-    assert True in worse.values()
-    found["unloaded"] = [session(1, 1)]
-    again = {claim.text.split(":")[0]: claim.judged(found).holds for claim in endurance.CLAIMS}
-    assert not again["joint 1 drifts most"]
+    drift = "joint 1 drifts most: its error grows by the largest factor"
+    grown = verdicts(idle=(1, 1), unloaded=(1, 2), loaded=(1, 4))
+    assert grown[drift]
+    assert grown["idle for six hours, network, linear model and fixed offset hardly get worse"]
+    assert grown["joint 1: a load makes it worse"]
+    assert not verdicts(idle=(1, 1), unloaded=(1, 1), loaded=(1, 4))[drift]
 
 
 def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
@@ -175,7 +184,7 @@ def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
     monkeypatch.setattr(s, "zigzags", lambda _, ns: [done.append(n) or n for n in ns])
     monkeypatch.setattr(s, "random_test", lambda *_: done.append("test") or "test")
     monkeypatch.setattr(s, "fitted", lambda training, *_: done.append(tuple(training)))
-    monkeypatch.setattr(s, "judged", lambda *_: {})
+    monkeypatch.setattr(s, "judged", lambda *_, **__: [])
     homing.home_again(RAVEN, seen=False, seed=1, networks=1, homings=2, seconds=1, divisions=(4, 5))
     assert done == [4, 5, "test", "home", "test", "home", "test", (4, 5)]
     done.clear()
@@ -186,16 +195,16 @@ def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
 def test_homings_are_judged_one_by_one(drawn):
     options = {"training": "1+2", "homings": 1, "sessions": 1, "minutes": 0.2}
     result = run_study("homing", FEW | options)
-    assert all(len(part.numbers["tests"]) == 2 for part in result.parts.values())
+    assert (result.rows.groupby("part").homings.nunique() == 2).all()
     assert len(result.summary.claims) == len(homing.CLAIMS)
     assert drawn(result)
 
 
 def test_either_target_is_the_same_to_the_linear_model():
     result = run_study("targets", FEW | {"sets": "1", "hours": 1})
-    numbers = result.parts["peng2024-0"].numbers
-    assert set(numbers) == set(targets.TARGETS)
-    error, position = (np.array(numbers[one]["linear"]) for one in targets.TARGETS)
+    error, position = (
+        select(result.rows, target=one, method="linear").rmse.tolist() for one in targets.TARGETS
+    )
     assert position == pytest.approx(error, rel=1e-6)
     claims = {claim.text: claim for claim in result.summary.claims}
     assert claims["linear and polynomial model are the same either way"].holds
@@ -211,22 +220,30 @@ def test_more_time_is_judged_by_the_seconds_it_takes(drawn):
     assert drawn(result)
     spread = sparsity.CLAIMS[-1]
     usual = {"dnn": 0.2, "poly2": 0.2, "linear": 0.2}
-    assert spread.judged({"2": synthetic(usual)}).verdict == "cannot be told"
-    wide = {"2": synthetic(usual) + synthetic({"dnn": 0.3, "poly2": 0.4, "linear": 0.3})}
-    assert spread.judged(wide).holds
-    wide["2"] += synthetic({"dnn": 0.9, "poly2": 0.4, "linear": 0.3})
-    assert spread.judged(wide).holds is False
+
+    def verdict(*sessions):
+        rows = [row for n, one in enumerate(sessions) for row in synthetic(one, n, when="first")]
+        return spread.judged(DataFrame(rows)).holds
+
+    assert verdict(usual) is None
+    assert verdict(usual, {"dnn": 0.3, "poly2": 0.4, "linear": 0.3})
+    wide = {"dnn": 0.9, "poly2": 0.4, "linear": 0.3}
+    assert verdict(usual, {"dnn": 0.3, "poly2": 0.4, "linear": 0.3}, wide) is False
 
 
 def test_the_tool_is_off_by_what_the_joints_make_of_it(session):
     _, test = session
     test = test.with_truth(s.JOINTS)
     truth = test.columns("truth", s.JOINTS)
-    exact = rivals.errors_of(truth, test)
-    assert exact["tool"] == [0.0] * 4
-    millimetre = rivals.errors_of(truth + np.array([0.0, 0.0, 1e-3]), test)
-    assert millimetre["tool"][3] == pytest.approx(1e-3, rel=1e-9)  # straight along the shaft
-    assert np.linalg.norm(millimetre["tool"][:3]) == pytest.approx(1e-3, rel=1e-9)
+
+    def tool(estimate):
+        rows = DataFrame(rivals.errors_of(estimate, test)).set_index("quantity")
+        return rows.rmse[["x", "y", "z", "distance"]].to_numpy()
+
+    assert tool(truth).tolist() == [0.0] * 4
+    millimetre = tool(truth + np.array([0.0, 0.0, 1e-3]))
+    assert millimetre[3] == pytest.approx(1e-3, rel=1e-9)  # straight along the shaft
+    assert np.linalg.norm(millimetre[:3]) == pytest.approx(1e-3, rel=1e-9)
 
 
 def test_rivals_stand_beside_those_of_the_paper():
@@ -239,7 +256,7 @@ def test_rivals_stand_beside_those_of_the_paper():
 
 
 def test_what_is_compared_is_registered():
-    known = {*registry.estimator_names(), "gpr", "forest", "network_forest"}
+    known = {*registry.estimator_names(), "gpr", "forest", "network_forest", registry.AUTO}
     assert set(rivals.RIVALS) <= known
     for study, option in (("state-of-the-art", "models"), ("real", "estimators")):
         assert known.issuperset(get_study(study).settings("full")[option])
@@ -248,42 +265,26 @@ def test_what_is_compared_is_registered():
 def test_fits_and_samples_are_timed():
     options = {"models": "linear,dnn", "training": "1", "samples": 1000, "repeats": 1}
     result = run_study("timing", options)
-    for times in result.parts["timing"].numbers["models"].values():
-        assert 0.0 < times["step"] <= times["step_99"]
-        assert times["fit"] > 0.0
+    for times in result.rows.itertuples():
+        assert 0.0 < times.step <= times.step_99
+        assert times.fit > 0.0
     assert len(result.summary.claims) == 4
 
 
 def test_features_are_all_of_the_message(drawn, monkeypatch):
     monkeypatch.setattr(
-        "truejoint.studies.raven2.features.WideNetwork",
-        lambda: WideNetwork(hidden_layer_sizes=(8, 8), epochs=2),
+        "truejoint.studies.raven2.features.NeuralNetwork",
+        lambda sizes, weight_decay: NeuralNetwork((8, 8), weight_decay=weight_decay, epochs=2),
     )
     monkeypatch.setattr("truejoint.studies.raven2.features._FIT_RATE", 30.0)
     result = run_study("features", FEW | {"sets": "1,2", "hours": 1})
-    numbers = result.parts["peng2024-0"].numbers
-    assert numbers["inputs"] == 122
-    assert "wide" in numbers["errors"]["2"]["all"]
-    assert "wide" not in numbers["errors"]["1"]["all"]
+    assert (result.rows.inputs == 122).all()
+    wide = select(result.rows, method="wide")
+    assert set(wide.set) == {"2"}
+    assert set(wide.kind) == {"all"}
+    assert len(result.summary.claims) == 9
     text = result.summary.tables[0].markdown()
     assert "122 of one arm" in text
-    assert drawn(result)
-
-
-def test_groups_are_left_out_and_spoilt(drawn, monkeypatch):
-    monkeypatch.setattr(ablation, "_FIT_RATE", 30.0)
-    few = {name: ablation.GROUPS[name] for name in ("positions", "torques")}
-    monkeypatch.setattr(ablation, "GROUPS", few)
-    kept = ("measured/", "motor/", "effort/", "dac/")
-    monkeypatch.setattr(
-        ablation, "all_features", lambda test: [n for n in all_features(test) if n.startswith(kept)]
-    )
-    result = run_study("ablation", {"specimens": "peng2024", "training": "1", "minutes": 0.3})
-    errors = result.parts["peng2024-0"].numbers["errors"]
-    assert len(errors) == 10
-    assert np.mean(errors["selected, noise on positions"]["linear"]) > np.mean(
-        errors["16 selected"]["linear"]
-    )
     assert drawn(result)
 
 

@@ -9,6 +9,7 @@ from truejoint.errors import StudyError
 from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.studies import run_study
 from truejoint.studies.raven2 import efficiency, transfer
+from truejoint.studies.rows import select
 
 
 def test_a_time_is_that_at_which_the_joints_together_are_as_good():
@@ -40,14 +41,15 @@ def test_efficiency_compares_three_motions(drawn, tmp_path, monkeypatch):
     monkeypatch.setattr(efficiency, "_LOOK", 60.0)
     options = {"specimens": "nominal", "sessions": 1, "longest": 1, "every_s": 30, "test": 0.5}
     result = run_study("efficiency", options)
-    parts = {key.split("-")[1]: part for key, part in result.parts.items()}
-    assert set(parts) == {"zigzag", "random", "designed"}
-    for part in parts.values():
-        assert part.arrays["rmse"].shape == (2, 3)
-        assert (part.arrays["rmse"] > 0.0).all()
-    at_end = parts["designed"].arrays["rmse"][-1]  # of a minute: a degree, a millimetre
+    rows = result.rows
+    assert set(rows.case) == {"zigzag", "random", "designed"}
+    first = select(rows, of=efficiency.FIRST)
+    assert (first.groupby("case").seconds.count() == 2).all()
+    assert (efficiency.errors(first) > 0.0).all()
+    at_end = efficiency.errors(first, case="designed")[-1]  # of a minute: a degree, a millimetre
     assert (at_end < [np.radians(1.0), np.radians(1.0), 1e-3]).all()
-    assert 30.0 <= parts["designed"].numbers["stopped"] < 65.0  # with the way to the start
+    stop = select(rows, of=efficiency.STOPPED).seconds.item()
+    assert 30.0 <= stop < 65.0  # with the way to the start
     assert len(result.summary.claims) == 3
     assert len(result.summary.tables[0].rows) == 5
     assert drawn(result)
@@ -58,15 +60,15 @@ def test_transfer_starts_from_the_first_calibration(drawn, monkeypatch):
     monkeypatch.setattr(transfer, "_SECONDS", transfer._SHOWN)
     options = {"specimens": "nominal", "sessions": 1, "first": 2, "test": 0.5}
     result = run_study("transfer", {**options, "changes": "homing"})
-    for part in result.parts.values():
-        shares = {
-            way: efficiency.relative(errors, part.numbers["own"])
-            for way, errors in part.arrays.items()
-        }
-        assert (shares["prior, reference"] < 1.2).all()
-        # Nobody learns a workspace in ten seconds; not a zero either, without a reference.
-        assert shares["prior, reference"][0] < shares["prior"][0]
-        assert not shares["anew"][0] < shares["prior"][0]
+    (own,) = efficiency.errors(result.rows, made_by=transfer.OWN)
+    shares = {
+        way: efficiency.relative(efficiency.errors(result.rows, made_by=way), own)
+        for way in transfer._WAYS
+    }
+    assert (shares["prior, reference"] < 1.2).all()
+    # Nobody learns a workspace in ten seconds; not a zero either, without a reference.
+    assert shares["prior, reference"][0] < shares["prior"][0]
+    assert not shares["anew"][0] < shares["prior"][0]
     (claim,) = result.summary.claims
     assert claim.text == "a new homing takes 10 s for the accuracy of a whole calibration"
     (table,) = result.summary.tables

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 
 from truejoint import calibrate, evaluate
 from truejoint.errors import RecordingError, StudyError
@@ -9,6 +10,7 @@ from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings.datasets import DATASETS, locate
 from truejoint.studies import run_study, write_study
 from truejoint.studies.real.accuracy import HWANG, judge
+from truejoint.studies.rows import select
 from truejoint.tables import fixed
 
 KUKA = "kuka_kr300_dual_encoder"
@@ -27,13 +29,13 @@ def here():
 @pytest.mark.usefixtures("here")
 def test_numbers_are_those_of_an_evaluation(tmp_path):
     result = run_study("real", {"datasets": KUKA, "estimators": "linear,ukf_elastic"})
-    found = result.parts[f"{KUKA}-trajectory-linear"].numbers["rmse"]
     training, testing = recommended_sides(DATASETS[KUKA], DATASETS[KUKA].split())
     model = calibrate(training, "linear", features=DATASETS[KUKA].features)
     evaluation = evaluate(model, testing)
     for method in ("linear", "offset", "raw"):
         expected = [evaluation.score(method, joint).rmse for joint in model.joints]
-        assert found[method][0] == pytest.approx(expected, rel=1e-9)
+        found = select(result.rows, method=method).rmse.tolist()
+        assert found == pytest.approx(expected, rel=1e-9)
     text = result.summary.tables[0].markdown()
     assert "axis1 [deg]" in text
     assert "MIT" in text
@@ -46,9 +48,9 @@ def test_numbers_are_those_of_an_evaluation(tmp_path):
 
 @pytest.mark.usefixtures("here")
 def test_hwangs_split_learns_from_both_motions():
-    numbers = judge(DVRK, HWANG, "linear", [0]).numbers
-    assert len(numbers["joints"]) == 6
-    linear, offset = (np.array(numbers["rmse"][name][0]) for name in ("linear", "offset"))
+    rows = DataFrame(judge(DVRK, HWANG, "linear", [0]))
+    linear, offset = (select(rows, method=name).rmse.to_numpy() for name in ("linear", "offset"))
+    assert len(linear) == 6
     assert (linear[:3] < offset[:3]).all()
 
 

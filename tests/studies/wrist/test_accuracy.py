@@ -10,10 +10,14 @@ import pytest
 from truejoint.drawing import png
 from truejoint.errors import StudyError, TruejointError
 from truejoint.estimators.cables import learn as cable_filter
+from truejoint.estimators.cables.learn import CableStates
+from truejoint.recordings import Provenance, Recording
+from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies import get_study
+from truejoint.studies import Results, get_study
+from truejoint.studies.rows import select
 from truejoint.studies.wrist import motions
-from truejoint.studies.wrist.accuracy import judge, summarise
+from truejoint.studies.wrist.accuracy import LOADS, honesty, judge, summarise
 from truejoint.studies.wrist.record_wrist import record_wrist
 
 FEW = {
@@ -27,12 +31,15 @@ def result():
     settings = get_study("wrist").settings("small", options=FEW)
     (part,) = get_study("wrist").parts(settings)
     with patch.object(cable_filter, "_ROUNDS", 8):
-        return settings, {part.key: part.compute(**part.arguments)}
+        return Results.of(settings, [part], {part.key: part.compute(**part.arguments)})
+
+
+def of(result, kind, **where):
+    return select(result.rows, of=kind, **where)
 
 
 def rms(result, method, test):
-    (part,) = result[1].values()
-    return np.degrees(part.numbers["errors"][method][test])
+    return np.degrees(of(result, "angle", method=method, test=test)[list(JOINTS)].to_numpy()[0])
 
 
 def test_plays_know_what_the_coupling_and_a_line_do_not(result):
@@ -52,30 +59,45 @@ def test_only_effort_sees_a_load(result):
 
 
 def test_a_grip_is_told_from_none(result):
-    (part,) = result[1].values()
-    loads = part.numbers["loads"]["play_effort"]
-    error, size = loads["loaded"]["grip"]
-    false, none = loads["free"]["grip"]
-    assert none == 0.0
-    assert false < 0.1 * size
-    assert error < 0.3 * size
+    loads = of(result, "load", method="play_effort", name="grip").set_index("test")
+    assert loads["size"]["free"] == 0.0
+    assert loads.rms["free"] < 0.1 * loads["size"]["loaded"]
+    assert loads.rms["loaded"] < 0.3 * loads["size"]["loaded"]
 
 
 def test_the_filter_finds_the_instrument_and_says_how_well_it_knows_it(result):
-    (part,) = result[1].values()
-    stiffness, deviation, _unit = part.numbers["identified"]["jaw1_stiffness"]
-    assert 110e3 < stiffness < 200e3  # of 135-180
-    assert 0.0 < deviation < 0.2 * stiffness
+    (found,) = of(result, "identified", name="jaw1_stiffness").itertuples()
+    assert 110e3 < found.value < 200e3  # of 135-180
+    assert 0.0 < found.deviation < 0.2 * found.value
     assert (rms(result, "filter", "loaded") < 0.6 * rms(result, "play_motor", "loaded")).all()
-    for test in part.numbers["honest"].values():
-        assert 0.1 < test["angle"]["nees"] < 8.0
-        assert test["load"]["covered"] > 0.6
+    honest = of(result, "honesty")
+    assert honest[honest.name == "angle"].nees.between(0.1, 8.0).all()
+    assert (honest[honest.name == "load"].covered > 0.6).all()
+
+
+def test_what_errs_as_stated_is_honest_and_what_states_half_is_not():
+    rng, n = np.random.default_rng(1), 4000
+    angle, load = 0.01 * rng.normal(size=(n, 3)), 0.002 * rng.normal(size=(n, 3))
+    columns = {f"truth_exact/{name}": np.zeros(n) for name in JOINTS}
+    columns |= {f"truth_load/{name}": np.zeros(n) for name in LOADS}
+    columns |= {f"measured/{name}": np.zeros(n) for name in JOINTS}
+    test = Recording.from_columns({"t": 0.005 * np.arange(n), **columns}, Provenance("wrist"))
+    deviations = np.full((n, 3), 0.01), np.full((n, 3), 0.001)
+    angle[: n // 10] = 1.0  # before what counts
+    states = CableStates(angle, deviations[0], load, deviations[1], np.zeros((n, 15)))
+    of_angle, of_load = honesty(states, test, 0.1 * test.t[-1], motion="free")
+    assert of_angle["nees"] == pytest.approx(1.0, abs=0.05)
+    assert of_angle["covered"] == pytest.approx(0.9, abs=0.02)
+    assert of_load["nees"] == pytest.approx(4.0, abs=0.2)
+    assert of_load["covered"] == pytest.approx(0.589, abs=0.02)
 
 
 @pytest.mark.usefixtures("coarse")
 def test_its_table_and_figures_can_be_drawn(result):
-    summary = summarise(*result)
-    assert [row[0] for row in summary.tables[0].rows][:2] == ["coupling inverse", "linear, motors"]
+    summary = summarise(result)
+    first = "coupling inverse, measured"
+    assert [row[0] for row in summary.tables[0].rows][:1] == [first]
+    assert len(summary.tables) == 4
     assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())
 
 

@@ -13,7 +13,7 @@ from truejoint.errors import StudyError
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies import get_study
+from truejoint.studies import PartResult, Results, get_study
 from truejoint.studies.wrist import changes
 
 FEW = {"free_s": "50", "loaded_s": "12", "test_s": "6", "count": "1", "family": "endowrist"}
@@ -29,12 +29,12 @@ def result():
         patch.object(changes, "_CHECK", 15.0),
         patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
     ):
-        return settings, {part.key: part.compute(**part.arguments)}
+        rows = part.compute(**part.arguments)
+    return Results.of(settings, [part], {part.key: PartResult(rows)})
 
 
 def test_efforts_show_more_friction_and_not_where_the_zeros_are(result):
-    (part,) = result[1].values()
-    strange = {name: found["strange"] for name, found in part.numbers["errors"].items()}
+    strange = result.rows.set_index("changed").strange
     assert strange["motors' friction x 1.5"] > strange[changes.NOTHING] + 0.02
     assert strange[changes.GAIN] > strange[changes.NOTHING] + 0.02
     assert strange[changes.ENGAGED] == pytest.approx(strange[changes.NOTHING], abs=0.02)
@@ -64,7 +64,7 @@ def test_a_test_too_short_to_settle_is_refused():
 
 @pytest.mark.usefixtures("coarse")
 def test_its_tables_and_figure_can_be_drawn(result):
-    summary = changes.summarise(*result)
+    summary = changes.summarise(result)
     assert [row[0] for row in summary.tables[0].rows] == list(changes.CHANGES)
     assert [len(row) for row in summary.tables[1].rows] == [5, 5, 5]
     assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())

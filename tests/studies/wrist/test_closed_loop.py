@@ -12,7 +12,9 @@ from truejoint.drawing import png
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
-from truejoint.studies import get_study
+from truejoint.robots.wrist.instruments import JOINTS
+from truejoint.studies import Results, get_study
+from truejoint.studies.rows import select
 from truejoint.studies.wrist import closed_loop
 from truejoint.studies.wrist.closed_loop import (
     CASES,
@@ -39,33 +41,36 @@ def result():
         patch.object(cable_filter, "_ROUNDS", 3),
         patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
     ):
-        return settings, {part.key: part.compute(**part.arguments)}
+        return Results.of(settings, [part], {part.key: part.compute(**part.arguments)})
+
+
+def of(results, kind, load):
+    return select(results.rows, of=kind, load=load).set_index("loop")
 
 
 def test_an_estimate_in_the_loop_is_nearly_a_perfect_sensor(result):
-    (part,) = result[1].values()
     for case in CASES:
-        error = {key: np.mean(part.numbers["errors"][f"{case}/{key}"]) for key in KEYS}
+        error = of(result, "joint", case)[list(JOINTS)].mean(axis=1)
+        assert set(error.index) == set(KEYS)
         assert error["hybrid"] < 0.4 * error[OPEN]
         assert error["hybrid"] < 1.5 * error[PERFECT]
         assert np.degrees(error[PERFECT]) < 0.4
 
 
 def test_motors_alone_do_not_see_a_push(result):
-    (part,) = result[1].values()
-    errors = part.numbers["errors"]
-    assert np.mean(errors["tip/play_motor"]) > 1.05 * np.mean(errors["tip/hybrid"])
+    errors = of(result, "joint", "tip")[list(JOINTS)].mean(axis=1)
+    assert errors["play_motor"] > 1.05 * errors["hybrid"]
 
 
 def test_jaws_grip_as_they_are_told(result):
-    (part,) = result[1].values()
-    assert not part.numbers["refused"]
+    assert "refused" not in result.rows
     for case in GRIPS:
-        found = {key: part.numbers["grip"][f"{case}/{key}"] for key in ("hybrid", PERFECT)}
-        assert found[PERFECT]["standing"] < 1e-3
-        assert found[PERFECT]["rms"] < 2.5e-3
-        assert found["hybrid"]["rms"] < 8e-3
-        grip = part.arrays[f"{case}/grip"]
+        found = of(result, "grip", case)
+        assert found.standing[PERFECT] < 1e-3
+        assert found.rms[PERFECT] < 2.5e-3
+        assert found.rms["hybrid"] < 8e-3
+        (arrays,) = result.arrays.values()
+        grip = arrays[f"{case}/grip"]
         assert np.ptp(grip) > 0.015
 
 
@@ -80,11 +85,13 @@ def test_a_loop_that_refuses_is_a_row_and_the_others_go_on(result, monkeypatch):
     monkeypatch.setattr(closed_loop, "calibrate", lambda *_, **__: None)
     monkeypatch.setattr(closed_loop.Bench, "follow", follow)
     monkeypatch.setattr(closed_loop.Bench, "grip", lambda bench, key, path, wanted: wanted + 1e-3)
-    found = part.compute(**part.arguments)
-    assert set(found.numbers["refused"]) == {"tip/play_motor"}
-    joints, _, refused = summarise(settings, {part.key: found}).tables
-    assert ("tip", "measured", TITLES["play_motor"]) not in [row[:3] for row in joints.rows]
-    assert ("free", "measured", TITLES["play_motor"], "1") in [row[:4] for row in joints.rows]
+    found = Results.of(settings, [part], {part.key: part.compute(**part.arguments)})
+    (row,) = found.rows.dropna(subset="refused").itertuples()
+    assert (row.load, row.loop) == ("tip", "play_motor")
+    joints, _, refused = summarise(found).tables
+    title = f"measured, {TITLES['play_motor']}"
+    assert f"tip, {title}" not in [row[0] for row in joints.rows]
+    assert (f"free, {title}", "1") in [row[:2] for row in joints.rows]
     assert refused.rows[0][1:3] == ("tip", TITLES["play_motor"])
     assert "beyond its range" in refused.rows[0][3]
 
@@ -104,10 +111,10 @@ def test_a_grip_is_judged_after_its_steps_and_by_how_far_it_goes_beyond():
 
 @pytest.mark.usefixtures("coarse")
 def test_its_table_and_figure_can_be_drawn(result):
-    summary = summarise(*result)
+    summary = summarise(result)
     assert len(summary.tables[0].rows) == len(CASES) * len(KEYS)
-    ratios = {row[:3]: row[-1] for row in summary.tables[0].rows}
-    assert ratios["tip", "measured", TITLES[PERFECT]] == "1.00"
+    ratios = {row[0]: row[-1] for row in summary.tables[0].rows}
+    assert ratios[f"tip, measured, {TITLES[PERFECT]}"] == "1.00"
     assert len(summary.tables[1].rows) == 2 * len(GRIPS)
     assert all(png(figure).startswith(b"\x89PNG") for figure in summary.figures.values())
 

@@ -26,7 +26,7 @@ from truejoint.simulation.twin import glide, hold
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, title_of
 from truejoint.studies.loop import TwinSignals, homed_arm
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import Cell, each, select, table_of
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
@@ -317,7 +317,7 @@ def _figure(results: Results, own: DataFrame, every: DataFrame, methods: Sequenc
     def over_time(number: int) -> Panel:
         of_load = select(own, number=number)
         curves = []
-        for row in of_load.itertuples():
+        for row in each(of_load):
             arrays, look = results.arrays[row.part], (_title(row.method), colours[row.method])
             curves.append(Curve(arrays["t"], np.degrees(arrays["error"]), *look))
         title = f"specimen {title_of(settings['specimen'])}, load {of_load.load.iloc[0]}"

@@ -23,7 +23,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import Cell, each, select, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -219,7 +219,7 @@ def _weights(rows: DataFrame) -> Table:
         f"friction holds them; in truth {true_friction}.",
     ]
     if len(slack):
-        names = ", ".join(f"{1e3 * row.mass:.0f} g {row.direction}" for row in slack.itertuples())
+        names = ", ".join(f"{1e3 * row.mass:.0f} g {row.direction}" for row in each(slack))
         notes.append(f"Left out, since the drive cable is slack under it: {names}.")
     named = weighed.assign(load=(1e3 * weighed.mass).map("{:.0f} g ".format) + weighed.direction)
     return table_of(f"External load, {one.specimen}", named, "load", cells, notes)
@@ -233,7 +233,7 @@ def errors_in_grams(weighed: DataFrame, way: str) -> Array:
     """RMS [g] of what the mean estimate is off by, over the weights one way, by specimen."""
     own = select(weighed, direction=way)
     square = grams(own, own.identified - own.torque) ** 2
-    return np.sqrt(square.groupby(own.specimen, sort=False).mean().to_numpy())
+    return np.asarray(np.sqrt(square.groupby(own.specimen, sort=False).mean().to_numpy()))
 
 
 def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, Final, cast
 
 import numpy as np
@@ -15,7 +15,7 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.rows import Cell, of, select, table_of, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import fixed
 
@@ -74,15 +74,13 @@ def summarise(results: Results) -> Summary:
     """Table 3 beside the paper's, and figure 9."""
     settings, rows = results.settings, results.rows
     name, methods = title_of(settings["specimen"]), unique(rows, "method")
-    rows = rows.assign(
-        load=[f"{1e3 * a:.0f} g {b}" for a, b in zip(rows.mass, rows.direction, strict=True)]
-    )
+    rows = rows.assign(load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction)
 
     def by_phase(cell: Cell) -> Cell:
         return lambda own: "/".join(cell(select(own, phase=phase)) for phase in JUDGED)
 
-    def each(cell: Callable[[DataFrame], str]) -> dict[str, Cell]:
-        return {m.title(key): lambda own, key=key: cell(select(own, method=key)) for key in methods}
+    def each(cell: Cell) -> dict[str, Cell]:
+        return {m.title(key): of(cell, method=key) for key in methods}
 
     draws = rows.draw.nunique()
     notes = (

@@ -10,6 +10,7 @@ from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import Provenance
 from truejoint.studies.forceps.loaded import load_test
 from truejoint.studies.forceps.motions import Plain, built, plain_specimen, record, title_of
+from truejoint.studies.rows import each
 from truejoint.studies.study import Part, PartResult, Results, Settings, Summary
 
 
@@ -38,7 +39,7 @@ def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: An
 def summarise(results: Results) -> Summary:
     """Give the recordings."""
     recordings = {}
-    for row in results.rows.itertuples():
+    for row in each(results.rows):
         provenance, units = json.loads(row.origin)
         recordings[f"{row.motion}-{title_of(results.settings['specimen'])}"] = (
             Recording.from_columns(

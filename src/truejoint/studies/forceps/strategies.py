@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +13,7 @@ from truejoint.studies.forceps import loaded, unloaded
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import title_of
 from truejoint.studies.paper_tables import degrees_text
-from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.rows import Cell, each, select, table_of, unique
 from truejoint.studies.study import Claim, Part, Results, Settings, Summary
 
 
@@ -48,7 +49,9 @@ def summarise(results: Results) -> Summary:
         "still under a load, worst": [loaded.worst(rows, key, "IV", *ways) for key in keys],
     }
     place = np.arange(len(keys))
-    curves = [Curve(np.degrees(values), place, k, style="o") for k, values in points.items()]
+    curves = [
+        Curve(np.degrees(np.array(values)), place, k, style="o") for k, values in points.items()
+    ]
     names = [f"{m.title(key)}  [{m.METHODS[key].strategy}]" for key in keys]
     panel = Panel(curves, "RMS error [deg]", log="x", rows=names, legend=True)
     caption = "RMS error of each method without a load and still under the worst; [strategy]."
@@ -57,7 +60,7 @@ def summarise(results: Results) -> Summary:
 
 
 def _claims(verified: DataFrame) -> list[Claim]:
-    rms = np.degrees(verified.set_index("method").rms)
+    rms = {row.method: math.degrees(row.rms) for row in each(verified)}
     both = [rms[key] for key in m.PAPERS[:2] if key in rms]
     if m.PAPERS_BEST not in rms or not both:
         return []

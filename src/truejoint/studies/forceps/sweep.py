@@ -25,7 +25,7 @@ from truejoint.simulation.forceps.sensors import ZeroShift, quantised
 from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, changed, record
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import Cell, each, select, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed, median_text
 
@@ -174,18 +174,11 @@ def summarise(results: Results) -> Summary:
     settings, rows = results.settings, results.rows
     prices = dict(zip(settings["resolutions_um"], settings["prices"], strict=True))
     unit = (1e6 * rows.resolution).round(6).map(prices)
-    rows = rows.assign(
-        price=rows.layout.map(encoders) * unit, name=[*map(named, rows.itertuples())]
-    )
-    designs = rows.groupby("name", sort=False).agg(
-        {**dict.fromkeys((*_DESIGN, "price"), "first"), "unloaded": ["median", "max"],
-         "loaded": ["median", "max"]}
-    )  # fmt: skip
-    designs.columns = [
-        column if how == "first" else f"{column}_{how}" for column, how in designs.columns
-    ]
-    for name, how in (("typical", "median"), ("worst", "max")):
-        designs[name] = designs[[f"unloaded_{how}", f"loaded_{how}"]].max(axis=1)
+    rows = rows.assign(price=rows.layout.map(encoders) * unit, name=[*map(named, each(rows))])
+    by_name, loads = rows.groupby("name", sort=False), ["unloaded", "loaded"]
+    medians = by_name[loads].median()
+    designs = by_name[[*_DESIGN, "price"]].first().join(medians)
+    designs = designs.assign(typical=medians.max(axis=1), worst=by_name[loads].max().max(axis=1))
     best = front(designs)
     reach = designs[designs.worst <= math.radians(settings["target_deg"])]
     reach = reach.sort_values(["price", "worst"], kind="stable")
@@ -251,19 +244,19 @@ def _figure(settings: Settings, designs: DataFrame, best: DataFrame) -> Figure:
     middle = sorted(settings["stiffnesses_kNm"])[len(settings["stiffnesses_kNm"]) // 2]
     plain = select(designs, homing=usual, friction=settings["frictions"][0])
     by_stiffness, by_resolution, both, costs = (list[Curve]() for _ in range(4))
-    deg = {c: np.degrees(designs[c]) for c in ("unloaded_median", "loaded_median", "typical")}
+    deg = {c: np.degrees(designs[c]) for c in ("unloaded", "loaded", "typical")}
     for layout, every in designs.groupby("layout", sort=False):
         look = str(layout), _COLOURS[str(layout)]
         own, sensors = plain[plain.layout == layout], encoders(str(layout))
         row = own[own.resolution == finest] if sensors else own
-        loaded = deg["loaded_median"][row.index]
+        loaded = deg["loaded"][row.index]
         by_stiffness.append(Curve(row.stiffness / 1e3, loaded, *look, "o-"))
         column = own[own.stiffness == 1e3 * middle]
         if sensors:
-            unloaded = deg["unloaded_median"][column.index]
+            unloaded = deg["unloaded"][column.index]
             by_resolution.append(Curve(1e6 * column.resolution, unloaded, *look, "o-"))
         of = {name: values[every.index] for name, values in deg.items()}
-        both.append(Curve(of["unloaded_median"], of["loaded_median"], *look, "o"))
+        both.append(Curve(of["unloaded"], of["loaded"], *look, "o"))
         costs.append(Curve(every.price, of["typical"], *look, "o"))
     costs.append(Curve(best.price, np.degrees(best.typical), "", "k", "--o"))
     mass, rms_name = f"under {settings['mass_g']:g} g", "median RMS error [deg]"

@@ -78,7 +78,7 @@ def _claims(verified: DataFrame) -> Iterator[Claim]:
     """Judge what the paper states of its methods on (28)."""
     errors = verified.set_index("method")[["rms", "largest", "smallest"]].map(np.degrees)
     if m.PAPERS_BEST in errors.index:
-        rms, largest, smallest = errors.loc[m.PAPERS_BEST]
+        rms, largest, smallest = map(float, errors.loc[m.PAPERS_BEST].to_numpy())
         there = reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST)
         for what, value, limit, printed in (
             ("RMS", rms, 0.2, there["rms"]),
@@ -88,7 +88,7 @@ def _claims(verified: DataFrame) -> Iterator[Claim]:
             found = f"{value:.3f} deg; in the paper {printed:.2f}"
             yield Claim(text, "yan2020, IV-B", bool(value < limit), found)
     if set(m.PAPERS) <= set(errors.index):
-        one, two, best = errors.rms[list(m.PAPERS)]
+        one, two, best = map(float, errors.rms[list(m.PAPERS)].to_numpy())
         text = "least squares err more than compensated ones, and those more than the filter"
         found = f"{one:.3f}, {two:.3f}, {best:.3f} deg RMS"
         yield Claim(text, "yan2020, Table 2", bool(one > two > best), found)

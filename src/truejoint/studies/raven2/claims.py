@@ -67,9 +67,8 @@ def _pairs(rows: DataFrame, low: Pick, high: Pick, each: Mapping[str, Sequence[A
     pairs = []
     for key in product(*each.values()):
         where = dict(zip(each, key, strict=True))
-        name = ", ".join(
-            str(value) for column, value in where.items() if len(each) == 1 or len(each[column]) > 1
-        )
+        varied = [str(value) for column, value in where.items() if len(each[column]) > 1]
+        name = ", ".join(varied or map(str, key))
         pairs.append((name, errors(rows, low, **where), errors(rows, high, **where)))
     return pairs
 

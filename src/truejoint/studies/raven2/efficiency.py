@@ -15,7 +15,7 @@ from truejoint.errors import CalibrationError
 from truejoint.motion import PROFILES, designed_motion, random_motion
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.rows import select, values
+from truejoint.studies.rows import groups, select, values
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
@@ -152,19 +152,19 @@ def summarise(results: Results) -> Summary:
     settings = results.settings
     seconds = np.array(parts(settings)[0].arguments["seconds"])
     lines, claims, panels = [], [], []
-    for title, rows in results.rows.groupby("specimen", sort=False):
+    for title, rows in groups(results.rows, "specimen"):
         whole = errors(rows, case=_REFERENCE, of=WHOLE)
         total = np.median(select(rows, case=_REFERENCE, of=WHOLE).seconds)
         lines.append(_line(f"{title}, zig-zags", np.full(2, total), whole, 1.0))
         first = select(rows, of=FIRST)
         share = np.concatenate(
-            [relative(errors(own), whole[n]) for n, own in first.groupby("session", sort=False)]
+            [relative(errors(own), whole[n]) for n, own in groups(first, "session")]
         )
-        order = np.concatenate([own.index for _, own in first.groupby("session", sort=False)])
+        order = np.concatenate([own.index for _, own in groups(first, "session")])
         first = first.assign(share=Series(share, order), minutes=first.seconds / 60.0)
         times = {}
-        for motion, own in first.groupby("case", sort=False):
-            shares = [one.share.to_numpy() for _, one in own.groupby("session", sort=False)]
+        for motion, own in groups(first, "case"):
+            shares = [one.share.to_numpy() for _, one in groups(own, "session")]
             times[motion] = np.array([reached(one, seconds) for one in shares])
             if motion == _REFERENCE:
                 continue
@@ -222,7 +222,7 @@ def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
 
 def _stopping(title: str, rows: DataFrame) -> Claim:
     near, minutes = 0, []
-    for _, own in select(rows, case=_DESIGNED).groupby("session", sort=False):
+    for _, own in groups(select(rows, case=_DESIGNED), "session"):
         at_stop = select(own, of=STOPPED)
         reachable = np.vstack([errors(own, of=FIRST), errors(at_stop)])
         shares = relative(reachable, np.ones(3))

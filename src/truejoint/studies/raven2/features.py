@@ -8,6 +8,7 @@ from typing import Final
 
 from pandas import DataFrame
 
+from truejoint.array_types import Array
 from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import default_unit
@@ -22,18 +23,19 @@ from truejoint.studies.verdicts import RULE
 
 SELECTED: Final = "selected"
 ALL: Final = "all"
+NO_TORQUES, NO_POSITIONS = "selected without torques", "selected without positions"
 TIMELESS: Final = "all but time"
 """And but the sequence number: neither was ever seen as it is hours later."""
 WIDE: Final = "wide"
 """The larger network of II-H, on all features."""
-KINDS: Final = (SELECTED, TIMELESS, ALL)
+KINDS: Final = (SELECTED, NO_TORQUES, NO_POSITIONS, TIMELESS, ALL)
 _CLOCKS: Final = ("state/time", "state/last_seq")
 _OFFSET: Final = 700_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = ("dnn", "linear", "poly2", "offset", WIDE)
 _STRIDE: Final = 10
 """Every tenth row of the hours is judged: a large network takes its time to predict them."""
 _FIT_RATE: Final = 10.0  # [Hz], of the larger network
-_LARGE: Final = {"hidden_layer_sizes": (600, 500, 400), "weight_decay": 1e-4}
+_LARGE: Final = (600, 500, 400)  # units
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -63,16 +65,23 @@ def fit_both(
     for text, own in training.items():
         every = s.fitted(own, networks, seed, features=names)
         if WIDE in models and text == longest:
-            network = NeuralNetwork(**_LARGE)
+            network = NeuralNetwork(_LARGE, weight_decay=1e-4)
             every[WIDE] = [s.model_of(own, network, features=names, fit_rate=_FIT_RATE)]
         for kind, fitted in (
             (SELECTED, s.fitted(own, networks, seed)),
+            (NO_TORQUES, s.fitted(own, networks, seed, features=_of(names, "measured"))),
+            (NO_POSITIONS, s.fitted(own, networks, seed, features=_of(names, "effort"))),
             (TIMELESS, s.fitted(own, 0, seed, features=timeless)),
             (ALL, every),
         ):
             labels = {"kind": kind, "set": text, "seconds": s.seconds_of(own)}
             rows += s.judged(fitted, test, inputs=len(names), **labels)
     return rows
+
+
+def _of(names: Sequence[str], quantity: str) -> list[str]:
+    """Features of one quantity, such as measured positions."""
+    return [name for name in names if name.startswith(f"{quantity}/")]
 
 
 def with_state(recording: Recording, twin: Raven2Twin) -> Recording:
@@ -118,6 +127,16 @@ def summarise(results: Results) -> Summary:
     return tables.by_specimen(results, of_specimen)
 
 
+def _without(*kinds: str) -> claims.Pick:
+    """Errors of the network on a kind of features in each of the joints."""
+
+    def pick(rows: DataFrame, joint: str) -> Array:
+        kind = kinds[s.JOINTS.index(joint)]
+        return tables.by_session(rows, kind=kind, method="dnn", joint=joint)
+
+    return pick
+
+
 _OF_ALL, _OF_SELECTED = {"kind": ALL}, {"kind": SELECTED}
 _LINEAR, _NETWORK, _OF_WIDE = ({"method": method} for method in ("linear", "dnn", WIDE))
 CLAIMS: Final = (
@@ -137,6 +156,16 @@ CLAIMS: Final = (
     claims.ordered(
         "with all features the linear model is no better than the fixed offset", "peng2024, II-H",
         _OF_ALL | {"method": "offset"}, _OF_ALL | _LINEAR, joint=s.JOINTS,
+    ),
+    claims.not_worse(
+        0.05,
+        "joint positions and motor torques are enough: the network loses nothing without the rest",
+        "peng2024, II-C", _OF_ALL, _OF_SELECTED, method=("dnn",), joint=s.JOINTS,
+    ),
+    claims.ordered(
+        "joint 3 is the one in which torques matter more than positions", "peng2024, III",
+        _without(NO_TORQUES, NO_TORQUES, NO_POSITIONS),
+        _without(NO_POSITIONS, NO_POSITIONS, NO_TORQUES), joint=s.JOINTS,
     ),
 )  # fmt: skip
 CAUSE: Final = claims.not_worse(

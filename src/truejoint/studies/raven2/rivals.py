@@ -154,10 +154,12 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
         body.append((RIVALS[method].title if method in RIVALS else method, *cells))
     for method in ("dnn", "linear"):
         condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
-        ends = [
-            [_printed(table, f"{condition}{h}", method, one) for h in (0, 5)] for one in printed
+        cells = [
+            " to ".join(
+                reported_text(_printed(table, f"{condition}{h}", method, one), 3) for h in (0, 5)
+            )
+            for one in printed
         ]
-        cells = [f"{reported_text(a, 3)} to {reported_text(b, 3)}" for a, b in ends]
         body.append((f"paper: {method}, hour 0 to 5", *cells))
     for own, condition, method in _OTHERS:
         if own == table:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from functools import partial
 from typing import Any, Final
 
@@ -14,7 +14,7 @@ from truejoint.drawing import Curve, Figure, Panel
 from truejoint.evaluation.metrics import percent_of
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
-from truejoint.studies.rows import select, unique, values
+from truejoint.studies.rows import groups, select, unique, values
 from truejoint.studies.study import Results, Summary
 from truejoint.tables import Table, fixed
 
@@ -52,8 +52,7 @@ def readable(rows: DataFrame) -> DataFrame:
 def by_specimen(results: Results, summarise: Callable[[str, DataFrame], Summary]) -> Summary:
     """Put together what is made of the rows of every specimen, in the units of `TITLES`."""
     made = [
-        summarise(str(title), readable(rows))
-        for title, rows in results.rows.groupby("specimen", sort=False)
+        summarise(str(title), readable(rows)) for title, rows in groups(results.rows, "specimen")
     ]
     return Summary(
         [table for one in made for table in one.tables],
@@ -121,7 +120,7 @@ def _by_joint(
     """Table of conditions and joints by method; a column says where the paper has a number."""
     body = [
         (f"{name}, {label}", *(cell(rows_of, name, k, method) for method in methods))
-        for name, rows_of in rows.groupby("condition", sort=False)
+        for name, rows_of in groups(rows, "condition")
         for k, label in enumerate(TITLES)
     ]
     heads = (
@@ -145,7 +144,7 @@ def _cell(rows: DataFrame, condition: str, joint: int, method: str, *, paper: Pa
 def ratio_table(
     title: str,
     rows: DataFrame,
-    groups: dict[str, Collection[str]],
+    conditions_of: Mapping[str, Collection[str]],
     methods: Sequence[str],
     paper: Paper,
 ) -> Table:
@@ -160,7 +159,9 @@ def ratio_table(
         ]
         return fixed(float(np.exp(np.mean(logs))) if logs else np.nan, 2)
 
-    body = [(name, *(cell(own, method) for method in methods)) for name, own in groups.items()]
+    body = [
+        (name, *(cell(own, method) for method in methods)) for name, own in conditions_of.items()
+    ]
     return Table(title, ("conditions", *methods), tuple(body), ("1: as in the paper.",))
 
 

@@ -15,6 +15,7 @@ from truejoint.runtime import Corrector
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.rivals import RIVALS
+from truejoint.studies.rows import each
 from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
 from truejoint.tables import Table, fixed
 
@@ -90,7 +91,8 @@ def summarise(results: Results) -> Summary:
     """Table V beside the paper's."""
     times = results.rows.set_index("method")
     rows = []
-    for name, own in times.iterrows():
+    for own in each(results.rows):
+        name = own.method
         bound = reported("peng2024", "V", "training time", name, "all").get("upper bound")
         paper = reported("peng2024", "V", "inference one sample", name, "all").get("mean")
         rows.append(

@@ -15,7 +15,6 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
@@ -26,7 +25,7 @@ from truejoint.evaluation.splits import recommended_sides
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.studies.paper_tables import reported
-from truejoint.studies.rows import Cell, select, table_of, unique, values
+from truejoint.studies.rows import Cell, of, select, table_of, unique, values
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import decimals_for, fixed
 from truejoint.units import display_unit
@@ -135,8 +134,7 @@ def summarise(results: Results) -> Summary:
     rows = rows.assign(rmse=scale * rows.rmse, name=name, row=name + " [" + names + "]")
     estimators = settings["estimators"]
     cells: dict[str, Cell] = {
-        method: lambda own, method=method: _cell(values(own, "rmse", method=method))
-        for method in (*_BASELINES, *estimators)
+        method: of(_cell, method=method) for method in (*_BASELINES, *estimators)
     }
     networks = settings["networks"] if "dnn" in estimators else 1
     why = dict(zip(refused.estimator + " on " + refused.dataset, refused.refused, strict=True))
@@ -157,7 +155,8 @@ def summarise(results: Results) -> Summary:
     return Summary((table,), {"real": _figure(estimators, rows)}, _claims(rows))
 
 
-def _cell(errors: Array) -> str:
+def _cell(rows: DataFrame) -> str:
+    errors = values(rows, "rmse")
     if not len(errors):
         return fixed(np.nan, 3)
     decimals = decimals_for([float(errors.mean())], most=4)

@@ -29,10 +29,10 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.rows import Cell, median, of, select, table_of, unique
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
-from truejoint.tables import Table, median_text
+from truejoint.tables import Table
 
 _RAW: Final = "coupling"
 SETTLED: Final = 2.0
@@ -175,7 +175,7 @@ def judge(
             for name, (value, deviation, unit) in _filter_of(physical).identified.items()
         ]  # fmt: skip
         for name, test in tests.items():
-            rows += honesty(runs[test.provenance.session].filtered, test, SETTLED, test=name)
+            rows += honesty(runs[test.provenance.session].filtered, test, SETTLED, motion=name)
     for key in methods:
         found = estimates(METHODS[key], free, under_load, tests, runs)
         for name, test in tests.items():
@@ -322,7 +322,7 @@ def fitted(
     return found
 
 
-def honesty(states: CableStates, test: Recording, settled: float, **labels: str) -> Rows:
+def honesty(states: CableStates, test: Recording, settled: float, **labels: Any) -> Rows:
     """NEES per number, and share within the stated 90 %, of angles and loads `settled` s on."""
     chosen, rows = test.t - test.t[0] > settled, Rows()
     for name, error, deviation in (
@@ -345,9 +345,8 @@ def summarise(results: Results) -> Summary:
         tables.append(_load_table(by_kind[LOAD], by_kind.get(IDENTIFIED)))
     if HONESTY in by_kind:
         tables += [_honest_table(by_kind[HONESTY]), _identified_table(by_kind[IDENTIFIED])]
-    errors = by_kind[ANGLE].melt(
-        ["test", "method", "specimen"], list(JOINTS), "joint", "rms"
-    )  # fmt: skip
+    angles = by_kind[ANGLE][["test", "method", *JOINTS]]
+    errors = angles.melt(["test", "method"], list(JOINTS), "joint", "rms")
     errors = errors.assign(name=errors.method.map({k: m.title for k, m in METHODS.items()}))
     colours = {METHODS[key].title: colour for key, colour in _COLOURS.items()}
     panels = [
@@ -377,8 +376,8 @@ def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
     grip = 1e3 * grips.rms.median()
     cells: dict[str, Cell] = {"n": lambda own: str(own.specimen.nunique())}
     for name, mark in zip(TESTS, ("", " "), strict=True):
-        cells[f"{name}: pitch jaw1 jaw2"] = lambda own, t=name: joint_medians(select(own, test=t))
-        cells["worst" + mark] = lambda own, t=name: worst(select(own, test=t))
+        cells[f"{name}: pitch jaw1 jaw2"] = of(joint_medians, test=name)
+        cells["worst" + mark] = of(worst, test=name)
     notes = (
         f"RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint. Fitted to {settings['free_s']:g} s "
@@ -392,6 +391,14 @@ def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
     return table_of(title, rows, ["method", "family"], cells, notes, names=_named)
 
 
+def _middle(column: str, scale: float) -> Cell:
+    return lambda own: f"{scale * own[column].median():.1f}"
+
+
+def _share(own: DataFrame) -> str:
+    return f"{100 * own.covered.median():.0f} %"
+
+
 def _named(method: str, family: str) -> str:
     return f"{METHODS[method].title}, {family}"
 
@@ -399,15 +406,9 @@ def _named(method: str, family: str) -> str:
 def _load_table(rows: DataFrame, identified: DataFrame | None) -> Table:
     cells: dict[str, Cell] = {}
     for load in LOADS:
-
-        def of_load(own: DataFrame, load: str = load) -> DataFrame:
-            return 1e3 * select(own, test="loaded", name=load)[["rms", "size"]]
-
-        cells[load] = lambda own, of_load=of_load: median_text(of_load(own).rms, 1)
-        cells["of " + load] = lambda own, of_load=of_load: f"{of_load(own)['size'].median():.1f}"
-    cells["grip when free"] = lambda own: median_text(
-        1e3 * select(own, test="free", name="grip").rms, 1
-    )
+        cells[load] = of(median("rms", 1, 1e3), test="loaded", name=load)
+        cells["of " + load] = of(_middle("size", 1e3), test="loaded", name=load)
+    cells["grip when free"] = of(median("rms", 1, 1e3), test="free", name="grip")
     notes = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
         "the RMS of the load itself: pitch and yaw are torques of the force at the tip. What a pin "
@@ -436,11 +437,8 @@ def _blind(identified: DataFrame) -> str:
 def _honest_table(rows: DataFrame) -> Table:
     cells: dict[str, Cell] = {}
     for n, (test, name) in enumerate(product(TESTS, ("angle", "load"))):
-        of: dict[str, Any] = {"test": test, "name": name}
-        cells[f"{test}: {name}"] = lambda own, of=of: median_text(select(own, **of).nees, 2)
-        cells["in 90 %" + " " * n] = lambda own, of=of: (
-            f"{100 * select(own, **of).covered.median():.0f} %"
-        )
+        cells[f"{test}: {name}"] = of(median("nees", 2), motion=test, name=name)
+        cells["in 90 %" + " " * n] = of(_share, motion=test, name=name)
     notes = (
         "Normalised square of the physical filter's errors, 1 where its deviations are honest: "
         "median (worst) of the specimens; share of errors within what it states for 90 %, median. "
@@ -449,22 +447,22 @@ def _honest_table(rows: DataFrame) -> Table:
     return table_of("What the physical filter states of itself", rows, "family", cells, notes)
 
 
+def _value(own: DataFrame) -> str:
+    return f"{own.value.median():.3g} +- {own.deviation.median():.1g}"
+
+
+def _off(own: DataFrame) -> str:
+    own = own.dropna(subset="true")
+    apart = np.sqrt(own.ratio.mean())
+    return f"{100 * own.off.median():.0f} %, {apart:.1f} x" if len(own) else "-"
+
+
 def _identified_table(rows: DataFrame) -> Table:
     ratio = ((rows.value - rows.true) / rows.deviation) ** 2
     rows = rows.assign(off=(rows.value / rows.true - 1.0).abs(), ratio=ratio)
     cells: dict[str, Cell] = {"unit": lambda own: str(own.unit.iloc[0])}
     for n, family in enumerate(unique(rows, "family")):
-
-        def value(own: DataFrame, family: str = family) -> str:
-            one = select(own, family=family)
-            return f"{one.value.median():.3g} +- {one.deviation.median():.1g}"
-
-        def off(own: DataFrame, family: str = family) -> str:
-            one = select(own, family=family).dropna(subset="true")
-            apart = np.sqrt(one.ratio.mean())
-            return f"{100 * one.off.median():.0f} %, {apart:.1f} x" if len(one) else "-"
-
-        cells |= {family: value, "off" + " " * n: off}
+        cells |= {family: of(_value, family=family), "off" + " " * n: of(_off, family=family)}
     notes = (
         "Medians of what was identified and of its stated deviation; how far it is off what the "
         "specimen was made with, where that is one number, in the median, and the RMS of that in "

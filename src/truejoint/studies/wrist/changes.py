@@ -20,7 +20,7 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import Cell, select, table_of, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import (
@@ -215,10 +215,10 @@ def summarise(results: Results) -> Summary:
     )
     title = "Changed after the calibration"
     table = table_of(title, rows, "changed", cells, notes)
-    medians = np.degrees(rows.groupby("changed", sort=False)[list(JOINTS)].median())
+    medians = rows.groupby("changed", sort=False)[list(JOINTS)].median()
     place = np.arange(len(medians))
-    curves = [Curve(medians[j], place, j, f"C{n}", "o") for n, j in enumerate(JOINTS)]
-    panel = Panel(curves, "median RMS error under loads [deg]", rows=list(medians.index))
+    curves = [Curve(np.degrees(medians[j]), place, j, f"C{n}", "o") for n, j in enumerate(JOINTS)]
+    panel = Panel(curves, "median RMS error under loads [deg]", rows=unique(rows, "changed"))
     figure = Figure(title, ((panel,),), notes[0], height=3.6, legend=True)
     return Summary((table, _zero_table(results.rows)), {"wrist-changes": figure})
 

@@ -20,21 +20,18 @@ from truejoint.errors import CommandRefused, StudyError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
-from truejoint.runtime import (
-    Corrector,
-    Status,
-)
+from truejoint.runtime import Corrector, Status
 from truejoint.runtime.loop_gain import check_rate
 from truejoint.simulation.twin import hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.loop import TwinSignals, homed_arm
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import Cell, each, median, select, table_of
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, by_joint, joint_medians, rms, specimens, worst
 from truejoint.studies.wrist.grip import ForwardLoop, gripping
-from truejoint.tables import Table, median_text
+from truejoint.tables import Table
 
 OPEN: Final = "open"
 JOINT, GRIP = "joint", "grip"
@@ -280,7 +277,7 @@ def summarise(results: Results) -> Summary:
     done = rows[rows.refused.isna()]
     tables = [_joint_table(select(done, of=JOINT), settings), _grip_table(select(done, of=GRIP))]
     if len(refused):
-        body = tuple((r.part, r.load, TITLES[r.loop], r.refused) for r in refused.itertuples())
+        body = tuple((r.part, r.load, TITLES[r.loop], r.refused) for r in each(refused))
         header = ("instrument", "load", "in the loop", "refused")
         tables.append(Table("Loops that refused", header, body))
     arrays = next(iter(results.arrays.values()))
@@ -327,8 +324,8 @@ def _joint_table(rows: DataFrame, settings: Settings) -> Table:
 def _grip_table(rows: DataFrame) -> Table:
     cells: dict[str, Cell] = {
         "n": lambda own: str(len(own)),
-        "RMS (worst)": lambda own: median_text(1e3 * own.rms, 1),
-        "between steps": lambda own: median_text(1e3 * own.standing, 1),
+        "RMS (worst)": median("rms", 1, 1e3),
+        "between steps": median("standing", 1, 1e3),
         "overshoot": lambda own: f"{1e3 * own.overshoot.median():.1f}",
         "of perfect": _ratio,
     }
