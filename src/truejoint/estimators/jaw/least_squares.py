@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled
 from truejoint.estimators.family import Family, Params, Shape, one_of, only_joint
 from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
@@ -26,14 +26,15 @@ OBSERVED: Final = 7
 """Columns of the observation matrix (29)."""
 
 LAYOUT: Final = Layout()
-COMPENSATED: Final = LAYOUT.integer("compensated", "1: less the error model in the motor's angle")
-CONSTANT: Final = LAYOUT.scalar("constant", "of the sum [rad]")
-COEF: Final = LAYOUT.array("coef", "of each column")
-SCALE: Final = LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]")
-ERROR: Final = LAYOUT.array("error_coef", "coefficients of the error model (25)")
-ERROR_RANGE: Final = LAYOUT.array("error_range", "within which that is believed [rad]")
-LAST: Final = LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before")
-COLUMNS: Final = LAYOUT.array("columns", "of one row: x1 and x2 with derivatives, sign of a speed")
+LAYOUT.integer("compensated", "1: less the error model in the motor's angle")
+LAYOUT.scalar("constant", "of the sum [rad]")
+LAYOUT.array("coef", "of each column", OBSERVED)
+LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
+LAYOUT.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
+LAYOUT.array("error_range", "within which that is believed [rad]", 2)
+LAYOUT.array("last", "displacements [m] and speeds [m/s] of the row before", 4)
+LAYOUT.array("columns", "of a row: x1 and x2 with derivatives, sign of a speed", OBSERVED)
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -41,18 +42,13 @@ def cable_least_squares_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by (29), or by (30) where there is an error model."""
-    compensated = numbers[COMPENSATED]
-    drive, reset = x[compensated], x[compensated + 1]
-    columns = vector(memory, numbers[COLUMNS], OBSERVED)
-    observe(dt, drive, reset, vector(memory, numbers[LAST], 4), columns)
+    m = unpack(numbers, memory)
+    drive, reset = x[m.compensated], x[m.compensated + 1]
+    observe(dt, drive, reset, m.last, m.columns)
     error = 0.0
-    if compensated == 1:
-        scale = vector(memory, numbers[SCALE], 2)
-        error = bounded_error(
-            x[0], reset, scale, vector(memory, numbers[ERROR], COEFFICIENTS),
-            vector(memory, numbers[ERROR_RANGE], 2), half_width,
-        )  # fmt: skip
-    out[0] = weighted(columns, vector(memory, numbers[COEF], OBSERVED)) + memory[CONSTANT] - error
+    if m.compensated == 1:
+        error = bounded_error(x[0], reset, m.scale, m.error_coef, m.error_range, half_width)
+    out[0] = weighted(m.columns, m.coef) + m.constant - error
 
 
 @compiled

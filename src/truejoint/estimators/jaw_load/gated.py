@@ -23,17 +23,18 @@ from truejoint.estimators.plays.run import play_bank_row
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 LAYOUT: Final = Layout()
-GATE: Final = LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
-MISFIT: Final = LAYOUT.scalar("misfit", "standard deviation while both sides agree [rad]")
-ALONE: Final = LAYOUT.scalar("alone", "standard deviation of the reset cable's own estimate [rad]")
-DEVIATIONS: Final = LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
-GEARED: Final = LAYOUT.scalar("geared", "motion of the reset cable per motor angle [m/rad]")
+LAYOUT.scalar("gate", "difference that still counts as agreement [rad]")
+LAYOUT.scalar("misfit", "standard deviation while both sides agree [rad]")
+LAYOUT.scalar("alone", "standard deviation of the reset cable's own estimate [rad]")
+LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
+LAYOUT.scalar("geared", "motion of the reset cable per motor angle [m/rad]")
 BELIEVED: Final = LAYOUT.scalar("believed", "of what both sides differed by at the last row [rad]")
-HOLD: Final = LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide")
-MOTOR_HOLD: Final = LAYOUT.array("motor_hold", "the same of the motor, geared")
-ESTIMATE: Final = LAYOUT.array("estimate", "of one side [rad]")
+LAYOUT.array("hold", "where the reset cable stands [m]; how far friction can hide", 2)
+LAYOUT.array("motor_hold", "the same of the motor, geared", 2)
+LAYOUT.array("estimate", "of one side [rad]", 1)
 RESET_PART: Final = LAYOUT.part("reset", "estimate from the reset cable")
 BOTH_PART: Final = LAYOUT.part("both", "estimate from both sides")
+unpack = LAYOUT.unpacker()
 
 DOUBT: Final = 0.5
 """Share of what both sides differ by, and is believed, that may be a load's doing. It was chosen on
@@ -53,29 +54,23 @@ def gated_row(
     alone, and, by as much as that one's friction makes it err, while it stands: a load may turn the
     jaw unseen.
     """
-    fresh = dt == 0.0
-    estimate = vector(memory, numbers[ESTIMATE], 1)
-    bank_numbers, state = (
-        part_numbers(numbers, RESET_PART),
-        part_memory(numbers, memory, RESET_PART),
-    )
-    play_bank_row(bank_numbers, state, dt, vector(x, 1, 1), estimate, half_width)
-    reset = estimate[0]
-    bank_numbers, state = part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART)
-    play_bank_row(bank_numbers, state, dt, x, estimate, half_width)
-    difference = estimate[0] - reset
-    believed = redescending(difference, memory[GATE])
-    motor_stands = stand(dt, x[0] * memory[GEARED], vector(memory, numbers[MOTOR_HOLD], 2)) >= 1.0
-    if motor_stands and not fresh:
-        believed = no_more(believed, memory[BELIEVED])
+    m = unpack(numbers, memory)
+    bank, state = part_numbers(numbers, RESET_PART), part_memory(numbers, memory, RESET_PART)
+    play_bank_row(bank, state, dt, vector(x, 1, 1), m.estimate, half_width)
+    reset = m.estimate[0]
+    bank, state = part_numbers(numbers, BOTH_PART), part_memory(numbers, memory, BOTH_PART)
+    play_bank_row(bank, state, dt, x, m.estimate, half_width)
+    difference = m.estimate[0] - reset
+    believed = redescending(difference, m.gate)
+    if stand(dt, x[0] * m.geared, m.motor_hold) >= 1.0 and dt != 0.0:
+        believed = no_more(believed, m.believed)
     memory[BELIEVED] = believed
     out[0] = reset + believed
-    standing = stand(dt, x[1], vector(memory, numbers[HOLD], 2))
-    if memory[DEVIATIONS] > 0.0:
+    standing = stand(dt, x[1], m.hold)
+    if m.deviations > 0.0:
         doubted = 1.0 - believed / difference if believed != difference else 0.0
-        alone = memory[ALONE] ** 2 * (doubted**2 + standing**2)
-        variance = memory[MISFIT] ** 2 + (DOUBT * believed) ** 2 + alone
-        half_width[0] = memory[DEVIATIONS] * sqrt(variance)
+        alone = m.alone**2 * (doubted**2 + standing**2)
+        half_width[0] = m.deviations * sqrt(m.misfit**2 + (DOUBT * believed) ** 2 + alone)
 
 
 @compiled
