@@ -55,9 +55,8 @@ from truejoint.tip import (
     find_block,
     zero_by_touch,
 )
-from truejoint.tip.guide import Guide, learning
+from truejoint.tip.guide import Guide, choose_touches, learning
 from truejoint.tip.touch import known_kinematics, tip_rows, zero_prior
-from truejoint.tip.touch_plan import choose_touches
 
 Row = dict[str, Any]
 FEW = 6  # touches that re-zero

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -111,8 +112,8 @@ def design_block(robot: Robot) -> BlockShape:
     joint[:, columns] = grid
     tip = chain.forward(joint)[:, :3, 3]
     rotation = _frame(robot, chain, pose, tip)
-    seen = tip @ rotation
-    low, high = np.percentile(seen, [2.0, 98.0], axis=0)
+    points = tip @ rotation
+    low, high = np.percentile(points, [2.0, 98.0], axis=0)
     count = np.clip(np.floor((high - low)[:2] / PITCH).astype(int), 2, MOST)
     x, y = np.meshgrid(np.arange(count[0]), np.arange(count[1]), indexing="ij")
     top = (count - 1) * [0.35, 0.6]
@@ -121,22 +122,22 @@ def design_block(robot: Robot) -> BlockShape:
     step = float(np.clip(deep, LOWEST_STEP, HIGHEST_STEP))
     middle = chain.forward(pose)[:3, 3]
     best = BlockShape(robot, level, step, np.ones(level.shape, dtype=np.bool_), rotation, middle)
-    found = None
+    shape = None
     # Stairs reach further down than up from the middle of a workspace that is a shell: try.
     for down in np.linspace(0.2, 0.8, 7):
         height = BASE + level.max() * step * down
         shift = rotation @ np.array([*(0.5 * count * PITCH), height])
         stands = middle - shift
         reached = _reached(robot, best.tops.reshape(-1, 3) - [0, 0, CONE], rotation, stands, pose)
-        if found is None or reached.sum() > found.reached.sum():
-            found = BlockShape(robot, level, step, reached.reshape(level.shape), rotation, stands)
-    assert found is not None  # noqa: S101  # seven were tried
-    if found.reached.sum() < 12:
+        if shape is None or reached.sum() > shape.reached.sum():
+            shape = BlockShape(robot, level, step, reached.reshape(level.shape), rotation, stands)
+    assert shape is not None  # noqa: S101  # seven were tried
+    if shape.reached.sum() < 12:
         raise CalibrationError(
-            f"{robot.title}: only {found.reached.sum()} dimples of a block can be reached within "
+            f"{robot.title}: only {shape.reached.sum()} dimples of a block can be reached within "
             "its workspace; widen it in the robot file"
         )
-    return found
+    return shape
 
 
 def block_stl(shape: BlockShape) -> bytes:
@@ -229,57 +230,41 @@ def _reached(robot: Robot, points: Array, rotation: Array, stands: Array, pose: 
     assert space is not None  # noqa: S101  # looked for by `design_block`
     joint, there = reach(robot, points @ rotation.T + stands, pose, space.joints)
     low, high = _box(robot)
-    own = joint[:, robot.index(space.joints)]
-    return np.asarray(there & ((own >= low) & (own <= high)).all(axis=1))
+    moved = joint[:, robot.index(space.joints)]
+    return np.asarray(there & ((moved >= low) & (moved <= high)).all(axis=1))
 
 
 def _facets(shape: BlockShape) -> list[list[Array]]:
     """Triangles [m], corners counter-clockwise from outside.
 
-    Walls are cut at every step's height, so that facets meet along whole edges.
+    The block is a grid of boxes, cut at every step's height, so that facets meet along whole edges.
     """
-    n_x, n_y = shape.level.shape
-    top = shape.level.max() - shape.level  # steps above the base
-    heights = np.concatenate([[0.0], BASE + shape.step * np.arange(top.max() + 1)])
-
-    def corner(i: int, j: int, z: float) -> Array:
-        return np.array([i * PITCH, j * PITCH, z])
-
-    facets: list[list[Array]] = []
-
-    def quad(a: Array, b: Array, c: Array, d: Array) -> None:
-        facets.extend([[a, b, c], [a, c, d]])
-
-    def wall(a: tuple[int, int], b: tuple[int, int], low: int, high: int) -> None:
-        """Wall over the edge from a to b, whose outside lies to the right of it."""
-        for k in range(low, high):
-            z, above = heights[k], heights[k + 1]
-            quad(corner(*a, z), corner(*b, z), corner(*b, above), corner(*a, above))
-
-    def above_ground(i: int, j: int) -> int:
-        return int(top[i, j]) + 1 if 0 <= i < n_x and 0 <= j < n_y else 0
-
-    for i in range(n_x):
-        for j in range(n_y):
-            own = above_ground(i, j)
-            quad(*(corner(i + a, j + b, 0.0) for a, b in ((0, 0), (0, 1), (1, 1), (1, 0))))
-            facets.extend(_lid(i, j, heights[own], carved=bool(shape.reached[i, j])))
-            sides = (
-                ((i, j), (i + 1, j), (i, j - 1)), ((i + 1, j), (i + 1, j + 1), (i + 1, j)),
-                ((i + 1, j + 1), (i, j + 1), (i, j + 1)), ((i, j + 1), (i, j), (i - 1, j)),
-            )  # fmt: skip
-            for a, b, neighbour in sides:
-                wall(a, b, above_ground(*neighbour), own)
+    steps = shape.level.max() - shape.level
+    heights = np.concatenate([[0.0], BASE + shape.step * np.arange(steps.max() + 1)])
+    solid = np.pad(np.arange(steps.max() + 1) <= steps[..., None], 1)
+    axes, facets = np.eye(3, dtype=np.int64), []
+    for axis, sign in product(range(3), (1, -1)):
+        outside = ~np.roll(solid, -sign, axis)
+        across, along = axes[(axis + 1) % 3], axes[(axis + 2) % 3]
+        edges = (across, across + along, along) if sign > 0 else (along, across + along, across)
+        for i, j, k in np.argwhere(solid & outside) - 1:
+            if axis == 2 and sign > 0 and shape.reached[i, j]:
+                facets += _dimple(i, j, heights[k + 1])
+                continue
+            first = np.array([i, j, k]) + (sign > 0) * axes[axis]
+            a, b, c, d = (
+                np.array([x * PITCH, y * PITCH, heights[z]])
+                for x, y, z in (first, *(first + edge for edge in edges))
+            )
+            facets += [[a, b, c], [a, c, d]]
     return facets
 
 
-def _lid(i: int, j: int, z: float, *, carved: bool) -> list[list[Array]]:
-    """Top of a cell, with a conical dimple if `carved`."""
+def _dimple(i: int, j: int, z: float) -> list[list[Array]]:
+    """Top of a cell with a conical dimple."""
     corners = [
         np.array([(i + a) * PITCH, (j + b) * PITCH, z]) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))
     ]
-    if not carved:
-        return [[corners[0], corners[1], corners[2]], [corners[0], corners[2], corners[3]]]
     middle = np.array([(i + 0.5) * PITCH, (j + 0.5) * PITCH, z])
     # The rim begins towards the first corner.
     angle = -0.75 * np.pi + 2 * np.pi * np.arange(_ROUND) / _ROUND

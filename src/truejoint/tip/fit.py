@@ -24,35 +24,19 @@ _OPEN: Final = 1e-13  # eigenvalue of the scaled normal equations below which a 
 
 @dataclass(frozen=True, eq=False)
 class TipFit:
-    """Parameters that fit the points, and how surely.
-
-    Attributes
-    ----------
-    state : TipState
-    covariance : ndarray, shape (n, n)
-        Of all parameters; zero for those that were held.
-    residual : ndarray, shape (m, 3)
-        Predicted less stated points [m].
-    distance : ndarray, shape (m,)
-        Distance of each point from what the others expect, in its standard deviations.
-    weight : ndarray, shape (m,)
-        With which each point counted; 0 for an outlier.
-    misfit : float
-        Sum of squares of all whitened residuals, the prior's included; expected to be `freedom`.
-    freedom : int
-        Residuals less parameters that are estimated.
-    evidence : float
-        Logarithm of the restricted likelihood of the points, by which priors and standard
-        deviations are chosen.
-    """
+    """Parameters that fit the points, and how surely."""
 
     state: TipState
-    covariance: Array
-    residual: Array
+    covariance: Array  # (n, n), of all parameters; zero for those that were held
+    residual: Array  # (m, 3), predicted less stated points [m]
+    # (m,), distance of each point from what the others expect, in its standard deviations
     distance: Array
-    weight: Array
+    weight: Array  # (m,), with which each point counted; 0 for an outlier
+    # Sum of squares of all whitened residuals, the prior's included; expected to be `freedom`
     misfit: float
-    freedom: int
+    freedom: int  # Residuals less parameters that are estimated
+    # Logarithm of the restricted likelihood of the points, by which priors and standard deviations
+    # are chosen
     evidence: float
 
     @property

@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import combinations, product
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.robots.reach import reach
@@ -30,7 +31,6 @@ from truejoint.tip.touch import (
     zero_prior,
 )
 from truejoint.tip.touch_calibration import features_of, fewest_touches, fit_terms, terms_prior
-from truejoint.tip.touch_plan import approach_sides, choose_touches, shortest_order
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -40,76 +40,42 @@ HOMING_SD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
 """By how much a homing moves a zero, widely."""
 STAND_SD: Final = (0.1, 0.02)
 """How far a block stands from where it is meant to [rad, m]."""
+_IMPROVEMENTS: Final = 20  # passes of shortening the way
 
 
 @dataclass(frozen=True, eq=False)
 class Stop:
-    """One touch to come.
-
-    Attributes
-    ----------
-    dimple : str
-    point : ndarray, shape (3,)
-        Of the dimple, in the block's frame as designed [m].
-    side : ndarray, shape (n_positioning,)
-        Of -1 and 1: from which side each positioning joint comes.
-    words : str
-        The same for a person.
-    is_again : bool
-        Whether it did not fit the first time.
-    """
+    """One touch to come."""
 
     dimple: str
-    point: Array
-    side: Array
-    words: str
-    is_again: bool = False
+    point: Array  # (3,), of the dimple, in the block's frame as designed [m]
+    side: Array  # (n_positioning,), of -1 and 1: from which side each positioning joint comes
+    words: str  # The same for a person
+    is_again: bool = False  # Whether it did not fit the first time
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """Judgement of a touch; None where nothing can be said yet.
+    """Judgement of a touch; None where nothing can be said yet."""
 
-    Attributes
-    ----------
-    count : int
-        Touches so far, less those that are to be made once more.
-    off : float or None
-        Distance of this one from what the others expect [m], if it does not fit.
-    tip_sd : float or None
-        Standard deviation of the tip now [m].
-    """
-
-    count: int
-    off: float | None
-    tip_sd: float | None
+    count: int  # Touches so far, less those that are to be made once more
+    off: float | None  # Distance of this one from what the others expect [m], if it does not fit
+    tip_sd: float | None  # Standard deviation of the tip now [m]
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """What touches are made for: the unknowns that they are to tell.
-
-    Attributes
-    ----------
-    robot : Robot
-    pose : BlockPose
-        Where the block stands or, to find it, is meant to stand.
-    fewest : int
-        Touches that it takes at least.
-    unknowns : callable
-        Rows of dimples that could be touched, and the prior, of positions (m, n_joints) of all
-        joints there [rad or m] and points (m, 3) as designed [m].
-    fit : callable
-        Fit to a recording and all touches so far; raises CalibrationError as `fit_rows`.
-    is_zero_alone : bool
-        Whether the zeros alone count in the stated deviation of the tip, and not the block's pose.
-    """
+    """What touches are made for: the unknowns that they are to tell."""
 
     robot: Robot
-    pose: BlockPose
-    fewest: int
+    pose: BlockPose  # Where the block stands or, to find it, is meant to stand
+    fewest: int  # Touches that it takes at least
+    # Rows of dimples that could be touched, and the prior, of positions (m, n_joints) of all joints
+    # there [rad or m] and points (m, 3) as designed [m]
     unknowns: Callable[[Array, Array], tuple[TipRows, TipPrior]]
+    # Fit to a recording and all touches so far; raises CalibrationError as `fit_rows`
     fit: Callable[[Recording, Touches], TipFit]
+    # Whether the zeros alone count in the stated deviation of the tip, and not the block's pose
     is_zero_alone: bool = False
 
     def tip_sd(self, rows: TipRows, fit: TipFit) -> float:
@@ -177,13 +143,13 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
     def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
         """Take all terms; no play has been gone through yet."""
         columns = tuple(robot.index(terms.joints))
-        own = joint[:, columns]
+        corrected = joint[:, columns]
         plays = np.zeros((len(joint), *terms.widths.shape))
         rows = TipRows(
             known_kinematics(robot),
             joint,
             columns,
-            terms.basis(terms.normalised(own), plays),
+            terms.basis(terms.normalised(corrected), plays),
             point,
             TOUCH_SD,
             np.zeros(joint.shape[1]),
@@ -306,3 +272,74 @@ def reachable(robot: Robot, pose: BlockPose) -> tuple[tuple[str, ...], Array]:
             "of reach"
         )
     return tuple(n for n, good in zip(names, there, strict=True) if good), joint[there]
+
+
+def choose_touches(rows: TipRows, prior: TipPrior, count: int) -> Integers:
+    """Choose `count` of the rows, one by one, whose points tell most of what is not known.
+
+    Each adds most to the determinant of the parameters' information (D-optimal: Atkinson, Donev and
+    Tobias, Optimum Experimental Designs, with SAS, 2007, ch. 12). Gives their places (count,), the
+    most telling first. Raises CalibrationError if there are fewer rows.
+    """
+    if not 0 < count <= len(rows):
+        raise CalibrationError(
+            f"{count} touches of {len(rows)} dimples in reach; choose fewer, or print a larger one"
+        )
+    free = np.flatnonzero(prior.free)
+    equations = rows.equations(prior.state)
+    whitening = equations.whitening(rows.joint_sd, np.array(rows.point_sd))
+    jacobian = (whitening @ equations.by_parameter)[:, :, free]
+    # A little of everything is known, so that the first touches count for something.
+    size = np.einsum("mia,mia->a", jacobian, jacobian) + np.diag(prior.precision)[free]
+    information = prior.precision[np.ix_(free, free)] + 1e-6 * np.diag(size)
+    covariance = np.linalg.inv(information)
+    remaining, chosen = list(range(len(rows))), []
+    for _ in range(count):
+        spread = jacobian[remaining] @ covariance @ jacobian[remaining].transpose(0, 2, 1)
+        gain = np.linalg.slogdet(np.eye(3) + spread)[1]
+        best = remaining.pop(int(np.argmax(gain)))
+        chosen.append(best)
+        row = jacobian[best]
+        inner = np.linalg.inv(np.eye(3) + row @ covariance @ row.T)
+        covariance = covariance - covariance @ row.T @ inner @ row @ covariance
+    return np.array(chosen)
+
+
+def shortest_order(joint: Array, speed: Array, first: int = 0) -> Integers:
+    """Order (m,) in which positions (m, n) are gone through in little time, beginning with `first`.
+
+    The slowest joint decides how long a way takes, at its `speed` (n,) [rad/s or m/s]. The nearest
+    next, then parts of the way turned round and single stops moved while that shortens it (2-opt
+    and or-opt: Croes, Operations Research 6(6), 1958; Or, thesis, Northwestern University, 1976).
+    """
+    duration = (np.abs(joint[:, None] - joint[None]) / speed).max(axis=2)
+
+    def way(order: list[int]) -> float:
+        return float(duration[order[:-1], order[1:]].sum())
+
+    remaining, order = set(range(len(joint))) - {first}, [first]
+    while remaining:
+        order.append(min(remaining, key=lambda k: (duration[order[-1], k], k)))
+        remaining.remove(order[-1])
+    for _ in range(_IMPROVEMENTS):
+        before = way(order)
+        for i, j in combinations(range(1, len(order)), 2):
+            part = order[i : j + 1]
+            for other in (part[::-1], [*part[1:], part[0]], [part[-1], *part[:-1]]):
+                changed = [*order[:i], *other, *order[j + 1 :]]
+                if way(changed) < way(order) - 1e-9:
+                    order = changed
+        if not way(order) < before:
+            break
+    return np.array(order)
+
+
+def approach_sides(count: int, n_joints: int, seed: int = 0) -> Array:
+    """Sides (count, n_joints) of -1 and 1 from which each joint comes: all combinations in turn.
+
+    Each joint comes from either side half of the time, and no joint always with another.
+    """
+    every = np.array(list(product((-1.0, 1.0), repeat=n_joints)))
+    rng = np.random.default_rng([seed, 61])
+    turns = [rng.permutation(len(every)) for _ in range(-(-count // len(every)))]
+    return np.asarray(every[np.concatenate(turns)[:count]])

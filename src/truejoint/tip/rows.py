@@ -29,29 +29,17 @@ TURN: Final = ("marker turn x", "marker turn y", "marker turn z")
 
 @dataclass(frozen=True, eq=False)
 class TipState:
-    """Parameters of the rows.
+    """Parameters of the rows."""
 
-    Attributes
-    ----------
-    coefficients : ndarray, shape (k,)
-        Of the correction's terms.
-    rotation : ndarray, shape (3, 3)
-        Of the frame in the robot's base.
-    translation : ndarray, shape (3,)
-        Of the frame's origin in the robot's base [m].
-    marker : ndarray, shape (3,)
-        Point that is seen, in the tool's frame [m].
-    scale : float
-        By which the frame's points are larger than stated.
-    turn : ndarray, shape (3, 3)
-        Rotation of the marker in the tool's frame.
-    """
-
-    coefficients: Array
+    coefficients: Array  # (k,), of the correction's terms
+    # (3, 3), of the frame in the robot's base
     rotation: Array = field(default_factory=lambda: np.eye(3))
+    # (3,), of the frame's origin in the robot's base [m]
     translation: Array = field(default_factory=lambda: np.zeros(3))
+    # (3,), point that is seen, in the tool's frame [m]
     marker: Array = field(default_factory=lambda: np.zeros(3))
-    scale: float = 1.0
+    scale: float = 1.0  # By which the frame's points are larger than stated
+    # (3, 3), rotation of the marker in the tool's frame
     turn: Array = field(default_factory=lambda: np.eye(3))
 
     @property
@@ -88,21 +76,11 @@ class TipState:
 
 @dataclass(frozen=True, eq=False)
 class TipPrior:
-    """What is known before any point is seen.
+    """What is known before any point is seen."""
 
-    Attributes
-    ----------
-    state : TipState
-        Expected parameters, where the fit starts.
-    precision : ndarray, shape (n, n)
-        Inverse of their covariance; zero where nothing is known.
-    free : ndarray of bool, shape (n,)
-        What is estimated; the rest stays as it is in `state`.
-    """
-
-    state: TipState
-    precision: Array
-    free: Mask
+    state: TipState  # Expected parameters, where the fit starts
+    precision: Array  # (n, n), inverse of their covariance; zero where nothing is known
+    free: Mask  # (n,), what is estimated; the rest stays as it is in `state`
 
     @classmethod
     def of(
@@ -169,25 +147,6 @@ class Equations(NamedTuple):
 class TipRows:
     """Points of a tool, a row each.
 
-    Attributes
-    ----------
-    kinematics : Kinematics
-    joint : ndarray, shape (m, n_joints)
-        Positions of all joints that the kinematics take, as measured or corrected [rad or m].
-    columns : sequence of int
-        Which of these the terms correct.
-    basis : ndarray, shape (m, n_corrected, k)
-        Correction per coefficient [rad or m].
-    point : ndarray, shape (m, 3)
-        Where the frame has the tool's point [m].
-    point_sd : float
-        Standard deviation of that, per axis [m].
-    joint_sd : ndarray, shape (n_joints,)
-        Standard deviation of what the best correction leaves of each joint, independent from row
-        to row [rad or m].
-    orientation : ndarray, shape (m, 3, 3), optional
-        Of the marker in the frame.
-
     Raises
     ------
     CalibrationError
@@ -195,13 +154,17 @@ class TipRows:
     """
 
     kinematics: Kinematics
+    # (m, n_joints), positions of all joints that the kinematics take, as measured or corrected [rad
+    # or m]
     joint: Array
-    columns: tuple[int, ...]
-    basis: Array
-    point: Array
-    point_sd: float
+    columns: tuple[int, ...]  # Which of these the terms correct
+    basis: Array  # (m, n_corrected, k), correction per coefficient [rad or m]
+    point: Array  # (m, 3), where the frame has the tool's point [m]
+    point_sd: float  # Standard deviation of that, per axis [m]
+    # (n_joints,), standard deviation of what the best correction leaves of each joint, independent
+    # from row to row [rad or m]
     joint_sd: Array
-    orientation: Array | None = None
+    orientation: Array | None = None  # (m, 3, 3), of the marker in the frame
 
     def __post_init__(self) -> None:
         m, n = self.joint.shape

@@ -46,24 +46,13 @@ _PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken 
 
 @dataclass(frozen=True, eq=False)
 class Terms:
-    """Terms of the correction of each joint: a zero, slopes and squares of all, plays of its own.
-
-    Attributes
-    ----------
-    joints : tuple of str
-    centre, half : ndarray, shape (n_joints,)
-        Middle and half of the range of each [rad or m].
-    scale : ndarray, shape (n_joints,)
-        Correction per coefficient [rad or m].
-    widths : ndarray, shape (n_joints, n_widths)
-        Half-widths of the plays [rad or m].
-    """
+    """Terms of each joint's correction: a zero, slopes and squares of all, plays of its own."""
 
     joints: tuple[str, ...]
-    centre: Array
-    half: Array
-    scale: Array
-    widths: Array
+    centre: Array  # (n_joints,), middle of the range of each [rad or m]
+    half: Array  # (n_joints,), half of that range [rad or m]
+    scale: Array  # (n_joints,), correction per coefficient [rad or m]
+    widths: Array  # (n_joints, n_widths), half-widths of the plays [rad or m]
 
     @classmethod
     def of_workspace(cls, robot: Robot) -> Terms:
@@ -159,11 +148,11 @@ class Terms:
                 f"the prior {calibration.title} corrects {', '.join(calibration.joints)}; touches "
                 f"correct {', '.join(self.joints)}"
             )
-        own = replace(calibration, arm=recording.robot.arm)
+        same = replace(calibration, arm=recording.robot.arm)
         rows = slice(None, None, max(1, len(recording) // _PROJECTED))
         order = [calibration.joints.index(joint) for joint in self.joints]
-        error = own.predict_error(recording)[rows, order] / self.scale
-        features = self.features.compute(recording, own.gap_limit)[rows]
+        error = same.predict_error(recording)[rows, order] / self.scale
+        features = self.features.compute(recording, same.gap_limit)[rows]
         basis = self.basis(*self.columns(features)) / self.scale[:, None]
         normal = np.einsum("mja,mjb->ab", basis, basis, optimize=True)
         normal += np.diag(self.sds(WIDE) ** -2.0) * LEFT**2
@@ -179,13 +168,13 @@ class Terms:
         half = np.concatenate([self.half, np.repeat(self.half, widths)])
         centre = np.concatenate([self.centre, np.repeat(self.centre, widths)])
         pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        for joint, own in enumerate(coefficients.reshape(n, -1) * self.scale[:, None]):
-            intercept[joint] = own[0]
+        for joint, values in enumerate(coefficients.reshape(n, -1) * self.scale[:, None]):
+            intercept[joint] = values[0]
             for i in range(n):
-                coef[place[i, k], joint] += own[1 + i]
-            for value, (i, j) in zip(own[1 + n :], pairs, strict=False):
+                coef[place[i, k], joint] += values[1 + i]
+            for value, (i, j) in zip(values[1 + n :], pairs, strict=False):
                 coef[place[i, j], joint] = value
-            for w, value in enumerate(own[1 + n + len(pairs) :]):
+            for w, value in enumerate(values[1 + n + len(pairs) :]):
                 per = value * self.half[joint] / self.widths[joint, w]  # (p - q) / width
                 coef[place[n + joint * widths + w, k], joint] += per
                 coef[place[joint, k], joint] -= per
@@ -203,7 +192,9 @@ def wide_priors(terms: Terms) -> list[TermsPrior]:
     """Expect little of any arm, with squares and plays smaller from one prior to the next."""
     nothing = np.zeros(len(terms.kinds))
     shares = [{"square": share, "play": share} for share in _SHARES]
-    kinds = [{kind: sd * own.get(kind, 1.0) for kind, sd in WIDE.items()} for own in shares]
+    kinds = [
+        {kind: sd * share_of.get(kind, 1.0) for kind, sd in WIDE.items()} for share_of in shares
+    ]
     return [TermsPrior(nothing, terms.sds(by_kind)) for by_kind in kinds]
 
 

@@ -310,17 +310,17 @@ def zero_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    own = calibration.for_rezeroing
-    before = own.offset
+    rezeroed = calibration.for_rezeroing
+    before = rezeroed.offset
     for _ in range(_ROUNDS):
-        fit = touched_zero(own, recording, touches, pose, touch_sd=touch_sd)
-        own = own.shifted(fit.state.coefficients)
+        fit = touched_zero(rezeroed, recording, touches, pose, touch_sd=touch_sd)
+        rezeroed = rezeroed.shifted(fit.state.coefficients)
         # Outputs whose inputs are moved go about as far, but not just as far.
-        if own.moves is None or (
-            (np.abs(fit.state.coefficients) < 0.1 * fit.sd[: len(own.joints)]).all()
+        if rezeroed.moves is None or (
+            (np.abs(fit.state.coefficients) < 0.1 * fit.sd[: len(rezeroed.joints)]).all()
         ):
             break
-    offset = own.offset - before
+    offset = rezeroed.offset - before
     zero = Zero(
         offset,
         fit.sd[: len(offset)],
@@ -329,7 +329,7 @@ def zero_by_touch(
         homing_id=recording.provenance.homing_id,
         rows=len(touches),
         duration=touches.t[-1] - touches.t[0],
-        baselines=dict.fromkeys(own.fitted_baselines, offset),
+        baselines=dict.fromkeys(rezeroed.fitted_baselines, offset),
         details={
             "block": pose.title,
             "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],

@@ -234,28 +234,8 @@ def fit_terms(
     the errors that joints keep (empirical Bayes). Raises as `fit_rows` and `resting`, and
     CalibrationError for a prior of another robot or arm.
     """
-    check_priors(priors, recording.robot)
-    rows = _rows(recording, touches, block, terms, features, touch_sd)
-    learned = learned_priors(terms, priors, recording) if priors else []
-    candidates = [
-        terms_prior(rows, block, *expected) for expected in [*learned, *wide_priors(terms)]
-    ]
-    first = fit_rows(rows, candidates[len(learned)])
-    best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
-    rows = with_estimated_errors(rows, candidates[best])
-    fit = fit_rows(rows, candidates[best], start=first.state)
-    return TermsFit(fit, rows, candidates[best], best < len(learned))
-
-
-def _rows(
-    recording: Recording,
-    touches: Touches,
-    block: Block,
-    terms: Terms,
-    features: Array,
-    touch_sd: float,
-) -> TipRows:
     robot = recording.robot
+    check_priors(priors, robot)
     measured = recording.columns("measured", robot.joint_names)
     rows = TipRows(
         known_kinematics(robot),
@@ -265,8 +245,16 @@ def _rows(
         block.at(touches.dimple),
         touch_sd,
         np.zeros(measured.shape[1]),
-    )
-    return rows.with_joint_sd(LEFT * terms.scale)
+    ).with_joint_sd(LEFT * terms.scale)
+    learned = learned_priors(terms, priors, recording) if priors else []
+    candidates = [
+        terms_prior(rows, block, *expected) for expected in [*learned, *wide_priors(terms)]
+    ]
+    first = fit_rows(rows, candidates[len(learned)])
+    best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
+    rows = with_estimated_errors(rows, candidates[best])
+    fit = fit_rows(rows, candidates[best], start=first.state)
+    return TermsFit(fit, rows, candidates[best], best < len(learned))
 
 
 def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior:

@@ -39,36 +39,21 @@ _MIRROR: Final = 0.25  # share of the residual that is left when the points are 
 
 @dataclass(frozen=True, eq=False)
 class TrackedMotion:
-    """Motion of the tool by a recording, and the terms of the joints' corrections, by row.
+    """Motion of the tool by a recording, and the terms of the joints' corrections, by row."""
 
-    Attributes
-    ----------
-    t : ndarray, shape (n,)
-        [s].
-    kinematics : Kinematics
-        Of what carries the marker.
-    terms : Terms
-    columns : tuple of int
-        Joints whose truth is sought.
-    joint : ndarray, shape (n, n_joints)
-        All joints [rad or m].
-    shared, plays, velocity : ndarray
-        Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s].
-    sd : ndarray, shape (k + 1,)
-        Prior deviations of the terms' coefficients, and of the delay [s].
-    joint_sd : ndarray, shape (n_joints,)
-        Errors of the joints that are not sought [rad or m]; 0 of the others.
-    """
-
-    t: Array
-    kinematics: Kinematics
+    t: Array  # (n,), [s]
+    kinematics: Kinematics  # Of what carries the marker
     terms: Terms
-    columns: tuple[int, ...]
-    joint: Array
+    columns: tuple[int, ...]  # Joints whose truth is sought
+    joint: Array  # (n, n_joints), all joints [rad or m]
+    # Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s]
     shared: Array
+    # Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s]
     plays: Array
+    # Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s]
     velocity: Array
-    sd: Array
+    sd: Array  # (k + 1,), prior deviations of the terms' coefficients, and of the delay [s]
+    # (n_joints,), errors of the joints that are not sought [rad or m]; 0 of the others
     joint_sd: Array
 
     @classmethod
@@ -131,26 +116,13 @@ def _at_stamps(stamps: Array, t: Array, values: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class TrackStart:
-    """Start of a fit, in a frame near to the robot's base.
+    """Start of a fit, in a frame near to the robot's base."""
 
-    Attributes
-    ----------
-    base_from_tracker : ndarray, shape (4, 4)
-        Brought the points to that frame [m].
-    prior : TipPrior
-        The last coefficient is the delay [s].
-    offset : float
-        Of the clocks [s].
-    point : ndarray, shape (n, 3)
-        All readings in that frame [m].
-    orientation : ndarray, shape (n, 3, 3), optional
-    """
-
-    base_from_tracker: Array
-    prior: TipPrior
-    offset: float
-    point: Array
-    orientation: Array | None
+    base_from_tracker: Array  # (4, 4), brought the points to that frame [m]
+    prior: TipPrior  # The last coefficient is the delay [s]
+    offset: float  # Of the clocks [s]
+    point: Array  # (n, 3), all readings in that frame [m]
+    orientation: Array | None  # (n, 3, 3)
 
     @classmethod
     def of(
@@ -241,24 +213,12 @@ def _with_stops(registration: Registration, motion: TrackedMotion) -> tuple[Arra
 
 @dataclass(frozen=True, eq=False)
 class TrackFit:
-    """Parameters that fit the readings.
+    """Parameters that fit the readings."""
 
-    Attributes
-    ----------
-    state : TipState
-        The last coefficient is the delay [s].
-    offset : float
-        Of the clocks, the delay included [s].
-    noise : float
-        Standard deviation of the points, per axis [m].
-    covariance : ndarray, shape (n, n)
-        Of the state's parameters.
-    """
-
-    state: TipState
-    offset: float
-    noise: float
-    covariance: Array
+    state: TipState  # The last coefficient is the delay [s]
+    offset: float  # Of the clocks, the delay included [s]
+    noise: float  # Standard deviation of the points, per axis [m]
+    covariance: Array  # (n, n), of the state's parameters
 
     def sds(self, *names: str) -> Array:
         """Give standard deviations of parameters by name; the last coefficient is the delay."""
@@ -370,17 +330,17 @@ def _covariance(settled: Settled, prior: TipPrior) -> Array:
     in linear form, and what the prior's own uncertainty adds.
     """
     free, white = np.flatnonzero(prior.free), settled.whitened
-    own = np.ix_(free, free)
+    block = np.ix_(free, free)
     root = np.sqrt(white.weight)
     residual, jacobian = root[:, None] * white.residual, root[:, None, None] * white.jacobian
     steps = []
     for rows in _stretches(len(residual)):
         flat = jacobian[rows].reshape(-1, len(prior.free))
         pull = flat.T @ residual[rows].ravel()
-        steps.append(np.linalg.solve((settled.normal - flat.T @ flat)[own], pull[free]))
+        steps.append(np.linalg.solve((settled.normal - flat.T @ flat)[block], pull[free]))
     off = np.array(steps) - np.mean(steps, axis=0)
-    inverse = inverted(settled.normal[own], prior, free)
+    inverse = inverted(settled.normal[block], prior, free)
     covariance = np.zeros_like(settled.normal)
-    covariance[own] = (_STRETCHES - 1) / _STRETCHES * off.T @ off
-    covariance[own] += inverse @ prior.precision[own] @ inverse
+    covariance[block] = (_STRETCHES - 1) / _STRETCHES * off.T @ off
+    covariance[block] += inverse @ prior.precision[block] @ inverse
     return covariance

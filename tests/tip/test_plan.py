@@ -10,7 +10,7 @@ from tests.tip.test_fit import prior, rows_of
 
 from truejoint.errors import CalibrationError
 from truejoint.tip.fit import fit_rows
-from truejoint.tip.touch_plan import approach_sides, choose_touches, shortest_order
+from truejoint.tip.guide import approach_sides, choose_touches, shortest_order
 
 
 def determinant(rows, known, chosen) -> float:
