@@ -28,7 +28,7 @@ from truejoint.motion import random_motion, zigzag
 from truejoint.recordings import DataCheck, Recording, check_data
 from truejoint.recordings.datasets import read_dataset
 from truejoint.recordings.join.explained import SLOW, explain, robust_spread
-from truejoint.recordings.judge.zeros import left_out_zeros
+from truejoint.recordings.judge.others import left_out_zeros
 from truejoint.studies.raven2.sessions import record
 
 PUBLIC = {

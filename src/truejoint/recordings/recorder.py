@@ -23,6 +23,7 @@ from truejoint.files import check_ending, check_target, free_name, move, uninter
 from truejoint.recordings.table.header import recording_header
 from truejoint.recordings.table.parquet import write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
+from truejoint.recordings.table.signals import BRIDGED_TIME
 from truejoint.recordings.table.stream import Stream
 from truejoint.recordings.table.stream_file import (
     STATE,
@@ -129,7 +130,7 @@ class Recorder:
     truth_rate: float | None = None
     _: KW_ONLY
     truth: TruthSource | None = None
-    gap_limit: float = 0.05
+    gap_limit: float = BRIDGED_TIME
     max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
     topics: Mapping[str, float] = field(default_factory=dict)

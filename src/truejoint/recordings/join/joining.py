@@ -20,10 +20,10 @@ from truejoint.recordings.join.lag import (
     path_likeness,
 )
 from truejoint.recordings.table.recording import Recording, as_recording, nominal_rates
+from truejoint.recordings.table.signals import BRIDGED_STEPS
 from truejoint.recordings.table.stream import Stream, synchronise, usable_rows
 from truejoint.threads import one_thread
 
-_GAP: Final = 10.0  # median steps of the truth that may be bridged
 _FEWEST: Final = 200  # rows of which plays and efforts can explain the error
 _UNSURE: Final = 0.01  # s; an offset that is known better is left as it is
 _SURE: Final = 3.0  # deviations by which a better offset may differ from a first one
@@ -148,7 +148,7 @@ def _shifted(
     """Give a recording the truth at stamps later by `offset` [s], and rows without it by reason."""
     shifted = replace(truth, t=truth.t + offset)
     state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
-    gap_limit = _GAP * float(np.median(np.diff(truth.t)))
+    gap_limit = BRIDGED_STEPS * float(np.median(np.diff(truth.t)))
     columns, counts = synchronise(state, shifted, gap_limit)
     units = {
         name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns

@@ -20,10 +20,9 @@ from truejoint.recordings.judge.finding import (
     row_ranges,
     row_text,
 )
-from truejoint.recordings.judge.instrument import foreign
+from truejoint.recordings.judge.others import foreign, left_out_zeros
 from truejoint.recordings.judge.outliers import FEWEST, Steps, find_steps
 from truejoint.recordings.judge.scale import judge_scale
-from truejoint.recordings.judge.zeros import left_out_zeros
 from truejoint.recordings.table.recording import Recording
 from truejoint.units import shown
 
@@ -132,7 +131,7 @@ def _judge_zeros(
     limit = max(_MOVED * zeros.spread, _MOVED_OF_NOISE * explained.spread)
     moved = []
     for number in np.flatnonzero(np.abs(zeros.offsets) > limit).tolist():
-        recording, offset = recordings[number], float(zeros.apart[number])
+        recording, offset = recordings[number], float(zeros.raw[number])
         if id(recording) not in stepped:
             what = f"its zero is {shown(offset, recording.units[column])} off that of the others"
             advice = "re-zero, calibrate each homing on its own, or give each recording its zero"

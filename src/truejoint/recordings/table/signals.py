@@ -8,8 +8,12 @@ from truejoint.array_types import Array, Integers
 
 # Below this share of its brisk speed (99th percentile) a joint counts as standing.
 STANDING: float = 0.02
-# A step in time longer than this many median steps is a gap.
 GAP_STEPS: float = 5.0
+"""A time step longer than this many median steps is a gap, which the judge reports."""
+BRIDGED_STEPS: float = 10.0
+"""Truth is interpolated across as many of its median steps, as features keep their history."""
+BRIDGED_TIME: float = 0.05
+"""Time between two readings of joint sensors that a recorder interpolates across [s]."""
 
 
 def velocity(t: Array, position: Array, window: float = 0.1) -> Array:
