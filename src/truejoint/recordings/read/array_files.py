@@ -25,7 +25,6 @@ from truejoint.recordings.bounded_file import MAX_BINARY_BYTES, most_unpacked, r
 MatValue = Array | dict[str, Array]
 
 NPY_MAGIC: Final = b"\x93NUMPY"
-VERSION5_MARK: Final = b"MATLAB 5.0 MAT-file"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
 
 _MAX_NESTED: Final = 1000
