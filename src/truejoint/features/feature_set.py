@@ -229,7 +229,11 @@ class FeatureSet(Summarised):
 
     def start(self) -> FeatureState:
         """State before the first sample."""
-        return FeatureState(np.zeros(sum(f.memory for f in self.features)), np.zeros(2))
+        return FeatureState(np.zeros(self._memory_size), np.zeros(2))
+
+    @cached_property
+    def _memory_size(self) -> int:
+        return sum(feature.memory for feature in self.features)
 
     def step(
         self, state: FeatureState, t: float, sample: Array, gap_limit: float, out: Array

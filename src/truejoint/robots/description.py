@@ -65,7 +65,8 @@ class JointTable:
     def joint(self) -> Joint:
         """Joint in SI units."""
         limits = {key: getattr(self, key) for key in ("lower", "upper", "home", "max_speed")}
-        stated = {key: value * self.factor for key, value in limits.items() if value is not None}
+        factor = self.factor
+        stated = {key: value * factor for key, value in limits.items() if value is not None}
         return Joint(self.name, self.kind, **stated)
 
 

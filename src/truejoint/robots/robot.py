@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple, get_args
 
@@ -200,7 +201,7 @@ class Robot(Summarised):
         """Name and arm for a person, for instance ``"raven2 (left arm)"``."""
         return f"{self.name} ({self.arm} arm)" if self.arm else self.name
 
-    @property
+    @cached_property
     def joint_names(self) -> tuple[str, ...]:
         """Names of the joints, in order."""
         return tuple(joint.name for joint in self.joints)
