@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,7 +17,13 @@ from tests.estimators.motor_side.test_motor_side import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
-from truejoint.calibration.choose import Group, Rows, apart, share_of, stacking_weights
+from truejoint.calibration.cross_validate import (
+    FoldErrors,
+    FoldRows,
+    decoupled,
+    share_of,
+    stacking_weights,
+)
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     GRU,
@@ -112,35 +117,46 @@ def test_what_was_not_tried_everywhere_is_no_member():
 
 
 def test_a_part_that_is_easy_for_all_weighs_no_more_than_another():
-    group = Group(FeatureSet.parse(["measured/jaw"]), [rows_of_one()], candidates()[3:4], "error")
-    group.trials = group.trials[:2]
-    group._spreads = np.zeros((2, 1))
-    for trial in group.trials:
-        trial.folds = [0, 1, 2]
     moving, resting = np.diag([100.0, 1.0]), np.diag([1e-4, 4e-4])
-    group.products = [moving[None], moving[None], resting[None]]
-    assert group.weights()[1, 0] > 0.5
+    table = errors_of(candidates()[3:4], [moving, moving, resting], count=2)
+    assert table.weights()[1, 0] > 0.5
 
 
 @pytest.mark.parametrize(("shared", "members", "left"), [(1.2, 1, 1.0), (0.0, 2, 2.0 / 3.0)])
 def test_a_mean_is_taken_where_errors_differ_and_one_alone_where_they_do_not(shared, members, left):
     """By hand: of squares 1 and 2, weights 2/3 and 1/3 leave 2/3 where nothing is shared."""
-    group = Group(FeatureSet.parse(["measured/jaw"]), [rows_of_one()], candidates()[3:5], "error")
     products = np.diag([100.0, 100.0, 100.0, 1.0, 2.0])
     products[3, 4] = products[4, 3] = shared
-    group._spreads = np.zeros((5, 1))
-    group.products = [products[None] * scale for scale in (1.0, 2.0, 3.0)]
-    for trial in group.trials:
-        trial.folds = [0, 1, 2]
-    weights, square = group.combined()
+    table = errors_of(candidates()[3:5], [products * scale for scale in (1.0, 2.0, 3.0)], count=5)
+    weights, square = table.combined()
     assert np.count_nonzero(weights) == members
     assert weights.sum() == pytest.approx(1.0)
     assert square[0, 0] == pytest.approx(left)
 
 
-def rows_of_one() -> Rows:
+def errors_of(models, products, count: int) -> FoldErrors:
+    """Table of three folds of one joint, of the first `count` candidates."""
     t = np.arange(20.0)
-    return Rows(t, np.arange(20), np.full(20, 1.0), t[:, None], np.sin(t)[:, None])
+    part = Part(t, np.full(20, 1.0), np.sin(t)[:, None])
+    table = FoldErrors.of(FoldRows.of([part], "error", 100), models)
+    fitted = tuple(c._replace(folds=(0, 1, 2)) for c in table.candidates[:count])
+    arrays = tuple(product[None] for product in products)
+    return replace(table, candidates=fitted, products=arrays, spreads=np.zeros((count, 1)))
+
+
+class Part:
+    """Stands for rows of a recording."""
+
+    feature_set = FeatureSet.parse(["measured/jaw"])
+
+    def __init__(self, t: np.ndarray, dt: np.ndarray, targets: np.ndarray) -> None:
+        self.t, self.dt, self.X, self.targets = t, dt, t[:, None], targets
+
+    def __len__(self) -> int:
+        return len(self.t)
+
+    def fitted_targets(self, _target: str) -> np.ndarray:
+        return self.targets
 
 
 @given(st.lists(st.integers(1, 500), min_size=1, max_size=8), st.integers(8, 2000))
@@ -222,7 +238,7 @@ def test_of_positions_the_linear_model_stays_where_no_other_can_be_used():
 def test_the_features_of_one_signal_come_apart_from_others_alike():
     features = FeatureSet.parse(["measured/jaw", "effort/jaw", "rate(measured/jaw, 0.1)"])
     rows = np.arange(10.0)[:, None] + np.array([0.0, 10.0, 20.0])
-    moved = apart(rows, features)
+    moved = decoupled(rows, features)
     np.testing.assert_array_equal(moved[:, 0], rows[:, 0])
     np.testing.assert_array_equal(moved[:, 2], rows[:, 2])
     np.testing.assert_array_equal(moved[:, 1], np.roll(rows[:, 1], 5))
@@ -428,7 +444,8 @@ def test_what_takes_columns_that_recordings_lack_is_passed_by():
 
 
 def test_what_is_chosen_is_fitted_to_what_it_was_judged_on(monkeypatch):
-    monkeypatch.setattr("truejoint.calibration.choose.GAIN", -20.0)  # nothing is so good
+    for module in ("choose", "cross_validate"):  # nothing is so good
+        monkeypatch.setattr(f"truejoint.calibration.{module}.GAIN", -20.0)
     small = registry.PRESETS["ukf_elastic"]._replace(params={"elements": 1})
     monkeypatch.setitem(registry.PRESETS, "ukf_elastic", small)
     recordings = [grasper(seed) for seed in range(3)]
@@ -453,18 +470,17 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
     t = np.arange(1000) * 0.01
     dt = np.where(np.isin(np.arange(1000), [0, 501]), 0.0, 0.01)
     targets = np.where(np.arange(1000) % 30 == 7, 1.0, np.nan)[:, None]
-    part = SimpleNamespace(
-        recording=SimpleNamespace(t=t), dt=dt, X=t[:, None], fitted_targets=lambda _: targets
-    )
-    rows = Rows.of(part, "error", 50)
-    assert 50 <= len(rows.kept) <= 100
+    part = Part(t, dt, targets)
+    rows = FoldRows.of([part], "error", 50)
+    (kept,) = rows.kept
+    assert 50 <= len(kept) <= 100
     assert np.isfinite(rows.targets).sum() == 34
-    np.testing.assert_array_equal(rows.features[:, 0], t[rows.kept])
+    np.testing.assert_array_equal(rows.X[:, 0], t[kept])
     fresh = np.flatnonzero(rows.dt == 0.0)
-    assert fresh.tolist() == [0, np.searchsorted(rows.kept, 501)]
-    np.testing.assert_allclose(np.diff(t[rows.kept])[rows.dt[1:] > 0], rows.dt[rows.dt > 0])
-    whole = Rows.of(part, "error", 1000)
-    np.testing.assert_array_equal(whole.kept, np.arange(1000))
+    assert fresh.tolist() == [0, np.searchsorted(kept, 501)]
+    np.testing.assert_allclose(np.diff(t[kept])[rows.dt[1:] > 0], rows.dt[rows.dt > 0])
+    whole = FoldRows.of([part], "error", 1000)
+    np.testing.assert_array_equal(whole.kept[0], np.arange(1000))
     np.testing.assert_allclose(whole.dt, dt, atol=1e-12)
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from typing import Final
 
 from truejoint.array_types import Mask
-from truejoint.calibration.choose import MOST_ROWS, Automatic, Choice, Group, Rows, choose, share_of
+from truejoint.calibration.choose import Automatic, Choice, choose
 from truejoint.calibration.compatibility import (
     chosen_features,
     chosen_joints,
@@ -16,6 +16,7 @@ from truejoint.calibration.compatibility import (
     common_units,
     in_all,
 )
+from truejoint.calibration.cross_validate import MOST_ROWS, FoldErrors, FoldRows, share_of
 from truejoint.calibration.fit_task import unfitted
 from truejoint.calibration.folds import FEW, folds
 from truejoint.calibration.origin import distinct
@@ -75,21 +76,21 @@ def choice_of(
         stride_of(fit_rate, sample_dt(recordings)),
     )  # fmt: skip
 
-    def with_rates(group: Group, names: Collection[str]) -> Group | None:
-        """Give candidates of these names the rates of the group's measured positions as well."""
-        positions = [name for name in group.features.names if name.startswith("measured/")]
+    def with_rates(table: FoldErrors, names: Collection[str]) -> FoldErrors | None:
+        """Give candidates of these names the rates of the table's measured positions as well."""
+        positions = [name for name in table.features.names if name.startswith("measured/")]
         rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
         tried = [one for one in free if one.name in names]
-        more = FeatureSet.parse([*group.features.names, *rates])
-        return grouped(more, tried, group.target) if rates else None
+        more = FeatureSet.parse([*table.features.names, *rates])
+        return grouped(more, tried, table.rows.target) if rates else None
 
-    groups = [
+    tables = [
         grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
         for feature_set, ones in by_features.items()
     ]
     shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
     extended = with_rates if features is None and free and shows_rates else None
-    found = choose(groups, folds(recordings), chosen, wanted.tell, progress, extended)
+    found = choose(tables, folds(recordings), chosen, wanted.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
     return replace(found, evidence={**found.evidence, "not_in_all": lacking})
 
@@ -134,16 +135,15 @@ def _grouped(
     feature_set: FeatureSet,
     candidates: Sequence[JointRegressor],
     target: Target,
-) -> Group:
+) -> FoldErrors:
     """Candidates with the rows of recordings, as many as serve a choice, that they see."""
     gap_limit = default_gap_limit(recordings)
     thinned = not any(one.family.counts_samples for one in candidates)
     sizes = [len(one) for one in recordings]
     most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
     parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
-    rows = [Rows.of(part, target, most) for part in parts]
     told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
-    return Group(feature_set, rows, told, target)
+    return FoldErrors.of(FoldRows.of(parts, target, most), told)
 
 
 def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:

@@ -16,8 +16,9 @@ import numpy as np
 from truejoint.array_types import Integers
 from truejoint.calibration.calibration import Calibration, RezeroedFit
 from truejoint.calibration.candidates import choice_of
-from truejoint.calibration.choose import FITTED_ROWS, MOST_ROWS, Automatic, Choice, share_of
+from truejoint.calibration.choose import Automatic, Choice
 from truejoint.calibration.compatibility import common_robot
+from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, share_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import (
     STEPS_PER_RANGE,

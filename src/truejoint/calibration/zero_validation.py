@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.choose import GAIN, by_joint, is_better, log_ratio
+from truejoint.calibration.choose import by_joint
+from truejoint.calibration.cross_validate import GAIN, is_better, log_ratio
 from truejoint.calibration.folds import FOLDS, Fold
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
