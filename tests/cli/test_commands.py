@@ -17,7 +17,6 @@ from tests.cli.conftest import Call
 from truejoint import read_calibration, read_recording, write_parquet
 from truejoint.cli.commands import built
 from truejoint.motion import read_trajectory
-from truejoint.robots import catalogue
 
 
 def _walk(command: Any, words: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Any]]:
@@ -350,7 +349,6 @@ def test_no_words_are_answered_with_the_help(call: Call, arguments: list[str]) -
 def test_the_robot_of_a_file_is_known_by_the_model_that_carries_it(
     call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(catalogue, "_described", {})
     monkeypatch.chdir(tmp_path)
     Path("tool.toml").write_text('name = "my_tool"\njoints = [{ name = "jaw" }]\n')
     t = np.arange(200) * 0.02
@@ -359,7 +357,6 @@ def test_the_robot_of_a_file_is_known_by_the_model_that_carries_it(
     np.savetxt("run.csv", rows, delimiter=",", header=header, comments="")
     made = call("calibrate", "run.csv", "--robot", "tool.toml", "-e", "linear", "-o", "m.st")
     assert made.code == 0, made.err
-    catalogue._described.clear()
     for command in ("evaluate", "check"):
         result = call(command, "m.st", "run.csv", "--robot", "my_tool")
         assert result.code != 2, result.err

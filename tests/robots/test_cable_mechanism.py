@@ -10,7 +10,7 @@ import pytest
 
 from truejoint import schema
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, adopt_robot, arm_names, catalogue, get_robot
+from truejoint.robots import Robot, arm_names, get_robot
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.simulation import make_twin
 
@@ -41,11 +41,6 @@ name = "back"
 spring = 656.6
 moments = { tip = -4e-3 }
 """
-
-
-@pytest.fixture(autouse=True)
-def forgetful(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "_described", {})
 
 
 @pytest.mark.parametrize(
@@ -114,7 +109,6 @@ def test_a_file_of_ones_own_becomes_a_twin(tmp_path: Path) -> None:
     robot = get_robot(path)
     assert robot.transmission is not None
     assert robot.transmission.matrix[0, 0] == pytest.approx(4.0 / 9.75)
-    adopt_robot(robot.to_dict(), "a recording")
     twin = make_twin(str(path), seed=1)
     assert twin.home().measured[-1, 0] == pytest.approx(0.0, abs=0.01)
 

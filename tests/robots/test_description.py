@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, adopt_robot, catalogue, get_robot, robot_names
+from truejoint.robots import Robot, get_robot, robot_names
 from truejoint.robots.chain import SerialChain
 
 TOOL = """
@@ -47,11 +47,6 @@ speed = 25
 """
 
 
-@pytest.fixture(autouse=True)
-def forgetful(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(catalogue, "_described", {})
-
-
 @pytest.fixture
 def tool(tmp_path: Path) -> Path:
     path = tmp_path / "tool.toml"
@@ -84,10 +79,15 @@ def test_a_robot_file_may_say_where_a_calibration_moves(tool: Path) -> None:
     assert space.margin is None
 
 
-def test_a_robot_file_is_known_by_its_name_afterwards(tool: Path) -> None:
-    robot = get_robot(tool)
-    assert get_robot("Tool") is robot
-    assert get_robot(str(tool)) is robot
+def test_a_robot_goes_wherever_a_name_goes(tool: Path) -> None:
+    robot = get_robot(tool, "right")
+    assert get_robot(robot) is robot
+    assert get_robot(robot, "right") is robot
+    for name, arm in ((robot, "left"), (3, "")):
+        with pytest.raises(RobotError, match="give the robot's name or the path of a robot file"):
+            get_robot(name, arm)  # type: ignore[arg-type]
+    with pytest.raises(RobotError, match="no robot called 'tool'"):  # a file names nothing
+        get_robot("tool")
 
 
 @pytest.mark.parametrize("name", robot_names())
@@ -104,26 +104,13 @@ def test_plain_data_make_the_robot_again(name: str) -> None:
         assert np.array_equal(again.kinematics.forward(robot.home), pose)
 
 
-def test_what_a_file_carries_is_known_by_its_name(tool: Path) -> None:
-    values = get_robot(tool, "right").to_dict()
-    catalogue._described.clear()
-    adopt_robot(values, "model")
-    assert get_robot("tool", "right").to_dict() == values
-    adopt_robot(get_robot("bros").to_dict() | {"positioning": ["joint1"]}, "model")
-    assert get_robot("bros").positioning == ("joint1", "joint2")
-
-
-def test_a_file_that_changed_replaces_itself_but_no_other(tool: Path, tmp_path: Path) -> None:
+def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool: Path) -> None:
     get_robot(tool)
     tool.write_text(TOOL.replace("home = 20", "home = 30"))
     assert get_robot(tool).joint("lift").home == 0.03
-    other = tmp_path / "other.toml"
-    other.write_text(TOOL.replace('"spare"', '"free"'))
-    with pytest.raises(RobotError, match=r"another robot called 'tool' than .*tool.toml; give one"):
-        get_robot(other)
-    other.write_text(TOOL.replace('"tool"', '"raven2"'))
+    tool.write_text(TOOL.replace('"tool"', '"raven2"'))
     with pytest.raises(RobotError, match="another robot called 'raven2' than truejoint"):
-        get_robot(other, "left")
+        get_robot(tool, "left")
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RobotError
-from truejoint.robots import Joint, Robot, catalogue, get_robot
+from truejoint.robots import Joint, Robot, get_robot
 from truejoint.robots.urdf import read_urdf
 
 urdf = pytest.importorskip("pytransform3d.urdf")
@@ -87,8 +87,7 @@ urdf = "arm.urdf"
 
 
 @pytest.fixture
-def arm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setattr(catalogue, "_described", {})
+def arm(tmp_path: Path) -> Path:
     (tmp_path / "arm.urdf").write_text(document(ARM))
     path = tmp_path / "arm.toml"
     path.write_text(FILE)

@@ -35,6 +35,7 @@ from truejoint.features.feature_set import (
     check_sample_dt,
 )
 from truejoint.layout import Memory
+from truejoint.robots.catalogue import get_robot, robot_of
 from truejoint.robots.robot import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
@@ -142,6 +143,14 @@ class Calibration(Summarised):
     one of the measured positions, as after a homing. None: it is added to the output."""
     zero: Zero | None = None  # that was set last, by `at`
     learnt: JointRegressor | None = None  # the estimator as it was fitted; no file holds it
+    robot_values: Mapping[str, Any] | None = None  # `Robot.to_dict`; None: that of the name
+
+    @cached_property
+    def machine(self) -> Robot:
+        """The robot's arm that it was made for."""
+        if self.robot_values is None:
+            return get_robot(self.robot, self.arm)
+        return robot_of(self.robot_values, f"the calibration of {self.title}")
 
     @property
     def estimator(self) -> str:

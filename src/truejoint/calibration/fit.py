@@ -170,6 +170,7 @@ def _assembled(
     return Calibration(
         robot=task.robot.name,
         arm=task.robot.arm,
+        robot_values=task.robot.to_dict(),
         joints=task.joints,
         feature_set=task.feature_set,
         target=task.target,

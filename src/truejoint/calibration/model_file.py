@@ -22,7 +22,7 @@ from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError, RobotError, TruejointError
 from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
-from truejoint.robots import adopt_robot, get_robot
+from truejoint.robots.robot import Robot
 from truejoint.schema import Bounds, Length, Pattern
 
 MAX_JOINTS: Final = 64
@@ -163,7 +163,7 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
     c, again = calibration, calibration.rezeroed_fit
     description = {
         "kind": "calibration",
-        "robot": get_robot(c.robot, c.arm).to_dict(),
+        "robot": dict(c.robot_values or c.machine.to_dict()),
         "joints": list(c.joints),
         "target": c.target,
         "features": list(c.feature_set.names),
@@ -243,7 +243,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
         parts.setdefault(part, {})[own] = array
     try:
         feature_set = FeatureSet.parse(stated.features)
-        adopt_robot(stated.robot, "the model file")
+        Robot.from_dict(stated.robot, "the model file")  # refused here, if it is none
     except (CalibrationError, RobotError) as error:
         raise ModelFileError(str(error)) from None
     if len(stated.ranges) != len(feature_set):
@@ -253,6 +253,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     bare = Calibration(
         robot=str(stated.robot["name"]),
         arm=str(stated.robot.get("arm", "")),
+        robot_values=stated.robot,
         joints=stated.joints,
         feature_set=feature_set,
         target=stated.target,

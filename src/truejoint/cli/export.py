@@ -80,7 +80,7 @@ def _write_bag(
 
 
 def _compensator(calibration: truejoint.calibration.Calibration) -> truejoint.runtime.Compensator:
-    robot = truejoint.get_robot(calibration.robot, calibration.arm)
+    robot = calibration.machine
     corrector = truejoint.runtime.Corrector(calibration.without_redundant())
     return truejoint.runtime.Compensator(corrector, robot)
 

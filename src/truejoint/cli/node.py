@@ -73,7 +73,7 @@ def correct(
     del parameters  # taken already
     with as_node("truejoint_correct", ros) as transport:
         calibration = truejoint.read_calibration(model)
-        robot = truejoint.get_robot(calibration.robot, calibration.arm)
+        robot = calibration.machine
         choices = [calibration]
         if calibration.redundant:
             choices.append(calibration.without_redundant())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import glob
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, ClassVar, Final, TypeAlias
@@ -106,16 +106,17 @@ class Files(Origin):
         """
         from truejoint.calibration.compatibility import check_columns
 
-        self._check()
+        files = self._beside(model)
+        files._check()
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
-        readers = [self._reader(name, joints, model) for name in names]
-        if self.robot is not None:
-            options.get_robot(self.robot).index(list(joints))
+        readers = [files._reader(name, joints, model) for name in names]
+        if files.robot is not None:
+            options.get_robot(files.robot).index(list(joints))
         if split is not None:
-            return self._split_side(only_dataset(names), split, held_out)
+            return files._split_side(only_dataset(names), split, held_out)
 
         def read() -> list[truejoint.Recording]:
             recordings: list[truejoint.Recording] = []
@@ -144,6 +145,13 @@ class Files(Origin):
         if len(recordings) != 1:
             raise RecordingError(f"{name}: {len(recordings)} recordings; this takes one at a time")
         return recordings[0]
+
+    def _beside(self, model: truejoint.Calibration | None) -> Files:
+        """Leave the robot's name to the model where that carries a robot of a file."""
+        if model is None or model.robot in truejoint.robots.robot_names():
+            return self
+        carried = self.robot in (model.robot, f"{model.robot}:{model.arm}")
+        return replace(self, robot=None) if carried else self
 
     def _check(self) -> None:
         if self.robot is not None:
@@ -204,7 +212,7 @@ class Files(Origin):
         options_of_reader = {key: value for key, value in context.items() if value is not None}
         stated = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
         if model is not None and not stated and kind in sets.FORMATS:
-            of_model = {"robot": model.robot, "arm": model.arm}
+            of_model = {"robot": model.machine, "arm": model.arm}
             takes = sets.FORMATS[kind].options
             options_of_reader = {
                 k: name for k, name in of_model.items() if name and k in takes

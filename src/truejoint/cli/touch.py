@@ -69,7 +69,7 @@ class Aim:
         if self.prior is not None:
             raise CommandRefused("--prior is for an arm without a model; leave it out")
         calibration = truejoint.read_calibration(model)
-        robot = truejoint.get_robot(calibration.robot, calibration.arm)
+        robot = calibration.machine
         if self.bolted is not None:
             return rezeroing(calibration, read_pose(self.bolted))
         return finding_block(calibration, design_pose(read_block(self.block or Path()), robot))

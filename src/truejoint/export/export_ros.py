@@ -14,7 +14,7 @@ from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import ExportError
 from truejoint.export.c_source import Precision, render, write_files
 from truejoint.export.export_c import default_prefix, source_files
-from truejoint.robots import Robot, get_robot
+from truejoint.robots import Robot
 
 if TYPE_CHECKING:
     from truejoint.calibration import Calibration
@@ -65,7 +65,7 @@ def export_ros(
     >>> [path.name for path in export_ros(model, "package", prefix="jaw")][-3:]
     ['jaw_joints.hpp', 'jaw_ros1.cpp', 'jaw_ros2.cpp']
     """
-    robot = get_robot(as_calibration(calibration).robot, calibration.arm)
+    robot = as_calibration(calibration).machine
     if not all(_value(robot, signal) for signal in calibration.loop_signals):
         calibration = calibration.without_redundant()
     prefix = default_prefix(calibration) if prefix is None else prefix

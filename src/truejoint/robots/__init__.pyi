@@ -1,4 +1,3 @@
-from .catalogue import adopt_robot as adopt_robot
 from .catalogue import arm_names as arm_names
 from .catalogue import get_robot as get_robot
 from .catalogue import robot_names as robot_names

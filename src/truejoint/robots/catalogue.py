@@ -32,9 +32,6 @@ _CODED: Final[Mapping[str, Mapping[str, str]]] = {
 imported when first asked for, has a `build` that takes an arm."""
 _OWN: Final = (*_CODED, *sorted(f.name.removesuffix(".toml") for f in _MODELS.iterdir()))
 
-# Robots that a file described to this process, and what they were first seen in.
-_described: dict[tuple[str, str], tuple[str, Robot]] = {}
-
 
 def robot_names() -> tuple[str, ...]:
     """Names that `get_robot` knows without a file.
@@ -67,14 +64,14 @@ def arm_names(name: str) -> tuple[str, ...]:
     return tuple(map(str, arms)) if isinstance(arms, list) else ()
 
 
-def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
-    """Robot arm by name, or of a robot file; the same object each time.
+def get_robot(name: str | os.PathLike[str] | Robot, arm: str = "") -> Robot:
+    """Robot arm by name, the same object each time, or of a robot file.
 
     Parameters
     ----------
-    name : str or path-like
-        One of `robot_names`, in any case, or the path of a TOML file, see docs/robots.md. The
-        robot of a file is known by its name from then on.
+    name : str, path-like or Robot
+        One of `robot_names`, in any case, or the path of a TOML file, see docs/robots.md. A robot
+        is given back.
     arm : str
         Name of the arm in any case; empty for the robot's default. The arms of ``raven2`` are
         ``left`` (or ``gold``, the default) and ``right`` (or ``green``), those of ``dvrk_psm``
@@ -91,6 +88,10 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
     >>> get_robot("raven2", "gold").title
     'raven2 (left arm)'
     """
+    from truejoint.robots.robot import Robot, read_robot  # noqa: PLC0415  # as above
+
+    if isinstance(name, Robot) and arm in ("", name.arm):
+        return name
     if not isinstance(name, str | os.PathLike) or not isinstance(arm, str):
         raise RobotError(
             f"robot {name!r:.60}, arm {arm!r:.60}: give the robot's name or the path of a robot "
@@ -98,13 +99,18 @@ def get_robot(name: str | os.PathLike[str], arm: str = "") -> Robot:
         )
     text = os.fspath(name).strip()
     if text.lower().endswith(".toml"):
-        from truejoint.robots.robot import read_robot  # noqa: PLC0415  # as above
+        robot = read_robot(Path(text), arm)
+        if robot.name in robot_names() and robot.to_dict() != _build(*_key(robot)).to_dict():
+            raise RobotError(
+                f"{text}: describes another robot called {robot.name!r} than truejoint or a "
+                "package; give it another name"
+            )
+        return robot
+    return _build(text.lower(), arm.strip().lower())
 
-        return _describe(read_robot(Path(text), arm), text)
-    model, side = text.lower(), arm.strip().lower()
-    if (model, side) in _described:
-        return _described[model, side][1]
-    return _build(model, side)
+
+def _key(robot: Robot) -> tuple[str, str]:
+    return robot.name.lower(), robot.arm
 
 
 def robot_of(values: Mapping[str, Any], source: str) -> Robot:
@@ -128,56 +134,11 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
     robot = Robot.from_dict(values, source)
     if robot.name not in robot_names():
         return robot
-    original = get_robot(robot.name, robot.arm)
+    original = _build(*_key(robot))
     stated = robot.to_dict().get("mechanism")
     if stated is None or stated == original.to_dict().get("mechanism"):
         return original
     return replace(original, mechanism=robot.mechanism, transmission=robot.transmission)
-
-
-def adopt_robot(values: Mapping[str, Any], source: str) -> None:
-    """Make known the robot that a file carries, by `Robot.to_dict`, unless it is known already.
-
-    Raises
-    ------
-    RobotError
-        If the description breaks a rule, or a robot of that name has other joints or channels.
-
-    Examples
-    --------
-    >>> adopt_robot(get_robot("bros").to_dict(), "a recording")
-    """
-    from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
-
-    robot = Robot.from_dict(values, source)
-    known = _described.get(_key(robot))
-    if _key(robot)[0] not in robot_names() and not (known and _layout(known[1]) == _layout(robot)):
-        _describe(robot, source)
-
-
-def _describe(robot: Robot, source: str) -> Robot:
-    """Make a robot known by its name; the known one if there is one just like it."""
-    before, known = _described.get(_key(robot), (source, robot))
-    same = before == source or _layout(known) == _layout(robot)
-    if _key(robot)[0] in robot_names():
-        before, known = "truejoint or a package", get_robot(*_key(robot))
-        same = known.to_dict() == robot.to_dict()
-    if not same:
-        raise RobotError(
-            f"{source}: describes another robot called {robot.name!r} than {before}; "
-            "give one of them another name"
-        )
-    _described[_key(robot)] = source, known if known.to_dict() == robot.to_dict() else robot
-    return _described[_key(robot)][1]
-
-
-def _key(robot: Robot) -> tuple[str, str]:
-    return robot.name.lower(), robot.arm
-
-
-def _layout(robot: Robot) -> tuple[object, ...]:
-    """Give what recordings of a robot depend on."""
-    return robot.channels, [(joint.name, joint.kind) for joint in robot.joints], robot.effort
 
 
 @cache

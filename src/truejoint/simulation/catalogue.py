@@ -68,7 +68,7 @@ def make_twin(
     target = get_robot(robot, arm)
     cables: dict[str, Any] = {}
     if target.name not in _TWINS and target.mechanism is not None:
-        cables = {"robot": target.name}  # the wrist's twin is that of any cables
+        cables = {"robot": target}  # the wrist's twin is that of any cables
     name = "wrist" if cables else target.name
     if name not in _TWINS:
         raise RobotError(

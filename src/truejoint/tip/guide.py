@@ -12,7 +12,6 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.robots import get_robot
 from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
@@ -91,7 +90,7 @@ class Task:
 def rezeroing(calibration: Calibration, pose: BlockPose) -> Task:
     """Touches that find the zeros of a calibration, by a block whose pose is known."""
     check_pose(calibration, pose)
-    robot = get_robot(calibration.robot, calibration.arm)
+    robot = calibration.machine
     homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
 
     def fit(recording: Recording, touches: Touches) -> TipFit:
@@ -108,7 +107,7 @@ def rezeroing(calibration: Calibration, pose: BlockPose) -> Task:
 def finding_block(calibration: Calibration, pose: BlockPose) -> Task:
     """Touches that find where a block stands, which is meant to stand at `pose`."""
     check_pose(calibration, pose)
-    robot = get_robot(calibration.robot, calibration.arm)
+    robot = calibration.machine
     homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
 
     def fit(recording: Recording, touches: Touches) -> TipFit:

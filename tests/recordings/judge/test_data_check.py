@@ -11,7 +11,7 @@ from truejoint.recordings import DataCheck, Finding, check_data
 from truejoint.recordings.judge.coverage import joint_coverage
 from truejoint.recordings.judge.data_check import outside_share
 from truejoint.recordings.table.recording import Provenance, Recording
-from truejoint.robots import Joint, Robot, adopt_robot
+from truejoint.robots import Joint, Robot
 
 
 @pytest.fixture
@@ -195,10 +195,10 @@ def test_extrapolation_is_counted_by_signal(clean: Recording) -> None:
 def test_a_signal_whose_name_begins_as_another_is_counted_by_itself() -> None:
     t = np.arange(400) / 100
     names = ("joint1", "joint12")
-    adopt_robot(Robot("long_arm", tuple(map(Joint, names))).to_dict(), "a test")
+    robot = Robot("long_arm", tuple(map(Joint, names)))
     way = np.sin(2 * t)
     columns = {"t": t} | {f"{q}/{name}": way for q in ("measured", "truth") for name in names}
-    recording = Recording.from_columns(columns, "long_arm")
+    recording = Recording.from_columns(columns, "long_arm", robot=robot)
     features = FeatureSet.parse([f"measured/{name}" for name in names])
     narrow = _Trained(names, features, np.full(2, -0.1), np.full(2, 0.1))
     findings = _found(check_data([recording], model=narrow), "outside the range")

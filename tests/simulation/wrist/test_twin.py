@@ -6,7 +6,6 @@ from tests.robots.test_cable_mechanism import TOOL
 
 from truejoint.crtk.backends.simulated import simulated_arm
 from truejoint.errors import CommandRefused, RobotError, TruejointError
-from truejoint.robots import catalogue
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import FAMILIES, family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
@@ -76,8 +75,7 @@ def test_tensions_are_read_where_they_are_measured(which, columns):
     assert {name for name in out.extra if name.startswith("tension/")} == columns
 
 
-def test_what_a_mechanism_lacks_is_not_ignored(tmp_path, monkeypatch):
-    monkeypatch.setattr(catalogue, "_described", {})
+def test_what_a_mechanism_lacks_is_not_ignored(tmp_path):
     path = tmp_path / "finger.toml"
     path.write_text(TOOL)
     both = WristParameters.read().with_values({"sensors.tensions": "both"})

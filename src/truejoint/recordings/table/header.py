@@ -12,7 +12,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError
 from truejoint.files import content_hash, is_as_written
 from truejoint.recordings.table.recording import Provenance
-from truejoint.robots import Robot, adopt_robot, robot_of
+from truejoint.robots import Robot, robot_of
 
 KEY: Final = b"truejoint"
 """Key of the header among an Arrow schema's metadata."""
@@ -57,7 +57,6 @@ def recorded(source: Path, header: Mapping[str, Any]) -> tuple[Provenance, Robot
     if not isinstance(values, dict) or not isinstance(robot, dict):
         raise RecordingError(f"{source}: its metadata is damaged; copy or record it again")
     try:
-        adopt_robot(robot, source.name)  # a calibration goes by the robot's name
         return Provenance.from_dict(values), robot_of(robot, source.name)
     except (RecordingError, RobotError) as error:
         raise RecordingError(f"{source}: {str(error).removeprefix(f'{source.name}: ')}") from None

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused, RobotError
-from truejoint.robots import get_robot
+from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
 from truejoint.simulation.twin import BaseTwin, TwinOutput, checked_load, glide, hold, shaped
@@ -62,11 +62,11 @@ class WristTwin(BaseTwin):
         arm: str = "",
         seed: int = 0,
         load: float = 0.0,
-        robot: str = "wrist",
+        robot: str | Robot = "wrist",
         substeps: int = SUBSTEPS,
     ) -> None:
         self.parameters: Final = WristParameters.read() if parameters is None else parameters
-        model = get_robot(robot, arm)
+        model = robot if isinstance(robot, Robot) else get_robot(robot, arm)
         mechanism, transmission = model.mechanism, model.transmission
         if mechanism is None or transmission is None:
             raise RobotError(f"{model.title} states no cables; add [mechanism]")
