@@ -63,7 +63,7 @@ class Difference:
         return "worse" if self.low > 0.0 else "cannot be told"
 
 
-def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
+def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
     """Compare the errors of two models, paired over stretches of the same recordings.
 
     The loss differential of Diebold and Mariano (1995), Comparing predictive accuracy, J. Bus.
@@ -90,19 +90,19 @@ def compare(own: Sequence[Array], other: Sequence[Array]) -> Difference:
     >>> compare([noise[0]], [noise[1]]).outcome
     'cannot be told'
     """
-    if list(map(np.shape, own)) != list(map(np.shape, other)) or not any(map(len, own)):
+    if list(map(np.shape, errors)) != list(map(np.shape, other)) or not any(map(len, errors)):
         raise CalibrationError(
-            f"errors to compare are of shapes {list(map(np.shape, own))} and "
+            f"errors to compare are of shapes {list(map(np.shape, errors))} and "
             f"{list(map(np.shape, other))}; give those of the same rows, one at least"
         )
-    parts = [_loss(a) - _loss(b) for a, b in zip(own, other, strict=True) if len(a)]
+    parts = [_loss(a) - _loss(b) for a, b in zip(errors, other, strict=True) if len(a)]
     rows = np.concatenate(parts)
     mean = float(rows.mean())
     memory = _TIMES * correlation_time([part - mean for part in parts])
     shortest = [max(memory, len(rows) / count) for count in _COUNTS]
     margins = [_margin(parts, mean, length) for length in shortest]
-    told = [found for found in margins if math.isfinite(found[0])]  # recordings may be too few
-    margin, stretches, longest = max(told or margins)
+    finite = [found for found in margins if math.isfinite(found[0])]  # recordings may be too few
+    margin, stretches, longest = max(finite or margins)
     return Difference(mean, mean - margin, mean + margin, stretches, longest)
 
 
@@ -116,9 +116,9 @@ def _margin(parts: Sequence[Array], mean: float, shortest: float) -> tuple[float
     if len(stretches) < _FEWEST:
         return math.inf, len(stretches), longest
     weights /= weights.sum()
-    left = np.array([stretch.mean() for stretch in stretches]) - mean
+    deviations = np.array([stretch.mean() for stretch in stretches]) - mean
     alike = 1.0 / float(np.sum(weights**2))  # stretches of one length that weigh as much
-    variance = float(np.sum(weights * left**2)) / max(alike - 1.0, 1e-9)
+    variance = float(np.sum(weights * deviations**2)) / max(alike - 1.0, 1e-9)
     quantile = float(stdtrit(len(stretches) - 1, 0.5 + 0.5 * _LEVEL))
     return quantile * math.sqrt(variance), len(stretches), longest
 

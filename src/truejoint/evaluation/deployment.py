@@ -52,18 +52,25 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     }
     scale = np.sqrt(np.mean(np.concatenate(errors[OFFSET]) ** 2, axis=0))
     scale[scale == 0.0] = 1.0
-    scaled = {name: [error / scale for error in own] for name, own in errors.items()}
-    size = {name: sum(float(np.sum(e**2)) for e in own) for name, own in scaled.items()}
+    scaled = {
+        name: [error / scale for error in scaled_errors] for name, scaled_errors in errors.items()
+    }
+    size = {
+        name: sum(float(np.sum(e**2)) for e in scaled_errors)
+        for name, scaled_errors in scaled.items()
+    }
     best = min((name for name in scaled if name in plain), key=lambda name: size[name])
     richer = {
-        name: own for name, own in scaled.items() if name not in plain and _beats(own, scaled[best])
+        name: scaled_errors
+        for name, scaled_errors in scaled.items()
+        if name not in plain and _beats(scaled_errors, scaled[best])
     }
     return simplest(richer) if richer else best
 
 
-def _beats(own: Sequence[Array], other: Sequence[Array]) -> bool:
+def _beats(errors: Sequence[Array], other: Sequence[Array]) -> bool:
     """Whether errors are smaller beyond chance: of all recordings, or of each that has rows."""
-    pairs = [([a], [b]) for a, b in zip(own, other, strict=True) if len(a)]
-    return compare(own, other).outcome == "better" or all(
+    pairs = [([a], [b]) for a, b in zip(errors, other, strict=True) if len(a)]
+    return compare(errors, other).outcome == "better" or all(
         compare(*pair).outcome == "better" for pair in pairs
     )

@@ -102,12 +102,14 @@ def evaluate(
     True
     """
     _check_times(window, rezero)
-    given = _by_estimator(models)
+    by_estimator = _by_estimator(models)
     recordings = as_recordings(recordings)
-    if rezero > 0.0 and RAW in given:  # no correction, but not as it comes: another row
-        given = {_REZEROED_RAW if name == RAW else name: own for name, own in given.items()}
+    if rezero > 0.0 and RAW in by_estimator:  # no correction, but not as it comes: another row
+        by_estimator = {
+            _REZEROED_RAW if name == RAW else name: own for name, own in by_estimator.items()
+        }
         chosen = _REZEROED_RAW if chosen == RAW else chosen
-    calibrations = _for_rezeroing(given) if rezero > 0.0 else given
+    calibrations = _for_rezeroing(by_estimator) if rezero > 0.0 else by_estimator
     chosen, joints = _checked_models(calibrations, chosen)
     robot, model = _checked_robot(recordings), calibrations[chosen][0]
     if check is None:
@@ -137,7 +139,7 @@ def evaluate(
         doubts=tuple(doubts_about(model.origin, zero, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
-        plain = given[chosen][0]
+        plain = by_estimator[chosen][0]
         own = {score.joint: score for score in scores if score.estimator == chosen}
         before = _rmse_without_rezero(plain, recordings, traces)
         verdict = rezero_remark(verdict, own, before, rezero)
@@ -160,7 +162,7 @@ def evaluate(
         domain=domain,
         comparisons=comparisons,
         training=json_values(model.facts if isinstance(model, Calibration) else model.metadata),
-        **judge_interval(given[chosen][0], recordings, traces),
+        **judge_interval(by_estimator[chosen][0], recordings, traces),
     )
 
 
@@ -171,9 +173,13 @@ def _comparisons(
     step = float(np.median(np.concatenate([np.diff(trace.t) for trace in traces])))
     others = [name for name in traces[0].estimates if name != chosen]
     for (column, joint), other in product(enumerate(joints), others):
-        own, its = ([t.error(name)[:, column] for t in traces] for name in (chosen, other))
-        found = compare(own, its)
-        yield Comparison(other, joint, found.outcome, found.stretches, found.rows * step)
+        errors, other_errors = (
+            [t.error(name)[:, column] for t in traces] for name in (chosen, other)
+        )
+        difference = compare(errors, other_errors)
+        yield Comparison(
+            other, joint, difference.outcome, difference.stretches, difference.rows * step
+        )
 
 
 def _check_times(window: float, rezero: float) -> None:
@@ -192,26 +198,30 @@ def _by_estimator(
 ) -> Mapping[str, Sequence[JointCalibration]]:
     if isinstance(models, Mapping):
         return {k: [_read(one) for one in _several(v)] for k, v in models.items()}
-    found: dict[str, list[JointCalibration]] = {}
+    grouped: dict[str, list[JointCalibration]] = {}
     for model in map(_read, _several(models)):
-        found.setdefault(estimator_of(model) or type(model).__name__, []).append(model)
-    return found
+        grouped.setdefault(estimator_of(model) or type(model).__name__, []).append(model)
+    return grouped
 
 
-def _several(given: Any) -> Sequence[Any]:
-    return given if isinstance(given, list | tuple) else [given]
+def _several(models: Any) -> Sequence[Any]:
+    return models if isinstance(models, list | tuple) else [models]
 
 
-def _read(given: Any) -> JointCalibration:
+def _read(model_or_path: Any) -> JointCalibration:
     """Give a model, or that of a file; raises CalibrationError for what is none."""
-    model = read_calibration(given) if isinstance(given, str | os.PathLike) else given
+    model = (
+        read_calibration(model_or_path)
+        if isinstance(model_or_path, str | os.PathLike)
+        else model_or_path
+    )
     if not all(
         hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata", "origin")
     ):
         advice = "give what `calibrate` gives, or the path of a model file"
         raise CalibrationError(other_kind(model, "Calibration", advice))
-    found: JointCalibration = model
-    return found
+    calibration: JointCalibration = model
+    return calibration
 
 
 def estimator_of(model: JointCalibration) -> str:
@@ -273,10 +283,12 @@ def _with_baselines(calibrations: Models, chosen: str) -> Mapping[str, Sequence[
     It does under another name too; the fixed offset stays, as the yardstick.
     """
     first = calibrations[chosen][0]
-    given = {estimator_of(seed) for seeds in calibrations.values() for seed in seeds} - {OFFSET}
-    baselines = {k: [model] for k, model in first.baselines.items() if k not in given}
-    known = baselines | dict(calibrations)
-    models = {n: known[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in known}
+    estimators = {estimator_of(seed) for seeds in calibrations.values() for seed in seeds} - {
+        OFFSET
+    }
+    baselines = {k: [model] for k, model in first.baselines.items() if k not in estimators}
+    available = baselines | dict(calibrations)
+    models = {n: available[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in available}
     if OFFSET not in models:
         raise CalibrationError(
             f"the calibration {chosen} carries no fixed offset, the yardstick; calibrate it again"

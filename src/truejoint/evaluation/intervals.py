@@ -79,17 +79,17 @@ def judge_interval(
 def _motion(calibration: Calibration, level: float, recording: Recording, trace: Trace) -> _Motion:
     interval, joints = calibration.required_interval(), calibration.joints
     truth = recording.columns("truth", joints)
-    known = np.isfinite(truth).all(axis=1)
-    scored = ~at_start(recording.t[known], interval.rezero)
+    has_truth = np.isfinite(truth).all(axis=1)
+    scored = ~at_start(recording.t[has_truth], interval.rezero)
     calibration = zeroed(calibration, recording, interval.rezero)
-    position = calibration.correct(recording)[known]
-    error = truth[known] - position
-    widening = 1.0 + interval.growth * calibration.range_excess(recording)[known]
+    position = calibration.correct(recording)[has_truth]
+    error = truth[has_truth] - position
+    widening = 1.0 + interval.growth * calibration.range_excess(recording)[has_truth]
     homing, own = recording.provenance.homing_id, _own_homings(calibration)
     holds = _allows_offset(interval) or not own or not homing or homing in own
     if holds and scored.any():
         half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
-        shown = np.isin(recording.t[known], trace.t)
+        shown = np.isin(recording.t[has_truth], trace.t)
         trace = replace(trace, lower=(position - half)[shown], upper=(position + half)[shown])
     objection = ""
     if calibration.origin.includes(recording):

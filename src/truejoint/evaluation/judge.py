@@ -70,7 +70,7 @@ def judge_recording(
     fewer than two rows are left, CalibrationError if a model gives no number for one.
     """
     truth = recording.columns("truth", joints)
-    start, known = _rows_with_truth(recording, truth, joints, rezero)
+    start, judged = _rows_with_truth(recording, truth, joints, rezero)
     at_zero = {
         estimator: [
             zeroed(seed, recording, rezero) if isinstance(seed, Calibration) else seed
@@ -79,29 +79,29 @@ def judge_recording(
         for estimator, seeds in models.items()
     }
     measured = recording.columns("measured", joints)
-    estimates = {RAW: [_finite(measured, RAW, name)[known]]}
+    estimates = {RAW: [_finite(measured, RAW, name)[judged]]}
     for key, seeds in at_zero.items():
         found = [_positions(seed, recording, truth, start) for seed in seeds]
-        estimates[key] = [_finite(positions, key, name)[known] for positions in found]
-    errors = {key: [value - truth[known] for value in own] for key, own in estimates.items()}
-    tool, tool_errors = _of_the_tool(robot, recording, known, joints, truth[known], estimates)
+        estimates[key] = [_finite(positions, key, name)[judged] for positions in found]
+    errors = {key: [value - truth[judged] for value in own] for key, own in estimates.items()}
+    tool, tool_errors = _of_the_tool(robot, recording, judged, joints, truth[judged], estimates)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
     status = loop_status(at_zero[chosen][0], recording)
     trace = Trace(
         name=name,
         provenance=recording.provenance.to_dict(),
         rows_total=len(recording),
-        t=recording.t[known],
-        truth=truth[known],
-        measured=measured[known],
-        velocity=velocity(recording.t, measured)[known],
-        direction=direction(recording.t, measured)[known],
-        effort={joint: recording.column(f"effort/{joint}")[known] for joint in efforts},
+        t=recording.t[judged],
+        truth=truth[judged],
+        measured=measured[judged],
+        velocity=velocity(recording.t, measured)[judged],
+        direction=direction(recording.t, measured)[judged],
+        effort={joint: recording.column(f"effort/{joint}")[judged] for joint in efforts},
         effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
         estimates={key: seeds[0] for key, seeds in estimates.items()},
         tool={key: tool[key] for key in ("truth", OFFSET, chosen) if key in tool},
-        status=None if status is None else status[known],
-        believable=believable(at_zero[chosen][0], (truth - measured)[known]),
+        status=None if status is None else status[judged],
+        believable=believable(at_zero[chosen][0], (truth - measured)[judged]),
     )
     return JudgedRecording(trace, errors, tool_errors)
 
@@ -110,32 +110,32 @@ def _rows_with_truth(
     recording: Recording, truth: Array, joints: Sequence[str], rezero: float
 ) -> tuple[Mask, Mask]:
     """Tell in which rows (n,) truth sets the zero, and in which it judges."""
-    known = np.asarray(np.isfinite(truth).all(axis=1))
-    start = known.copy()
-    if known.any():
-        start[known] = at_start(recording.t[known], rezero)
-    known &= ~start
-    if known.sum() < 2:
+    judged = np.asarray(np.isfinite(truth).all(axis=1))
+    start = judged.copy()
+    if judged.any():
+        start[judged] = at_start(recording.t[judged], rezero)
+    judged &= ~start
+    if judged.sum() < 2:
         besides = f" after the {rezero:g} s that re-zero it" if rezero > 0.0 else ""
         raise RecordingError(
-            f"{recording.provenance.source or 'recording'}: {int(known.sum())} rows have the "
+            f"{recording.provenance.source or 'recording'}: {int(judged.sum())} rows have the "
             f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
         )
-    return start, known
+    return start, judged
 
 
 def _positions(model: Corrects, recording: Recording, truth: Array, start: Mask) -> Array:
     """Corrected positions (n, n_joints); of a baseline that cannot be re-zeroed itself, shifted."""
-    found = model.correct(recording)
+    corrected = model.correct(recording)
     if isinstance(model, Calibration) or not start.any():
-        return found
-    return found + np.median((truth - found)[start], axis=0)
+        return corrected
+    return corrected + np.median((truth - corrected)[start], axis=0)
 
 
 def _of_the_tool(
     robot: Robot | None,
     recording: Recording,
-    known: Mask,
+    judged: Mask,
     joints: Sequence[str],
     truth: Array,
     estimates: Mapping[str, Sequence[Array]],
@@ -147,7 +147,7 @@ def _of_the_tool(
     if robot is None or robot.kinematics is None:
         return {}, {}
     kinematics = robot.kinematics
-    reported, columns = all_joints(recording, robot)[known], robot.index(list(joints))
+    reported, columns = all_joints(recording, robot)[judged], robot.index(list(joints))
 
     def place(positions: Array) -> Array:
         """Place of the tool with the calibrated joints at `positions` (n, n_joints)."""
@@ -190,9 +190,9 @@ def why_no_cartesian(robot: Robot, recordings: Sequence[Recording]) -> str:
 
 def all_joints(recording: Recording, robot: Robot) -> Array:
     """Measured positions (n, n_joints) [rad or m] of all joints; home where there is no column."""
-    known = [joint for joint in robot.joint_names if joint in recording.joints_of("measured")]
+    joints = [joint for joint in robot.joint_names if joint in recording.joints_of("measured")]
     positions = np.tile(robot.home, (len(recording), 1))
-    positions[:, robot.index(known)] = recording.columns("measured", known)
+    positions[:, robot.index(joints)] = recording.columns("measured", joints)
     return positions
 
 
@@ -225,15 +225,15 @@ def believable(model: object, error: Array) -> Mask | None:
 
 def domain_of(traces: Sequence[Trace]) -> Domain | None:
     """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
-    known = [trace.status for trace in traces if trace.status is not None]
+    statuses = [trace.status for trace in traces if trace.status is not None]
     fits = [trace.believable for trace in traces if trace.believable is not None]
-    if not known or not fits:
+    if not statuses or not fits:
         return None
-    status = np.concatenate(known)
+    status = np.concatenate(statuses)
     shares = {str(bit.name): float(np.mean(status & bit != 0)) for bit in Status if bit}
-    found = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
+    flagged = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
     return Domain(
         inside=float(np.mean(np.concatenate([trace.inside for trace in traces]))),
-        flags={name: share for share, name in found},
+        flags={name: share for share, name in flagged},
         beyond=1.0 - float(np.concatenate(fits).mean()),
     )

@@ -465,8 +465,8 @@ class Evaluation(Summarised):
         accuracy = {}
         for joint, unit in zip(self.joints, self.units, strict=True):
             both = (self.score(name, joint).rmse for name in (self.chosen, OFFSET))
-            own, offset = (with_unit(value, unit) for value in both)
-            accuracy[joint] = f"{own} RMSE (fixed offset {offset})"
+            rmse, offset_rmse = (with_unit(value, unit) for value in both)
+            accuracy[joint] = f"{rmse} RMSE (fixed offset {offset_rmse})"
         return {
             "of": f"{estimator_title(self.chosen)}, {self.title}",
             "test": ", ".join(trace.name for trace in self.traces),

@@ -111,14 +111,14 @@ def worst_windows(
     candidates = np.flatnonzero(long_enough) if long_enough.any() else first
     order = candidates[np.argsort(-mean_square[candidates], kind="stable")]
     free = np.ones(n, dtype=bool)
-    found: list[tuple[int, int, float]] = []
+    windows: list[tuple[int, int, float]] = []
     for row in order:
-        if len(found) == count:
+        if len(windows) == count:
             break
         if free[row] and free[end[row] - 1]:
             free[row : end[row]] = False
-            found.append((int(row), int(end[row]), float(np.sqrt(max(mean_square[row], 0.0)))))
-    return found
+            windows.append((int(row), int(end[row]), float(np.sqrt(max(mean_square[row], 0.0)))))
+    return windows
 
 
 def worst_stretches(
@@ -126,14 +126,14 @@ def worst_stretches(
 ) -> tuple[Stretch, ...]:
     """Worst windows [s] of each joint over all recordings, by RMSE as a multiple of its limit."""
     ranked: list[tuple[float, Stretch]] = []
-    for column, own in enumerate(joints):
-        found = []
+    for column, verdict in enumerate(joints):
+        stretches = []
         for index, trace in enumerate(traces):
             error = trace.error(chosen)[:, column]
             for first, end, root in worst_windows(trace.t, error, window, _COUNT):
                 largest = float(np.abs(error[first:end]).max())
                 start, stop = float(trace.t[first]), float(trace.t[end - 1])
-                stretch = Stretch(own.joint, own.unit, index, start, stop, root, largest)
-                found.append((root / own.limit if own.limit > 0 else root, stretch))
-        ranked += sorted(found, key=lambda pair: -pair[0])[:_COUNT]
+                stretch = Stretch(verdict.joint, verdict.unit, index, start, stop, root, largest)
+                stretches.append((root / verdict.limit if verdict.limit > 0 else root, stretch))
+        ranked += sorted(stretches, key=lambda pair: -pair[0])[:_COUNT]
     return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))

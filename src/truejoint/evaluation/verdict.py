@@ -75,12 +75,12 @@ def judge(
     'fail'
     """
     joints = list(dict.fromkeys(row.joint for row in scores))
-    known = list(dict.fromkeys(row.estimator for row in scores))
-    if chosen not in known:
-        raise CalibrationError(f"the verdict: {unknown('score', chosen, known)}")
+    estimators = list(dict.fromkeys(row.estimator for row in scores))
+    if chosen not in estimators:
+        raise CalibrationError(f"the verdict: {unknown('score', chosen, estimators)}")
     limits = _checked_tolerance(tolerance or {}, joints)
-    outcomes = {(found.estimator, found.joint): found.outcome for found in comparisons}
-    simpler = _simpler(known, chosen)
+    outcomes = {(c.estimator, c.joint): c.outcome for c in comparisons}
+    simpler = _simpler(estimators, chosen)
     verdicts = []
     for joint in joints:
         rows = {row.estimator: row for row in scores if row.joint == joint}
@@ -93,16 +93,16 @@ def judge(
         verdicts.append(verdict)
     deploy = "" if objections else deploy
     advice = _advice(deploy, chosen)
-    found = list(_alike(verdicts, comparisons))
+    reservations = list(_alike(verdicts, comparisons))
     if deploy not in ("", chosen) and not all(verdict.stated for verdict in verdicts):
-        found.append(advice)
+        reservations.append(advice)
     return Verdict(
         passed=all(v.passed for v in verdicts) and not objections,
         text=_text(chosen, verdicts, objections),
         rule=_rule(verdicts),
         joints=tuple(verdicts),
         objections=tuple(objections),
-        doubts=(*doubts, *found),
+        doubts=(*doubts, *reservations),
         remarks=_better_models(scores, verdicts),
         deploy=deploy,
         advice=advice,
@@ -139,8 +139,8 @@ def _alike(verdicts: Sequence[JointVerdict], comparisons: Sequence[Comparison]) 
     """Tell where the chosen model cannot be told from a simpler one, and by how much data."""
     for name in dict.fromkeys(verdict.alike for verdict in verdicts if verdict.alike):
         joints = [verdict.joint for verdict in verdicts if verdict.alike == name]
-        found = [c.stretches for c in comparisons if c.estimator == name and c.joint in joints]
-        over = f" ({min(found)} stretches of the test)" if found else ""
+        counts = [c.stretches for c in comparisons if c.estimator == name and c.joint in joints]
+        over = f" ({min(counts)} stretches of the test)" if counts else ""
         yield (
             f"In {_and(joints)} it cannot be told from {estimator_phrase(name)}, which is "
             f"simpler{over}."
@@ -225,13 +225,13 @@ def _advice(deploy: str, chosen: str) -> str:
 def _better_models(scores: Sequence[Score], verdicts: Sequence[JointVerdict]) -> tuple[str, ...]:
     """Say where another estimator of the table beats the chosen one."""
     better = []
-    for own in verdicts:
-        best = min((row for row in scores if row.joint == own.joint), key=lambda row: row.rmse)
-        if best.rmse < own.rmse:
-            unit = display_unit(own.unit)
-            value, ours = shown([best.rmse * unit.scale, own.rmse * unit.scale])
+    for verdict in verdicts:
+        best = min((row for row in scores if row.joint == verdict.joint), key=lambda row: row.rmse)
+        if best.rmse < verdict.rmse:
+            unit = display_unit(verdict.unit)
+            value, ours = shown([best.rmse * unit.scale, verdict.rmse * unit.scale])
             name = estimator_phrase(best.estimator)
-            better.append(f"{name} in {own.joint} ({value} against {ours} {unit.name})")
+            better.append(f"{name} in {verdict.joint} ({value} against {ours} {unit.name})")
     return (f"Smaller RMSE: {_and(better)}.",) if better else ()
 
 
@@ -289,9 +289,9 @@ def doubts_about(
             f"The loop would hold the zero for suspect in {share_text(suspect)} of the rows, until "
             "it is found anew: a reading jumped, or parts from what else says where the joint is."
         )
-    known = set(origin.homing_ids)
-    other = sorted({r.provenance.homing_id for r in recordings} - known - {""})
-    if known and other and rezero == 0.0:
+    trained_homings = set(origin.homing_ids)
+    other = sorted({r.provenance.homing_id for r in recordings} - trained_homings - {""})
+    if trained_homings and other and rezero == 0.0:
         yield (
             f"The test has homings that training has not seen ({', '.join(other[:4])}); positions "
             "of two homings differ by an offset that no model knows."

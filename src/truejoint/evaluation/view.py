@@ -161,9 +161,11 @@ def domain_rows(evaluation: Evaluation) -> Iterator[Row]:
 
 def comparison_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Tell what the chosen model is beside every other, by joint, and over how many stretches."""
-    for found in evaluation.comparisons:
-        told = f"{found.stretches} of up to {duration(found.seconds)}"
-        yield Row(found.joint, [estimator_title(found.estimator), found.outcome, told])
+    for comparison in evaluation.comparisons:
+        extent = f"{comparison.stretches} of up to {duration(comparison.seconds)}"
+        yield Row(
+            comparison.joint, [estimator_title(comparison.estimator), comparison.outcome, extent]
+        )
 
 
 def domain_line(evaluation: Evaluation) -> str:
@@ -215,8 +217,8 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     chosen, rows = evaluation.chosen, []
     digits = {}
     for _, joint, unit in evaluation.shown_joints():
-        own = (scores[trace.name, chosen, joint].rmse for trace in evaluation.traces)
-        digits[joint] = decimals_for(unit.scale * value for value in own)
+        rmse = (scores[trace.name, chosen, joint].rmse for trace in evaluation.traces)
+        digits[joint] = decimals_for(unit.scale * value for value in rmse)
     for trace in evaluation.traces:
         cells, ratio = [], 0.0
         for _, joint, unit in evaluation.shown_joints():
@@ -320,9 +322,9 @@ def _grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
     """Header and text of a table; columns that are empty throughout are left out."""
     keys = list(dict.fromkeys(key for row in rows for key in row))
     cells = {key: [_text(key, row.get(key)) for row in rows] for key in keys}
-    kept = [key for key in keys if any(cells[key])]
-    header = [_LABELS.get(key, key.replace("_", " ")) for key in kept]
-    return [header, *([cells[key][i] for key in kept] for i in range(len(rows)))]
+    filled = [key for key in keys if any(cells[key])]
+    header = [_LABELS.get(key, key.replace("_", " ")) for key in filled]
+    return [header, *([cells[key][i] for key in filled] for i in range(len(rows)))]
 
 
 def _text(key: str, value: Any) -> str:

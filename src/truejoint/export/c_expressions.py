@@ -216,8 +216,8 @@ class Expressions:
                     return Known(False)
                 continue
             kind = join([a.kind, b.kind])
-            left, right = (self.style.text(v, level + 1, kind) for v in (a, b))
-            parts.append(Expr(f"{left} {sign} {right}", "bool", level))
+            first, right = (self.style.text(v, level + 1, kind) for v in (a, b))
+            parts.append(Expr(f"{first} {sign} {right}", "bool", level))
         if len(parts) < 2:
             return parts[0] if parts else Known(True)
         return Expr(" && ".join(p.text for p in parts), "bool", AND)
@@ -403,19 +403,19 @@ class Expressions:
         if isinstance(tree.returns, ast.Name) and tree.returns.id in ("Array", "Integers"):
             return self.inlined(function.py_func, arguments, node)
         printed = self.printer.function(function, arguments)
-        given = {a.arg: (a, v) for a, v in zip(tree.args.args, arguments, strict=True)}
+        by_parameter = {a.arg: (a, v) for a, v in zip(tree.args.args, arguments, strict=True)}
         texts: list[str] = []
-        seen = set()
+        passed_structs = set()
         passed: dict[str, Handle | View] = {}
         for p in printed.parameters:
             base, _, length = p.name.partition(".")
-            parameter, value = given[base]
+            parameter, value = by_parameter[base]
             if length:
                 text = self.style.text(value.shape[0 if length in ("length", "rows") else 1])
             elif isinstance(value, Handle):
-                if (value.struct, value.text) in seen:
+                if (value.struct, value.text) in passed_structs:
                     continue
-                seen.add((value.struct, value.text))
+                passed_structs.add((value.struct, value.text))
                 text = value.pointer
             elif isinstance(value, View):
                 offset = self.style.text(value.offset)

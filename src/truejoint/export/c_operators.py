@@ -78,14 +78,14 @@ def operate(style: Style, op: ast.operator, a: Any, b: Any) -> Any:  # noqa: C90
             if bitwise and one.value == 0:
                 return other if isinstance(op, ast.BitOr) else Known(0)
     if bitwise:
-        left, right = (
+        first, second = (
             style.text(v, level if _is_operation(v, sign, level) else UNARY, kind) for v in (a, b)
         )
     else:
-        left, right = style.text(a, level, kind), style.text(b, level + 1, kind)
+        first, second = style.text(a, level, kind), style.text(b, level + 1, kind)
     if isinstance(op, ast.Div) and of_integers:
-        left = f"({style.real}){style.text(a, UNARY)}"
-    return Expr(f"{left} {sign} {right}", kind, level)
+        first = f"({style.real}){style.text(a, UNARY)}"
+    return Expr(f"{first} {sign} {second}", kind, level)
 
 
 def call_builtin(  # noqa: C901, PLR0911  # one function after the other

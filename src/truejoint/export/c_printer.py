@@ -107,20 +107,20 @@ class Printer:
         return self._done[key]
 
     def _print(self, python: Any, arguments: Sequence[Any]) -> Function:
-        one = Function(self, python, arguments)
-        one.run()
-        identity = (python, one.head, one.text)
+        function = Function(self, python, arguments)
+        function.run()
+        identity = (python, function.head, function.text)
         if identity in self._bodies:
-            one.name = self._bodies[identity].name
+            function.name = self._bodies[identity].name
             return self._bodies[identity]
         wanted = python.__name__.strip("_")
         longer = f"{python.__module__.rpartition('.')[2]}_{wanted}"
         if any(p is python for p, *_ in self._bodies):
             longer = wanted
-        one.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
-        one.has_effect = bool(one.written) or self.has_effect(one.text)
-        self.functions[one.name] = self._bodies[identity] = one
-        return one
+        function.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
+        function.has_effect = bool(function.written) or self.has_effect(function.text)
+        self.functions[function.name] = self._bodies[identity] = function
+        return function
 
     def has_effect(self, text: str) -> bool:
         """Whether a text calls a function that changes something."""
@@ -140,9 +140,9 @@ class Printer:
             fresh = called & set(self.functions) - used
             used |= fresh
             rest += fresh
-        kept = [printed for name, printed in self.functions.items() if name in used]
-        whole = "\n\n".join(self._text(printed) for printed in kept)
-        if any(_is_wide(printed) for printed in kept):
+        printed_functions = [printed for name, printed in self.functions.items() if name in used]
+        whole = "\n\n".join(self._text(printed) for printed in printed_functions)
+        if any(_is_wide(printed) for printed in printed_functions):
             whole = f"{WIDE}\n\n{whole}"
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
         lines = [
@@ -173,29 +173,29 @@ class Printer:
         lines += ["WIDE"] if _is_wide(printed) else []
         return "\n".join([*lines, *wrapped(head, ""), "{", *filter(None, [printed.text]), "}"])
 
-    def _apart(self, name: str, seen: tuple[str, ...]) -> bool:
+    def _apart(self, name: str, callers: tuple[str, ...]) -> bool:
         """Whether no call of a function passes pointers to the same numbers."""
-        if name in seen:
+        if name in callers:
             return True
         pointers = self.functions[name].pointers
         for callee, caller, arguments in self.calls:
             if callee != name:
                 continue
-            given = [(pointers[p], a) for p, a in arguments.items() if p in pointers]
-            for i, (p, a) in enumerate(given):
-                for q, b in given[i + 1 :]:
-                    if (p or q) and not self._disjoint(a, b, caller, (*seen, name)):
+            pairs = [(pointers[p], a) for p, a in arguments.items() if p in pointers]
+            for i, (p, a) in enumerate(pairs):
+                for q, b in pairs[i + 1 :]:
+                    if (p or q) and not self._disjoint(a, b, caller, (*callers, name)):
                         return False
         return True
 
-    def _disjoint(self, a: Any, b: Any, caller: Expressions, seen: tuple[str, ...]) -> bool:
+    def _disjoint(self, a: Any, b: Any, caller: Expressions, callers: tuple[str, ...]) -> bool:
         if isinstance(a, Handle) or isinstance(b, Handle):
             return False
         if a.root == b.root:
             return bool(a.ends_before(b) or b.ends_before(a))
         if all(isinstance(view.root[0], Struct) for view in (a, b)):
             return True
-        return self._apart(caller.name, seen)
+        return self._apart(caller.name, callers)
 
 
 def _is_wide(printed: Function) -> bool:

@@ -33,16 +33,16 @@ def tree_of(python: Any) -> tuple[ast.FunctionDef, dict[int, str]]:
 @cache
 def definitions(module: str) -> dict[str, tuple[Any, ...]]:
     """Constants of a module by name: the expression, or None with module and name if imported."""
-    found: dict[str, tuple[Any, ...]] = {}
+    constants: dict[str, tuple[Any, ...]] = {}
     for node in ast.parse(inspect.getsource(sys.modules[module])).body:
         if isinstance(node, (ast.AnnAssign, ast.Assign)):
             target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
             if isinstance(target, ast.Name):
-                found[target.id] = (node.value,)
+                constants[target.id] = (node.value,)
         elif isinstance(node, ast.ImportFrom) and node.module:
             for alias in node.names:
-                found[alias.asname or alias.name] = (None, node.module, alias.name)
-    return found
+                constants[alias.asname or alias.name] = (None, node.module, alias.name)
+    return constants
 
 
 def assigned(statements: Iterable[ast.stmt]) -> set[str]:

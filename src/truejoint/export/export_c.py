@@ -210,8 +210,8 @@ def default_prefix(calibration: Calibration) -> str:
     >>> default_prefix(model)
     'davinci_grasper'
     """
-    own = as_calibration(calibration)
-    return "_".join(part for part in (own.robot, own.arm) if part)
+    model = as_calibration(calibration)
+    return "_".join(part for part in (model.robot, model.arm) if part)
 
 
 def check_command(paths: Sequence[Path]) -> str:

@@ -206,8 +206,8 @@ def _polynomial(graph: _Graph, features: str, data: EstimatorData, n_features: i
         for j in range(factors.shape[1]):
             chosen = graph.columns(scaled, np.where(missing[:, j], 0, factors[:, j]))
             if missing[:, j].any():  # a factor 1 where the term is of lower degree
-                kept = graph.node("Mul", [chosen, graph.constant(1.0 - missing[:, j])])
-                chosen = graph.node("Add", [kept, graph.constant(1.0 * missing[:, j])])
+                masked = graph.node("Mul", [chosen, graph.constant(1.0 - missing[:, j])])
+                chosen = graph.node("Add", [masked, graph.constant(1.0 * missing[:, j])])
             terms = graph.node("Mul", [terms, chosen]) if terms else chosen
     return graph.affine(terms, arrays["coef"], arrays["intercept"])
 
@@ -229,8 +229,8 @@ def _combination(graph: _Graph, features: str, data: EstimatorData, n_features: 
     n_outputs = 1 + max(max(outputs) for _, outputs in members(data.params, data.arrays))
     total = ""
     for member, outputs in members(data.params, data.arrays):
-        own, weights = np.split(weights, [len(outputs)])
-        spread = own[:, None] * (np.array(outputs)[:, None] == np.arange(n_outputs))
+        member_weights, weights = np.split(weights, [len(outputs)])
+        spread = member_weights[:, None] * (np.array(outputs)[:, None] == np.arange(n_outputs))
         predicted = graph.predict(features, member, n_features)
         weighted = graph.node("MatMul", [predicted, graph.constant(spread)])
         total = graph.node("Add", [total, weighted]) if total else weighted

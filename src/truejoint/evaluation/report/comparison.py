@@ -93,13 +93,13 @@ def _render(together: Evaluation, alone: Mapping[str, Evaluation], command: str)
 def _pairs(evaluation: Evaluation, names: list[str]) -> Iterator[Row]:
     """Which model of each two is closer to the truth in each joint."""
     for column, joint, _ in evaluation.shown_joints():
-        for one, other in combinations(names, 2):
+        for first, other in combinations(names, 2):
             errors = (
                 [trace.error(name)[:, column] for trace in evaluation.traces]
-                for name in (one, other)
+                for name in (first, other)
             )
-            found = compare(*errors)
-            yield Row(joint, [one, found.outcome, other, str(found.stretches)])
+            difference = compare(*errors)
+            yield Row(joint, [first, difference.outcome, other, str(difference.stretches)])
 
 
 def _residuals(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]:

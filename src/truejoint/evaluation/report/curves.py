@@ -94,14 +94,14 @@ def _tracking(
     if trace.lower is not None and trace.upper is not None:
         bounds = [unit.scale * bound[rows, column] for bound in (trace.lower, trace.upper)]
         estimate = unit.scale * trace.estimates[chosen][rows, column]
-        known = np.flatnonzero(np.isfinite(bounds[0]))
-        if len(known) >= 2:
-            widest = plot.extreme_rows((bounds[1] - bounds[0])[known], buckets // 4)
-            known = known[np.union1d(plot.extreme_rows(estimate[known], buckets), widest)]
-            pieces = np.searchsorted(gaps(t), known, side="left")
-            low, high, middle = bounds[0][known], bounds[1][known], estimate[known]
-            around = plot.outline(t[known], low, high, pieces)
-            errors = plot.outline(t[known], middle - high, middle - low, pieces)
+        bounded = np.flatnonzero(np.isfinite(bounds[0]))
+        if len(bounded) >= 2:
+            widest = plot.extreme_rows((bounds[1] - bounds[0])[bounded], buckets // 4)
+            bounded = bounded[np.union1d(plot.extreme_rows(estimate[bounded], buckets), widest)]
+            pieces = np.searchsorted(gaps(t), bounded, side="left")
+            low, high, middle = bounds[0][bounded], bounds[1][bounded], estimate[bounded]
+            around = plot.outline(t[bounded], low, high, pieces)
+            errors = plot.outline(t[bounded], middle - high, middle - low, pieces)
             name = f"{100 * evaluation.interval_level:g} % interval"
             band: Spec = {"width": 0, "fill": "toself", "fillcolor": plot.BAND}
             band |= {"hoverinfo": "skip", "legendrank": 1001}

@@ -90,15 +90,15 @@ def _spec(panels: list[_Panel], error: Array, moves: Array, title: str, most: in
     domains = plot.columns(len(panels), 0.035)
     for i, (panel, domain) in enumerate(zip(panels, domains, strict=True)):
         ticks: Spec = {"nticks": 6}
-        apart = panel.steps[-1] - panel.steps[0] if panel.steps else 0.0
+        extent = panel.steps[-1] - panel.steps[0] if panel.steps else 0.0
         if panel.steps:
-            around = [panel.steps[0] - 0.2 * apart, panel.steps[-1] + 0.2 * apart]
+            around = [panel.steps[0] - 0.2 * extent, panel.steps[-1] + 0.2 * extent]
             ticks = {"tickvals": list(panel.steps), "range": around}
         errors: Spec = {"title": "" if i else title, "range": [low - margin, high + margin]}
         errors |= {"showticklabels": i == 0, "zeroline": True}
         if panel.steps:
             curves = [
-                _bars(panel.values[rows], error[rows], panel.steps, 0.04 * side * apart, *way)
+                _bars(panel.values[rows], error[rows], panel.steps, 0.04 * side * extent, *way)
                 for *way, side in _WAYS
                 if (rows := moves == side).any()
             ]
@@ -155,10 +155,10 @@ def _cloud(
 
 
 def _bars(
-    x: Array, y: Array, steps: tuple[float, ...], apart: float, name: str, colour: str
+    x: Array, y: Array, steps: tuple[float, ...], shift: float, name: str, colour: str
 ) -> Spec:
     """Median and middle 90 % of `y` (n,) at each of a few values, beside the other direction's."""
-    place, low, middle, high = _quantiles((step + apart, y[x == step]) for step in steps)
+    place, low, middle, high = _quantiles((step + shift, y[x == step]) for step in steps)
     ends = {"array": plot.packed(high - middle), "arrayminus": plot.packed(middle - low)}
     bars = {**ends, "thickness": 1.5, "width": 4, "color": colour}
     style = {**_dots(colour), "error_y": bars, "legendgroup": name, "showlegend": False}
@@ -181,8 +181,8 @@ def stated_interval(evaluation: Evaluation) -> list[Figure]:
     """Found against stated coverage, with several levels; coverage of each of several motions."""
     levels = {score.level for score in evaluation.intervals}
     several = len(evaluation.interval_trajectories) > 1
-    found = [_calibration(evaluation, sorted(levels), several=several)] if len(levels) > 1 else []
-    return found + ([_by_trajectory(evaluation)] if levels and several else [])
+    figures = [_calibration(evaluation, sorted(levels), several=several)] if len(levels) > 1 else []
+    return figures + ([_by_trajectory(evaluation)] if levels and several else [])
 
 
 def _calibration(evaluation: Evaluation, stated: list[float], *, several: bool) -> Figure:
@@ -193,12 +193,12 @@ def _calibration(evaluation: Evaluation, stated: list[float], *, several: bool) 
     for joint, colour, beside in _joints(evaluation):
         rows = [score for score in evaluation.intervals if score.joint == joint]
         level = 100 * np.array([row.level for row in rows]) + 0.06 * margin * beside
-        found = 100 * np.array([row.coverage for row in rows])
+        coverage = 100 * np.array([row.coverage for row in rows])
         style = _dots(colour) | {"line": {"color": colour, "width": 1.3}}
         if several:
             errors = 100 * np.array([row.standard_error for row in rows])
             style["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
-        data.append(plot.scatter("lines+markers", level, found, joint, **style))
+        data.append(plot.scatter("lines+markers", level, coverage, joint, **style))
     lowest = min(stated[0], *(score.coverage for score in evaluation.intervals))
     across = [low - margin, min(high + margin, 100.0)]
     x = plot.axis("stated [%]", range=across, tickvals=[100 * level for level in stated])

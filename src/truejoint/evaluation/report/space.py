@@ -87,12 +87,12 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
     ]
     cell = cells[0] * count + cells[1]
     rows = np.bincount(cell, minlength=count**2)
-    seen = np.flatnonzero(rows >= _FEW)
+    visited = np.flatnonzero(rows >= _FEW)
     middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    x, y = middle[0][seen // count], middle[1][seen % count]
+    x, y = middle[0][visited // count], middle[1][visited % count]
     for column, joint, unit in evaluation.shown_joints():
         square = np.square(unit.scale * evaluation.error(evaluation.chosen, column))
-        layers = [(f"RMSE [{unit.name}]", np.sqrt(_means(square, cell, rows)[seen]))]
+        layers = [(f"RMSE [{unit.name}]", np.sqrt(_means(square, cell, rows)[visited]))]
         bounds = [(t.lower, t.upper) for t in evaluation.traces]
         half = [
             0.5 * (high - low)[:, column]
@@ -103,7 +103,7 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
             known = np.isfinite(np.concatenate(half))
             width = np.where(known, unit.scale * np.concatenate(half), 0.0)
             counts = np.bincount(cell, known, minlength=count**2)
-            mean = _means(width, cell, np.maximum(counts, 1))[seen]
+            mean = _means(width, cell, np.maximum(counts, 1))[visited]
             layers.append((f"half-width [{unit.name}]", mean))
         panels: list[plot.Panel] = []
         for (title, values), domain in zip(layers, plot.columns(len(layers), 0.2), strict=True):
