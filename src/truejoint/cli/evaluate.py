@@ -105,7 +105,7 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
     if result.domain is not None:
         if result.domain.inside < 1.0:
             out.print(truejoint.evaluation.domain_table(result))
-        say(truejoint.evaluation.view.domain_line(result))
+        say(truejoint.evaluation.score_rows.domain_line(result))
     verdict = result.verdict
     show_verdict(verdict)
     if verdict.advice and verdict.advice not in verdict.doubts:

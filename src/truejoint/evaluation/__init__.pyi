@@ -1,6 +1,3 @@
-from .comparison import Difference as Difference
-from .comparison import compare as compare
-from .comparison import simplest as simplest
 from .deployment import to_deploy as to_deploy
 from .evaluate import evaluate as evaluate
 from .judge import Corrects as Corrects
@@ -10,6 +7,9 @@ from .metrics import mean_error as mean_error
 from .metrics import percent_of as percent_of
 from .metrics import rmse as rmse
 from .metrics import tool_error as tool_error
+from .paired_test import Difference as Difference
+from .paired_test import compare as compare
+from .paired_test import simplest as simplest
 from .report import render_report as render_report
 from .report import write_comparison as write_comparison
 from .report import write_report as write_report
@@ -24,13 +24,13 @@ from .results import Stretch as Stretch
 from .results import Trace as Trace
 from .results import Verdict as Verdict
 from .results import estimator_title as estimator_title
+from .score_rows import domain_table as domain_table
+from .score_rows import interval_table as interval_table
+from .score_rows import score_table as score_table
+from .score_tables import ScoreTable as ScoreTable
+from .score_tables import score_tables as score_tables
+from .score_tables import write_tables as write_tables
 from .splits import part_by_time as part_by_time
 from .splits import split_by_file as split_by_file
 from .splits import split_by_time as split_by_time
-from .tables import ScoreTable as ScoreTable
-from .tables import score_tables as score_tables
-from .tables import write_tables as write_tables
 from .verdict import judge as judge
-from .view import domain_table as domain_table
-from .view import interval_table as interval_table
-from .view import score_table as score_table

@@ -9,7 +9,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
-from truejoint.evaluation.comparison import compare, simplest
+from truejoint.evaluation.paired_test import compare, simplest
 from truejoint.evaluation.results import OFFSET, RAW, Trace
 
 PLAIN: Final = frozenset({RAW, OFFSET, "linear"})

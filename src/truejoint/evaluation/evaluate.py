@@ -16,7 +16,6 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, other_kind, unknown
 from truejoint.evaluation import scoring
-from truejoint.evaluation.comparison import compare
 from truejoint.evaluation.deployment import PLAIN, to_deploy
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.judge import (
@@ -27,6 +26,7 @@ from truejoint.evaluation.judge import (
     why_no_cartesian,
 )
 from truejoint.evaluation.metrics import rmse
+from truejoint.evaluation.paired_test import compare
 from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,

@@ -13,7 +13,7 @@ from scipy.special import stdtrit
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError, other_kind, unknown
 from truejoint.estimators import registry
-from truejoint.evaluation.comparison import Outcome
+from truejoint.evaluation.paired_test import Outcome
 from truejoint.runtime import Status
 from truejoint.summary import Summarised, json_values
 from truejoint.units import DisplayUnit, display_unit, with_unit

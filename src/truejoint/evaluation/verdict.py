@@ -13,7 +13,7 @@ from truejoint.array_types import Array
 from truejoint.calibration.origin import Origin
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, unknown
-from truejoint.evaluation.comparison import Outcome
+from truejoint.evaluation.paired_test import Outcome
 from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,

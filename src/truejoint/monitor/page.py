@@ -17,8 +17,8 @@ from truejoint.drawing import Panel
 from truejoint.errors import TruejointError
 from truejoint.extras import require
 from truejoint.monitor import markup, panels
+from truejoint.monitor.arm_drawing import ArmDrawing, Drawing, can_draw
 from truejoint.monitor.condition import Condition
-from truejoint.monitor.drawing import ArmDrawing, Drawing, can_draw
 from truejoint.monitor.samples import Samples
 from truejoint.robots import Robot
 

@@ -16,7 +16,7 @@ from typing import Any, Final
 import jinja2
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation import view
+from truejoint.evaluation import score_rows as view
 from truejoint.evaluation.report import curves, plot, residuals, space
 from truejoint.evaluation.results import (
     Evaluation,
@@ -24,7 +24,7 @@ from truejoint.evaluation.results import (
     estimator_phrase,
     estimator_title,
 )
-from truejoint.evaluation.tables import score_tables
+from truejoint.evaluation.score_tables import score_tables
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.table.recording import Recording

@@ -1,4 +1,4 @@
-"""Tests of truejoint.monitor.drawing."""
+"""Tests of truejoint.monitor.arm_drawing."""
 
 import numpy as np
 import pytest
@@ -6,7 +6,7 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.crtk.cartesian import pose
 from truejoint.errors import RobotError
-from truejoint.monitor.drawing import ArmDrawing, can_draw
+from truejoint.monitor.arm_drawing import ArmDrawing, can_draw
 from truejoint.robots import get_robot
 from truejoint.robots.robot import read_robot
 

@@ -17,7 +17,7 @@ from truejoint.errors import CalibrationError
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.page import render_figures, write_page
 from truejoint.evaluation.report.plot import Figure, Panel
-from truejoint.evaluation.view import Row
+from truejoint.evaluation.score_rows import Row
 from truejoint.tip import TouchReport
 from truejoint.units import with_unit
 

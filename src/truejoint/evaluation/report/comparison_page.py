@@ -12,13 +12,13 @@ import numpy as np
 
 from truejoint import drawing
 from truejoint.errors import CalibrationError
-from truejoint.evaluation.comparison import compare
+from truejoint.evaluation.paired_test import compare
 from truejoint.evaluation.report.curves import error_shares
 from truejoint.evaluation.report.page import facts, render_figures, write_page
 from truejoint.evaluation.report.plot import Figure
 from truejoint.evaluation.report.residuals import error_panels
 from truejoint.evaluation.results import Evaluation
-from truejoint.evaluation.view import Row
+from truejoint.evaluation.score_rows import Row
 
 
 def write_comparison(

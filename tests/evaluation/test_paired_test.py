@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from truejoint.evaluation.comparison import compare, correlation_time, simplest
+from truejoint.evaluation.paired_test import compare, correlation_time, simplest
 
 
 def _slow(random: np.random.Generator, n: int, memory: float) -> np.ndarray:
