@@ -84,13 +84,23 @@ def test_a_plain_function_that_raises_counts_as_failed(z, capfd):
         pendulum(measurement=lambda x, u, parameters, out: None)
 
 
-def test_the_textbook_of_the_docs_gives_the_kernels_numbers(unscented, z):
+def blocks_of_the_page() -> list[str]:
     page = Path(__file__).parents[2] / "docs" / "filter.md"
-    (code,) = (
-        block
-        for block in re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
-        if "def textbook" in block
-    )
+    return re.findall(r"```python\n(.*?)```", page.read_text("utf-8"), re.DOTALL)
+
+
+def test_the_example_of_the_docs_runs(tmp_path):
+    path = tmp_path / "example.py"  # numba keeps what it compiles beside the source
+    path.write_text(blocks_of_the_page()[0])
+    names: dict = {}
+    exec(compile(path.read_text(), str(path), "exec"), names)  # noqa: S102 - our own page
+    assert names["status"] == 0
+    assert (names["result"].status[100:150] == FilterStatus.MISSING).all()
+    assert (names["smooth"].P[:, 0, 0] <= names["result"].P[:, 0, 0] * (1 + 1e-9)).all()
+
+
+def test_the_textbook_of_the_docs_gives_the_kernels_numbers(unscented, z):
+    (code,) = (block for block in blocks_of_the_page() if "def textbook" in block)
     names: dict = {}
     exec(code, names)  # noqa: S102 - our own page
 

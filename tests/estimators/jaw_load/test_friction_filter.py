@@ -7,7 +7,6 @@ import pytest
 from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, steps
 
 from truejoint.calibration import calibrate
-from truejoint.errors import CalibrationError
 from truejoint.estimators import FrictionFilter
 from truejoint.estimators.jaw_load import learn as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, SHOWN
@@ -85,22 +84,6 @@ def test_garbage_leaves_it_finite(pair, model):
     states = model.states(X, steps(pair.verification)[:2000])
     assert np.isfinite(states.angle).all()
     assert np.isfinite(states.load).all()
-
-
-@pytest.mark.parametrize(
-    "broken",
-    [
-        {"widths": ()},
-        {"widths": (0.0,)},
-        {"drive_stiffness": -1.0},
-        {"stretch_drift": float("inf")},
-        {"gear_ratio": 0.9},
-        {"stiffness_error": 2.0},
-    ],
-)
-def test_wrong_parameters_are_refused(pair, broken):
-    with pytest.raises(CalibrationError):
-        fitted(pair, FrictionFilter(**broken))
 
 
 def test_friction_that_drifts_is_less_sure_of_itself(pair):

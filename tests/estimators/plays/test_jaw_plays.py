@@ -64,19 +64,6 @@ def test_a_load_is_not_taken_for_a_motion(pair):
 
 
 @pytest.mark.parametrize(
-    ("model", "said"),
-    [
-        (JawPlays(plays=(1e-5, -1e-5)), "plays is .*; it must be 0 to 32 half-widths"),
-        (JawPlays(penalty=-1.0), "penalty is -1.0; it must be a number from 0"),
-        (GatedPlays(gate=0.0), "gate is 0.0"),
-    ],
-)
-def test_wrong_parameters_are_refused(pair, model, said):
-    with pytest.raises(CalibrationError, match=said):
-        fitted(pair, model)
-
-
-@pytest.mark.parametrize(
     "signals",
     [
         (),

@@ -55,8 +55,8 @@ class CableHybrid(CableFilter):
 
     @property
     def _bank(self) -> Params:
-        known: Params = vars(self).get("bank_", WRIST_PLAYS.model_params())
-        return known
+        params: Params = vars(self).get("bank_", WRIST_PLAYS.model_params())
+        return params
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -76,37 +76,41 @@ class CableHybrid(CableFilter):
         return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        filtered, found = self._identified(X, y, dt, lambda done: progress(_FILTERED * done))
+        filtered, filter_states = self._identified(
+            X, y, dt, lambda done: progress(_FILTERED * done)
+        )
         parameters = filtered["parameters"]
         raw = cable_hybrid.raw_rows(X, parameters)
         # Of a load that calibration does not have, the filter's word is all there is.
-        load = np.where(np.ptp(self._loads, axis=0) > NO_LOAD, self._loads, found.load)
+        load = np.where(np.ptp(self._loads, axis=0) > NO_LOAD, self._loads, filter_states.load)
         wanted = np.hstack([y - raw, load])
-        seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
-        plays = clone(WRIST_PLAYS).fit(seen, wanted, dt=dt)
+        inputs = cable_hybrid.sight(X, filter_states.angle, filter_states.states, parameters)
+        plays = clone(WRIST_PLAYS).fit(inputs, wanted, dt=dt)
         self.bank_: Params = plays.model_params()
-        own = _told(plays, found, X, dt, parameters)
-        left = np.hstack([y - own.angle, self._loads - own.load])
-        filtered["structure"] = self._structure(own, X, y, dt) * _unseen(plays, left, wanted)
+        estimate = _told(plays, filter_states, X, dt, parameters)
+        errors = np.hstack([y - estimate.angle, self._loads - estimate.load])
+        filtered["structure"] = self._structure(estimate, X, y, dt) * _unseen(plays, errors, wanted)
         progress(1.0)
         return cable_hybrid.joined(filtered, plays.arrays_)
 
 
-def _told(plays: Plays, found: CableStates, X: Array, dt: Array, parameters: Array) -> CableStates:
-    """Give what plays make of what the filter `found`; its deviations stay."""
-    seen = cable_hybrid.sight(X, found.angle, found.states, parameters)
-    told = plays.evaluate(seen, dt)
-    angle = cable_hybrid.raw_rows(X, parameters) + told[:, : r.N]
-    return replace(found, angle=angle, load=told[:, r.N :])
+def _told(
+    plays: Plays, filter_states: CableStates, X: Array, dt: Array, parameters: Array
+) -> CableStates:
+    """Estimate of the plays from that of the filter, whose deviations stay."""
+    inputs = cable_hybrid.sight(X, filter_states.angle, filter_states.states, parameters)
+    outputs = plays.evaluate(inputs, dt)
+    angle = cable_hybrid.raw_rows(X, parameters) + outputs[:, : r.N]
+    return replace(filter_states, angle=angle, load=outputs[:, r.N :])
 
 
-def _unseen(plays: Plays, left: Array, wanted: Array) -> Array:
+def _unseen(plays: Plays, errors: Array, wanted: Array) -> Array:
     """By how much squares of errors (4, 3) are larger on blocks that plays were not fitted to.
 
-    Of joints and loads they leave `left` (n, 6), and were fitted to `wanted` (n, 6); rows as of
+    Of joints and loads they leave `errors` (n, 6), and were fitted to `wanted` (n, 6); rows as of
     `structure`.
     """
-    known = np.isfinite(wanted).all(axis=1)
-    blocks = np.square(plays.model_.errors_ * wanted[known].std(axis=0))
-    grown = np.maximum(blocks / np.mean(np.square(left[known]), axis=0), 1.0)
+    has_truth = np.isfinite(wanted).all(axis=1)
+    blocks = np.square(plays.model_.errors_ * wanted[has_truth].std(axis=0))
+    grown = np.maximum(blocks / np.mean(np.square(errors[has_truth]), axis=0), 1.0)
     return np.repeat(grown.reshape(2, r.N), 2, axis=0)

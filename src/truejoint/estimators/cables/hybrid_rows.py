@@ -15,15 +15,15 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, vector
+from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.cables import run as cable_filter
-from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
+from truejoint.estimators.cables.loops import LOAD, PIN, RIGID, N
 from truejoint.estimators.cables.run import LOADS, cable_filter_row, raw_joints, state_load
 from truejoint.estimators.family import EstimatorData, Params, Rule, Shape
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.run import play_bank_row
-from truejoint.filters import fields as at
+from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 SEEN: Final = 6 * N
@@ -33,17 +33,18 @@ TOLD: Final = 2 * N
 _BANK: Final = "bank/"  # begins the names of their arrays
 
 LAYOUT: Final = Layout()
-DEVIATIONS: Final = LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
-BESIDE: Final = LAYOUT.scalar("beside_deviations", "that a load's half-width is")
+LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
+LAYOUT.scalar("beside_deviations", "that a load's half-width is")
 STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
-SIGHT: Final = LAYOUT.array("sight", "what plays see")
-SPEECH: Final = LAYOUT.array("speech", "what they tell")
-WIDTH: Final = LAYOUT.array("width", "of it, which is not used")
-GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]")
-TIP_FIRST: Final = LAYOUT.array("tip_first", "torque of the tip's first arm, its half-width [Nm]")
-TIP_SECOND: Final = LAYOUT.array("tip_second", "torque of its second arm, its half-width [Nm]")
+LAYOUT.array("inputs", "of the plays", SEEN)
+LAYOUT.array("outputs", "of the plays", TOLD)
+LAYOUT.array("width", "of these, which is not used", TOLD)
+LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
+LAYOUT.array("tip_first", "torque of the tip's first arm, its half-width [Nm]", 2)
+LAYOUT.array("tip_second", "torque of its second arm, its half-width [Nm]", 2)
 FILTER: Final = LAYOUT.part("filter", "of friction of loops, motors and pins, and loads")
 BANK: Final = LAYOUT.part("bank", "plays of what the filter says")
+unpack = LAYOUT.unpacker()
 
 
 def sight(X: Array, angle: Array, states: Array, parameters: Array) -> Array:
@@ -61,16 +62,15 @@ def raw_rows(X: Array, parameters: Array) -> Array:
 
 
 @compiled
-def take_sight(numbers: Integers, memory: Array, x: Array, angle: Array, seen: Array) -> None:
-    """Fill `seen` (SEEN,) as `sight`, of the memory of the filter of the cables."""
-    own = part_numbers(numbers, cable_filter.FILTER)
-    state = part_memory(numbers, memory, cable_filter.FILTER)
-    estimate = vector(state, own[at.X], STATES)
-    raw_joints(x, vector(state, own[at.THETA], PARAMETERS), seen)
+def take_sight(numbers: Integers, memory: Array, x: Array, angle: Array, inputs: Array) -> None:
+    """Fill `inputs` (SEEN,) as `sight`, of the memory of the filter of the cables."""
+    sizes = part_numbers(numbers, cable_filter.FILTER)
+    f = unpack_filter(sizes, part_memory(numbers, memory, cable_filter.FILTER))
+    raw_joints(x, f.theta, inputs)
     for j in range(N):
-        seen[N + j], seen[2 * N + j] = x[j], x[N + j]
-        seen[3 * N + j] = angle[j] - seen[j]
-        seen[4 * N + j], seen[5 * N + j] = estimate[LOAD + j], estimate[PIN + j]
+        inputs[N + j], inputs[2 * N + j] = x[j], x[N + j]
+        inputs[3 * N + j] = angle[j] - inputs[j]
+        inputs[4 * N + j], inputs[5 * N + j] = f.x[LOAD + j], f.x[PIN + j]
 
 
 @compiled
@@ -78,27 +78,26 @@ def cable_hybrid_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the filter of the cables, and by plays of what it says."""
-    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    if memory[STARTED] == 0.0:
+    m = unpack(numbers, memory)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    if m.started == 0.0:
         dt = 0.0
-    state[cable_filter.DEVIATIONS], state[cable_filter.BESIDE] = memory[DEVIATIONS], memory[BESIDE]
-    cable_filter_row(own, state, dt, x, out, half_width)
+    state[cable_filter.DEVIATIONS] = m.deviations
+    state[cable_filter.BESIDE] = m.beside_deviations
+    cable_filter_row(sizes, state, dt, x, out, half_width)
     memory[STARTED] = 0.0 if isnan(out[0]) else 1.0
-    if memory[STARTED] == 0.0:
+    if isnan(out[0]):
         return  # plays would remember it
-    seen = vector(memory, numbers[SIGHT], SEEN)
-    told = vector(memory, numbers[SPEECH], TOLD)
-    take_sight(own, state, x, out, seen)
-    width = vector(memory, numbers[WIDTH], TOLD)
+    take_sight(sizes, state, x, out, m.inputs)
     play_bank_row(
-        part_numbers(numbers, BANK), part_memory(numbers, memory, BANK), dt, seen, told, width
-    )
+        part_numbers(numbers, BANK), part_memory(numbers, memory, BANK), dt, m.inputs,
+        m.outputs, m.width,
+    )  # fmt: skip
     for j in range(N):
-        out[j] = seen[j] + told[j]
-    first, second = cable_filter.TIP_FIRST, cable_filter.TIP_SECOND
-    state_load(vector(memory, numbers[GRIP], 2), told[N], state[own[cable_filter.GRIP] + 1])
-    state_load(vector(memory, numbers[TIP_FIRST], 2), told[N + 1], state[own[first] + 1])
-    state_load(vector(memory, numbers[TIP_SECOND], 2), told[N + 2], state[own[second] + 1])
+        out[j] = m.inputs[j] + m.outputs[j]
+    state_load(m.grip, m.outputs[N], state[sizes[cable_filter.GRIP] + 1])
+    state_load(m.tip_first, m.outputs[N + 1], state[sizes[cable_filter.TIP_FIRST] + 1])
+    state_load(m.tip_second, m.outputs[N + 2], state[sizes[cable_filter.TIP_SECOND] + 1])
 
 
 def parts(arrays: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, Array]]:
@@ -113,24 +112,24 @@ def joined(filtered: Mapping[str, Array], bank: Mapping[str, Array]) -> dict[str
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    own = cable_filter.FAMILY.shapes(params, n_features, n_outputs)
+    of_filter = cable_filter.FAMILY.shapes(params, n_features, n_outputs)
     bank = play_bank.FAMILY.shapes(params["bank"], SEEN, TOLD)
-    return {**own, **{_BANK + name: shape for name, shape in bank.items()}}
+    return {**of_filter, **{_BANK + name: shape for name, shape in bank.items()}}
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
     filtered, bank = parts(arrays)
-    own = EstimatorData(play_bank.FAMILY.name, params["bank"], bank)
+    plays = EstimatorData(play_bank.FAMILY.name, params["bank"], bank)
     return LAYOUT.pack(
         beside_deviations=1.0,
-        sight=np.zeros(SEEN),
-        speech=np.zeros(TOLD),
+        inputs=np.zeros(SEEN),
+        outputs=np.zeros(TOLD),
         width=np.zeros(TOLD),
         **dict.fromkeys(LOADS, np.zeros(2)),
         filter=cable_filter.FAMILY.memory(
             EstimatorData(cable_filter.FAMILY.name, params, filtered), n_features, n_outputs
         ),
-        bank=play_bank.FAMILY.memory(own, SEEN, TOLD),
+        bank=play_bank.FAMILY.memory(plays, SEEN, TOLD),
     )
 
 

@@ -68,22 +68,22 @@ class ElasticJointHybrid(ElasticJointFilter):
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         filtered = super()._learn(X, y, dt, lambda done: progress(_FILTERED * done))
-        known = np.flatnonzero(self._known(y))
-        kept = np.zeros(len(X), dtype=bool)
-        kept[known[:: -(-len(known) // _ROWS)]] = True
-        low, high = X[known].min(axis=0), X[known].max(axis=0)
+        with_truth = np.flatnonzero(self._known(y))
+        chosen = np.zeros(len(X), dtype=bool)
+        chosen[with_truth[:: -(-len(with_truth) // _ROWS)]] = True
+        low, high = X[with_truth].min(axis=0), X[with_truth].max(axis=0)
         scales = {"centre": 0.5 * (low + high), "inverse_half_range": 2.0 / (high - low)}
         motion = motion_of(X, filtered["scales"], dt)
         states, _ = run(ElasticJoint.from_arrays(filtered), motion, float(filtered["scales"][3]))
-        columns = output_terms(motion.angle, states)[kept]
-        told = np.column_stack([columns @ response for response in filtered["outputs"]])
-        seen = self._sight(scales, X, dt, kept, states[kept], told)
-        left, history = self._targets(y, dt)[kept] - told, motion.history[kept]
-        sums = [_angle_trees(seen, elastic_hybrid.n_plays(self.found_), left[:, 0], history)]
+        columns = output_terms(motion.angle, states)[chosen]
+        outputs = np.column_stack([columns @ response for response in filtered["outputs"]])
+        inputs = self._sight(scales, X, dt, chosen, states[chosen], outputs)
+        residual, history = self._targets(y, dt)[chosen] - outputs, motion.history[chosen]
+        sums = [_angle_trees(inputs, elastic_hybrid.n_plays(self.found_), residual[:, 0], history)]
         progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
-        sums += [_torque_trees(seen, torque) for torque in left.T[1:]]
+        sums += [_torque_trees(inputs, torque) for torque in residual.T[1:]]
         progress(1.0)
-        trees = trees_data(sums, np.zeros(seen.shape[1]), np.ones(seen.shape[1]))
+        trees = trees_data(sums, np.zeros(inputs.shape[1]), np.ones(inputs.shape[1]))
         self.found_ = {**self.found_, **trees.params}
         return elastic_hybrid.joined(filtered, scales, trees.arrays)
 
@@ -102,46 +102,46 @@ class ElasticJointHybrid(ElasticJointFilter):
             )
         return super().estimate(X, dt)
 
-    def _beyond(self, X: Array, dt: Array, states: Array, told: Array) -> Array:
+    def _beyond(self, X: Array, dt: Array, states: Array, outputs: Array) -> Array:
         _, scales, data = elastic_hybrid.parts(self.model_params(), self.arrays_)
-        seen = self._sight(scales, X, dt, np.ones(len(X), dtype=bool), states, told)
-        return WrappedRegressor.from_data(data, seen.shape[1], told.shape[1]).evaluate(seen)
+        inputs = self._sight(scales, X, dt, np.ones(len(X), dtype=bool), states, outputs)
+        return WrappedRegressor.from_data(data, inputs.shape[1], outputs.shape[1]).evaluate(inputs)
 
     def _sight(
-        self, scales: Arrays, X: Array, dt: Array, kept: Flags, states: Array, told: Array
+        self, scales: Arrays, X: Array, dt: Array, chosen: Flags, states: Array, outputs: Array
     ) -> Array:
-        """Give what trees see in rows `kept` (n,) of `X` (n, 2); states and what is told of those.
+        """Give the trees' inputs in rows `chosen` (n,) of `X` (n, 2), at these `states`.
 
-        Of the latter the angle alone: trees that see the torque err more between loads.
+        Of its `outputs` the angle alone: trees that see the torque err more between loads.
         """
         bank = elastic_hybrid.bank(self.model_params())
-        plays = play_bank.expand_rows(bank, scales, X, dt, kept)
-        return np.hstack([plays, states, told[:, :1]])
+        plays = play_bank.expand_rows(bank, scales, X, dt, chosen)
+        return np.hstack([plays, states, outputs[:, :1]])
 
 
-def _angle_trees(seen: Array, n_plays: int, left: Array, history: Integers) -> TreeSum:
-    """Mean of trees that see plays, fitted to what is `left` (n,) less `zeros`, and of others.
+def _angle_trees(inputs: Array, n_plays: int, residual: Array, history: Integers) -> TreeSum:
+    """Mean of trees that see plays, fitted to `residual` (n,) less `zeros`, and of others.
 
-    The others see all that is `seen` (n, k), plays in the first `n_plays` columns.
+    The others see all `inputs` (n, k), of which the first `n_plays` columns are plays.
     """
-    plays, unfitted = seen[:, :n_plays], registry.member("boosted_trees")
-    zero = zeros(unfitted, plays, left[:, None], history)[:, 0]
-    both = ((plays, left - zero), (seen, left))
+    plays, unfitted = inputs[:, :n_plays], registry.member("boosted_trees")
+    zero = zeros(unfitted, plays, residual[:, None], history)[:, 0]
+    both = ((plays, residual - zero), (inputs, residual))
     return added([_fitted(unfitted, *rows).rescaled(0.0, 0.5) for rows in both])
 
 
-def _torque_trees(seen: Array, left: Array) -> TreeSum:
-    """Trees on what is `seen` (n, k), fitted to what is `left` (n,) of the torque, NaN: unknown."""
-    rows = np.isfinite(left)
+def _torque_trees(inputs: Array, residual: Array) -> TreeSum:
+    """Trees on `inputs` (n, k), fitted to the torque's `residual` (n,), NaN where unknown."""
+    rows = np.isfinite(residual)
     unfitted = registry.member("boosted_trees").set_params(max_features=_ASKED)
-    return _fitted(unfitted, seen[rows], left[rows])
+    return _fitted(unfitted, inputs[rows], residual[rows])
 
 
 def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:
     """Trees of a clone that is fitted to rows `X` (n, k) and targets `y` (n,)."""
-    found = tree_sum(clone(unfitted).fit(X, y))
-    assert found is not None  # noqa: S101  # boosted trees are one
-    return found
+    trees = tree_sum(clone(unfitted).fit(X, y))
+    assert trees is not None  # noqa: S101  # boosted trees are one
+    return trees
 
 
 def zeros(model: Regressor, X: Array, y: Array, history: Integers) -> Array:
@@ -155,26 +155,26 @@ def zeros(model: Regressor, X: Array, y: Array, history: Integers) -> Array:
     load, and where there are fewer than five.
     """
     some = slice(None, None, -(-len(y) // _JUDGED))
-    names, own = np.unique(history[some], return_inverse=True)
-    found = np.zeros((int(history.max()) + 1, y.shape[1]))
+    names, place = np.unique(history[some], return_inverse=True)
+    zero_of = np.zeros((int(history.max()) + 1, y.shape[1]))
     if len(names) < BLOCKS:
-        return found[history]
+        return zero_of[history]
     X, y = X[some], y[some]
-    part = (np.random.default_rng(0).permutation(len(names)) % BLOCKS)[own]
-    left = y - _by_others(model, X, y, part)
-    sums = np.column_stack([np.bincount(own, column) for column in left.T])
-    zero = _BELIEVED * sums / np.bincount(own)[:, None]
-    without = y - _by_others(model, X, y - zero[own], part)
-    pays = np.mean(without**2, axis=0) < np.mean(left**2, axis=0)
-    found[names] = np.where(pays, zero, 0.0)
-    return found[history]
+    part = (np.random.default_rng(0).permutation(len(names)) % BLOCKS)[place]
+    residual = y - _by_others(model, X, y, part)
+    sums = np.column_stack([np.bincount(place, column) for column in residual.T])
+    zero = _BELIEVED * sums / np.bincount(place)[:, None]
+    without = y - _by_others(model, X, y - zero[place], part)
+    pays = np.mean(without**2, axis=0) < np.mean(residual**2, axis=0)
+    zero_of[names] = np.where(pays, zero, 0.0)
+    return zero_of[history]
 
 
 def _by_others(model: Regressor, X: Array, y: Array, part: Integers) -> Array:
     """Predict (n, n_outputs) each part of the rows by clones that are fitted to the others."""
     out = np.empty_like(y)
     for number in range(BLOCKS):
-        own = part == number
+        rows = part == number
         for j in range(y.shape[1]):
-            out[own, j] = clone(model).fit(X[~own], y[~own, j]).predict(X[own])
+            out[rows, j] = clone(model).fit(X[~rows], y[~rows, j]).predict(X[rows])
     return out

@@ -22,7 +22,7 @@ from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.run import expand
 from truejoint.estimators.trees import run as trees
 from truejoint.estimators.trees.run import trees_row
-from truejoint.filters import fields as at
+from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 SIGNALS: Final = 2
@@ -39,14 +39,15 @@ SIZES: Final = tuple(trees.FAMILY.rules)
 LAYOUT: Final = Layout()
 BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
 STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
-N_STATES: Final = LAYOUT.integer("n_states", "of the filter")
-N_PLAYS: Final = LAYOUT.integer("n_plays", "signals, their plays and low-passes")
-SEEN: Final = LAYOUT.array("seen", "by the trees: these, states and angle of the filter")
-LEFT: Final = LAYOUT.array("left", "by the filter, as the trees tell")
-TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]")
+LAYOUT.integer("n_states", "of the filter")
+LAYOUT.integer("n_plays", "signals, their plays and low-passes")
+LAYOUT.array("inputs", "of the trees: these, states and angle of the filter", "n_inputs")
+LAYOUT.array("residual", "of the filter, as the trees tell", "n_told")
+LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
 FILTER: Final = LAYOUT.part("filter", "of the elastic joint")
 PLAYS: Final = LAYOUT.part("plays", "of its signals")
 TREES: Final = LAYOUT.part("trees", "of what it leaves")
+unpack = LAYOUT.unpacker()
 
 
 def n_states(params: Params) -> int:
@@ -74,72 +75,70 @@ def elastic_hybrid_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the filter of the elastic joint, and by trees on what it and plays say."""
-    own, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    state[elastic_joint.BESIDE] = memory[BESIDE]
-    elastic_joint_row(own, state, dt, x, out, half_width)
-    torque = vector(memory, numbers[TOLD], 2)
-    copy(vector(state, own[elastic_joint.TOLD], 2), torque, 2)
-    if memory[STARTED] == 0.0:
+    m = unpack(numbers, memory)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    state[elastic_joint.BESIDE] = m.beside_deviations
+    elastic_joint_row(sizes, state, dt, x, out, half_width)
+    copy(vector(state, sizes[elastic_joint.TOLD], 2), m.torque, 2)
+    if m.started == 0.0:
         dt = 0.0
     memory[STARTED] = 0.0 if isnan(out[0]) else 1.0
-    if memory[STARTED] == 0.0:
+    if isnan(out[0]):
         return  # plays would remember it
-    n, first, n_told = numbers[N_STATES], numbers[N_PLAYS], own[elastic_joint.N_TOLD]
-    seen = vector(memory, numbers[SEEN], first + n + 1)
-    plays = part_numbers(numbers, PLAYS)
-    expand(plays, part_memory(numbers, memory, PLAYS), dt, x, seen)
-    inner = part_numbers(own, elastic_joint.FILTER)
-    estimate = vector(part_memory(own, state, elastic_joint.FILTER), inner[at.X], n)
-    for i in range(n):
-        seen[first + i] = estimate[i]
-    seen[first + n] = out[0]
-    left = vector(memory, numbers[LEFT], n_told)
-    walked = part_numbers(numbers, TREES)
-    trees_row(walked, part_memory(numbers, memory, TREES), dt, seen, left, half_width)
-    out[0] += left[0]
-    if n_told > 1:
-        torque[0] += left[1]
+    expand(part_numbers(numbers, PLAYS), part_memory(numbers, memory, PLAYS), dt, x, m.inputs)
+    inner = part_numbers(sizes, elastic_joint.FILTER)
+    f = unpack_filter(inner, part_memory(sizes, state, elastic_joint.FILTER))
+    for i in range(m.n_states):
+        m.inputs[m.n_plays + i] = f.x[i]
+    m.inputs[m.n_plays + m.n_states] = out[0]
+    trees_row(
+        part_numbers(numbers, TREES), part_memory(numbers, memory, TREES), dt, m.inputs,
+        m.residual, half_width,
+    )  # fmt: skip
+    out[0] += m.residual[0]
+    if m.n_told > 1:
+        m.torque[0] += m.residual[1]
 
 
 def parts(
     params: Params, arrays: Mapping[str, Array]
 ) -> tuple[dict[str, Array], dict[str, Array], EstimatorData]:
     """Arrays of the filter, those by which signals are scaled for plays, and the trees as data."""
-    filtered, found = dict(arrays), {}
+    filtered, learnt = dict(arrays), {}
     for name in [name for name in arrays if name.startswith(_TREES)]:
-        found[name.removeprefix(_TREES)] = filtered.pop(name)
+        learnt[name.removeprefix(_TREES)] = filtered.pop(name)
     scales = {name: filtered.pop(name) for name in ("centre", "inverse_half_range")}
     sizes = {name: params[name] for name in SIZES}
-    return filtered, scales, EstimatorData(trees.FAMILY.name, sizes, found)
+    return filtered, scales, EstimatorData(trees.FAMILY.name, sizes, learnt)
 
 
 def joined(
-    filtered: Mapping[str, Array], scales: Mapping[str, Array], found: Mapping[str, Array]
+    filtered: Mapping[str, Array], scales: Mapping[str, Array], learnt: Mapping[str, Array]
 ) -> dict[str, Array]:
     """Arrays of the family, of those of the filter, of the scales of signals, and of the trees."""
-    return {**filtered, **scales, **{_TREES + name: array for name, array in found.items()}}
+    return {**filtered, **scales, **{_TREES + name: array for name, array in learnt.items()}}
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    own = elastic_joint.FAMILY.shapes(params, n_features, n_outputs)
+    of_filter = elastic_joint.FAMILY.shapes(params, n_features, n_outputs)
     scales: dict[str, Shape] = {"centre": (SIGNALS,), "inverse_half_range": (SIGNALS,)}
-    found = trees.FAMILY.shapes(params, n_seen(params), n_told(params))
-    return {**own, **scales, **{_TREES + name: shape for name, shape in found.items()}}
+    of_trees = trees.FAMILY.shapes(params, n_seen(params), n_told(params))
+    return {**of_filter, **scales, **{_TREES + name: shape for name, shape in of_trees.items()}}
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
-    filtered, scales, found = parts(params, arrays)
-    own = {name: params[name] for name in elastic_joint.FAMILY.rules}
-    data = EstimatorData(elastic_joint.FAMILY.name, own, filtered)
+    filtered, scales, learnt = parts(params, arrays)
+    chosen = {name: params[name] for name in elastic_joint.FAMILY.rules}
+    data = EstimatorData(elastic_joint.FAMILY.name, chosen, filtered)
     return LAYOUT.pack(
         n_states=n_states(params),
         n_plays=n_plays(params),
-        seen=np.zeros(n_seen(params)),
-        left=np.zeros(n_told(params)),
+        inputs=np.zeros(n_seen(params)),
+        residual=np.zeros(n_told(params)),
         torque=np.zeros(2),
         filter=elastic_joint.FAMILY.memory(data, n_features, n_outputs),
         plays=play_bank.packed(bank(params), scales, SIGNALS),
-        trees=trees.FAMILY.memory(found, n_seen(params), n_told(params)),
+        trees=trees.FAMILY.memory(learnt, n_seen(params), n_told(params)),
     )
 
 
