@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
+from tests.recordings.judge.faults import changed
 
 from truejoint.errors import RecordingError
 from truejoint.features import FeatureSet
@@ -17,11 +18,6 @@ from truejoint.robots import Joint, Robot
 @pytest.fixture
 def clean(recording_of: Callable[..., Recording]) -> Recording:
     return recording_of("davinci_grasper", seconds=60, load=0.5, homing_id="h1")
-
-
-def _changed(recording: Recording, **columns: np.ndarray) -> Recording:
-    named = {name.replace("__", "/"): values for name, values in columns.items()}
-    return replace(recording, table=recording.table.assign(**named))
 
 
 def _found(check: DataCheck, word: str) -> list[Finding]:
@@ -66,7 +62,7 @@ def test_a_gap_is_found(clean: Recording) -> None:
 
 def test_an_irregular_clock_is_found(clean: Recording) -> None:
     step = np.where(np.arange(len(clean)) % 3 == 0, 0.06, 0.02)
-    check = check_data([_changed(clean, t=np.cumsum(step))])
+    check = check_data([changed(clean, t=np.cumsum(step))])
     assert _found(check, "half off the median")
 
 
@@ -74,7 +70,7 @@ def test_an_irregular_clock_is_found(clean: Recording) -> None:
 def test_a_wrap_of_the_encoder_fails_the_check(clean: Recording, quantity: str) -> None:
     values = clean.column(f"{quantity}/jaw").copy()
     values[700:] += 2 * np.pi
-    check = check_data([_changed(clean, **{f"{quantity}__jaw": values})])
+    check = check_data([changed(clean, **{f"{quantity}__jaw": values})])
     (finding,) = _found(check, "whole turn")
     assert finding.level == "fail"
     assert finding.where == f"{quantity}/jaw in synthetic-0.csv"
@@ -84,7 +80,7 @@ def test_a_wrap_of_the_encoder_fails_the_check(clean: Recording, quantity: str) 
 def test_a_jump_is_no_wrap(clean: Recording) -> None:
     values = clean.column("measured/jaw").copy()
     values[700:] += 1.0
-    check = check_data([_changed(clean, measured__jaw=values)])
+    check = check_data([changed(clean, measured__jaw=values)])
     assert _found(check, "1 sudden jump,")[0].level == "warn"
     assert not _found(check, "whole turn")
 
@@ -95,7 +91,7 @@ def test_a_sensor_that_freezes_while_the_joint_moves(
 ) -> None:
     values = clean.column(f"{frozen}/jaw").copy()
     values[400:600] = values[400]
-    check = check_data([_changed(clean, **{f"{frozen}__jaw": values})])
+    check = check_data([changed(clean, **{f"{frozen}__jaw": values})])
     (finding,) = _found(check, "repeats one value")
     assert finding.level == level
     assert finding.where.startswith(f"{frozen}/jaw")
@@ -117,11 +113,11 @@ def test_a_constant_signal_is_found_but_not_on_an_unused_channel(
 def test_missing_truth_is_counted_and_its_end_found(clean: Recording) -> None:
     values = clean.column("truth/jaw").copy()
     values[len(values) * 7 // 10 :] = np.nan
-    check = check_data([_changed(clean, truth__jaw=values)])
+    check = check_data([changed(clean, truth__jaw=values)])
     assert _found(check, "30 % of the rows have no true position")[0].level == "warn"
     assert _found(check, "the truth stops 18.0 s before the end")
     values[len(values) * 4 // 10 :] = np.nan
-    assert check_data([_changed(clean, truth__jaw=values)]).failed
+    assert check_data([changed(clean, truth__jaw=values)]).failed
 
 
 def test_one_direction_and_rest_are_found() -> None:
@@ -162,7 +158,7 @@ def test_the_same_finding_of_many_recordings_is_one_line(
         recording = recording_of("davinci_grasper", seed=seed, seconds=60)
         values = recording.column("truth/jaw").copy()
         values[: 50 * (seed + 2)] = np.nan
-        recordings.append(_changed(recording, truth__jaw=values))
+        recordings.append(changed(recording, truth__jaw=values))
     (finding,) = _found(check_data(recordings), "no true position")
     assert finding.where == "truth/jaw in synthetic-3.csv and 3 more of 4 recordings"
 

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.recordings.judge.faults import by_heading, changed, stuck, unset
 
 from truejoint.crtk import simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow, random_motion
-from truejoint.recordings import DataCheck, Finding, Recorder, Recording, check_data, diagnose
+from truejoint.recordings import Recorder, Recording, check_data, diagnose
 from truejoint.recordings.judge.finding_names import FINDINGS, HEADING_OF, HEADINGS
 from truejoint.recordings.read.raven_csv import AMID
 
@@ -34,11 +35,6 @@ def healthy() -> Recording:
 @pytest.fixture(scope="module")
 def other() -> Recording:
     return record("right", 2)
-
-
-def changed(recording: Recording, **columns: np.ndarray) -> Recording:
-    named = {name.replace("__", "/"): values for name, values in columns.items()}
-    return replace(recording, table=recording.table.assign(**named))
 
 
 def scaled(recording: Recording, quantity: str, factor: float) -> Recording:
@@ -71,17 +67,6 @@ def wrapped(recording: Recording) -> Recording:
     return changed(
         recording, measured__elbow=np.where(elbow > np.median(elbow), elbow - 2 * np.pi, elbow)
     )
-
-
-def stuck(recording: Recording) -> Recording:
-    truth = recording.column("truth/elbow").copy()
-    truth[300:900] = truth[300]
-    return changed(recording, truth__elbow=truth)
-
-
-def silent(recording: Recording) -> Recording:
-    names = {f"effort/{j}": np.zeros(len(recording)) for j in recording.joints_of("effort")}
-    return replace(recording, table=recording.table.assign(**names))
 
 
 def without_truth(recording: Recording, share: float) -> Recording:
@@ -120,9 +105,9 @@ ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     "messages lost": (lambda r: gone(r, 600, 700), "lost messages", "warn"),
     "degrees": (lambda r: scaled(r, "measured", 180 / np.pi), "unit", "fail"),
     "effort turned round": (lambda r: scaled(r, "effort", -1.0), "effort sign", "fail"),
-    "effort never set": (silent, "effort", "fail"),
+    "effort never set": (unset, "effort", "fail"),
     "wrap": (wrapped, "encoder wrap", "fail"),
-    "frozen": (stuck, "frozen signal", "fail"),
+    "frozen": (lambda r: stuck(r, 300, 900), "frozen signal", "fail"),
     "no overlap": (lambda r: without_truth(r, 0.7), "truth", "fail"),
     "late by half a second": (lambda r: late(r, 0.5), "delay", "fail"),
     "homing inside": (lambda r: dropped(gone(r, 600, 700), **{AMID: 100}), "homing", "fail"),
@@ -133,10 +118,6 @@ ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
     ),
     "a hole in the range": (hollow, "coverage", "warn"),
 }
-
-
-def by_heading(check: DataCheck) -> dict[str, Finding]:
-    return {finding.heading: finding for finding in check.by_heading()}
 
 
 def test_every_finding_has_a_heading():
@@ -215,7 +196,7 @@ def test_an_effort_that_is_not_there_is_not_called_good(healthy):
 def test_a_joint_that_stands_spoils_no_verdict_of_those_that_move(healthy):
     told = {h: f.level for h, f in by_heading(diagnose(standing(healthy, ("elbow",)))).items()}
     assert told["frozen signal"] == told["arm"] == told["effort sign"] == "good"
-    ill = by_heading(diagnose(standing(stuck(healthy), ("shoulder",))))
+    ill = by_heading(diagnose(standing(stuck(healthy, 300, 900), ("shoulder",))))
     assert "truth/elbow" in ill["frozen signal"].text
 
 
@@ -237,7 +218,7 @@ def test_a_shift_is_estimated(healthy):
 
 
 def test_it_says_what_the_data_check_says(healthy):
-    ill = stuck(healthy)
+    ill = stuck(healthy, 300, 900)
     check = check_data(ill)
     told = by_heading(diagnose(ill))["frozen signal"]
     assert any(told.text == f"{f.where}: {f.what}" for f in check.findings if f.name == "frozen")

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.local_ros import LocalRos
+from tests.recordings.judge.faults import by_heading, stuck, unset
 from tests.recordings.said import PROFILE, START, STATE, SaidRos, told_session
 
 from truejoint.crtk.messages import (
@@ -40,26 +40,6 @@ def judged(ros: SaidRos, recording: Recording, **how: Any) -> DataCheck:
     return link.diagnose()
 
 
-def told(check: DataCheck) -> dict[str, Finding]:
-    return {finding.heading: finding for finding in check.by_heading()}
-
-
-def changed(recording: Recording, **columns: np.ndarray) -> Recording:
-    named = {name.replace("__", "/"): values for name, values in columns.items()}
-    return replace(recording, table=recording.table.assign(**named))
-
-
-def unset(recording: Recording) -> Recording:
-    zeros = np.zeros(len(recording))
-    return changed(recording, **{f"effort__{j}": zeros for j in recording.joints_of("effort")})
-
-
-def stuck(recording: Recording) -> Recording:
-    truth = recording.column("truth/elbow").copy()
-    truth[300:700] = truth[300]
-    return changed(recording, truth__elbow=truth)
-
-
 def lossy(recording: Recording) -> Recording:
     return recording.rows(np.r_[:400, 440:900])
 
@@ -69,7 +49,7 @@ def lossy(recording: Recording) -> Recording:
     [
         (lambda r: r, "effort", "good"),
         (unset, "effort", "fail"),
-        (stuck, "frozen signal", "fail"),
+        (lambda r: stuck(r, 300, 700), "frozen signal", "fail"),
         (lossy, "lost messages", "warn"),
     ],
 )
@@ -82,7 +62,7 @@ def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, fault, name, l
     assert [(v.level, v.name) for v in live.by_heading()[1:]] == [
         (v.level, v.name) for v in diagnose(bag).by_heading()
     ]
-    heard, read = told(live)[name], told(diagnose(bag))[name]
+    heard, read = by_heading(live)[name], by_heading(diagnose(bag))[name]
     assert heard.level == level
     assert heard.text.replace("in live", "in a.bag") == read.text
     assert re.search(STATE + r" 2\d\.\d* Hz, here 0 ms after its stamp", live.by_heading()[0].text)
@@ -98,7 +78,7 @@ def test_stamps_that_repeat_or_are_none_are_counted(session):
             ros.send(STATE, message)
         message.header.stamp = 0.0
         ros.send(STATE, message)
-    verdict = told(link.diagnose())["stamps"]
+    verdict = by_heading(link.diagnose())["stamps"]
     assert verdict.level == "fail"
     assert "20 times state: repeated time stamp" in verdict.text
     assert f"1 times {STATE}: stamp of 0" in verdict.text
@@ -116,7 +96,7 @@ def test_a_homing_amid_the_rows_is_left_out_and_told(session):
         ros.say_all(session)
     amid = int(((session.t >= 10.0) & (session.t < 12.0)).sum())
     assert len(link.recordings()[0]) == len(session) - amid
-    verdict = told(link.diagnose())["homing"]
+    verdict = by_heading(link.diagnose())["homing"]
     assert verdict.level == "fail"
     assert verdict.text.startswith(f"{amid} rows of homing, after 10.0 s")
 
@@ -170,7 +150,7 @@ def test_ravens_own_state_is_judged_with_both_arms(session):
     np.testing.assert_allclose(
         found.column("measured/elbow"), session.column("measured/elbow"), rtol=1e-6
     )
-    assert told(link.diagnose())["arm"].level == "good"
+    assert by_heading(link.diagnose())["arm"].level == "good"
 
 
 def test_what_cannot_be_judged_is_one_line(session):

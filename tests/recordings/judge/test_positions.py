@@ -7,9 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.recordings.judge.faults import named
 
 from truejoint.calibration import calibrate
-from truejoint.recordings import DataCheck, Finding, Provenance, Recording, check_data
+from truejoint.recordings import Provenance, Recording, check_data
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -33,10 +34,6 @@ def _in_all(recordings: list[Recording], column: str, change: Change) -> list[Re
     return [_changed(recording, column, change) for recording in recordings]
 
 
-def _found(check: DataCheck, name: str) -> list[Finding]:
-    return [finding for finding in check.findings if finding.name == name]
-
-
 def test_nothing_is_found_where_nothing_is_wrong(healthy: list[Recording]) -> None:
     assert {finding.name for finding in check_data(healthy).findings} <= {"limits", "load"}
 
@@ -46,7 +43,7 @@ def test_outliers_are_named_by_row_and_size(healthy: list[Recording]) -> None:
         truth[[200, 900, 901, 902]] += 0.4
         return truth
 
-    (finding,) = _found(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
     assert finding.level == "fail"
     assert finding.rows == ((200, 201), (900, 903))
     assert finding.where.startswith("truth/elbow in synthetic-0.csv")
@@ -59,7 +56,7 @@ def test_what_steps_away_and_creeps_back_is_no_outlier(healthy: list[Recording])
         truth[900:1000] += 0.05 * np.exp(-np.arange(100) / 10)
         return truth
 
-    assert not _found(check_data(_in_first(healthy, "truth/elbow", slip)), "outliers")
+    assert not named(check_data(_in_first(healthy, "truth/elbow", slip)), "outliers")
 
 
 def test_a_single_small_outlier_is_a_warning_only(healthy: list[Recording]) -> None:
@@ -67,7 +64,7 @@ def test_a_single_small_outlier_is_a_warning_only(healthy: list[Recording]) -> N
         truth[500] += 0.012
         return truth
 
-    (finding,) = _found(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
     assert finding.level == "warn"
 
 
@@ -88,7 +85,7 @@ def test_a_wrong_unit_is_called_that_and_nothing_else(
 ) -> None:
     check = check_data(_in_all(healthy, column, lambda values: scale * values))
     assert check.failures == ("unit",)
-    (finding,) = _found(check, "unit")
+    (finding,) = named(check, "unit")
     assert finding.where.startswith(column)
 
 
@@ -96,7 +93,7 @@ def test_degrees_on_both_sides_are_seen_by_the_limits(healthy: list[Recording]) 
     both = healthy
     for quantity in ("truth", "measured"):
         both = _in_all(both, f"{quantity}/elbow", np.degrees)
-    (finding,) = _found(check_data(both), "unit")
+    (finding,) = named(check_data(both), "unit")
     assert "the limits are" in finding.what
 
 
@@ -105,7 +102,7 @@ def test_a_late_truth_is_measured(healthy: list[Recording]) -> None:
     for joint in ("shoulder", "elbow", "insertion"):
         t = late[0].t
         late = _in_all(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
-    (finding,) = _found(check_data(late), "delay")
+    (finding,) = named(check_data(late), "delay")
     assert 55 <= float(finding.what.split()[3]) <= 65
     assert "behind" in finding.what
 
@@ -115,7 +112,7 @@ def test_one_late_recording_is_named(healthy: list[Recording]) -> None:
     for joint in ("shoulder", "elbow", "insertion"):
         t = late[0].t
         late = _in_first(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
-    (finding,) = _found(check_data(late), "delay")
+    (finding,) = named(check_data(late), "delay")
     assert 55 <= float(finding.what.split()[3]) <= 65
     assert finding.where.endswith("in synthetic-0.csv")
 
@@ -130,14 +127,14 @@ def test_the_delay_of_slow_rows_is_told_with_its_uncertainty() -> None:
         columns[f"measured/{joint}"] = position
         columns[f"truth/{joint}"] = position - 0.1 * rate + 1e-3 * rng.normal(size=len(t))
     recording = Recording.from_columns(columns, Provenance("raven2", arm="left", source="a.csv"))
-    (finding,) = _found(check_data([recording]), "delay")
+    (finding,) = named(check_data([recording]), "delay")
     assert finding.level == "warn"
     assert float(finding.what.split()[3]) == pytest.approx(100.0, abs=5.0)
 
 
 def test_a_zero_that_moved_is_found_in_its_recording(healthy: list[Recording]) -> None:
     check = check_data(_in_first(healthy, "truth/elbow", lambda truth: truth + 0.05))
-    (finding,) = _found(check, "zero")
+    (finding,) = named(check, "zero")
     assert finding.where == "truth/elbow in synthetic-0.csv"
     off = float(finding.what.removeprefix("its zero is ").partition(" deg")[0])
     assert off == pytest.approx(np.degrees(0.05), rel=0.1)
@@ -148,25 +145,25 @@ def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy: list[
         truth[1000:] += 0.05
         return truth
 
-    (finding,) = _found(check_data(_in_first(healthy, "truth/elbow", move)), "zero")
+    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", move)), "zero")
     assert finding.rows == ((1000, 1001),)
 
 
 @pytest.mark.parametrize("first", [0, 700])
-def test_redundant_sensors_that_disagree_are_found(healthy: list[Recording], first: int) -> None:
+def test_redundant_sensors_that_disagree_arenamed(healthy: list[Recording], first: int) -> None:
     """Motor encoders tell of a slip without truth."""
     motors = [{"motor/elbow": 7.3 * r.column("measured/elbow")} for r in healthy]
     recordings = [
         Recording(r.table.assign(**motor), {**r.units, "motor/elbow": "rad"}, r.provenance)
         for r, motor in zip(healthy, motors, strict=True)
     ]
-    assert not _found(check_data(recordings), "redundant")
+    assert not named(check_data(recordings), "redundant")
 
     def slip(motor: np.ndarray) -> np.ndarray:
         motor[first:] += 7.3 * 0.0175
         return motor
 
-    (finding,) = _found(check_data(_in_first(recordings, "motor/elbow", slip)), "redundant")
+    (finding,) = named(check_data(_in_first(recordings, "motor/elbow", slip)), "redundant")
     assert finding.where.startswith("motor/elbow in synthetic-0.csv")
 
 
@@ -175,16 +172,16 @@ def test_a_recording_unlike_the_others_is_named(
 ) -> None:
     recordings = [recording_of("davinci_grasper", seed=seed, seconds=60) for seed in range(5)]
     foreign = _in_first(recordings, "effort/jaw", lambda effort: 40.0 + effort)
-    (finding,) = _found(check_data(foreign), "instrument")
+    (finding,) = named(check_data(foreign), "instrument")
     assert finding.where == "synthetic-0.csv"
 
 
 def test_another_instrument_than_the_training_s_is_named(healthy: list[Recording]) -> None:
     model = calibrate(healthy[:2], "linear")
-    assert not _found(check_data(healthy[2:], model=model), "instrument")
+    assert not named(check_data(healthy[2:], model=model), "instrument")
     for shift, level in ((60.0, "warn"), (600.0, "fail")):
         other = _in_first(healthy[2:], "effort/elbow", lambda x, by=shift: x + by * x.std())
-        (finding,) = _found(check_data(other, model=model), "instrument")
+        (finding,) = named(check_data(other, model=model), "instrument")
         assert finding.level == level
 
 
