@@ -150,7 +150,7 @@ def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy: list[
 
 
 @pytest.mark.parametrize("first", [0, 700])
-def test_redundant_sensors_that_disagree_arenamed(healthy: list[Recording], first: int) -> None:
+def test_redundant_sensors_that_disagree_are_found(healthy: list[Recording], first: int) -> None:
     """Motor encoders tell of a slip without truth."""
     motors = [{"motor/elbow": 7.3 * r.column("measured/elbow")} for r in healthy]
     recordings = [
