@@ -199,11 +199,11 @@ def spoilt(*path: Any, value: Any) -> dict[str, Any]:
         (spoilt("motors", "spare", value=1e-3), "motor 'spare' winds up no cable"),
         (
             spoilt("motors", "pitch", value=-1.0),
-            "motors.pitch.radius is -1.0; want a number above 0",
+            "motors.pitch.radius is -1.0; want a number from 1e-12",
         ),
         (
             spoilt("pins", "pitch", "inertia", value="big"),
-            "inertia is 'big'; want a number above 0",
+            "inertia is 'big'; want a number from 1e-12",
         ),
         (spoilt("contact", "stiffness", value=0), "stiffness is 0; want a number above 0"),
         (spoilt("arms", "pitch", value={"nose": 1.0}), "no joint called 'nose'"),

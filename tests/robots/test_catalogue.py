@@ -97,6 +97,8 @@ def test_a_robot_that_a_file_carries_is_the_one_of_its_name() -> None:
     held = robot_of(forceps, "a recording")
     assert Forceps.of(held.mechanism).jaw_radius == 6e-3
     assert held.joints == get_robot("forceps").joints
+    with pytest.raises(RobotError, match=r"^a recording: dvrk_psm: has no arm called 'psm9'"):
+        robot_of(get_robot("dvrk_psm").to_dict() | {"arm": "psm9"}, "a recording")
     with pytest.raises(RobotError, match=r"^a recording: 'joints' is missing"):
         robot_of({"name": "raven2"}, "a recording")
 

@@ -185,8 +185,9 @@ json_values = st.recursive(
 
 
 @given(
-    path=st.sampled_from(["name", "arm", "joints", "channels", "positioning", "effort",
-                          "transmission", "kinematics"]),
+    path=st.sampled_from(["name", "arm", "joints", "channels", "positioning", "effort", "gear",
+                          "transmission", "kinematics", "workspace", "mechanism", "encoders",
+                          "grasper"]),
     value=json_values,
     inside=st.sampled_from([(), (0, "name"), (0, "kind"), (0, "lower"), ("axes",), ("axes", 0)]),
 )  # fmt: skip

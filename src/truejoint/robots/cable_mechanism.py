@@ -16,15 +16,16 @@ from truejoint.schema import Bounds, Length, NotNegative, Ordered, Positive
 
 MAX_CABLES: Final = 64
 _SAME: Final = 1e-9  # [m] between the moments of two cables of one motor
-_ByJoint = Mapping[str, float]
+_ByJoint = Mapping[str, Annotated[float, Bounds(-1e12, 1e12)]]
+_Size = Annotated[float, Bounds(1e-12, 1e12)]
 
 
 @dataclass(frozen=True)
 class Pin:
     """Pin of a joint: moved inertia [kg m2], radius [m], constant friction [Nm]."""
 
-    inertia: Positive
-    radius: Positive
+    inertia: _Size
+    radius: _Size
     friction: float = 0.0
 
 
@@ -34,7 +35,7 @@ class Motor:
 
     SHORT: ClassVar[str] = "radius"
 
-    radius: Positive
+    radius: _Size
     gear: Annotated[float, Bounds(1.0, 1e6)] = 1.0
 
 

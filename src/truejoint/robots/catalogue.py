@@ -134,7 +134,10 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
     robot = Robot.from_dict(values, source)
     if robot.name not in robot_names():
         return robot
-    original = _build(*_key(robot))
+    try:
+        original = _build(*_key(robot))
+    except RobotError as error:
+        raise RobotError(f"{source}: {error}") from None
     stated = robot.to_dict().get("mechanism")
     if stated is None or stated == original.to_dict().get("mechanism"):
         return original
