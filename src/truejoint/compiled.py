@@ -148,7 +148,7 @@ def _taken(function: FunctionType) -> Iterator[tuple[str, Any]]:
             for value in _flat(scope[name]):
                 if not isinstance(value, ModuleType):
                     yield name, value
-                elif all(vars(value) is not known for known in scopes):
+                elif all(vars(value) is not scope_of for scope_of in scopes):
                     scopes.append(vars(value))
 
 
@@ -228,8 +228,8 @@ def call_address(context: Any, builder: Any, signature: Any, args: Any) -> Any:
     nothing = signature.return_type == types.void
     result = ir.VoidType() if nothing else context.get_value_type(signature.return_type)
     pointer = ir.FunctionType(result, parameters).as_pointer()
-    given = builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
-    return context.get_dummy_value() if nothing else given
+    result_value = builder.call(builder.inttoptr(args[0], pointer), list(args[1:]))
+    return context.get_dummy_value() if nothing else result_value
 
 
 def _view(context: Any, builder: Any, signature: Any, args: Any) -> Any:

@@ -260,16 +260,16 @@ class Memory:
 
     def part(self, *names: str) -> Memory:
         """Part, of a part and so on if there are several `names`, that shares this memory."""
-        found = self
+        part = self
         for name in names:
-            inner, index = found.parts[name], found.layout.fields[name].index
-            first, start = found.numbers[index : index + 2]
-            found = replace(
+            inner, index = part.parts[name], part.layout.fields[name].index
+            first, start = part.numbers[index : index + 2]
+            part = replace(
                 inner,
-                numbers=found.numbers[first : first + len(inner.numbers)],
-                memory=found.memory[start : start + len(inner.memory)],
+                numbers=part.numbers[first : first + len(inner.numbers)],
+                memory=part.memory[start : start + len(inner.memory)],
             )
-        return found
+        return part
 
     __reduce__ = refuse_copy
 

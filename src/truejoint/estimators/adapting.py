@@ -17,7 +17,7 @@ _BLOCKS: Final = 5  # of the rows, on end, left out in turn
 _LEAST_ROWS: Final = 50
 
 
-def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
+def changes(terms: Array, residuals: Array) -> tuple[Array, Array, Array]:
     """Give changes of a model's coefficients (m, k) and intercept (k,), and penalties (k,).
 
     For each output by itself, the penalty is the one of the least mean square on five blocks of
@@ -27,7 +27,7 @@ def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
     ----------
     terms : ndarray, shape (n, m)
         Of the model, scaled so that they had a variance of about 1 where it was fitted.
-    left : ndarray, shape (n, k)
+    residuals : ndarray, shape (n, k)
         Target minus prediction of the model.
 
     Raises
@@ -38,13 +38,13 @@ def changes(terms: Array, left: Array) -> tuple[Array, Array, Array]:
     check_rows(len(terms))
     rows = np.arange(len(terms))
     blocks = np.array_split(rows, _BLOCKS)
-    errors = np.zeros((len(PENALTIES), left.shape[1]))
+    errors = np.zeros((len(PENALTIES), residuals.shape[1]))
     for block in blocks:
-        seen = np.setdiff1d(rows, block)
-        for at, (slopes, offset) in enumerate(_ridges(terms[seen], left[seen])):
-            errors[at] += np.sum((left[block] - terms[block] @ slopes - offset) ** 2, axis=0)
+        others = np.setdiff1d(rows, block)
+        for at, (slopes, offset) in enumerate(_ridges(terms[others], residuals[others])):
+            errors[at] += np.sum((residuals[block] - terms[block] @ slopes - offset) ** 2, axis=0)
     best = errors.argmin(axis=0)
-    every = _ridges(terms, left)
+    every = _ridges(terms, residuals)
     slopes, offset = (
         np.array([every[at][part][..., j] for j, at in enumerate(best)]) for part in (0, 1)
     )
@@ -57,14 +57,14 @@ def check_rows(n: int) -> None:
         raise CalibrationError(f"{n} rows with truth; a prior is changed by {_LEAST_ROWS} or more")
 
 
-def _ridges(terms: Array, left: Array) -> list[tuple[Array, Array]]:
+def _ridges(terms: Array, residuals: Array) -> list[tuple[Array, Array]]:
     """Slopes (m, k) and offset (k,) for every penalty; the offset is not penalised."""
-    mean, level = terms.mean(axis=0), left.mean(axis=0)
+    mean, level = terms.mean(axis=0), residuals.mean(axis=0)
     centred = terms - mean
     values, vectors = np.linalg.eigh(centred.T @ centred / len(terms))
-    right = vectors.T @ (centred.T @ (left - level) / len(terms))
-    found = []
+    right = vectors.T @ (centred.T @ (residuals - level) / len(terms))
+    fits = []
     for penalty in PENALTIES:
         slopes = vectors @ (right / (np.maximum(values, 0.0) + penalty)[:, None])
-        found.append((slopes, level - mean @ slopes))
-    return found
+        fits.append((slopes, level - mean @ slopes))
+    return fits

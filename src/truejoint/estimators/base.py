@@ -92,8 +92,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         if self.family.remembers:
             inputs, targets = self._sequence(X, y)
         else:
-            given = self.partial and isinstance(y, np.ndarray) and y.dtype.kind == "f"
-            unknown = np.isnan(y) if given else np.False_
+            takes_nan = self.partial and isinstance(y, np.ndarray) and y.dtype.kind == "f"
+            unknown = np.isnan(y) if takes_nan else np.False_
             inputs, targets = validate_data(
                 self, X, np.where(unknown, 0.0, y) if np.any(unknown) else y,
                 dtype=np.float64, order="C", multi_output=True, y_numeric=True,
@@ -160,8 +160,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def model_params(self) -> Params:
         """Parameters as the family knows them."""
-        given = self.get_params(deep=False)
-        return {name: value for name, value in given.items() if name not in self.training}
+        params = self.get_params(deep=False)
+        return {name: value for name, value in params.items() if name not in self.training}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -261,23 +261,25 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def _known_loads(self, loads: ArrayLike | None, n: int) -> Array:
         """Check loads (n, m) of what `truth_beside` names; 0 where they are not given."""
         names = self.truth_beside()
-        given = np.asarray(np.zeros((n, len(names))) if loads is None else loads, dtype=np.float64)
-        if given.shape != (n, len(names)):
+        checked = np.asarray(
+            np.zeros((n, len(names))) if loads is None else loads, dtype=np.float64
+        )
+        if checked.shape != (n, len(names)):
             raise CalibrationError(
-                f"{self.name}: loads have shape {given.shape}; give {(n, len(names))}: "
+                f"{self.name}: loads have shape {checked.shape}; give {(n, len(names))}: "
                 f"{', '.join(names) or 'it takes none'}"
             )
-        return given
+        return checked
 
     def _known(self, y: Array) -> Flags:
         """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""
-        known = np.asarray(np.isfinite(y).all(axis=1))
-        if known.sum() < self.least_rows:
+        labelled = np.asarray(np.isfinite(y).all(axis=1))
+        if labelled.sum() < self.least_rows:
             raise CalibrationError(
-                f"{self.name}: {int(known.sum())} rows with a known position; it needs "
+                f"{self.name}: {int(labelled.sum())} rows with a known position; it needs "
                 f"{self.least_rows}"
             )
-        return known
+        return labelled
 
     def _sequence(self, X: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         rows = self._rows(X)
@@ -319,12 +321,12 @@ def apart(y: Array) -> list[tuple[Any, Any]]:
 
     Raises CalibrationError if a column is known nowhere.
     """
-    known = ~np.isnan(y)
-    if known.all():
+    labelled = ~np.isnan(y)
+    if labelled.all():
         return [(slice(None), slice(None))]
-    if not known.any(axis=0).all():
+    if not labelled.any(axis=0).all():
         raise CalibrationError("a target is known in no row; leave that output out")
-    return [(rows, slice(k, k + 1)) for k, rows in enumerate(known.T)]
+    return [(rows, slice(k, k + 1)) for k, rows in enumerate(labelled.T)]
 
 
 def standardisation(X: Array) -> tuple[Array, Array]:

@@ -72,14 +72,14 @@ def cross_validated(
     """
     n_outputs = products.shape[1] - 1 - len(weights[0])
     errors = np.empty((len(weights), len(penalties), n_outputs))
-    for number, own in enumerate(weights):
-        errors[number] = _errors(products, own, n_outputs, penalties)
+    for number, trial in enumerate(weights):
+        errors[number] = _errors(products, trial, n_outputs, penalties)
         if progress is not None:
             progress((number + 1) / len(weights))
     flat = errors.reshape(-1, n_outputs)
     chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
     whole = products.sum(axis=0)
-    fits = [_solutions(whole, own, n_outputs, penalties) for own in weights]
+    fits = [_solutions(whole, trial, n_outputs, penalties) for trial in weights]
     columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
     return PenalisedFit(np.array(columns).T, np.array(penalties)[penalty], chosen, flat.min(axis=0))
 
@@ -107,8 +107,8 @@ def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
     mean, inverse = standardisation(columns)
     scaled = (columns - mean) * inverse
     constant = float(y.mean())
-    left = scaled.T @ scaled / len(y) + penalty * np.eye(scaled.shape[1])
-    weights = np.linalg.solve(left, scaled.T @ (y - constant) / len(y)) * inverse
+    gram = scaled.T @ scaled / len(y) + penalty * np.eye(scaled.shape[1])
+    weights = np.linalg.solve(gram, scaled.T @ (y - constant) / len(y)) * inverse
     return np.asarray(weights), constant - float(weights @ mean)
 
 
@@ -126,26 +126,26 @@ def _solutions(
     deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
     scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > _LEAST)
     used = np.flatnonzero(scale)
-    own = scale[used]
-    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(own, own)
+    factors = scale[used]
+    inner = spread[terms, terms][np.ix_(used, used)] * np.outer(factors, factors)
     values, vectors = np.linalg.eigh(inner)
-    right = vectors.T @ (spread[terms, targets][used] * own[:, None])
-    found = np.zeros((len(penalties), 1 + n_terms, n_outputs))
+    right = vectors.T @ (spread[terms, targets][used] * factors[:, None])
+    solutions = np.zeros((len(penalties), 1 + n_terms, n_outputs))
     for at, penalty in enumerate(penalties):
         shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
-        found[at, 1 + used] = own[:, None] * (vectors @ shrunk)
-        found[at, 0] = mean[targets] - mean[terms] @ found[at, 1:]
-    return found
+        solutions[at, 1 + used] = factors[:, None] * (vectors @ shrunk)
+        solutions[at, 0] = mean[targets] - mean[terms] @ solutions[at, 1:]
+    return solutions
 
 
 def _errors(products: Array, weights: Array, n_outputs: int, penalties: Sequence[float]) -> Array:
     """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
     total = np.zeros((len(penalties), n_outputs))
     whole = products.sum(axis=0)
-    for own in products:
-        for at, found in enumerate(_solutions(whole - own, weights, n_outputs, penalties)):
-            left = np.vstack([-found, np.eye(n_outputs)])
-            total[at] += np.sum(left * (own @ left), axis=0)
+    for block in products:
+        for at, solution in enumerate(_solutions(whole - block, weights, n_outputs, penalties)):
+            residual_of = np.vstack([-solution, np.eye(n_outputs)])
+            total[at] += np.sum(residual_of * (block @ residual_of), axis=0)
     return total
 
 
@@ -157,8 +157,8 @@ def blocks(dt: Array) -> list[Integers]:
     """
     starts = np.flatnonzero(dt == 0.0)
     whole = [np.arange(len(dt))]
-    own = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
-    cut = [np.array_split(rows, BLOCKS) for rows in own]
+    histories = np.split(whole[0], starts[1:]) if len(starts) < BLOCKS else whole
+    cut = [np.array_split(rows, BLOCKS) for rows in histories]
     return [np.concatenate(parts) for parts in zip(*cut, strict=True)]
 
 
@@ -182,9 +182,9 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
     units = [order[i : i + 1] for i in range(len(order))]
     best, least = _APART, 1e-9 * max(float(gaps.max(initial=0.0)), 1e-290)
     for count in range(_FEWEST_LEVELS, len(values) // 2 + 1):
-        found = np.split(order, np.sort(largest[: count - 1]) + 1)
+        parts_at_gaps = np.split(order, np.sort(largest[: count - 1]) + 1)
         ratio = gaps[largest[count - 2]] / max(gaps[largest[count - 1]], least)
-        if ratio >= best and max(map(len, found)) <= -(-len(values) // _FEWEST_LEVELS):
-            best, units = ratio, found
+        if ratio >= best and max(map(len, parts_at_gaps)) <= -(-len(values) // _FEWEST_LEVELS):
+            best, units = ratio, parts_at_gaps
     parts = np.array_split(np.arange(len(units)), min(most, len(units)))
     return [np.concatenate([units[i] for i in part]) for part in parts]

@@ -94,8 +94,8 @@ def random_state() -> Rule:
     """Rule of the seed of an estimator that draws."""
 
     def holds(value: object) -> bool:
-        known = value is None or isinstance(value, np.random.RandomState)
-        return known or is_integer(value, 0, 2**32 - 1)
+        is_state = value is None or isinstance(value, np.random.RandomState)
+        return is_state or is_integer(value, 0, 2**32 - 1)
 
     return Rule(holds, "None or an integer from 0 to 2**32 - 1")
 

@@ -63,6 +63,6 @@ def run_histories(
     states, covariances = np.empty((len(dt), n)), np.empty((len(dt), n, n))
     for rows in histories(dt):
         result = unscented.run(z[rows], u[rows], x0=prior[0], P0=prior[1], dt=dt[rows])
-        found = unscented.smooth(result) if smoothed else result
-        states[rows], covariances[rows] = found.x, found.P
+        estimate = unscented.smooth(result) if smoothed else result
+        states[rows], covariances[rows] = estimate.x, estimate.P
     return states, covariances

@@ -223,14 +223,14 @@ class WrappedRegressor(JointRegressor):
                 f"{name} predicts an array {shapes[0]} for {len(X)} rows; it must give "
                 f"{self.n_outputs_ // len(columns)} numbers for each"
             )
-        found = np.concatenate(columns, axis=1)
-        if not np.isfinite(found).all():
-            row, column = np.argwhere(~np.isfinite(found))[0]
+        predicted = np.concatenate(columns, axis=1)
+        if not np.isfinite(predicted).all():
+            row, column = np.argwhere(~np.isfinite(predicted))[0]
             raise CalibrationError(
-                f"{name} predicts {found[row, column]} in row {row}, output {column}; it must "
+                f"{name} predicts {predicted[row, column]} in row {row}, output {column}; it must "
                 "predict finite numbers"
             )
-        return found
+        return predicted
 
 
 def joint_regressor(estimator: Regressor) -> JointRegressor:

@@ -58,8 +58,8 @@ def play(half_width: float, fresh: bool, value: float, last: float) -> float:
 
     `last` is the last output. A fresh start puts the output in the middle of the band.
     """
-    kept = value if fresh else last
-    return min(max(kept, value - half_width), value + half_width)
+    output = value if fresh else last
+    return min(max(output, value - half_width), value + half_width)
 
 
 @compiled

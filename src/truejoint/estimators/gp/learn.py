@@ -73,12 +73,12 @@ class GaussianProcess(JointRegressor):
         scaled = (X - scales["mean"]) * scales["inverse_scale"]
         targets = (y - scales["target_mean"]) / scales["target_scale"]
         some = np.linspace(0, len(X) - 1, int(self.points)).round().astype(np.int64)
-        kept, history = np.unique(some), np.cumsum(dt == 0.0) - 1
+        inducing, history = np.unique(some), np.cumsum(dt == 0.0) - 1
         inverse, weights = [], []
         for number, target in enumerate(targets.T):
-            own = likeliest_kernel(scaled[kept], target[kept], history[kept])
-            inverse.append(own.inverse_lengths)
-            weights.append(_weights(scaled * own.inverse_lengths, target, history, some, own))
+            kernel = likeliest_kernel(scaled[inducing], target[inducing], history[inducing])
+            inverse.append(kernel.inverse_lengths)
+            weights.append(_weights(scaled * kernel.inverse_lengths, target, history, some, kernel))
             progress((number + 1) / len(targets.T))
         return scales | {
             "points": scaled[some],
@@ -118,13 +118,13 @@ def likeliest_kernel(X: Array, y: Array, history: Integers | None = None) -> Ker
     zeros = [] if together is None else [ZERO]
     start, low, high = np.log(np.array([*[LENGTH] * k, VARIANCE, NOISE, *zeros]).T)
     start[:k] += 0.5 * math.log(max(k, 1))
-    found = minimize(
+    theta = minimize(
         unlikelihood, start, (np.ascontiguousarray(X[:, used]), y, together), "L-BFGS-B", jac=True,
         bounds=list(zip(low, high, strict=True)), options={"maxiter": 60},
     ).x  # fmt: skip
     inverse = np.zeros(len(used))
-    inverse[used] = np.exp(-found[:k])
-    return Kernel(inverse, *np.exp(found[k + 1 :] - found[k]).tolist())
+    inverse[used] = np.exp(-theta[:k])
+    return Kernel(inverse, *np.exp(theta[k + 1 :] - theta[k]).tolist())
 
 
 def unlikelihood(

@@ -11,7 +11,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, fill, matrix, unrolled, vector, wide
+from truejoint.compiled import compiled, fill, matrix, unrolled, wide
 from truejoint.estimators.family import Family, Params, Shape, integer
 from truejoint.estimators.network.run import scaling_shapes
 from truejoint.estimators.products import BLOCK, add_product, padded, standardise
@@ -23,18 +23,18 @@ SMALL: Final = -0.5 / 2**DOUBLINGS
 FARTHEST: Final = 80.0  # square of a distance; beyond it, a bell is 0 within rounding
 
 LAYOUT: Final = Layout()
-WIDTH: Final = LAYOUT.integer("width", "inducing points, filled up to a multiple of 4")
-MEAN: Final = LAYOUT.array("mean", "of each feature in training")
-INVERSE_SCALE: Final = LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used")
-TARGET_MEAN: Final = LAYOUT.array("target_mean", "of each output")
-TARGET_SCALE: Final = LAYOUT.array("target_scale", "of each output")
-INVERSE_LENGTHS: Final = LAYOUT.array("inverse_lengths", "of each output and feature")
-POINTS: Final = LAYOUT.array("points", "of each output, a row for each feature, in lengths")
-WEIGHTS: Final = LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0")
-SCALED: Final = LAYOUT.array("scaled", "standardised features")
-LENGTHS: Final = LAYOUT.array("lengths", "features in lengths of one output")
-BELLS: Final = LAYOUT.array("bells", "of each point")
-SUMS: Final = LAYOUT.array("sums", "of weighted bells, of which the first is used")
+LAYOUT.array("mean", "of each feature in training", "n_features")
+LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
+LAYOUT.array("target_mean", "of each output", "n_outputs")
+LAYOUT.array("target_scale", "of each output", "n_outputs")
+LAYOUT.array("inverse_lengths", "of each output and feature", "n_outputs", "n_features")
+LAYOUT.array("points", "of each output, a row for each feature, in lengths", "n_coordinates")
+LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0", "n_weights")
+LAYOUT.array("scaled", "standardised features", "n_features")
+LAYOUT.array("lengths", "features in lengths of one output", "n_features")
+LAYOUT.array("bells", "of each inducing point, filled up to a multiple of 4", "width")
+LAYOUT.array("sums", "of weighted bells, of which the first is used", BLOCK)
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -42,20 +42,17 @@ def gaussian_process_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a weighted sum of ``exp(-d**2 / 2)``, `d` the distance to each point in lengths."""
-    k, n, width = x.shape[0], out.shape[0], numbers[WIDTH]
-    mean = vector(memory, numbers[MEAN], k)
-    scaled, lengths = vector(memory, numbers[SCALED], k), vector(memory, numbers[LENGTHS], k)
-    bells, sums = vector(memory, numbers[BELLS], width), vector(memory, numbers[SUMS], BLOCK)
-    standardise(x, mean, vector(memory, numbers[INVERSE_SCALE], k), scaled)
-    for j in range(n):
-        inverse = vector(memory, numbers[INVERSE_LENGTHS] + j * k, k)
+    m = unpack(numbers, memory)
+    k, width = m.n_features, m.width
+    standardise(x, m.mean, m.inverse_scale, m.scaled)
+    for j in range(out.shape[0]):
         for i in range(k):
-            lengths[i] = scaled[i] * inverse[i]
-        add_squares(lengths, matrix(memory, numbers[POINTS] + j * k * width, k, width), bells)
-        to_bells(bells)
-        fill(sums, BLOCK, 0.0)
-        add_product(bells, matrix(memory, numbers[WEIGHTS] + j * width * BLOCK, width, BLOCK), sums)
-        out[j] = memory[numbers[TARGET_MEAN] + j] + memory[numbers[TARGET_SCALE] + j] * sums[0]
+            m.lengths[i] = m.scaled[i] * m.inverse_lengths[j, i]
+        add_squares(m.lengths, matrix(m.points, j * k * width, k, width), m.bells)
+        to_bells(m.bells)
+        fill(m.sums, BLOCK, 0.0)
+        add_product(m.bells, matrix(m.weights, j * width * BLOCK, width, BLOCK), m.sums)
+        out[j] = m.target_mean[j] + m.target_scale[j] * m.sums[0]
 
 
 @compiled
@@ -65,9 +62,9 @@ def add_squares(x: Array, points: Array, out: Array) -> None:
     for j in range(points.shape[1]):
         out[j] = 0.0
     for i in range(points.shape[0]):
-        own, row = x[i], points[i]
+        feature, row = x[i], points[i]
         for j in range(points.shape[1]):
-            away = own - row[j]
+            away = feature - row[j]
             out[j] += away * away
 
 
@@ -101,13 +98,20 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 
 def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory:
     width = int(params["points"]) + -int(params["points"]) % BLOCK
-    points = np.array([padded((arrays["points"] * own).T) for own in arrays["inverse_lengths"]])
+    points = np.array(
+        [
+            padded((arrays["points"] * inverse_length).T)
+            for inverse_length in arrays["inverse_lengths"]
+        ]
+    )
+    weights = np.array([padded(column[:, None]) for column in padded(arrays["weights"])])
     return LAYOUT.pack(
-        width=width,
         **{name: arrays[name] for name in scaling_shapes(k, n)},
         inverse_lengths=arrays["inverse_lengths"],
-        points=points,
-        weights=np.array([padded(own[:, None]) for own in padded(arrays["weights"])]),
+        points=points.ravel(),
+        weights=np.array(
+            [padded(weights[:, None]) for weights in padded(arrays["weights"])]
+        ).ravel(),
         scaled=np.zeros(k),
         lengths=np.zeros(k),
         bells=np.zeros(width),

@@ -94,21 +94,21 @@ def loss_and_gradient(
 
 
 @compiled
-def _slopes_of_squares(found: Floats, y: Floats, scale: Floats, sums: Floats) -> float:
+def _slopes_of_squares(predicted: Floats, y: Floats, scale: Floats, sums: Floats) -> float:
     """Make slopes of the mean square of what was found (n, k), and give it; add them up (k,).
 
     `scale` (1,) is twice the inverse of its numbers, of their precision; unknown is what is NaN.
     """
     total = 0.0
-    for i in range(found.shape[0]):
-        for j in range(found.shape[1]):
-            difference = found[i, j] - y[i, j]
+    for i in range(predicted.shape[0]):
+        for j in range(predicted.shape[1]):
+            difference = predicted[i, j] - y[i, j]
             if math.isnan(y[i, j]):
-                difference = found[i, j] - found[i, j]
+                difference = predicted[i, j] - predicted[i, j]
             total += difference * difference
-            found[i, j] = difference * scale[0]
-            sums[j] += found[i, j]
-    return total / found.size
+            predicted[i, j] = difference * scale[0]
+            sums[j] += predicted[i, j]
+    return total / predicted.size
 
 
 @compiled

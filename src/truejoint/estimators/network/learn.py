@@ -187,7 +187,9 @@ class NeuralNetwork(JointRegressor):
             losses = []
             for start in range(0, len(X), self.batch_size_):
                 rows = order[start : start + self.batch_size_]
-                inputs, wanted = (one.take(rows, axis=0, mode="clip") for one in (X, y))  # fastest
+                inputs, wanted = (
+                    table.take(rows, axis=0, mode="clip") for table in (X, y)
+                )  # fastest
                 losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more))
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))

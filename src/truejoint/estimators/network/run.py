@@ -28,19 +28,18 @@ MAX_LAYERS: Final = 8
 MAX_UNITS: Final = 2048
 
 LAYOUT: Final = Layout()
-N_LAYERS: Final = LAYOUT.integer("n_layers", "hidden layers and the output")
-WIDEST: Final = LAYOUT.integer("widest", "units of the widest layer, filled up")
-MEAN: Final = LAYOUT.array("mean", "of each feature in training")
-INVERSE_SCALE: Final = LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used")
-TARGET_MEAN: Final = LAYOUT.array("target_mean", "of each output")
-TARGET_SCALE: Final = LAYOUT.array("target_scale", "of each output")
-WEIGHTS: Final = LAYOUT.array("weights", "of all layers, a row for each input")
-BIASES: Final = LAYOUT.array("biases", "of all layers")
-ACTIVATIONS: Final = LAYOUT.array("activations", "of two layers in turn")
-UNITS: Final = LAYOUT.integers("units", "of the input and each layer")
-COLUMNS: Final = LAYOUT.integers("columns", "units of each layer, filled up to a multiple of 4")
-FIRST_WEIGHT: Final = LAYOUT.integers("first_weight", "of each layer")
-FIRST_BIAS: Final = LAYOUT.integers("first_bias", "of each layer")
+LAYOUT.array("mean", "of each feature in training", "n_features")
+LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
+LAYOUT.array("target_mean", "of each output", "n_outputs")
+LAYOUT.array("target_scale", "of each output", "n_outputs")
+LAYOUT.array("weights", "of all layers, a row for each input", "n_weights")
+LAYOUT.array("biases", "of all layers", "n_biases")
+LAYOUT.array("activations", "of two layers in turn", 2, "widest")
+LAYOUT.integers("units", "of the input and each layer", "n_units")
+LAYOUT.integers("columns", "units of each layer, filled up to a multiple of 4", "n_layers")
+LAYOUT.integers("first_weight", "of each layer", "n_layers")
+LAYOUT.integers("first_bias", "of each layer", "n_layers")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -48,25 +47,17 @@ def network_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by layers of logistic units and a linear output, between standardised values."""
-    k, n, n_layers, widest = x.shape[0], out.shape[0], numbers[N_LAYERS], numbers[WIDEST]
-    mean, inverse_scale = (
-        vector(memory, numbers[MEAN], k),
-        vector(memory, numbers[INVERSE_SCALE], k),
-    )
-    standardise(x, mean, inverse_scale, vector(memory, numbers[ACTIVATIONS], k))
-    for i in range(unrolled(n_layers)):
-        inputs = numbers[numbers[UNITS] + i]
-        columns = numbers[numbers[COLUMNS] + i]
-        source = vector(memory, numbers[ACTIVATIONS] + widest * (i % 2), inputs)
-        target = vector(memory, numbers[ACTIVATIONS] + widest * ((i + 1) % 2), columns)
-        weight = numbers[WEIGHTS] + numbers[numbers[FIRST_WEIGHT] + i]
-        bias = vector(memory, numbers[BIASES] + numbers[numbers[FIRST_BIAS] + i], columns)
-        layer(source, matrix(memory, weight, inputs, columns), bias, target)
-        if i < n_layers - 1:
-            logistic(target, numbers[numbers[UNITS] + i + 1])
-    last = vector(memory, numbers[ACTIVATIONS] + widest * (n_layers % 2), n)
-    target_mean = vector(memory, numbers[TARGET_MEAN], n)
-    rescale(last, target_mean, vector(memory, numbers[TARGET_SCALE], n), out)
+    m = unpack(numbers, memory)
+    standardise(x, m.mean, m.inverse_scale, m.activations[0])
+    for i in range(unrolled(m.n_layers)):
+        inputs, columns = m.units[i], m.columns[i]
+        source = vector(m.activations[i % 2], 0, inputs)
+        target = vector(m.activations[(i + 1) % 2], 0, columns)
+        weight = matrix(m.weights, m.first_weight[i], inputs, columns)
+        layer(source, weight, vector(m.biases, m.first_bias[i], columns), target)
+        if i < m.n_layers - 1:
+            logistic(target, m.units[i + 1])
+    rescale(m.activations[m.n_layers % 2], m.target_mean, m.target_scale, out)
 
 
 @compiled
@@ -111,8 +102,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     columns = [len(bias) for bias in biases]
     widest = max(n_features, *columns)
     return LAYOUT.pack(
-        n_layers=len(weights),
-        widest=widest,
         **{name: arrays[name] for name in ("mean", "inverse_scale", "target_mean", "target_scale")},
         weights=np.concatenate([weight.ravel() for weight in weights]),
         biases=np.concatenate(biases),

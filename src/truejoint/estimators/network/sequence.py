@@ -95,20 +95,20 @@ class SequenceNetwork(JointRegressor):
                 weight[:] = rng.uniform(-bound, bound, weight.shape)
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        known = np.asarray(np.isfinite(y).all(axis=1))
-        rows = step_rows(dt, known, float(self.period))
+        labelled = np.asarray(np.isfinite(y).all(axis=1))
+        rows = step_rows(dt, labelled, float(self.period))
         history = np.cumsum(dt == 0.0)[rows]
         longest = int(np.bincount(history).max())
-        if longest < self.window or not known[rows].any():
+        if longest < self.window or not labelled[rows].any():
             raise CalibrationError(
                 f"{self.name}: too few rows for a history: the longest has {longest}, at least "
-                f"{self.period:g} s apart, and a window {self.window}; {known[rows].sum()} have a "
-                "target: record longer without a gap, or choose a smaller window or period"
+                f"{self.period:g} s apart, and a window {self.window}; {labelled[rows].sum()} have "
+                "a target: record longer without a gap, or choose a smaller window or period"
             )
-        scales = scaling(X, y[known])
-        X, known = (X[rows] - scales["mean"]) * scales["inverse_scale"], known[rows]
+        scales = scaling(X, y[labelled])
+        X, labelled = (X[rows] - scales["mean"]) * scales["inverse_scale"], labelled[rows]
         y = (y[rows] - scales["target_mean"]) / scales["target_scale"]
-        line = np.linalg.lstsq(X[known], y[known], rcond=1e-4)[0]
+        line = np.linalg.lstsq(X[labelled], y[labelled], rcond=1e-4)[0]
         first = np.searchsorted(history, history)
         steps = Steps(X.astype(np.float32), (y - X @ line).astype(np.float32), first)
         shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1])
@@ -117,7 +117,7 @@ class SequenceNetwork(JointRegressor):
             for name, shape in shapes.items()
             if name.endswith(("weights", "bias"))
         }
-        self._train(weights, steps, float(self.weight_decay) / int(known.sum()), progress)
+        self._train(weights, steps, float(self.weight_decay) / int(labelled.sum()), progress)
         arrays = {name: weight.astype(np.float64) for name, weight in weights.items()}
         arrays["output_weights"][int(self.units) :] += line
         return arrays | scales
@@ -163,8 +163,8 @@ class SequenceNetwork(JointRegressor):
                     loss.backward()
                     adam.step()
                     losses.append(loss.item())
-                    kept = within[before + 1 :]
-                    states[rows[before + 1 :][kept]] = units[before:-1].detach().numpy()[kept]
+                    inner = within[before + 1 :]
+                    states[rows[before + 1 :][inner]] = units[before:-1].detach().numpy()[inner]
                 self.loss_curve_.append(float(np.mean(losses)))
                 check_loss(self.loss_curve_, epochs, float(self.learning_rate))
                 progress((epoch + 1) / epochs)
@@ -172,16 +172,16 @@ class SequenceNetwork(JointRegressor):
             torch.set_num_threads(n_threads)
 
 
-def loss_of(torch: Any, weights: Tensors, seen: tuple[Any, Any], y: Floats, decay: float) -> Any:
+def loss_of(torch: Any, weights: Tensors, inputs: tuple[Any, Any], y: Floats, decay: float) -> Any:
     """Loss of what the output sees: the logarithm of the mean squared error, mean over outputs.
 
     It is but for a constant the likelihood of noise of unknown size. To it is added `decay` times
     the sum of the squared weights. `y` (rows, b, n_outputs) is NaN where it is unknown.
     """
-    known = np.isfinite(y)
-    error = torch.cat(seen, 2) @ weights["output_weights"] + weights["output_bias"]
-    error = (error - torch.from_numpy(np.where(known, y, 0.0))) * torch.from_numpy(known)
-    count = torch.from_numpy(np.maximum(known.sum(axis=(0, 1)), 1))
+    labelled = np.isfinite(y)
+    error = torch.cat(inputs, 2) @ weights["output_weights"] + weights["output_bias"]
+    error = (error - torch.from_numpy(np.where(labelled, y, 0.0))) * torch.from_numpy(labelled)
+    count = torch.from_numpy(np.maximum(labelled.sum(axis=(0, 1)), 1))
     loss = torch.log(error.square().sum((0, 1)) / count + FLOOR).mean()
     return loss + decay * sum(w.square().sum() for n, w in weights.items() if n.endswith("weights"))
 
@@ -243,13 +243,13 @@ class GRU(SequenceNetwork):
 
         bias = weights["state_bias"]
         inner = torch.cat([torch.zeros(2 * int(self.units), dtype=bias.dtype), bias])
-        given = (
+        params = (
             in_order(weights["input_weights"]),
             in_order(weights["state_weights"]),
             in_order(weights["input_bias"]),
             inner,
         )
-        return torch.gru(X, state[None], given, True, 1, 0.0, True, False, False)[0]
+        return torch.gru(X, state[None], params, True, 1, 0.0, True, False, False)[0]
 
 
 @dataclass(eq=False, repr=False)
@@ -302,32 +302,32 @@ class TCN(SequenceNetwork):
     def forward(self, weights: Tensors, X: Any, within: Any, state: Any) -> Any:
         """Units (rows, b, units), as `SequenceNetwork.forward` says; there is no state."""
         torch = require("torch", "torch", f"training {self.name}")
-        given = (X @ weights["input_weights"] + weights["input_bias"]) * within
+        hidden = (X @ weights["input_weights"] + weights["input_bias"]) * within
         squares = (weights[name].split(int(self.units)) for name in ("now_weights", "past_weights"))
         for i, (now, past) in enumerate(zip(*squares, strict=True)):
-            ago = torch.cat([torch.zeros_like(given[: 2**i]), given[: -(2**i)]])
-            units = given @ now + ago @ past + weights["layer_bias"][i]
-            given = (given + units.relu()) * within
-        return given
+            ago = torch.cat([torch.zeros_like(hidden[: 2**i]), hidden[: -(2**i)]])
+            units = hidden @ now + ago @ past + weights["layer_bias"][i]
+            hidden = (hidden + units.relu()) * within
+        return hidden
 
 
-def step_rows(dt: Array, known: Flags, period: float) -> NDArray[np.int64]:
+def step_rows(dt: Array, labelled: Flags, period: float) -> NDArray[np.int64]:
     """Rows (m,) of `dt` (n,) [s] to train on: one in a period, with a target where one has.
 
-    Of the rows from one that a network sees to the next, the first that is `known` (n,), or else
+    Of the rows from one that a network sees to the next, the first that is `labelled` (n,), or else
     that one itself.
     """
-    kept = np.zeros(len(dt), dtype=np.bool_)
-    _mark_steps(dt, known, period, kept)
-    return np.flatnonzero(kept)
+    is_step = np.zeros(len(dt), dtype=np.bool_)
+    _mark_steps(dt, labelled, period, is_step)
+    return np.flatnonzero(is_step)
 
 
 @compiled
-def _mark_steps(dt: Array, known: Flags, period: float, kept: Flags) -> None:
+def _mark_steps(dt: Array, labelled: Flags, period: float, is_step: Flags) -> None:
     elapsed, last, is_waiting = 0.0, 0, False
     for i in range(dt.shape[0]):
         elapsed += dt[i]
         if is_update(dt[i], elapsed, period):
-            kept[i], last, is_waiting, elapsed = True, i, not known[i], 0.0
-        elif is_waiting and known[i]:
-            kept[i], kept[last], is_waiting = True, False, False
+            is_step[i], last, is_waiting, elapsed = True, i, not labelled[i], 0.0
+        elif is_waiting and labelled[i]:
+            is_step[i], is_step[last], is_waiting = True, False, False

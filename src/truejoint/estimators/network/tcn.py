@@ -55,24 +55,24 @@ def tcn_row(
     """
     m = unpack(numbers, memory)
     width, units = m.width, m.units_now
-    given, scaled = vector(m.seen, 0, width), vector(m.seen, width, m.n_features)
+    hidden, scaled = vector(m.seen, 0, width), vector(m.seen, width, m.n_features)
     standardise(x, m.mean, m.inverse_scale, scaled)
     if dt == 0.0:
         for row in range(m.n_past):
             fill(m.past[row], width, 0.0)
     elapsed, count = m.elapsed + dt, int(m.count)
     keeps = is_update(dt, elapsed, m.period)
-    layer(scaled, m.input_weights, m.input_bias, given)
+    layer(scaled, m.input_weights, m.input_bias, hidden)
     back = 1
     for i in range(m.n_layers):
         at = i * width * width
-        layer(given, matrix(m.now_weights, at, width, width), m.layer_bias[i], units)
+        layer(hidden, matrix(m.now_weights, at, width, width), m.layer_bias[i], units)
         past = m.past[back - 1 + count % back]
         add_product(past, matrix(m.past_weights, at, width, width), units)
         if keeps:
-            copy(given, past, width)
+            copy(hidden, past, width)
         for j in range(width):
-            given[j] += max(units[j], 0.0)
+            hidden[j] += max(units[j], 0.0)
         back *= 2
     if keeps:
         count, elapsed = (count + 1) % back, 0.0

@@ -52,8 +52,10 @@ class _FamilyOfDegree:
 
     constant = FAMILY.of(of_degree(0))
 
-    def __get__(self, one: Polynomial | None, _owner: type) -> Family:
-        return FAMILY if one is None or one.degree != 0 or one.ridge else self.constant
+    def __get__(self, instance: Polynomial | None, _owner: type) -> Family:
+        return (
+            FAMILY if instance is None or instance.degree != 0 or instance.ridge else self.constant
+        )
 
 
 @dataclass(eq=False, repr=False)
@@ -152,19 +154,19 @@ class Polynomial(JointRegressor):
 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
         """Fitted copy, as `JointRegressor.adapted` says."""
-        known = self._known(y)
-        factors, residuals = self._factors(X), y[known] - self.evaluate(X[known])
+        labelled = self._known(y)
+        factors, residuals = self._factors(X), y[labelled] - self.evaluate(X[labelled])
         if not len(factors):
-            own = {"intercept": self.arrays_["intercept"] + residuals.mean(axis=0)}
-            return self.with_arrays(own), np.zeros(y.shape[1])
-        scaled = (X[known] - self.arrays_["mean"]) * self.arrays_["inverse_scale"]
+            arrays = {"intercept": self.arrays_["intercept"] + residuals.mean(axis=0)}
+            return self.with_arrays(arrays), np.zeros(y.shape[1])
+        scaled = (X[labelled] - self.arrays_["mean"]) * self.arrays_["inverse_scale"]
         terms = polynomial_design(scaled, factors)
         slopes, offset, penalties = changes(terms, residuals)
-        own = {
+        arrays = {
             "coef": self.arrays_["coef"] + slopes,
             "intercept": self.arrays_["intercept"] + offset,
         }
-        return self.with_arrays(own), penalties
+        return self.with_arrays(arrays), penalties
 
     def _factors(self, X: Array) -> Integers:
         return factors_of(self.model_params(), X.shape[1])
@@ -177,8 +179,8 @@ class Polynomial(JointRegressor):
         scaled, parts = (X - mean) * inverse_scale, apart(y)
 
         def blocks_of(part: int) -> Iterator[tuple[Array, Array]]:
-            known, own = parts[part]
-            inputs, targets = scaled[known], y[known, own]
+            labelled, outputs = parts[part]
+            inputs, targets = scaled[labelled], y[labelled, outputs]
             for start in range(0, len(inputs), _BLOCK):
                 rows = slice(start, start + _BLOCK)
                 yield polynomial_design(inputs[rows], factors), targets[rows]
@@ -189,7 +191,7 @@ class Polynomial(JointRegressor):
             coef, intercept = map(np.hstack, zip(*fits, strict=True))
         else:
             coef = np.zeros((0, y.shape[1]))
-            intercept = np.hstack([y[rows, own].mean(axis=0) for rows, own in parts])
+            intercept = np.hstack([y[rows, outputs].mean(axis=0) for rows, outputs in parts])
             progress(1.0)
         return {
             "mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept
@@ -212,8 +214,8 @@ class Polynomial(JointRegressor):
         self.errors_ = np.sqrt(np.maximum(fit.errors, 0.0) / len(X))
         table = fit.coefficients
         if self.trimmed:
-            own = np.array(weights)[fit.weights]
-            table = _without_far(scaled, targets, factors, products.sum(axis=0), own, fit)
+            chosen = np.array(weights)[fit.weights]
+            table = _without_far(scaled, targets, factors, products.sum(axis=0), chosen, fit)
         table = table * scales["target_scale"]
         return {
             "mean": mean,
@@ -312,14 +314,14 @@ def _without_far(
     table, n_terms = fit.coefficients.copy(), len(factors)
     before = np.zeros(y.shape, dtype=bool)
     for _ in range(_ROUNDS):
-        left = np.abs(y - _values(scaled, factors, table))
-        far = left > _FAR / _NORMAL * np.median(left, axis=0)
+        residuals = np.abs(y - _values(scaled, factors, table))
+        far = residuals > _FAR / _NORMAL * np.median(residuals, axis=0)
         far &= far.mean(axis=0) <= _MOST_FAR
         for j in np.flatnonzero((far != before).any(axis=0)):
             rows = np.flatnonzero(far[:, j])
-            kept = products - _products(scaled[rows], y[rows], factors)
+            inliers = products - _products(scaled[rows], y[rows], factors)
             places = [*range(1 + n_terms), 1 + n_terms + j]
-            table[:, j] = penalised(kept[np.ix_(places, places)], weights[j], fit.penalties[j])
+            table[:, j] = penalised(inliers[np.ix_(places, places)], weights[j], fit.penalties[j])
         if (far == before).all():
             break
         before = far
@@ -329,5 +331,5 @@ def _without_far(
 def _values(scaled: Array, factors: Integers, table: Array) -> Array:
     """Values (n, n_outputs) of coefficients (1 + n_terms, n_outputs), the constants first."""
     chunks = (scaled[i : i + _CHUNK] for i in range(0, len(scaled), _CHUNK))
-    values = [table[0] + polynomial_design(own, factors) @ table[1:] for own in chunks]
+    values = [table[0] + polynomial_design(rows, factors) @ table[1:] for rows in chunks]
     return np.concatenate(values)

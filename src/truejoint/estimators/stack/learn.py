@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 class _FamilyOfMembers:
     """Family of a stack, as its members make it; of the class, that without a memory."""
 
-    def __get__(self, one: Stack | None, _owner: type) -> Family:
-        own: Mapping[str, Any] = {} if one is None else vars(one)
-        return own.get("_by_members", stack.FAMILY)  # type: ignore[no-any-return]
+    def __get__(self, instance: Stack | None, _owner: type) -> Family:
+        attributes: Mapping[str, Any] = {} if instance is None else vars(instance)
+        return attributes.get("_by_members", stack.FAMILY)  # type: ignore[no-any-return]
 
 
 @dataclass(eq=False, repr=False)
@@ -114,11 +114,11 @@ class Stack(JointRegressor):
         unfitted = self._unfitted()
         for member in unfitted:
             member.check_params()
-        own = [(one.name, one.family.inputs(one.model_params())) for one in unfitted
-               if one.family.inputs]  # fmt: skip
-        if len({inputs for _, inputs in own}) > 1:
+        physical = [(member.name, member.family.inputs(member.model_params()))
+                    for member in unfitted if member.family.inputs]  # fmt: skip
+        if len({inputs for _, inputs in physical}) > 1:
             raise CalibrationError(
-                f"{' and '.join(name for name, _ in own)} take features of their own, not the "
+                f"{' and '.join(name for name, _ in physical)} take features of their own, not the "
                 "same, and cannot be combined; fit each alone"
             )
         if self.weights is not None:
@@ -148,22 +148,24 @@ class Stack(JointRegressor):
 
         Raises CalibrationError when they cannot serve to fit a member.
         """
-        return self._of(one.for_recordings(recordings) for one in self._unfitted())
+        return self._of(member.for_recordings(recordings) for member in self._unfitted())
 
     def truth_beside(self) -> tuple[str, ...]:
         """Columns of known loads that members take, each once."""
-        return tuple(dict.fromkeys(n for one in self._unfitted() for n in one.truth_beside()))
+        return tuple(dict.fromkeys(n for member in self._unfitted() for n in member.truth_beside()))
 
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose members know features and joints; raises as they do."""
-        return self._of(one.for_features(names, robot, joints) for one in self._unfitted())
+        return self._of(member.for_features(names, robot, joints) for member in self._unfitted())
 
     def _of(self, members: Iterable[JointRegressor]) -> Self:
         """Unfitted copy of other members; of those that it has, names too, where they are alike."""
-        told = tuple(members)
-        known = self._unfitted()
-        same = _described(told) == _described(known) and [*map(repr, told)] == [*map(repr, known)]
-        return self.with_params(**({} if same else {"members": told}))
+        informed = tuple(members)
+        uninformed = self._unfitted()
+        same = _described(informed) == _described(uninformed) and [*map(repr, informed)] == [
+            *map(repr, uninformed)
+        ]
+        return self.with_params(**({} if same else {"members": informed}))
 
     def model_params(self) -> Params:
         """Parameters of the family: each member's family, parameters and outputs."""
@@ -172,8 +174,10 @@ class Stack(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters, to be run only."""
-        same = (one for one in map(registry.registered, registry.OWN) if type(one) is cls)
-        made = next((one for one in same if one.model_params() == params), cls())
+        presets = (
+            stack_ for stack_ in map(registry.registered, registry.OWN) if type(stack_) is cls
+        )
+        made = next((preset for preset in presets if preset.model_params() == params), cls())
         made.params_, made._by_members = params, stack.FAMILY.of(params)
         return made
 
@@ -200,25 +204,27 @@ class Stack(JointRegressor):
         weights = np.ones((len(unfitted), n))
         if self.weights is not None:
             weights = np.array(self._used(), dtype=np.float64)
-            unfitted = [m for m, own in zip(unfitted, self.weights, strict=True) if np.any(own)]
+            unfitted = [m for m, row in zip(unfitted, self.weights, strict=True) if np.any(row)]
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
-        left, loads = y.copy(), self.truth_beside()
-        for number, (member, own) in enumerate(zip(unfitted, weights, strict=True)):
-            outputs = np.flatnonzero(own)
-            told = partial(_share, progress, number, len(unfitted))
+        residuals, loads = y.copy(), self.truth_beside()
+        for number, (member, member_weights) in enumerate(zip(unfitted, weights, strict=True)):
+            outputs = np.flatnonzero(member_weights)
+            share = partial(_share, progress, number, len(unfitted))
             if self.random_state is not None:
                 seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
                 member.set_params(**dict.fromkeys(seeds, self.random_state))
-            rows = np.flatnonzero(np.isfinite(left).all(axis=1) | member.family.remembers)
+            rows = np.flatnonzero(np.isfinite(residuals).all(axis=1) | member.family.remembers)
             if self.rows is not None and not member.family.remembers:
                 rows = rows[:: -(-len(rows) // int(self.rows))]
             steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
             taken = [loads.index(name) for name in member.truth_beside()]
-            member.fit(X[rows], left[rows][:, outputs], told, steps, self._loads[rows][:, taken])
+            member.fit(
+                X[rows], residuals[rows][:, outputs], share, steps, self._loads[rows][:, taken]
+            )
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
-                left -= member.evaluate(X, dt)
+                residuals -= member.evaluate(X, dt)
             self.members_.append(member)
             arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}
         self.params_ = _described(self.members_, weights)
@@ -235,7 +241,7 @@ class Stack(JointRegressor):
 
     def _used(self) -> tuple[tuple[float, ...], ...]:
         """Weights of the members that have any."""
-        return tuple(tuple(map(float, own)) for own in self.weights or () if np.any(own))
+        return tuple(tuple(map(float, row)) for row in self.weights or () if np.any(row))
 
 
 def _described(members: Sequence[JointRegressor], weights: Array | None = None) -> Params:

@@ -31,18 +31,18 @@ DEPTH: Final = 3
 """How deep a sum may stand within sums."""
 
 LAYOUT: Final = Layout()
-N_MEMBERS: Final = LAYOUT.integer("n_members", "estimators in the sum")
-COUNT: Final = LAYOUT.integers("count", "outputs of each member")
-FIRST: Final = LAYOUT.integers("first", "of the outputs of each member")
-OUTPUT: Final = LAYOUT.integers("output", "that each output of the members adds to")
-WEIGHTS: Final = LAYOUT.array("weights", "of each output of the members")
-PREDICTED: Final = LAYOUT.array("predicted", "by one member")
+LAYOUT.integers("count", "outputs of each member", "n_members")
+LAYOUT.integers("first", "of the outputs of each member", "n_members")
+LAYOUT.integers("output", "that each output of the members adds to", "n_weights")
+LAYOUT.array("weights", "of each output of the members", "n_weights")
+LAYOUT.array("predicted", "by one member", "n_outputs")
 ROW: Final = LAYOUT.address("row_0", "prediction of a member")
 for _i in range(1, MAX_MEMBERS):
     LAYOUT.address(f"row_{_i}", "prediction of a member")
 MEMBER: Final = LAYOUT.part("member_0", "of the sum")
 for _i in range(1, MAX_MEMBERS):
     LAYOUT.part(f"member_{_i}", "of the sum")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -50,10 +50,11 @@ def stack_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict a weighted sum of what the members predict."""
+    m = unpack(numbers, memory)
     fill(out, out.shape[0], 0.0)
-    for i in range(unrolled(numbers[N_MEMBERS])):
-        first, count = numbers[numbers[FIRST] + i], numbers[numbers[COUNT] + i]
-        predicted = vector(memory, numbers[PREDICTED], count)
+    for i in range(unrolled(m.n_members)):
+        first, count = m.first[i], m.count[i]
+        predicted = vector(m.predicted, 0, count)
         call_row(
             numbers[ROW + i],
             part_numbers(numbers, MEMBER + PART_SIZE * i),
@@ -63,8 +64,8 @@ def stack_row(
             predicted,
             half_width,
         )
-        weights = vector(memory, numbers[WEIGHTS] + first, count)
-        add_weighted(predicted, weights, vector(numbers, numbers[OUTPUT] + first, count), out)
+        output = vector(m.output, first, count)
+        add_weighted(predicted, vector(m.weights, first, count), output, out)
 
 
 @compiled
@@ -99,27 +100,29 @@ def _is_member(value: object, depth: int) -> bool:
 
 def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[EstimatorData, list[int]]]:
     """Give each member as data, of arrays called ``<number>/<name>``, and its outputs."""
-    for number, (family, own, outputs) in enumerate(params["members"]):
+    for number, (family, member_params, outputs) in enumerate(params["members"]):
         prefix = f"{number}/"
-        found = {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
-        yield EstimatorData(family, own, found), list(outputs)
+        member_arrays = {
+            n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)
+        }
+        yield EstimatorData(family, member_params, member_arrays), list(outputs)
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    known: set[int] = set()
+    covered: set[int] = set()
     shapes: dict[str, Shape] = {}
     n_weights = 0
     for number, (data, outputs) in enumerate(members(params, {})):
         family = find_family(data.family)
         family.check_params(data.params)
         family.check_size(data.params, n_features)
-        own = family.shapes(data.params, n_features, len(outputs))
-        shapes |= {f"{number}/{name}": shape for name, shape in own.items()}
+        member_shapes = family.shapes(data.params, n_features, len(outputs))
+        shapes |= {f"{number}/{name}": shape for name, shape in member_shapes.items()}
         n_weights += len(outputs)
-        known |= set(outputs)
-    if known != set(range(n_outputs)):
+        covered |= set(outputs)
+    if covered != set(range(n_outputs)):
         raise CalibrationError(
-            f"the members of a stack are for outputs {sorted(known)}; it must be each of "
+            f"the members of a stack are for outputs {sorted(covered)}; it must be each of "
             f"{n_outputs}"
         )
     return {"weights": (n_weights,), **shapes}
@@ -138,7 +141,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     count = [len(outputs) for outputs in used]
     return LAYOUT.pack(
         functions,
-        n_members=len(used),
         count=count,
         first=np.cumsum([0, *count[:-1]]),
         output=np.concatenate(used),
@@ -151,11 +153,11 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
 
 def _beside(params: Params) -> dict[str, Path]:
     """Find what members tell beside the position, each quantity in the first that does."""
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for i, (data, _) in enumerate(members(params, {})):
         for name, path in find_family(data.family).beside(data.params).items():
-            found.setdefault(name, (f"member_{i}", *path))
-    return found
+            paths.setdefault(name, (f"member_{i}", *path))
+    return paths
 
 
 def _specialised(params: Params) -> dict[str, Any]:
@@ -165,12 +167,12 @@ def _specialised(params: Params) -> dict[str, Any]:
         with suppress(CalibrationError):  # not fitted yet, it may become any that has neither
             kinds.append((data.kind, data.params))
     remembers = any(kind.remembers for kind, _ in kinds)
-    own = next((kind.inputs(found) for kind, found in kinds if kind.inputs), None)
+    inputs = next((kind.inputs(kind_params) for kind, kind_params in kinds if kind.inputs), None)
     return {
         "remembers": remembers,
         "counts_samples": remembers,
-        "inputs": None if own is None else lambda _params: own,
-        "targets": TARGETS if own is None else ("position",),
+        "inputs": None if inputs is None else lambda _params: inputs,
+        "targets": TARGETS if inputs is None else ("position",),
     }
 
 

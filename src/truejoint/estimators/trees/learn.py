@@ -54,22 +54,27 @@ def convert(
     separate = [
         p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts
     ]  # one by one, where they are fitted so
-    scaled = [_scaled(one, n_features) for ones in separate for one in ones]
-    found = [one for one in scaled if one is not None]
-    if len(found) != len(scaled) or len(found) not in (1, len(target_mean)):
+    scaled = [_scaled(regressor, n_features) for ones in separate for regressor in ones]
+    scaled_parts = [part for part in scaled if part is not None]
+    if len(scaled_parts) != len(scaled) or len(scaled_parts) not in (1, len(target_mean)):
         return None
-    mean, scale = found[0].mean, found[0].scale
-    if any((one.mean != mean).any() or (one.scale != scale).any() for one in found):
+    mean, scale = scaled_parts[0].mean, scaled_parts[0].scale
+    if any((part.mean != mean).any() or (part.scale != scale).any() for part in scaled_parts):
         return None
-    sums = [tree_sum(one.regressor) for one in found]
-    trees = [one for one in sums if one is not None and one.trees]
+    sums = [tree_sum(part.regressor) for part in scaled_parts]
+    trees = [own_trees for own_trees in sums if own_trees is not None and own_trees.trees]
     if len(trees) == len(sums):
         means, scales = (np.split(a, len(trees)) for a in (target_mean, target_scale))
-        rescaled = [one.rescaled(*by) for one, *by in zip(trees, means, scales, strict=True)]
+        rescaled = [
+            trees_of_output.rescaled(*by)
+            for trees_of_output, *by in zip(trees, means, scales, strict=True)
+        ]
         return trees_data(rescaled, mean, scale)
-    if isinstance(found[0].regressor, MLPRegressor):
-        return _network(found[0], target_mean, target_scale) if len(found) == 1 else None
-    return _linear(found, target_mean, target_scale)
+    if isinstance(scaled_parts[0].regressor, MLPRegressor):
+        return (
+            _network(scaled_parts[0], target_mean, target_scale) if len(scaled_parts) == 1 else None
+        )
+    return _linear(scaled_parts, target_mean, target_scale)
 
 
 def is_convertible_step(step: object) -> bool:
@@ -79,11 +84,11 @@ def is_convertible_step(step: object) -> bool:
 
 def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
     """Strip a regressor of search and scaling; None if there is more."""
-    found = getattr(regressor, "best_estimator_", regressor)
+    searched = getattr(regressor, "best_estimator_", regressor)
     mean, scale = np.zeros(n_features), np.ones(n_features)
-    if not isinstance(found, Pipeline):
-        return _Scaled(found, mean, scale)
-    *before, (_, last) = found.steps
+    if not isinstance(searched, Pipeline):
+        return _Scaled(searched, mean, scale)
+    *before, (_, last) = searched.steps
     steps: list[Any] = [step for _, step in before if step not in (None, "passthrough")]
     if len(steps) > 1 or not all(map(is_convertible_step, steps)):
         return None
@@ -99,10 +104,10 @@ def _linear(
 ) -> EstimatorData | None:
     """Polynomial of degree 1, of whatever has coefficients and an intercept."""
     shape = len(target_mean) // len(parts), len(parts[0].mean)
-    found = [part.regressor for part in parts]
+    regressors = [part.regressor for part in parts]
     try:
-        coefs = [np.asarray(one.coef_, np.float64).reshape(shape) for one in found]
-        each = [np.ravel(one.intercept_).astype(np.float64) for one in found]
+        coefs = [np.asarray(regressor.coef_, np.float64).reshape(shape) for regressor in regressors]
+        each = [np.ravel(regressor.intercept_).astype(np.float64) for regressor in regressors]
         intercepts = [np.broadcast_to(intercept, shape[0]) for intercept in each]
     except (AttributeError, TypeError, ValueError):
         return None
@@ -255,20 +260,23 @@ def _averaged(regressor: Any) -> TreeSum | None:
         weights = np.array([weight for (_, member), weight in named if member != "drop"])
     scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
     if isinstance(regressor, BaggingRegressor):  # of which each sees some features
-        seen = zip(scaled, regressor.estimators_features_, strict=True)
+        with_columns = zip(scaled, regressor.estimators_features_, strict=True)
         scaled = [
-            replace(one, trees=[
+            replace(member_sum, trees=[
                 replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
-                for t in one.trees
+                for t in member_sum.trees
             ])
-            for one, columns in seen
+            for member_sum, columns in with_columns
         ]  # fmt: skip
     return added(scaled)
 
 
 def added(sums: Sequence[TreeSum]) -> TreeSum:
     """One sum of what several give."""
-    return TreeSum([t for one in sums for t in one.trees], np.sum([s.offset for s in sums], axis=0))
+    return TreeSum(
+        [t for member_sum in sums for t in member_sum.trees],
+        np.sum([s.offset for s in sums], axis=0),
+    )
 
 
 def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:

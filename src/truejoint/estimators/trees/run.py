@@ -20,22 +20,21 @@ ABREAST: Final = 16
 """Trees that are walked through together, so that none waits for what another asks."""
 
 LAYOUT: Final = Layout()
-N_TREES: Final = LAYOUT.integer("n_trees", "whose values are summed")
-N_NODES: Final = LAYOUT.integer("n_nodes", "of all trees")
-N_VALUES: Final = LAYOUT.integer("n_values", "of all leaves")
-MEAN: Final = LAYOUT.array("mean", "taken from each feature")
-SCALE: Final = LAYOUT.array("scale", "that each feature is then divided by")
-SCALED: Final = LAYOUT.array("scaled", "features of one row, then 0")
-OFFSET: Final = LAYOUT.array("offset", "of each output, which the values are added to")
-ROOT: Final = LAYOUT.integers("root", "node at which each tree begins, flat trees first")
-LEVELS: Final = LAYOUT.integers("levels", "of the deepest of every so many trees, below its root")
-OUTPUT: Final = LAYOUT.integers("output", "that each tree adds to; -1: to every one")
-FEATURE: Final = LAYOUT.integers("feature", "that each node asks for; of a leaf the 0")
-CHILD: Final = LAYOUT.integers("child", "up to the threshold; above it, the next; a leaf: itself")
-FIRST: Final = LAYOUT.integers("first", "value of each leaf")
-NODE: Final = LAYOUT.integers("node", "at which trees that are walked through together are")
-THRESHOLD: Final = LAYOUT.array("threshold", "of each node; 0 for a leaf")
-VALUE: Final = LAYOUT.array("value", "of the leaves")
+LAYOUT.integer("n_trees", "whose values are summed")
+LAYOUT.array("mean", "taken from each feature", "n_features")
+LAYOUT.array("scale", "that each feature is then divided by", "n_features")
+LAYOUT.array("scaled", "features of one row, then 0", "n_scaled")
+LAYOUT.array("offset", "of each output, which the values are added to", "n_outputs")
+LAYOUT.integers("root", "node at which each tree begins, flat trees first", "n_roots")
+LAYOUT.integers("levels", "of the deepest of every so many trees, below its root", "n_blocks")
+LAYOUT.integers("output", "that each tree adds to; -1: to every one", "n_trees")
+LAYOUT.integers("feature", "that each node asks for; of a leaf the 0", "n_nodes")
+LAYOUT.integers("child", "up to the threshold; above it, the next; a leaf: itself", "n_nodes")
+LAYOUT.integers("first", "value of each leaf", "n_nodes")
+LAYOUT.integers("node", "at which trees that are walked through together are", ABREAST)
+LAYOUT.array("threshold", "of each node; 0 for a leaf", "n_nodes")
+LAYOUT.array("value", "of the leaves", "n_values")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -43,40 +42,40 @@ def trees_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict an offset and the sum of the leaves that the scaled features lead to."""
-    k, n = x.shape[0], out.shape[0]
-    mean, scale = vector(memory, numbers[MEAN], k), vector(memory, numbers[SCALE], k)
-    scaled = vector(memory, numbers[SCALED], k + 1)
-    for i in range(k):
-        scaled[i] = (x[i] - mean[i]) / scale[i]
-    copy(vector(memory, numbers[OFFSET], n), out, n)
-    value = vector(memory, numbers[VALUE], numbers[N_VALUES])
-    node = vector(numbers, numbers[NODE], ABREAST)
-    for begin in range(0, numbers[N_TREES], ABREAST):
-        count = min(ABREAST, numbers[N_TREES] - begin)
-        find_leaves(numbers, memory, scaled, begin, node)
+    m = unpack(numbers, memory)
+    for i in range(x.shape[0]):
+        m.scaled[i] = (x[i] - m.mean[i]) / m.scale[i]
+    n = out.shape[0]
+    copy(m.offset, out, n)
+    for begin in range(0, m.n_trees, ABREAST):
+        count = min(ABREAST, m.n_trees - begin)
+        copy(vector(m.root, begin, ABREAST), m.node, ABREAST)
+        levels = m.levels[begin // ABREAST]
+        find_leaves(m.feature, m.child, m.threshold, m.scaled, levels, m.node)
         for i in range(count):
-            output = numbers[numbers[OUTPUT] + begin + i]
-            first = numbers[numbers[FIRST] + node[i]]
+            output, first = m.output[begin + i], m.first[m.node[i]]
             if output >= 0:
-                out[output] += value[first]
+                out[output] += m.value[first]
             else:
                 for j in range(n):
-                    out[j] += value[first + j]
+                    out[j] += m.value[first + j]
 
 
 @compiled
-def find_leaves(numbers: Integers, memory: Array, x: Array, begin: int, node: Integers) -> None:
-    """Leaves of the trees from `begin` on, into `node` (ABREAST,).
+def find_leaves(
+    feature: Integers,
+    child: Integers,
+    threshold: Array,
+    x: Array,
+    levels: int,
+    node: Integers,
+) -> None:
+    """Go so many levels down from each `node` (ABREAST,) of `ABREAST` trees.
 
     All go down as many levels, where a leaf stays, and a comparison picks the next node without a
     branch, which no processor could foresee.
     """
-    n_nodes = numbers[N_NODES]
-    feature = vector(numbers, numbers[FEATURE], n_nodes)
-    child = vector(numbers, numbers[CHILD], n_nodes)
-    threshold = vector(memory, numbers[THRESHOLD], n_nodes)
-    copy(vector(numbers, numbers[ROOT] + begin, ABREAST), node, ABREAST)
-    for _level in range(numbers[numbers[LEVELS] + begin // ABREAST]):
+    for _level in range(levels):
         for i in range(ABREAST):
             at = node[i]
             node[i] = child[at] + int(x[feature[at]] > threshold[at])
