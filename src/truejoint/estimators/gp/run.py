@@ -97,24 +97,18 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory:
-    width = int(params["points"]) + -int(params["points"]) % BLOCK
-    points = np.array(
-        [
-            padded((arrays["points"] * inverse_length).T)
-            for inverse_length in arrays["inverse_lengths"]
-        ]
-    )
+    n_points = int(params["points"])
+    inverse = arrays["inverse_lengths"]
+    points = np.array([padded((arrays["points"] * lengths).T) for lengths in inverse])
     weights = np.array([padded(column[:, None]) for column in padded(arrays["weights"])])
     return LAYOUT.pack(
         **{name: arrays[name] for name in scaling_shapes(k, n)},
-        inverse_lengths=arrays["inverse_lengths"],
+        inverse_lengths=inverse,
         points=points.ravel(),
-        weights=np.array(
-            [padded(weights[:, None]) for weights in padded(arrays["weights"])]
-        ).ravel(),
+        weights=weights.ravel(),
         scaled=np.zeros(k),
         lengths=np.zeros(k),
-        bells=np.zeros(width),
+        bells=np.zeros(n_points + -n_points % BLOCK),
         sums=np.zeros(BLOCK),
     )
 

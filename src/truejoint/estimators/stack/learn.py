@@ -174,9 +174,7 @@ class Stack(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters, to be run only."""
-        presets = (
-            stack_ for stack_ in map(registry.registered, registry.OWN) if type(stack_) is cls
-        )
+        presets = [e for e in map(registry.registered, registry.OWN) if type(e) is cls]
         made = next((preset for preset in presets if preset.model_params() == params), cls())
         made.params_, made._by_members = params, stack.FAMILY.of(params)
         return made
