@@ -35,6 +35,7 @@ def write(path: Path, content: str | bytes) -> Path:
         ("# note\nmeasured/jaw t\n0 1\n", "csv"),
         ('"t";"measured/jaw"\n0;1\n', "csv"),
         ("% x\n% a, Front-end Maxon Encoder [counts]\n1,2\n", "davinci_grasper_umn"),
+        ("t,Front-end Maxon Encoder [counts]\n1,2\n", "csv"),
         (",".join(["1"] * 8) + "\n", "kflex_tendon_sheath"),
         (",".join(["1e3"] * 10) + "\n", "kflex_tendon_sheath"),
         (",".join(["-1.5e-3"] * 240) + "\n", "raven_csv_240"),

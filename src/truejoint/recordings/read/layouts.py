@@ -42,9 +42,10 @@ class Layout:
         return tuple(f"{name}.npy" for name in array_names(self.columns)) if self.folder else ()
 
     def is_marked(self, head: bytes) -> bool:
-        """Whether a file that begins with `head` has the mark."""
+        """Whether a file that begins with `head` has the mark, a text in its first comment."""
         at = head.find(self.mark.encode())
-        return bool(self.mark) and at >= 0 and self.mark_at in (-1, at)
+        begins = not self.fields or head.startswith(self.columns.comment.encode())
+        return bool(self.mark) and at >= 0 and self.mark_at in (-1, at) and begins
 
 
 @cache
