@@ -237,15 +237,13 @@ def _number(kind: Any, rules: Mapping[type, Any]) -> _Read:
     return read_number
 
 
-def _exactly(kind: Any, _: Mapping[type, Any]) -> _Read:
-    rule = {bool: "true or false", types.NoneType: "nothing"}.get(kind)
-
-    def read_exactly(value: Any) -> Any:
-        if rule is not None and not isinstance(value, kind):
-            raise _Broken(f" is {value!r:.40}; want {rule}")
+def _anything(kind: Any, _: Mapping[type, Any]) -> _Read:
+    def read_anything(value: Any) -> Any:
+        if kind is bool and not isinstance(value, bool):
+            raise _Broken(f" is {value!r:.40}; want true or false")
         return value
 
-    return read_exactly
+    return read_anything
 
 
 def _text(_: Any, rules: Mapping[type, Any]) -> _Read:
@@ -256,11 +254,11 @@ def _text(_: Any, rules: Mapping[type, Any]) -> _Read:
     most = f" of {length.low} to {length.high} characters" if Length in rules else ""
     rule = f"a text{most}" if pattern is None else pattern.rule
 
-    def read_text(value: Any) -> str:
+    def read_text(value: Any) -> Any:
         good = isinstance(value, str) and length.low <= len(value) <= length.high
         if not good or (expression is not None and not expression.fullmatch(value)):
             raise _Broken(f" is {value!r:.80}; want {rule}")
-        return cast("str", value)
+        return value
 
     return read_text
 
@@ -279,15 +277,18 @@ def _choice(hint: Any, _: Mapping[type, Any]) -> _Read:
 
 
 def _one_of(hint: Any, rules: Mapping[type, Any]) -> _Read:
-    """Read by the first alternative that takes the value; None goes first, its error says least."""
-    kinds = sorted(get_args(hint), key=lambda kind: kind is not types.NoneType)
-    readers = [_reader(kind, rules) for kind in kinds]
+    """Read by the first alternative that takes the value; the last one says what is wrong."""
+    kinds = [kind for kind in get_args(hint) if kind is not types.NoneType]
+    optional = len(kinds) < len(get_args(hint))
+    *others, last = (_reader(kind, rules) for kind in kinds)
 
     def read_one_of(value: Any) -> Any:
-        for reader in readers[:-1]:
+        if value is None and optional:
+            return None
+        for reader in others:
             with suppress(_Broken):
                 return reader(value)
-        return readers[-1](value)
+        return last(value)
 
     return read_one_of
 
@@ -325,15 +326,12 @@ def _array(_: Any, rules: Mapping[type, Any]) -> _Read:
     shape = "" if sizes is None else " x ".join("n" if n is None else str(n) for n in sizes) + " "
     rule = f"{shape}numbers {bounds.rule}".rstrip()
 
-    def numbers(value: Any) -> bool:
-        if isinstance(value, list | tuple):
-            return all(map(numbers, value))
-        return isinstance(value, int | float) and not isinstance(value, bool)
-
     def read_array(value: Any) -> Any:
         entries = value.tolist() if isinstance(value, np.ndarray) else value
         try:
-            array, good = np.asarray(entries, dtype=np.float64), numbers(entries)
+            flat = np.array(entries, dtype=object).ravel()  # lists remain in a ragged one
+            good = set(map(type, flat)) <= {int, float}
+            array = np.asarray(entries, dtype=np.float64)
         except (TypeError, ValueError, OverflowError, RecursionError):
             array, good = np.empty(0), False
         if sizes is not None and good:
@@ -438,5 +436,5 @@ def _table(kind: type) -> _Read:
 _MAKERS: Final[Mapping[Any, Callable[[Any, Mapping[type, Any]], _Read]]] = {
     float: _number, int: _number, str: _text, Literal: _choice, tuple: _tuple,
     np.ndarray: _array, Mapping: _mapping, Union: _one_of, types.UnionType: _one_of,
-    bool: _exactly, types.NoneType: _exactly, Any: _exactly,
+    bool: _anything, Any: _anything,
 }  # fmt: skip
