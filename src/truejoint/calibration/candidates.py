@@ -41,7 +41,7 @@ _RATE_DT: Final = 0.101  # [s] between rows, beyond which they show steps and no
 
 def choice_of(
     recordings: Sequence[Recording],
-    wanted: Automatic,
+    automatic: Automatic,
     features: FeatureSet | Iterable[str] | None,
     joints: Sequence[str] | None,
     target: Target | None,
@@ -53,24 +53,26 @@ def choice_of(
     robot = common_robot(recordings)
     chosen = chosen_joints(robot, recordings, joints)
     recordings = distinct(recordings)
-    named = dict.fromkeys(name for one in recordings for name in default_features(robot, one).names)
+    named = dict.fromkeys(
+        name for recording in recordings for name in default_features(robot, recording).names
+    )
     usual = FeatureSet.parse(in_all(recordings, named))
     common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
-    models = [unfitted(one, None, random_state) for one in wanted.candidates]
+    models = [unfitted(model, None, random_state) for model in automatic.candidates]
     by_features, targets = _with_their_features(
         models, robot, recordings, usual if features is None else features, target
     )
-    free = [one for ones in by_features.values() for one in ones if one.family.inputs is None]
-    if free and wanted.default_features and features is not None and len(recordings) >= FEW:
+    free = [m for models in by_features.values() for m in models if m.family.inputs is None]
+    if free and automatic.default_features and features is not None and len(recordings) >= FEW:
         by_features.setdefault(usual, free)
     for quantities in _MORE if features is None and free else ():
         columns = [name for name in recordings[0].units if name.split("/")[0] in quantities]
         more = FeatureSet.parse(in_all(recordings, columns))
-        if not any(set(more.names) == set(one.names) for one in by_features):
+        if not any(set(more.names) == set(each.names) for each in by_features):
             by_features[more] = free
-    for ones in by_features.values():  # what learns a filter's residual, without the filter too
-        within_one = {name for one in ones for name in _member_names(one)}
-        ones += [one for one in free if one.name in within_one and one not in ones]
+    for models in by_features.values():  # what learns a filter's residual, without the filter too
+        members = {name for model in models for name in _member_names(model)}
+        models += [m for m in free if m.name in members and m not in models]
     grouped = partial(
         _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
         stride_of(fit_rate, sample_dt(recordings)),
@@ -80,19 +82,19 @@ def choice_of(
         """Give candidates of these names the rates of the table's measured positions as well."""
         positions = [name for name in table.features.names if name.startswith("measured/")]
         rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
-        tried = [one for one in free if one.name in names]
+        tried = [model for model in free if model.name in names]
         more = FeatureSet.parse([*table.features.names, *rates])
         return grouped(more, tried, table.rows.target) if rates else None
 
     tables = [
-        grouped(feature_set, ones, targets.get(feature_set, target or TARGETS[0]))
-        for feature_set, ones in by_features.items()
+        grouped(feature_set, models, targets.get(feature_set, target or TARGETS[0]))
+        for feature_set, models in by_features.items()
     ]
     shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
     extended = with_rates if features is None and free and shows_rates else None
-    found = choose(tables, folds(recordings), chosen, wanted.tell, progress, extended)
+    choice = choose(tables, folds(recordings), chosen, automatic.tell, progress, extended)
     lacking = [] if features is not None else [name for name in named if name not in usual.names]
-    return replace(found, evidence={**found.evidence, "not_in_all": lacking})
+    return replace(choice, evidence={**choice.evidence, "not_in_all": lacking})
 
 
 def _with_their_features(
@@ -109,16 +111,16 @@ def _with_their_features(
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     targets: dict[FeatureSet, Target] = {}
     for model in models:
-        own = model.family.inputs is not None
-        wants = target or (model.family.targets if own else TARGETS)[0]
-        knowing = _knowing(model, recordings)
-        if wants not in model.family.targets or knowing is None:
+        has_inputs = model.family.inputs is not None
+        predicts = target or (model.family.targets if has_inputs else TARGETS)[0]
+        prepared = _prepared(model, recordings)
+        if predicts not in model.family.targets or prepared is None:
             continue
-        known = chosen_features(knowing, robot, recordings, None if own else asked)
-        by_features.setdefault(known, []).append(knowing)
-        targets.setdefault(known, wants)
+        inputs = chosen_features(prepared, robot, recordings, None if has_inputs else asked)
+        by_features.setdefault(inputs, []).append(prepared)
+        targets.setdefault(inputs, predicts)
     if not by_features:
-        names = ", ".join(one.name for one in models)
+        names = ", ".join(model.name for model in models)
         raise CalibrationError(
             f"none of {names} can be tried: the recordings lack what they take, or they predict no "
             f"{target or TARGETS[0]}; give other candidates"
@@ -138,29 +140,29 @@ def _grouped(
 ) -> FoldErrors:
     """Candidates with the rows of recordings, as many as serve a choice, that they see."""
     gap_limit = default_gap_limit(recordings)
-    thinned = not any(one.family.counts_samples for one in candidates)
-    sizes = [len(one) for one in recordings]
+    thinned = not any(model.family.counts_samples for model in candidates)
+    sizes = [len(recording) for recording in recordings]
     most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
     parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
-    told = [one.for_features(feature_set.names, robot, joints) for one in candidates]
-    return FoldErrors.of(FoldRows.of(parts, target, most), told)
+    models = [model.for_features(feature_set.names, robot, joints) for model in candidates]
+    return FoldErrors.of(FoldRows.of(parts, target, most), models)
 
 
-def _knowing(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
-    """Unfitted copy that knows the recordings; None where they lack what it takes of its own."""
-    own = model.family.inputs
-    if own is None:
+def _prepared(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
+    """Unfitted copy with what recordings say; None where they lack inputs that it insists on."""
+    inputs = model.family.inputs
+    if inputs is None:
         return model.for_recordings(recordings)
     try:
-        told = model.for_recordings(recordings)
+        prepared = model.for_recordings(recordings)
     except CalibrationError:
         return None
-    signals = FeatureSet.parse(own(told.model_params())).signals
-    has_all = all(name in one.table.columns for one in recordings for name in signals)
-    return told if has_all else None
+    signals = FeatureSet.parse(inputs(prepared.model_params())).signals
+    has_all = all(name in r.table.columns for r in recordings for name in signals)
+    return prepared if has_all else None
 
 
 def _member_names(model: JointRegressor) -> list[str]:
     """Names of what learns the residual of a model with features of its own."""
     members = getattr(model, "members", ()) if model.family.inputs is not None else ()
-    return [str(getattr(one, "name", one)) for one in members]
+    return [str(getattr(member, "name", member)) for member in members]

@@ -58,15 +58,15 @@ def without(rows: Sequence[Rows], parts: Sequence[Part]) -> list[Rows]:
     What a part covers altogether is left out. Positions and efforts stay, so that features with a
     memory are as they were.
     """
-    kept = []
-    for index, seen in enumerate(rows):
-        own = [part for part in parts if part.recording == index]
-        hidden = hidden_rows(seen.t, own)
-        if not own:
-            kept.append(seen)
+    training = []
+    for index, whole in enumerate(rows):
+        left_out = [part for part in parts if part.recording == index]
+        hidden = hidden_rows(whole.t, left_out)
+        if not left_out:
+            training.append(whole)
         elif not hidden.all():
-            kept.append(seen.hide(hidden))
-    return kept
+            training.append(whole.hide(hidden))
+    return training
 
 
 def hidden_rows(t: Array, parts: Sequence[Part]) -> Mask:
@@ -98,9 +98,9 @@ def blocks(recordings: Sequence[Recording], count: int, *, in_motion: bool = Fal
                 f"{source_of(recording)}: {len(recording)} rows are too few to leave out a "
                 f"{count}th at a time; record for longer, or leave it out where there are others"
             )
-        found = _marks(_time_moved(recording), count) if in_motion else marks
-        if min(np.diff(found)) >= _LEAST_ROWS:
-            marks = found
+        by_motion = _marks(_time_moved(recording), count) if in_motion else marks
+        if min(np.diff(by_motion)) >= _LEAST_ROWS:
+            marks = by_motion
         parts += [Part(index, *marks[i : i + 2]) for i in range(count)]
     return parts
 
@@ -140,8 +140,8 @@ def dealt(units: Sequence[Sequence[Part]], name: str, most: int = FOLDS) -> list
 def enough_beside(recordings: Sequence[Recording], groups: Sequence[Sequence[int]]) -> Mask:
     """Beside which groups (n_groups,) of recordings a fit sees a fifth of the time in all."""
     times = np.array([recording.duration for recording in recordings])
-    own = np.array([times[list(group)].sum() for group in groups])
-    return np.asarray(times.sum() - own >= _LEAST_LEFT * times.sum())
+    without = times.sum() - np.array([times[list(group)].sum() for group in groups])
+    return np.asarray(without >= _LEAST_LEFT * times.sum())
 
 
 def folds(recordings: Sequence[Recording]) -> list[Fold]:
@@ -156,16 +156,16 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     (`truejoint.estimators.cross_validation.levels`). Where several homings, or masses on the tool,
     are stated, these are left out too.
     """
-    parts, found = wholes(recordings), list[Fold]()
+    parts, left_out = wholes(recordings), list[Fold]()
     enough = enough_beside(recordings, [[part.recording] for part in parts])
     if len(recordings) < FEW or not enough.all():
         cut = range(len(recordings)) if len(recordings) < FEW else np.flatnonzero(~enough).tolist()
         shares = blocks([recordings[i] for i in cut], FOLDS, in_motion=True)
         shares = [replace(share, recording=cut[share.recording]) for share in shares]
-        found = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
+        left_out = dealt([shares[k::FOLDS] for k in range(FOLDS)], "time")
     whole = [part for part in parts if enough[part.recording]]
     if len(recordings) < FEW:
-        return found + dealt([[part] for part in whole], "recordings")
+        return left_out + dealt([[part] for part in whole], "recordings")
     by_kind = dict[str, list[list[Part]]]()
     if len(recordings) >= SORTED_FROM:
         for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
@@ -179,9 +179,9 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     if not any(by_kind.values()):
         by_kind["recordings"] = [[part] for part in parts]
     for name, units in by_kind.items():
-        kept = [[part for part in unit if enough[part.recording]] for unit in units]
-        found += dealt([unit for unit in kept if unit], name)
-    return found
+        usable = [[part for part in unit if enough[part.recording]] for unit in units]
+        left_out += dealt([unit for unit in usable if unit], name)
+    return left_out
 
 
 def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
@@ -193,7 +193,7 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
     parts the recordings as another does is none.
     """
     loads = np.array([recording.provenance.load for recording in recordings])
-    found: dict[frozenset[frozenset[int]], list[Integers]] = {}
+    by_groups: dict[frozenset[frozenset[int]], list[Integers]] = {}
     for sizes in (_speeds(recordings), _efforts(recordings), loads):
         if not np.isfinite(sizes).all() or (sizes is not loads and np.ptp(sizes) < _DIFFERENT):
             continue
@@ -202,8 +202,8 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
             if sizes is loads:
                 continue
             alike = np.array_split(np.argsort(sizes, kind="stable"), _RUNS)
-        found.setdefault(frozenset(frozenset(own.tolist()) for own in alike), alike)
-    return list(found.values())
+        by_groups.setdefault(frozenset(frozenset(level.tolist()) for level in alike), alike)
+    return list(by_groups.values())
 
 
 def without_levels(
@@ -227,28 +227,28 @@ def without_levels(
         min(left_out, key=len).add(index)
     parts = wholes(recordings)
     return [
-        Fold(f"levels {k + 1}", tuple(parts[i] for i in sorted(own)))
-        for k, own in enumerate(left_out)
-        if own
+        Fold(f"levels {k + 1}", tuple(parts[i] for i in sorted(group)))
+        for k, group in enumerate(left_out)
+        if group
     ]
 
 
 def _by_value(parts: Sequence[Part], values: Sequence[str | float | None]) -> list[list[Part]]:
     """Give the recordings of each value, where there are two or more and some have the same."""
-    known = list(dict.fromkeys(value for value in values if value is not None))
-    if not 2 <= len(known) < len(parts):
+    different = list(dict.fromkeys(value for value in values if value is not None))
+    if not 2 <= len(different) < len(parts):
         return []
-    return [[p for p, v in zip(parts, values, strict=True) if v == one] for one in known]
+    return [[p for p, v in zip(parts, values, strict=True) if v == value] for value in different]
 
 
 def _speeds(recordings: Sequence[Recording]) -> Array:
     """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
-    found = []
+    speeds = []
     for recording in recordings:
         every = _every(recording)
         t, q = recording.t[::every], _common(recordings, recording, "measured")[::every]
-        found.append(np.diff(q, axis=0) / np.diff(t)[:, None])
-    return _sizes(found)
+        speeds.append(np.diff(q, axis=0) / np.diff(t)[:, None])
+    return _sizes(speeds)
 
 
 def _efforts(recordings: Sequence[Recording]) -> Array:
@@ -258,8 +258,8 @@ def _efforts(recordings: Sequence[Recording]) -> Array:
 
 def _common(recordings: Sequence[Recording], recording: Recording, quantity: str) -> Array:
     """Columns (n, k) of a recording that all recordings have of a quantity."""
-    known = [set(one.joints_of(quantity)) for one in recordings]
-    joints = sorted(set.intersection(*known))
+    common = set.intersection(*(set(r.joints_of(quantity)) for r in recordings))
+    joints = sorted(common)
     return recording.columns(quantity, joints) if joints else np.empty((len(recording), 0))
 
 
