@@ -29,6 +29,7 @@ from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.loop_gain import check_rate
+from truejoint.runtime.motor_readings import MotorReadings
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
@@ -134,12 +135,12 @@ class Compensator:
         dead_band: float = 0.0,
         believed: Status = Status.OK,
     ) -> None:
-        inner = _Motors(as_robot(robot)) if corrector is None else corrector
+        inner = MotorReadings(as_robot(robot)) if corrector is None else corrector
         _check_parts(inner, robot)
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         _check_numbers(numbers, integral_time)
         check_rate(rate, lag, gain)
-        self.corrector: Final[Corrector | _Motors] = inner
+        self.corrector: Final[Corrector | MotorReadings] = inner
         self.rate: Final = float(rate)
         self._integral_time = integral_time
         self._how: dict[str, Any] = {
@@ -188,9 +189,9 @@ class Compensator:
         """Those that it takes where they are wanted."""
         return self.corrector.joints
 
-    def around(self, corrector: Corrector | _Motors) -> Compensator:
+    def around(self, corrector: Corrector | MotorReadings) -> Compensator:
         """Give the same loop, before its start, around another corrector of the same joints."""
-        inner = None if isinstance(corrector, _Motors) else corrector
+        inner = None if isinstance(corrector, MotorReadings) else corrector
         return Compensator(inner, self._robot, **self._how)
 
     @property
@@ -402,38 +403,7 @@ def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensat
     return Compensator(None, robot, rate=rate, lag=lag)
 
 
-class _Motors:
-    """In the place of a corrector: the measured positions as they are."""
-
-    def __init__(self, robot: Robot) -> None:
-        self.made_for: Final = robot.name, robot.arm
-        self.joints: Final = robot.joint_names
-        self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
-        self.spike_speed: Final = np.full(len(self.joints), math.inf)
-        self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
-        self._t = -math.inf
-
-    def step(self, t: float, sample: ArrayLike) -> Status:
-        """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
-        try:
-            values, stamp = np.asarray(sample, dtype=np.float64), float(t)
-        except (TypeError, ValueError):
-            return Status.WRONG_SIZE
-        if values.shape != self.position.shape:
-            return Status.WRONG_SIZE
-        if not (math.isfinite(stamp) and np.isfinite(values).all()):
-            return Status.NOT_FINITE
-        self.position[:] = values
-        is_stale = stamp <= self._t
-        self._t = max(self._t, stamp)
-        return Status.STALE if is_stale else Status.OK
-
-    def release(self) -> None:
-        """Forget the last stamp: another arm's clock may be earlier."""
-        self._t = -math.inf
-
-
-def _check_parts(corrector: Corrector | _Motors, robot: Robot) -> None:
+def _check_parts(corrector: Corrector | MotorReadings, robot: Robot) -> None:
     """Refuse a corrector and a robot that cannot make one loop."""
     if not hasattr(corrector, "made_for"):
         advice = "give Corrector(model)"

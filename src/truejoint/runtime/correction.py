@@ -23,8 +23,6 @@ _SPIKE: Final = int(Status.SPIKE)
 _FROZEN: Final = int(Status.FROZEN)
 _OUT_OF_RANGE: Final = int(Status.OUT_OF_RANGE)
 _OUT_OF_DOMAIN: Final = int(Status.OUT_OF_DOMAIN)
-_NOT_HOMED: Final = int(Status.NOT_HOMED)
-_HOMED_AGAIN: Final = int(Status.HOMED_AGAIN)
 _IMPLAUSIBLE: Final = int(Status.IMPLAUSIBLE)
 _ZERO_SUSPECT: Final = int(Status.ZERO_SUSPECT)
 
@@ -303,66 +301,6 @@ def judge_slips(numbers: Integers, memory: Array) -> None:
         ):
             numbers[at.SUSPECT] = _ZERO_SUSPECT
     forget_spikes(numbers)
-
-
-@compiled
-def acknowledge(numbers: Integers, memory: Array) -> None:
-    """Let the zero count as right, and parity at the next sample."""
-    numbers[at.SUSPECT] = 0
-    numbers[at.ANCHOR] = 1
-    memory[at.PARITY_T] = memory[at.T]
-
-
-@compiled
-def trust(numbers: Integers, memory: Array) -> None:
-    """Let the zero count as that of the training, and parity hold as it did there."""
-    numbers[at.SUSPECT] = 0
-    numbers[at.ANCHOR] = 0
-    n_parity = numbers[at.N_PARITY]
-    fill(vector(memory, numbers[at.PARITY_SHIFT], n_parity), n_parity, 0.0)
-
-
-@compiled
-def tell_homing(numbers: Integers, memory: Array) -> int:
-    """Take over what is told of the homing; the status bits that samples have from now on.
-
-    Reads `IS_HOMED` and `TOLD_ID`. Where positions may have moved, the offset ends and the history
-    starts anew: a homing that was left is another one when it is told again.
-    """
-    homing, homing_id, told = numbers[at.HOMING], numbers[at.HOMING_ID], numbers[at.TOLD_ID]
-    if numbers[at.IS_HOMED] == 0:
-        numbers[at.WAS_LOST] = 1
-        numbers[at.HOMING_ID] = at.HOMING_UNKNOWN
-        numbers[at.HOMING] = _NOT_HOMED
-    else:
-        if told != at.HOMING_UNKNOWN:
-            if numbers[at.OWN_ID] == at.HOMING_UNKNOWN:
-                numbers[at.OWN_ID] = told
-            is_rezeroed = numbers[at.REZEROED] != 0 and told == homing_id
-            fits = told < 0 or told == numbers[at.OWN_ID] or is_rezeroed
-            numbers[at.WAS_LOST] = 0 if fits else 1
-            numbers[at.HOMING_ID] = told
-        numbers[at.HOMING] = _HOMED_AGAIN if numbers[at.WAS_LOST] else 0
-    if numbers[at.HOMING] != homing or numbers[at.HOMING_ID] != homing_id:
-        numbers[at.REZEROED] = 0
-        n = numbers[at.N_JOINTS]
-        fill(vector(memory, numbers[at.OFFSET], n), n, 0.0)
-        forget(numbers, memory)
-        trust(numbers, memory)
-    if numbers[at.ZEROED] and numbers[at.HOMING] == 0:
-        numbers[at.REZEROED] = 1
-    return int(numbers[at.HOMING])
-
-
-@compiled
-def accept_offset(numbers: Integers, memory: Array) -> int:
-    """Let the offset be that of the present homing; status bits as of `tell_homing`."""
-    if numbers[at.HOMING] != _NOT_HOMED:
-        numbers[at.WAS_LOST] = 0
-        numbers[at.REZEROED] = 1
-        numbers[at.HOMING] = 0
-    acknowledge(numbers, memory)
-    return int(numbers[at.HOMING])
 
 
 @compiled

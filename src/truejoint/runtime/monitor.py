@@ -1,10 +1,9 @@
 """Notice, without a sensor at the joints, that a calibration may no longer hold.
 
-Five things can be seen from the motors: efforts that no longer fit position and direction (a load,
-a damaged cable), friction that changed, samples far outside the trained range, a filter's
-innovations, and how long the arm has worked since it was last compared with the truth. What
-they cannot see is cables that lengthen evenly: positions shift, efforts do not. Only the working
-time stands for that.
+Motors show four things: efforts that no longer fit position and direction (a load, a damaged
+cable), friction that changed, samples far outside the trained range, and how long the arm has
+worked since it was last compared with the truth. They do not show cables that lengthen evenly:
+positions shift, efforts do not. Only the working time stands for that.
 """
 
 from __future__ import annotations
@@ -50,14 +49,12 @@ OUTSIDE_TIME: Final = 60.0
 """Time over which the share of such samples is averaged [s]."""
 REST: Final = 2.0
 """Without a step of any joint for this long [s] the arm is at rest."""
-INNOVATION_SAMPLES: Final = 500.0
-"""Innovations are averaged over about this many."""
 RELEASE: Final = 0.7
 """A level is left when its measure falls below this share of the threshold: no flicker."""
 
 # Measures, in the order of the bits of `Reason`.
-SHIFT, FRICTION, RANGE, INNOVATION, WORK = 0, 1, 2, 3, 4
-N_MEASURES: Final = 5
+SHIFT, FRICTION, RANGE, WORK = 0, 1, 2, 3
+N_MEASURES: Final = 4
 
 LAYOUT: Final = Layout()
 N_JOINTS: Final = LAYOUT.integer("n_joints", "watched or not")
@@ -66,7 +63,6 @@ HAS_LAST: Final = LAYOUT.integer("has_last", "whether there was a sample")
 GAP_LIMIT: Final = LAYOUT.scalar("gap_limit", "time that nothing is told of [s]")
 WORKING_TIME: Final = LAYOUT.scalar("working_time", "after which a comparison is due [s]")
 OUTSIDE: Final = LAYOUT.scalar("outside", "averaged share of samples far outside")
-RATIO: Final = LAYOUT.scalar("ratio", "averaged innovation")
 WORKED: Final = LAYOUT.scalar("worked", "time of motion since the last comparison [s]")
 LAST: Final = LAYOUT.scalar("last", "stamp of the last sample [s]")
 LAST_STEP: Final = LAYOUT.scalar("last_step", "when a joint last moved a step [s]")
@@ -88,8 +84,8 @@ EFFORT: Final = LAYOUT.integers("effort", "signal of each joint's effort; -1: no
 MONITORED: Final = LAYOUT.integers("monitored", "1 where efforts are compared")
 LEVELS: Final = LAYOUT.integers("levels", "of each measure")
 
-_CHECK: Final = np.array([1.0, 1.0, 0.1, 2.0, 1.0])
-_RECALIBRATE: Final = np.array([6.0, 3.0, 0.5, 4.0, math.inf])
+_CHECK: Final = np.array([1.0, 1.0, 0.1, 1.0])
+_RECALIBRATE: Final = np.array([6.0, 3.0, 0.5, math.inf])
 
 
 class Alarm(IntEnum):
@@ -124,9 +120,7 @@ class Reason(IntFlag):
     """Efforts of the two directions are further apart or closer together than they were."""
     RANGE = 4
     """Many samples lie far outside the trained range."""
-    INNOVATION = 8
-    """A filter's innovations are larger than it states."""
-    WORK = 16
+    WORK = 8
     """The arm has moved for long since it was last compared with the truth."""
 
 
@@ -137,7 +131,7 @@ class MonitorTrace:
     t: Array  # (n,) time stamps [s]
     alarm: Integers  # (n,) `Alarm` after each sample
     reasons: Integers  # (n,) `Reason` bits of the measures that are above their threshold
-    measures: Array  # (n, 5) as in `Monitor.measures`
+    measures: Array  # (n, 4) as in `Monitor.measures`
 
     def first(self, alarm: Alarm = Alarm.CHECK, reasons: Reason | None = None) -> float:
         """Time since the first sample [s] at which `alarm` was first reached; NaN if never.
@@ -169,10 +163,9 @@ class Monitor:
     alarm : Alarm
     reasons : Reason
         Of the measures that are above their threshold.
-    measures : ndarray, shape (5,)
+    measures : ndarray, shape (4,)
         Shift and change of friction of the worst joint, as shares of their limits; share of samples
-        far outside the trained range; mean normalised innovation squared per degree of freedom;
-        working time as a share of `working_time`.
+        far outside the trained range; working time as a share of `working_time`.
     shifts, frictions : ndarray, shape (n_joints,)
         Deviation of the efforts as shares of their limits, averaged over about two of the joint's
         ranges each way; NaN for joints whose efforts are not known (`watched`).
@@ -229,7 +222,6 @@ class Monitor:
         self.reset()
         # Compile, then forget.
         self._watch(self._stamp, self._sample, *self._graded)
-        self.innovation(1.0, 1)
         self.reset()
 
     __reduce__ = refuse_copy
@@ -261,7 +253,6 @@ class Monitor:
         self._packed.view("mean")[:] = 0.0
         self._packed.view("travel")[ANCHOR] = np.nan
         self._memory[[OUTSIDE, WORKED, LAST, LAST_STEP]] = 0.0
-        self._memory[RATIO] = 1.0
         self._numbers[HAS_LAST] = 0
         self._features: FeatureState = self._calibration.feature_set.start()
 
@@ -289,14 +280,6 @@ class Monitor:
         self._watch(self._stamp, self._sample, *self._graded)
         return int(self._levels.max())
 
-    def innovation(self, squared: float, degrees: int) -> int:
-        """Take the normalised innovation squared of a filter's update; returns the `Alarm`.
-
-        It is ``v.T @ inv(S) @ v``, on average equal to `degrees` while the filter is right: how
-        many measurements it is of, above 0.
-        """
-        return int(take_innovation(self._numbers, self._memory, squared / degrees))
-
     def run(self, recording: Recording) -> MonitorTrace:
         """Watch a whole recording, from a fresh start; RecordingError if it lacks a signal."""
         as_recorded(recording)
@@ -310,7 +293,7 @@ class Monitor:
         return MonitorTrace(t, levels.max(axis=1), _bits(levels), measures)
 
     def _watch(self, t: Array, samples: Array, levels: Integers, measures: Array) -> None:
-        """Take rows one after the other; `levels` and `measures` (n, 5) receive what each says."""
+        """Take rows one after the other; `levels` and `measures` (n, 4) receive what each says."""
         calibration, features = self._calibration, self._features
         watch_rows(
             self._numbers, self._memory, *calibration.feature_set.program, calibration.gap_limit,
@@ -320,7 +303,7 @@ class Monitor:
 
 
 def _bits(levels: Integers) -> Integers:
-    """`Reason` bits of the measures above their threshold, of their levels (..., 5)."""
+    """`Reason` bits of the measures above their threshold, of their levels (..., 4)."""
     return np.asarray((levels > 0) @ (1 << np.arange(N_MEASURES)))
 
 
@@ -347,7 +330,7 @@ def watch_rows(
     """Watch rows of stamps `t` (n,) [s] and `samples` (n, n_signals), one after the other.
 
     The `features` (k,) are those of `feature_row`; `lower`, `upper` and `per_span` (k,) are their
-    trained range and its inverse length. `levels` and `measures` (n, 5) receive what stands after
+    trained range and its inverse length. `levels` and `measures` (n, 4) receive what stands after
     each row.
     """
     for i in range(t.shape[0]):
@@ -434,18 +417,8 @@ def largest(shares: Array) -> float:
 
 
 @compiled
-def take_innovation(numbers: Integers, memory: Array, ratio: float) -> int:
-    """Take one innovation, squared and normalised per degree of freedom, into its average."""
-    measures = vector(memory, numbers[MEASURES], N_MEASURES)
-    if np.isfinite(ratio):
-        memory[RATIO] += (ratio - memory[RATIO]) / INNOVATION_SAMPLES
-        measures[INNOVATION] = memory[RATIO]
-    return grade(measures, vector(numbers, numbers[LEVELS], N_MEASURES))
-
-
-@compiled
 def grade(measures: Array, levels: Integers) -> int:
-    """Level of each measure, with hysteresis, into `levels` (5,); returns the highest."""
+    """Level of each measure, with hysteresis, into `levels` (4,); returns the highest."""
     highest = 0
     for i in range(measures.shape[0]):
         held = 0
