@@ -8,32 +8,19 @@ from truejoint.errors import CommandRefused
 
 STATES = ("DISABLED", "ENABLED", "PAUSED", "FAULT")
 
-# The whole machine: (state, command) -> state, None where the command is refused.
+# The whole machine: state after each command, - where the command is refused.
+ROWS = """
+          enable   disable   pause   resume   home     unhome
+DISABLED  ENABLED  DISABLED  -       -        -        DISABLED
+ENABLED   ENABLED  DISABLED  PAUSED  ENABLED  ENABLED  ENABLED
+PAUSED    -        DISABLED  PAUSED  ENABLED  -        PAUSED
+FAULT     -        DISABLED  -       -        -        FAULT
+"""
+COMMANDS, *STATE_ROWS = (line.split() for line in ROWS.strip().splitlines())
 TABLE = {
-    ("DISABLED", "enable"): "ENABLED",
-    ("ENABLED", "enable"): "ENABLED",
-    ("PAUSED", "enable"): None,
-    ("FAULT", "enable"): None,
-    ("DISABLED", "disable"): "DISABLED",
-    ("ENABLED", "disable"): "DISABLED",
-    ("PAUSED", "disable"): "DISABLED",
-    ("FAULT", "disable"): "DISABLED",
-    ("DISABLED", "pause"): None,
-    ("ENABLED", "pause"): "PAUSED",
-    ("PAUSED", "pause"): "PAUSED",
-    ("FAULT", "pause"): None,
-    ("DISABLED", "resume"): None,
-    ("ENABLED", "resume"): "ENABLED",
-    ("PAUSED", "resume"): "ENABLED",
-    ("FAULT", "resume"): None,
-    ("DISABLED", "home"): None,
-    ("ENABLED", "home"): "ENABLED",
-    ("PAUSED", "home"): None,
-    ("FAULT", "home"): None,
-    ("DISABLED", "unhome"): "DISABLED",
-    ("ENABLED", "unhome"): "ENABLED",
-    ("PAUSED", "unhome"): "PAUSED",
-    ("FAULT", "unhome"): "FAULT",
+    (state, command): None if after == "-" else after
+    for state, *row in STATE_ROWS
+    for command, after in zip(COMMANDS, row, strict=True)
 }
 
 

@@ -147,7 +147,7 @@ class Homing(NamedTuple):
     registration_sd: Annotated[float, Bounds(0.0, 1e-3)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class ForcepsParameters(Parameters):
     """Everything that the virtual forceps is made of; one attribute per section of the file."""
 
@@ -157,7 +157,7 @@ class ForcepsParameters(Parameters):
         "B": "forceps/b.toml",
     }
 
-    mechanism: Forceps
+    mechanism: Forceps = Forceps()  # noqa: RUF009  # frozen
     assembly: Assembly
     drive_cable: Cable
     reset_cable: Cable
