@@ -32,7 +32,7 @@ from pathlib import Path
 import numpy as np
 
 import truejoint
-from truejoint.calibration.model_file import read_model_file, to_bytes
+from truejoint.calibration.model_file import encode, read_calibration
 from truejoint.cli.app import INTERRUPTED, main
 from truejoint.errors import TruejointError
 
@@ -268,11 +268,17 @@ def races(case: Case, count: int, tally: Counter[str]) -> None:
         tally["two at once: both believe to have written"] += codes[1] in (0, 1)
 
 
+def model_values(path: Path) -> str:
+    """All that a model file holds, as text."""
+    description, arrays = encode(read_calibration(path))
+    return repr(description) + repr({name: one.tobytes() for name, one in arrays.items()})
+
+
 def flips(count: int, rng: random.Random, tally: Counter[str]) -> None:
     """Flip single bits, and count what is read with other values."""
     readers: dict[str, Callable[[Path], object]] = {
         "short.parquet": lambda path: truejoint.read_recording(path).table.to_numpy().tobytes(),
-        "m.st": lambda path: to_bytes(*read_model_file(path)),
+        "m.st": model_values,
         "z.csv": lambda path: truejoint.motion.read_trajectory(path).positions.tobytes(),
     }
     whole = truejoint.read_recording("z.parquet")

@@ -33,8 +33,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.automatic_choice import kept
-from benchmarks.loop_session import HOMING, Samples, simulated_session
+from benchmarks import stored
+from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.calibration import Calibration
 from truejoint.runtime import Corrector, Status
 
@@ -271,7 +271,7 @@ def main() -> None:
     found = []
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         title = f"{kind}, {seed}, {options.estimator}, {length:g}"
-        found.append(kept(options.out, title, partial(run, seed, length, options.estimator)))
+        found.append(stored(options.out, title, partial(run, seed, length, options.estimator)))
         if options.healthy:
             print(f"seed {seed}: {found[-1]}", flush=True)
     if options.healthy:

@@ -24,9 +24,9 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+from tests.chromium import Chromium
 
 import truejoint
-from benchmarks.chromium import Chromium
 from truejoint.crtk import Arm, LoopTiming, PacedBackend
 from truejoint.errors import TruejointError
 from truejoint.monitor import ArmPage

@@ -1,8 +1,6 @@
 """Calibration from a tracker beside the simulated RAVEN-II, against one from joint encoders.
 
     python -m benchmarks.tracker [--arms 3] [--runs 40] [--specimens nominal peng2024]
-    python -m benchmarks.tracker --floor [--arms 3]
-    python -m benchmarks.tracker --camera
 
 An arm of its own seed, freshly homed, follows zig-zags J1-J2-J3 of sparsity 1/4, 1/5 and 1/6 and
 then five minutes of a random motion. Trackers of several kinds see a marker on its shaft, with a
@@ -12,15 +10,6 @@ The same estimator learns from the joint encoders and from each tracker's truth;
 the random motion by the joint encoders. Then, in as many runs as ``--runs`` says, of five minutes
 of random motion each, how often intervals of 90 % of the transforms hold. Every arm and run is kept
 in a file under ``--out`` and is not run again while that is there.
-
-With ``--floor`` it prints what the stated registration does by itself, with any tracker: points
-without noise, delay or loss, from a base and a marker that are off by draws of their deviations,
-put the joints elsewhere; that and the error of the calibration from joint encoders, which a
-tracker's can have at best, are added as squares. Then at what part of the deviations that would be
-1.5 times the encoders' error.
-
-With ``--camera`` it looks at the public recordings of a dVRK PSM whose tool a camera saw
-(`dvrk_psm_berkeley`): positions as published, put into another frame, with noise.
 """
 
 from __future__ import annotations
@@ -37,15 +26,12 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import norm
 from tests.simulated_tracker import TRACKERS
 
-from benchmarks.automatic_choice import kept
+from benchmarks import stored
 from truejoint import calibrate
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.motion import Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording, Track
-from truejoint.recordings.datasets import locate, read_dataset
-from truejoint.recordings.read.array_files import read_npy
-from truejoint.robots import Robot
 from truejoint.simulation import TwinOutput, make_twin
 from truejoint.tip import Registered, Registration, tracked_truth
 from truejoint.units import display_unit
@@ -149,73 +135,6 @@ def one_arm(specimen: str, seed: int, estimator: str) -> dict[str, Any]:
     return result
 
 
-def encoders_alone(specimen: str, seed: int, estimator: str) -> dict[str, Any]:
-    """RMSE (3,) on the test of what joint encoders taught, and what the registration adds (3,)."""
-    session = Session(specimen, seed)
-    training, _, joint = session.record(
-        [zigzag(session.robot, "J1-J2-J3", 1 / n) for n in (4, 5, 6)]
-    )
-    motion = random_motion(session.robot, 60.0 * TEST_MINUTES, 1000 + seed)
-    test = session.record([motion])[0].with_truth(session.robot.positioning)
-    model = calibrate(training, estimator, random_state=seed)
-    off = model.correct(test) - test.columns("truth", model.joints)
-    added = of_registration(session.robot, joint[:: len(joint) // 200], seed)
-    return {"encoders": np.sqrt((off**2).mean(axis=0)).tolist(), "registration": added.tolist()}
-
-
-def of_registration(robot: Robot, joint: Array, seed: int, draws: int = 400) -> Array:
-    """How far off (3,) joints are that put a point, seen without noise, where it is (n, 7).
-
-    Root mean square over the motion and draws of the base and the marker. To first order:
-    ``J dq = -R dm - w x p - s`` of the marker's place p, off by dm on its link, and a base that is
-    turned by w and shifted by s.
-    """
-    random = np.random.default_rng(seed)
-    chain = robot.kinematics.up_to(robot.index([LINK])[0])
-    marker = np.append(random.uniform((-0.01, -0.01, -0.03), (0.01, 0.01, 0.0)), 1.0)
-
-    def place(joints: Array) -> Array:
-        return (chain.forward(joints) @ marker)[:, :3]
-
-    step = 1e-6 * np.eye(joint.shape[1])[:3]
-    jacobian = np.stack([(place(joint + s) - place(joint - s)) / 2e-6 for s in step], axis=2)
-    p, turns, back = place(joint), chain.forward(joint)[:, :3, :3], np.linalg.inv(jacobian)
-    squares = np.zeros(3)
-    for off in DEVIATIONS * random.standard_normal((draws, 9)):
-        moved = turns @ off[6:] + np.cross(off[:3], p) + off[3:6]
-        squares += ((back @ moved[:, :, None])[:, :, 0] ** 2).mean(axis=0)
-    return np.asarray(np.sqrt(squares / draws))
-
-
-def floor(specimens: Sequence[str], arms: int, estimator: str, out: Path) -> None:
-    """Print what the registration alone makes of the ratio to the encoders' error."""
-    print(
-        "| specimen | shoulder [deg] | elbow [deg] | insertion [mm] | to the encoders' | 1.5 at |"
-    )
-    print("|---|---|---|---|---|---|")
-    scale = np.array([display_unit(unit).scale for unit in ("rad", "rad", "m")])
-    for specimen in specimens:
-        rows = [
-            kept(out, f"{specimen}, arm {seed}, {estimator}, encoders alone",
-                 partial(encoders_alone, specimen, seed, estimator))
-            for seed in range(arms)
-        ]  # fmt: skip
-        ours, added = (
-            np.sqrt(np.mean([np.square(row[name]) for row in rows], axis=0))
-            for name in ("encoders", "registration")
-        )
-
-        def ratios(part: float, of: Array = added / ours) -> Array:
-            return np.asarray(np.sqrt(1.0 + (part * of) ** 2))
-
-        parts = np.linspace(0.0, 2.0, 2001)
-        most = parts[[np.log(ratios(part)).mean() <= np.log(1.5) for part in parts]].max()
-        cells = " | ".join(f"{value:.3f}" for value in added * scale)
-        each = ", ".join(f"{ratio:.2f}" for ratio in ratios(1.0))
-        mean = np.exp(np.log(ratios(1.0)).mean())
-        print(f"| {specimen} | {cells} | {mean:.2f} ({each}) | {100 * most:.0f} % |", flush=True)
-
-
 def one_run(specimen: str, seed: int, kinds: Sequence[str]) -> dict[str, Any]:
     """Errors (9,) of the transforms in their deviations, by kind of tracker, and deviations."""
     session = Session(specimen, seed)
@@ -238,7 +157,7 @@ def accuracy(specimens: Sequence[str], arms: int, estimator: str, out: Path) -> 
         found = []
         for seed in range(arms):
             make = partial(one_arm, specimen, seed, estimator)
-            found.append(kept(out, f"{specimen}, arm {seed}, {estimator}", make))
+            found.append(stored(out, f"{specimen}, arm {seed}, {estimator}", make))
         ours = np.array([arm["encoders"] for arm in found])
         for name in ("encoders", *TRACKERS):
             errors = np.array([arm[name] for arm in found])
@@ -257,7 +176,7 @@ def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
     print(f"\n| {specimen}, {runs} runs | " + " | ".join(PARTS) + " | all | deviations |")
     print("|---|" + "---|" * (len(PARTS) + 2))
     make = [
-        kept(out, f"{specimen}, run {seed}", partial(one_run, specimen, seed, kinds))
+        stored(out, f"{specimen}, run {seed}", partial(one_run, specimen, seed, kinds))
         for seed in range(100, 100 + runs)
     ]
     limit = norm.ppf(0.5 + LEVEL / 2)
@@ -270,40 +189,6 @@ def coverage(specimen: str, runs: int, kinds: Sequence[str], out: Path) -> None:
         print(f"| {kind} | {cells} | {100 * inside.mean():.0f} % | {shown} |", flush=True)
 
 
-def camera() -> None:
-    """Print what the dVRK's published positions say of its joints, from another frame."""
-    print("| set | joint | found less published: mean, sd | stated: noise, pose |")
-    print("|---|---|---|---|")
-    folder = locate("dvrk_psm_berkeley")
-    for name in ("random", "peg_transfer"):
-        recording = read_dataset("dvrk_psm_berkeley", name)[0]
-        position, _ = read_npy(folder / name / "pos_act.npy")
-        times, _ = read_npy(folder / name / "t_stamp.npy")
-        random = np.random.default_rng(0)
-        turn = Rotation.random(rng=random).as_matrix()
-        noisy = position + 7e-4 * random.standard_normal(position.shape)
-        track = Track.of_readings(times.ravel(), noisy @ turn.T + [0.1, 0.2, 0.6])
-        base = np.eye(4)
-        base[:3, :3], base[:3, 3] = turn, [0.1, 0.2, 0.6]
-        link = "outer_roll"
-        known = Registration(
-            base, DEVIATIONS[:6], link=link, marker=np.zeros(3), marker_sd=DEVIATIONS[6:]
-        )
-        joints = recording.robot.positioning[:3]
-        found, registered = tracked_truth(bare(recording), track, known, joints, offset=0.0)
-        off = found.columns("truth", joints) - recording.columns("truth", joints)
-        off = off[np.isfinite(off).all(axis=1)]
-        for k, joint in enumerate(joints):
-            shown = display_unit(recording.units[f"measured/{joint}"])
-            values = [off[:, k].mean(), off[:, k].std()]
-            values += [registered.noise_deviation[k], registered.pose_deviation[k]]
-            bias, sd, noise, pose = (v * shown.scale for v in values)
-            print(
-                f"| {name} | {joint} | {bias:+.3f}, {sd:.3f} {shown.name} "
-                f"| {noise:.3f}, {pose:.3f} {shown.name} |"
-            )
-
-
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -312,16 +197,8 @@ def main() -> None:
     parser.add_argument("--runs", type=int, default=40)
     parser.add_argument("--estimator", default="dnn")
     parser.add_argument("--kinds", nargs="+", default=["optical", "optical_pose", "rgbd"])
-    parser.add_argument("--floor", action="store_true", help="what the registration alone does")
-    parser.add_argument("--camera", action="store_true", help="the dVRK's published positions")
     parser.add_argument("--out", type=Path, default=Path("bench/tracker"))
     options = parser.parse_args()
-    if options.camera:
-        camera()
-        return
-    if options.floor:
-        floor(options.specimens, options.arms, options.estimator, options.out)
-        return
     if options.arms:
         accuracy(options.specimens, options.arms, options.estimator, options.out)
     for specimen in options.specimens:

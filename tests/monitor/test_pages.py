@@ -13,7 +13,7 @@ import urllib.request
 import numpy as np
 import pytest
 import viser
-from benchmarks import chromium
+from tests import chromium
 from tests.crtk.faulty_backend import Fault, FaultyBackend
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
