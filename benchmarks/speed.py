@@ -314,7 +314,9 @@ def sklearn_network(model: Calibration) -> Callable[[Array], Array]:
     """`predict` of scikit-learn's scaler and a network with the layers of ours."""
     first = model.model.arrays_["weight_0"].shape[0]
     rng = np.random.default_rng(0)
-    network = MLPRegressor((100, 100), activation="logistic", batch_size=20, max_iter=1)
+    network = MLPRegressor(
+        hidden_layer_sizes=(100, 100), activation="logistic", batch_size=20, max_iter=1
+    )
     with warnings.catch_warnings(category=ConvergenceWarning, action="ignore"):
         pipeline = make_pipeline(StandardScaler(), network)
         pipeline.fit(rng.normal(size=(20, first)), rng.normal(size=(20, 3)))
