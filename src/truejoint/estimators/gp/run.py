@@ -46,8 +46,9 @@ def gaussian_process_row(
     k, width = m.n_features, m.width
     standardise(x, m.mean, m.inverse_scale, m.scaled)
     for j in range(out.shape[0]):
+        inverse = m.inverse_lengths[j]
         for i in range(k):
-            m.lengths[i] = m.scaled[i] * m.inverse_lengths[j, i]
+            m.lengths[i] = m.scaled[i] * inverse[i]
         add_squares(m.lengths, matrix(m.points, j * k * width, k, width), m.bells)
         to_bells(m.bells)
         fill(m.sums, BLOCK, 0.0)

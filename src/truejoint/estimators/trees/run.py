@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, copy, vector
+from truejoint.compiled import compiled, copy, inlined, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Family, Params, Shape, integer
 from truejoint.layout import Layout, Memory
@@ -61,7 +61,7 @@ def trees_row(
                     out[j] += m.value[first + j]
 
 
-@compiled
+@inlined
 def find_leaves(
     feature: Integers,
     child: Integers,
