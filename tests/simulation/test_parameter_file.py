@@ -38,14 +38,13 @@ def write(path, text):
 
 
 @pytest.mark.parametrize(("kind", "name"), SPECIMENS)
-def test_a_shipped_file_is_commented_and_comes_back_from_plain_values(kind, name, tmp_path):
+def test_a_shipped_file_is_commented_and_comes_back_from_plain_values(kind, name):
     text = (Path(package.__file__).parent / kind.SPECIMENS[name]).read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if "=" in line.split("#")[0]]
     if kind is Raven2Parameters:
         assert [line for line in lines if "#" not in line] == []
     parameters = kind.read(name)
     assert kind.from_dict(parameters.to_dict()) == parameters
-    assert kind.read(write(tmp_path / "copy.toml", parameters.to_toml())) == parameters
     for section in parameters.to_dict().values():
         for value in section.values():
             numbers = value if isinstance(value, tuple) else (value,)

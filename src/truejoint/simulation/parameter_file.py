@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tomllib
 from collections.abc import Mapping
@@ -107,13 +106,6 @@ class Parameters:
     def to_dict(self) -> dict[str, dict[str, Any]]:
         """Plain nested values, as in the file."""
         return {name: section._asdict() for name, section in vars(self).items()}
-
-    def to_toml(self) -> str:
-        """Text that `read` turns into these parameters again, without the comments."""
-        return "".join(
-            f"[{section}]\n" + "".join(f"{k} = {json.dumps(v)}\n" for k, v in values.items())
-            for section, values in self.to_dict().items()
-        )
 
     def check(self, source: str) -> None:
         """Raise TruejointError, naming the `source`, if the whole cannot be simulated."""

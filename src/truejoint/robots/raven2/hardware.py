@@ -37,8 +37,6 @@ class Drive:
     gear_ratio: float  # motor turns per capstan turn
     capstan_radius: float  # radius at which the capstan winds the cable [m]
     torque_constant: float  # motor torque per current [Nm/A]
-    max_current: float  # limits of the motor [A]
-    continuous_current: float
     dac_per_amp: float  # DAC counts per ampere of the amplifier
     transmission_ratio: float  # motor angle per joint position [rad/rad, rad/m], without coupling
     dac_limit: int  # largest command [DAC counts] at the safety level MODERATE
@@ -112,8 +110,8 @@ def drives(arm: Literal["left", "right"]) -> tuple[Drive, ...]:
     params/r2params.yaml of uw-biorobotics/raven2.
     """
     # Maxon RE40 with the high-current, RE30 with the low-current amplifier.
-    large = (_GEAR_LARGE, _CAPSTAN_LARGE, 0.0603, 10.0, 3.12, 2730.0)
-    small = (_GEAR_SMALL, _CAPSTAN_SMALL, 0.0538, 10.0, 1.72, 5461.0)
+    large = (_GEAR_LARGE, _CAPSTAN_LARGE, 0.0603, 2730.0)
+    small = (_GEAR_SMALL, _CAPSTAN_SMALL, 0.0538, 5461.0)
     kd = 0.012 if arm == "left" else 0.010  # of the insertion
     # Ratio, DAC limit; gains; homing speed, command and hard stop.
     return (
