@@ -14,8 +14,8 @@ from sklearn.neural_network import MLPRegressor
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
 from truejoint.estimators.network.adam import EPSILON
-from truejoint.estimators.network.layers import Layers, Penalties, loss_and_gradient
-from truejoint.estimators.network.learn import WideNetwork, effective_batch
+from truejoint.estimators.network.layers import Layers, loss_and_gradient
+from truejoint.estimators.network.learn import effective_batch
 
 SIZES = (4, 6, 5, 3)
 
@@ -69,35 +69,6 @@ def test_gradient_is_the_slope_of_the_loss(n, decay, seed):
     assert loss == pytest.approx(keras_loss(layers, X, y, decay), rel=1e-12)
     places = range(0, layers.flat.size, 7)
     assert_slopes(gradient, layers, places, lambda: keras_loss(layers, X, y, decay))
-
-
-def test_gradient_of_further_penalties_is_the_slope_of_the_loss():
-    layers, X, y = problem(13)
-    more = Penalties(3e-3, 2e-3, 5e-3)
-
-    def penalised() -> float:
-        sizes = sum(float(np.abs(weight).sum()) for weight in layers.weights)
-        biases = sum(float((bias**2).sum()) for bias in layers.biases)
-        hidden, a = 0.0, X
-        for weight, bias in zip(layers.weights[:-1], layers.biases[:-1], strict=True):
-            a = expit(a @ weight + bias)
-            hidden += float((a**2).sum()) / len(X)  # as Keras: mean over the batch, sum over units
-        penalty = more.weights * sizes + more.biases * biases + more.activities * hidden
-        return keras_loss(layers, X, y, 0.01) + penalty
-
-    gradient = Layers.zeros(SIZES, np.float64)
-    assert loss_and_gradient(layers, X, y, 0.01, gradient, more) == pytest.approx(penalised())
-    has_slope = np.flatnonzero(np.abs(layers.flat) >= 1e-4)  # at zero a weight's size has none
-    assert_slopes(gradient, layers, has_slope, penalised)
-
-
-def test_a_wide_network_runs_as_any_other():
-    X = np.random.default_rng(0).normal(size=(400, 3))
-    wide = WideNetwork(hidden_layer_sizes=(8, 6), epochs=3).fit(X, X[:, :2])
-    again = NeuralNetwork.from_data(wide.data, 3, 2)
-    assert np.array_equal(again.predict(X), wide.predict(X))
-    plain = NeuralNetwork(hidden_layer_sizes=(8, 6), weight_decay=1e-4, epochs=3).fit(X, X[:, :2])
-    assert not np.array_equal(plain.predict(X), wide.predict(X))
 
 
 def test_an_unknown_target_counts_as_one_that_is_met():
@@ -227,12 +198,6 @@ def test_rows_beyond_the_most_are_left_out_evenly():
 def test_a_network_of_too_few_rows_is_refused(rows):
     with pytest.raises(CalibrationError, match=r"parameter rows is .* an integer from 300"):
         NeuralNetwork(rows=rows).check_params()
-
-
-@pytest.mark.parametrize("name", ["absolute_decay", "bias_decay", "activity_decay"])
-def test_a_penalty_that_rewards_is_refused(name):
-    with pytest.raises(CalibrationError, match=f"parameter {name} is -1.0; it must be a number"):
-        WideNetwork(**{name: -1.0}).check_params()
 
 
 def test_few_rows_get_smaller_batches():

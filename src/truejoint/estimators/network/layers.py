@@ -1,11 +1,11 @@
-"""Layers of a network and their loss: that of Keras, with further penalties, and its gradient."""
+"""Layers of a network and their loss: that of Keras, and its gradient."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final, NamedTuple, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -46,30 +46,18 @@ class Layers:
         return layers
 
 
-class Penalties(NamedTuple):
-    """Factors of further penalties on a network, in the sense of Keras."""
-
-    weights: float = 0.0  # of the sum of the weights' sizes (L1)
-    biases: float = 0.0  # of the sum of the squared biases
-    activities: float = 0.0  # of the sum of the squared hidden activations, mean over a batch
-
-
-NO_MORE: Final = Penalties()
-
-
 def loss_and_gradient(
     layers: Layers,
     X: Floats,
     y: Floats,
     weight_decay: float,
     gradient: Layers,
-    more: Penalties = NO_MORE,
 ) -> float:
     """Keras' loss of a batch `X` (n, n_inputs), `y` (n, n_outputs), and its gradient, in place.
 
     ``mean((y - f(X))**2) + weight_decay * sum(weights**2)``, the mean over rows and outputs, biases
     free; where `y` is NaN, the difference is none. The loss of scikit-learn's ``MLPRegressor`` has
-    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``. `more` is added to it.
+    the same minimiser at ``alpha = weight_decay * n_outputs * n_rows``.
     """
     activations = forward(layers, X)
     delta = activations.pop()
@@ -81,13 +69,8 @@ def loss_and_gradient(
         gradient.weights[layer][:] += (2.0 * weight_decay) * weight
         gradient.biases[layer][:] = sums
         loss += weight_decay * float(np.vdot(weight, weight))
-        if more is not NO_MORE:
-            loss += _penalised(more, weight, layers.biases[layer], gradient, layer)
         if layer:
             delta = delta @ weight.T
-            if more.activities:
-                loss += more.activities * float(np.vdot(source, source)) / len(X)
-                delta += (2.0 * more.activities / len(X)) * source
             sums = np.zeros_like(layers.biases[layer - 1])
             _through_logistic(delta, source, sums)
     return loss
@@ -118,15 +101,6 @@ def _through_logistic(delta: Floats, hidden: Floats, sums: Floats) -> None:
         for j in range(delta.shape[1]):
             delta[i, j] *= hidden[i, j] - hidden[i, j] * hidden[i, j]
             sums[j] += delta[i, j]
-
-
-def _penalised(
-    more: Penalties, weight: Floats, bias: Floats, gradient: Layers, layer: int
-) -> float:
-    """Penalty on weights and biases of a layer, added to the gradient as well."""
-    gradient.weights[layer][:] += more.weights * np.sign(weight)
-    gradient.biases[layer][:] += (2.0 * more.biases) * bias
-    return more.weights * float(np.abs(weight).sum()) + more.biases * float(np.vdot(bias, bias))
 
 
 def forward(layers: Layers, X: Floats) -> list[Floats]:

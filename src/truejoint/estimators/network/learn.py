@@ -12,14 +12,12 @@ from sklearn.utils import check_random_state
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
-from truejoint.estimators.family import Family, Params, Rule, integer, number, optional
+from truejoint.estimators.family import Family, Params, Rule, integer, optional
 from truejoint.estimators.network import run as network
 from truejoint.estimators.network.adam import Adam, check_loss
 from truejoint.estimators.network.layers import (
-    NO_MORE,
     Floats,
     Layers,
-    Penalties,
     forward,
     loss_and_gradient,
 )
@@ -99,10 +97,6 @@ class NeuralNetwork(JointRegressor):
         epochs = self.epochs or vars(self).get("epochs_", 0)
         return {**super().model_params(), "epochs": epochs}
 
-    def penalties(self) -> Penalties:
-        """Penalties beside that on the squared weights: none."""
-        return NO_MORE
-
     def settled(self) -> Self:
         """Unfitted network that takes the epochs which this one took.
 
@@ -178,7 +172,6 @@ class NeuralNetwork(JointRegressor):
         sizes = len(layers.weights[0]), *map(len, layers.biases)
         gradient = Layers.zeros(sizes, layers.flat.dtype)
         decay, rate = float(self.weight_decay), float(self.learning_rate)
-        more = self.penalties()
         adam = Adam(layers.flat, rate)
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         self.loss_curve_: list[float] = []
@@ -190,7 +183,7 @@ class NeuralNetwork(JointRegressor):
                 inputs, wanted = (
                     table.take(rows, axis=0, mode="clip") for table in (X, y)
                 )  # fastest
-                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient, more))
+                losses.append(loss_and_gradient(layers, inputs, wanted, decay, gradient))
                 adam.step(gradient.flat)
             self.loss_curve_.append(float(np.mean(losses)))
             check_loss(self.loss_curve_, epochs, rate)
@@ -200,43 +193,6 @@ class NeuralNetwork(JointRegressor):
         tags = super().__sklearn_tags__()
         tags.non_deterministic = self.random_state is None
         return tags
-
-
-@dataclass(eq=False, repr=False)
-class WideNetwork(NeuralNetwork):
-    """The larger network of peng2024, II-H, for all features of the robot's state.
-
-    Factors are those of HaonanPeng/RAVEN-2-Feature-Ablation, as the paper's; each in the sense of
-    Keras. Once fitted, it is a network like any other.
-
-    Parameters
-    ----------
-    hidden_layer_sizes, weight_decay, learning_rate, batch_size, epochs, random_state, rows
-        As of `NeuralNetwork`.
-    absolute_decay : float
-        Factor of the L1 penalty on the weights.
-    bias_decay, activity_decay : float
-        Factors of the L2 penalties on biases and on hidden activations.
-
-    Examples
-    --------
-    >>> WideNetwork().hidden_layer_sizes
-    (600, 500, 400)
-    """
-
-    training: ClassVar[Mapping[str, Rule]] = {
-        **NeuralNetwork.training,
-        **dict.fromkeys(("absolute_decay", "bias_decay", "activity_decay"), number(0.0, 1e3)),
-    }
-    hidden_layer_sizes: tuple[int, ...] = (600, 500, 400)
-    weight_decay: float = 1e-4
-    absolute_decay: float = 1e-5
-    bias_decay: float = 1e-4
-    activity_decay: float = 1e-5
-
-    def penalties(self) -> Penalties:
-        """Penalties beside that on the squared weights."""
-        return Penalties(self.absolute_decay, self.bias_decay, self.activity_decay)
 
 
 def effective_batch(n_rows: int, batch_size: int) -> int:
