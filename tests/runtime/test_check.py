@@ -64,7 +64,7 @@ def test_a_calibration_that_holds(calibration):
         assert joint.largest == pytest.approx(np.abs(error[:, k]).max())
         assert joint.offset == pytest.approx(np.median(error[:, k]))
         zero = believed(joint.offset, joint.offset_sd)
-        assert joint.left == pytest.approx(np.sqrt(np.mean((error[:, k] - zero) ** 2)))
+        assert joint.rezeroed_rmse == pytest.approx(np.sqrt(np.mean((error[:, k] - zero) ** 2)))
         assert joint.half_width == pytest.approx((upper - corrected)[:, k].mean())
         inside = (lower[:, k] <= truth[:, k]) & (truth[:, k] <= upper[:, k])
         assert joint.inside == pytest.approx(inside.mean())

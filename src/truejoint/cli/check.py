@@ -71,7 +71,7 @@ def _report_check(
         return
     rows = []
     for joint in result.joints:
-        values = (joint.rmse, joint.offset, joint.offset_sd, joint.left, joint.half_width)
+        values = (joint.rmse, joint.offset, joint.offset_sd, joint.rezeroed_rmse, joint.half_width)
         rmse, offset, offset_sd, residual, half_width = (with_unit(v, joint.unit) for v in values)
         inside = "-" if joint.holds is None else f"{100 * joint.inside:.0f} %"
         rows.append(

@@ -28,7 +28,7 @@ class JointCheck:
     largest: float
     offset: float  # median of truth minus corrected position
     offset_sd: float  # its standard deviation (`Zero`); NaN if errors are of unknown size
-    left: float  # RMSE that would be left after re-zeroing
+    rezeroed_rmse: float  # RMSE that would be left after re-zeroing
     half_width: float  # of the stated interval, mean over the readings; NaN when there is none
     inside: float  # share of the readings inside; NaN when there is none
 
@@ -77,8 +77,8 @@ class CalibrationCheck:
     @property
     def holds(self) -> bool | None:
         """Whether the interval holds in every joint; None when there is none."""
-        found = [joint.holds for joint in self.joints]
-        return None if None in found else all(found)
+        verdicts = [joint.holds for joint in self.joints]
+        return None if None in verdicts else all(verdicts)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units; what is not known is None."""
@@ -125,13 +125,13 @@ def check_calibration(
         as_calibration(calibration).required_interval().index(level)
     level = LEVEL if level is None else level
     rows = as_calibration(calibration).rows(recording)
-    t, error, known = known_error(calibration, rows)
+    t, error, has_truth = known_error(calibration, rows)
     zero = find_zero(replace(calibration, rezeroed_fit=None), rows)  # of positions as they come
-    left = known_error(calibration.at(find_zero(calibration, rows)), rows)[1]
+    rezeroed = known_error(calibration.at(find_zero(calibration, rows)), rows)[1]
     allowed = np.full_like(error, math.nan)
     inside = np.full(error.shape[1], math.nan)
     if calibration.interval is not None:
-        allowed = calibration.half_widths(rows, level)[known]
+        allowed = calibration.half_widths(rows, level)[has_truth]
         inside = np.mean(np.abs(error) <= allowed, axis=0)
     joints = tuple(
         JointCheck(
@@ -141,7 +141,7 @@ def check_calibration(
             largest=float(np.abs(error[:, k]).max()),
             offset=float(zero.offset[k]),
             offset_sd=float(zero.deviation[k]),
-            left=float(np.sqrt(np.mean(left[:, k] ** 2))),
+            rezeroed_rmse=float(np.sqrt(np.mean(rezeroed[:, k] ** 2))),
             half_width=float(allowed[:, k].mean()),
             inside=float(inside[k]),
         )

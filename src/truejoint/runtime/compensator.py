@@ -373,8 +373,8 @@ class _Latest:
 
     def check(self) -> None:
         """Raise CommandRefused if nothing came, or it lacks a signal."""
-        known = () if self._block is None else self._block.columns()
-        if missing := [name for name in self._signals if name not in known]:
+        columns = () if self._block is None else self._block.columns()
+        if missing := [name for name in self._signals if name not in columns]:
             raise CommandRefused(
                 f"compensator: {self.arm.robot.title} does not report {', '.join(missing)}"
             )

@@ -166,14 +166,14 @@ class Corrector(Summarised):
         self.offset = packed.view("offset")
         self.features = packed.view("features")
         family = data.family
-        told, ways = family.beside(data.fitted.params), family.gives_way
+        paths, ways = family.beside(data.fitted.params), family.gives_way
         self.beside: dict[str, Array] = {
-            name: packed.part("model", *path).view(name) for name, path in told.items()
+            name: packed.part("model", *path).view(name) for name, path in paths.items()
         }
-        given = () if ways is None else ways(data.fitted.arrays).T
-        self.gives_way: dict[str, Array] = dict(zip(told, given, strict=False))
-        own = data.origin.homing_ids
-        self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(own)}
+        compliances = () if ways is None else ways(data.fitted.arrays).T
+        self.gives_way: dict[str, Array] = dict(zip(paths, compliances, strict=False))
+        homings = data.origin.homing_ids
+        self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(homings)}
         self._statuses = _Statuses()
         self._thread, self._taking = 0, Lock()
         # One command at a time. Samples need no lock: a kernel holds the interpreter to its end.
@@ -230,10 +230,10 @@ class Corrector(Summarised):
         Returns OK, NOT_HOMED or HOMED_AGAIN: what every sample from now on is flagged with.
         """
         with self._commands:
-            told = at.HOMING_UNKNOWN
+            number = at.HOMING_UNKNOWN
             if homing_id is not None:
-                told = self._homings.setdefault(homing_id, len(self._homings) + 1)
-            self._numbers[at.IS_HOMED], self._numbers[at.TOLD_ID] = bool(is_homed), told
+                number = self._homings.setdefault(homing_id, len(self._homings) + 1)
+            self._numbers[at.IS_HOMED], self._numbers[at.TOLD_ID] = bool(is_homed), number
             if self._thread == get_ident():
                 self.release()
             return self._statuses[tell_homing(self._numbers, self._memory)]
@@ -322,8 +322,8 @@ def corrector_for(
 
     Where one of them lacks a column that only checks measured positions, none is asked for.
     """
-    known = all(c in r.units for r in recordings for c in calibration.redundant)
-    return Corrector(calibration if known else calibration.without_redundant(), **how)
+    is_reported = all(c in r.units for r in recordings for c in calibration.redundant)
+    return Corrector(calibration if is_reported else calibration.without_redundant(), **how)
 
 
 class _Statuses(dict[int, Status]):
@@ -336,10 +336,10 @@ class _Statuses(dict[int, Status]):
 
 def _real(values: ArrayLike) -> Array:
     """Real numbers as an array; raises TypeError for masked, complex and other objects."""
-    found = np.asarray(values)
-    if isinstance(values, np.ma.MaskedArray) or found.dtype.kind not in "fiub":
-        raise TypeError(f"{found.dtype} are not real numbers")
-    return found
+    array = np.asarray(values)
+    if isinstance(values, np.ma.MaskedArray) or array.dtype.kind not in "fiub":
+        raise TypeError(f"{array.dtype} are not real numbers")
+    return array
 
 
 def _read(model: str | os.PathLike[str] | Calibration) -> Calibration:

@@ -141,8 +141,8 @@ def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
     model = family.memory(data.fitted, k, n_joints)
     deviations = NormalDist().inv_cdf(0.5 + 0.5 * level)
     if data.interval is None and knows_deviation:
-        own = model.layout.fields["deviations"].index
-        model.memory[own] = deviations
+        place = model.layout.fields["deviations"].index
+        model.memory[place] = deviations
     for path in set(family.beside(data.fitted.params).values()):
         own_part = model.part(*path)
         own_part.memory[own_part.layout.fields["beside_deviations"].index] = deviations

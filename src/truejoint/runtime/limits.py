@@ -112,8 +112,8 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
             f"range margin {range_margin!r:.60} is not a share of the trained range from 0 to "
             f"{REJECT_MARGIN:g}"
         )
-    seen = data.training_domain
-    if seen is None:
+    domain = data.training_domain
+    if domain is None:
         raise ModelFileError(
             "the model does not say what its training rows looked like, so samples cannot be "
             "checked; calibrate it again"
@@ -121,50 +121,50 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     family = data.family
     counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
-    low, high = seen.signal_lower, seen.signal_upper
+    low, high = domain.signal_lower, domain.signal_upper
     moves = high > low
     signals = data.loop_signals
     partner = partners(signals)
     watched = moves & (partner >= 0) & moves[partner]
     partner = np.where(watched, partner, np.arange(len(signals)))
     is_position = np.array([signal.startswith("measured/") for signal in signals])
-    reach = np.where(moves, SPIKE_MARGIN * seen.signal_step, np.inf)
-    jump = np.where(is_position, np.minimum(JUMP_MARGIN * seen.signal_bend, reach), reach)
-    allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * seen.signal_travel)
+    reach = np.where(moves, SPIKE_MARGIN * domain.signal_step, np.inf)
+    jump = np.where(is_position, np.minimum(JUMP_MARGIN * domain.signal_bend, reach), reach)
+    allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * domain.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     held = _held(data, is_position & ~moves, high - low)
     used = varies(data.lower, data.upper)
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
-    distance = DISTANCE_MARGIN * seen.distance
-    correction_lower, correction_upper = believable_corrections(seen)
+    distance = DISTANCE_MARGIN * domain.distance
+    correction_lower, correction_upper = believable_corrections(domain)
     bears = family.bears_load
-    hold = max(FROZEN_MARGIN * seen.hold, FROZEN_STEPS * seen.dt)
+    hold = max(FROZEN_MARGIN * domain.hold, FROZEN_STEPS * domain.dt)
     if bears is not None and bears(data.fitted.params):
         # It holds a load as still as its encoders' counts show, for as long as it takes.
         distance = hold = np.inf
         turned = LOAD_TURNS * (high - low)[[signals.index(f"measured/{j}") for j in data.joints]]
         correction_lower, correction_upper = correction_lower - turned, correction_upper + turned
     return Limits(
-        shortest=shortest * seen.dt,
-        slowest=MAX_RATE_RATIO * seen.dt if counts else np.inf,
+        shortest=shortest * domain.dt,
+        slowest=MAX_RATE_RATIO * domain.dt if counts else np.inf,
         longest=data.gap_limit,
-        training_dt=seen.dt,
+        training_dt=domain.dt,
         hold=hold,
         square=distance * distance,
         reach=reach,
         jump=jump,
-        flicker=seen.signal_flicker,
+        flicker=domain.signal_flicker,
         signal_lower=np.where(moves, lower, low - held),
         signal_upper=np.where(moves, upper, high + held),
         partner=partner,
         travel=np.where(watched, allowed * (high - low)[partner], np.inf),
         moves=moves.astype(np.int64),
         is_position_signal=is_position.astype(np.int64),
-        **_parity(data, seen),
-        patience=PARITY_STEPS * seen.dt,
-        domain_mean=seen.feature_mean,
+        **_parity(data, domain),
+        patience=PARITY_STEPS * domain.dt,
+        domain_mean=domain.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
-        whitening=padded(np.asarray(np.linalg.qr(seen.whitening, mode="r")).T, rows=True),
+        whitening=padded(np.asarray(np.linalg.qr(domain.whitening, mode="r")).T, rows=True),
         feature_lower=np.where(used, feature_lower, -np.inf),
         feature_upper=np.where(used, feature_upper, np.inf),
         correction_lower=correction_lower,
@@ -174,7 +174,7 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
 
 def _held(data: Calibration, standing: Mask, span: Array) -> Array:
     """How far (n_signals,) positions that stood in training may move; others do as they like."""
-    found = np.full(len(standing), np.inf)
+    reach = np.full(len(standing), np.inf)
     for i in np.flatnonzero(standing):
         unit = data.units[data.loop_signals[i]]
         alike = [
@@ -182,19 +182,21 @@ def _held(data: Calibration, standing: Mask, span: Array) -> Array:
             for k, signal in enumerate(data.loop_signals)
             if signal.startswith("measured/") and data.units[signal] == unit and span[k] > 0.0
         ]
-        found[i] = HELD_MARGIN * min(alike, default=np.inf)
-    return found
+        reach[i] = HELD_MARGIN * min(alike, default=np.inf)
+    return reach
 
 
-def _parity(data: Calibration, seen: TrainingDomain) -> dict[str, Any]:
+def _parity(data: Calibration, domain: TrainingDomain) -> dict[str, Any]:
     """Parity equations with their bounds; one that says nothing where there are none."""
     equations = data.parity
     if equations is None:
-        one, far = np.zeros(1), np.full(1, np.inf)
-        matrix, intercept, lower, upper = np.zeros((1, len(data.loop_signals))), one, -far, far
+        nothing, far = np.zeros(1), np.full(1, np.inf)
+        matrix, intercept, lower, upper = np.zeros((1, len(data.loop_signals))), nothing, -far, far
     else:
         matrix, intercept = equations.matrix, equations.intercept
-        floor = PARITY_FLOOR * (seen.error_upper - seen.error_lower)[equations.joint.astype(int)]
+        floor = (
+            PARITY_FLOOR * (domain.error_upper - domain.error_lower)[equations.joint.astype(int)]
+        )
         middle = 0.5 * (equations.lower + equations.upper)
         setpoints = [column.startswith("setpoint/") for column in data.loop_signals]
         late = (matrix[:, setpoints] != 0.0).any(axis=1)
@@ -210,9 +212,9 @@ def _parity(data: Calibration, seen: TrainingDomain) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def believable_corrections(seen: TrainingDomain) -> tuple[Array, Array]:
+def believable_corrections(domain: TrainingDomain) -> tuple[Array, Array]:
     """Range (n_joints,), (n_joints,) of corrections [rad or m] outside which none is believed."""
-    return _widened(seen.error_lower, seen.error_upper, ERROR_MARGIN)
+    return _widened(domain.error_lower, domain.error_upper, ERROR_MARGIN)
 
 
 def _widened(lower: Array, upper: Array, margin: float) -> tuple[Array, Array]:

@@ -24,8 +24,8 @@ def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
     >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
     2.6
     """
-    known = isinstance(rate, Real) and isinstance(lag, Real)
-    if not (known and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
+    are_numbers = isinstance(rate, Real) and isinstance(lag, Real)
+    if not (are_numbers and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
         raise CommandRefused(
             f"compensator: {rate!r:.40} Hz, a lag of {lag!r:.40} s; give a rate above 0 and a lag "
             "of 0 or more"

@@ -149,11 +149,11 @@ class CorrectorNode:
         """Report once a second until `stop`, for `duration` [s] or until the node is shut down."""
         end = time.monotonic() + duration
         while not (self._over.is_set() or self._transport.is_over):
-            left = end - time.monotonic()
-            if left <= 0.0:
+            rest = end - time.monotonic()
+            if rest <= 0.0:
                 return
             self._report()
-            self._over.wait(min(SILENCE, left))
+            self._over.wait(min(SILENCE, rest))
 
     def stop(self) -> None:
         """End `run`, from any thread."""
