@@ -10,7 +10,7 @@ import pytest
 import truejoint
 from truejoint.calibration import adapted, calibrate, find_zero, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
-from truejoint.estimators.adapting import PENALTIES, changes
+from truejoint.estimators.ridge import CHANGE_PENALTIES, changes
 from truejoint.recordings import Provenance, Recording
 
 FEATURES = ("measured/jaw", "effort/jaw")
@@ -52,7 +52,7 @@ def test_the_changes_are_a_ridge_regression_whose_penalty_is_cross_validated():
             *expected, zero = np.linalg.lstsq(wide, np.append(left[:, j], np.zeros(3)))[0]
         np.testing.assert_allclose(slopes[:, j], expected, atol=1e-9)
         assert offset[j] == pytest.approx(zero)
-    assert set(penalties) <= set(PENALTIES)
+    assert set(penalties) <= set(CHANGE_PENALTIES)
     with pytest.raises(CalibrationError, match="49 rows with truth"):
         changes(terms[:49], left[:49])
 

@@ -19,7 +19,7 @@ from truejoint.calibration.rows import Rows
 from truejoint.calibration.training_rows import stride_of, training_rows
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
-from truejoint.estimators.adapting import check_rows
+from truejoint.estimators.ridge import check_row_count
 from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
@@ -86,7 +86,7 @@ def adapted(
     before = prior.for_rezeroing
     after = replace(before, arm=robot.arm, robot_values=robot.to_dict())
     parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
-    check_rows(sum(int(part.known.sum()) for part in parts))
+    check_row_count(sum(int(part.known.sum()) for part in parts))
     known = _rows(before, reference, 1) if reference else []
     usual = _usual_residuals(before, known, parts, is_each_zeroed=prior.rezeroed_fit is not None)
     if sum(recording.duration for recording in recordings) < SLOPES_FROM:

@@ -8,8 +8,8 @@ from sklearn import linear_model
 from sklearn.preprocessing import StandardScaler
 
 from truejoint.errors import CalibrationError
-from truejoint.estimators.cross_validation import PENALTIES
 from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.ridge import PENALTIES
 
 
 def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():

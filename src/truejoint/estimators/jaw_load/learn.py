@@ -14,13 +14,13 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.cross_validation import ridge
 from truejoint.estimators.family import Family
 from truejoint.estimators.filtered import run_histories
 from truejoint.estimators.jaw.base import MechanismEstimator, median_dt
 from truejoint.estimators.jaw_load import run as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
 from truejoint.estimators.plays.run import follow_rows
+from truejoint.estimators.ridge import ridge
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
 _PENALTY: Final = 1e-5

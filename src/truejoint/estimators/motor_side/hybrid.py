@@ -13,7 +13,6 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.cross_validation import BLOCKS
 from truejoint.estimators.family import Family, Params
 from truejoint.estimators.motor_side import hybrid_rows as elastic_hybrid
 from truejoint.estimators.motor_side.learn import (
@@ -24,6 +23,7 @@ from truejoint.estimators.motor_side.learn import (
 )
 from truejoint.estimators.motor_side.run import ElasticJoint, output_terms
 from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.ridge import BLOCKS
 from truejoint.estimators.trees.learn import TreeSum, added, tree_sum, trees_data
 from truejoint.estimators.wrapped import Regressor, WrappedRegressor
 

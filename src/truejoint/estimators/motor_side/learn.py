@@ -12,7 +12,6 @@ from scipy.optimize import least_squares
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
-from truejoint.estimators.cross_validation import blocks, cross_validated, levels, ridge
 from truejoint.estimators.family import Family, Params
 from truejoint.estimators.filtered import histories, run_histories
 from truejoint.estimators.jaw import base as jaw
@@ -30,6 +29,7 @@ from truejoint.estimators.motor_side.run import (
     terms,
 )
 from truejoint.estimators.plays.run import follow_rows
+from truejoint.estimators.ridge import blocks, cross_validated, levels, ridge
 from truejoint.filters import UnscentedFilter
 
 LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque

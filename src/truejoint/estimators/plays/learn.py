@@ -13,7 +13,6 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, constant_columns
-from truejoint.estimators.cross_validation import BLOCKS
 from truejoint.estimators.family import (
     Family,
     Params,
@@ -28,6 +27,7 @@ from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.coupling import identify_coupling
 from truejoint.estimators.polynomial.learn import MOST_PRODUCTS, Polynomial, polynomial_design
 from truejoint.estimators.polynomial.run import interaction_factors
+from truejoint.estimators.ridge import BLOCKS
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.stack.run import members
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
 from truejoint.estimators import registry
-from truejoint.estimators.adapting import changes
 from truejoint.estimators.base import (
     Arrays,
     JointRegressor,
@@ -22,15 +21,16 @@ from truejoint.estimators.base import (
     scaling,
     standardisation,
 )
-from truejoint.estimators.cross_validation import (
+from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
+from truejoint.estimators.polynomial.run import FAMILY, count_terms, factors_of, of_degree
+from truejoint.estimators.ridge import (
     PENALTIES,
     PenalisedFit,
     blocks,
+    changes,
     cross_validated,
     penalised,
 )
-from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
-from truejoint.estimators.polynomial.run import FAMILY, count_terms, factors_of, of_degree
 
 ROWS_PER_COEFFICIENT: Final = 10  # for each joint; with fewer rows, a fit fits the noise
 MOST_PRODUCTS: Final = 600
@@ -97,7 +97,7 @@ class Polynomial(JointRegressor):
     Attributes
     ----------
     penalties_ : ndarray, shape (n_outputs,)
-        Of a ridge regression, chosen of `truejoint.estimators.cross_validation.PENALTIES`.
+        Of a ridge regression, chosen of `truejoint.estimators.ridge.PENALTIES`.
     shares_ : ndarray, shape (n_outputs,)
         The same of `SHARES`.
     errors_ : ndarray, shape (n_outputs,)

@@ -1,7 +1,8 @@
-"""Ridge regressions whose penalties err least on what is left out in turn, and what that is."""
+"""Ridge regression: penalties that err least on blocks left out in turn, and these blocks."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -9,14 +10,19 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.errors import CalibrationError
 from truejoint.estimators.base import standardisation
 
 PENALTIES: Final = tuple(10.0**p for p in range(-7, 2))
 """Tried on the squared coefficients of terms of variance 1, beside the mean squared error."""
+CHANGE_PENALTIES: Final = (*(10.0**p for p in range(-4, 3)), math.inf)
+"""Tried on the squared changes of a fitted model's coefficients; the last changes the intercept
+alone."""
 BLOCKS: Final = 5  # that are left out in turn
 
 _LEAST: Final = 1e-6  # deviation of a term; what rows taken off a sum leave of one is rounding
 _FEWEST_LEVELS: Final = 3  # with fewer, or larger ones, a fit would see too little
+_LEAST_ROWS: Final = 50  # of new rows, by which a model is changed
 _APART: Final = 1.5  # least gap between levels, in largest gaps within them
 
 
@@ -188,3 +194,56 @@ def levels(values: Array, most: int = BLOCKS) -> list[Integers]:
             best, units = ratio, parts_at_gaps
     parts = np.array_split(np.arange(len(units)), min(most, len(units)))
     return [np.concatenate([units[i] for i in part]) for part in parts]
+
+
+def changes(terms: Array, residuals: Array) -> tuple[Array, Array, Array]:
+    """Give changes of a model's coefficients (m, k) and intercept (k,), and penalties (k,).
+
+    For each output by itself, the penalty is the one of the least mean square on five blocks of
+    rows, on end, that are left out in turn.
+
+    Parameters
+    ----------
+    terms : ndarray, shape (n, m)
+        Of the model, scaled so that they had a variance of about 1 where it was fitted.
+    residuals : ndarray, shape (n, k)
+        Target minus prediction of the model.
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than 50 rows.
+    """
+    check_row_count(len(terms))
+    rows = np.arange(len(terms))
+    blocks = np.array_split(rows, BLOCKS)
+    errors = np.zeros((len(CHANGE_PENALTIES), residuals.shape[1]))
+    for block in blocks:
+        others = np.setdiff1d(rows, block)
+        for at, (slopes, offset) in enumerate(_ridges(terms[others], residuals[others])):
+            errors[at] += np.sum((residuals[block] - terms[block] @ slopes - offset) ** 2, axis=0)
+    best = errors.argmin(axis=0)
+    every = _ridges(terms, residuals)
+    slopes, offset = (
+        np.array([every[at][part][..., j] for j, at in enumerate(best)]) for part in (0, 1)
+    )
+    return slopes.T, offset, np.array(CHANGE_PENALTIES)[best]
+
+
+def check_row_count(n: int) -> None:
+    """Raise CalibrationError if `n` rows with truth are too few to change a model by."""
+    if n < _LEAST_ROWS:
+        raise CalibrationError(f"{n} rows with truth; a prior is changed by {_LEAST_ROWS} or more")
+
+
+def _ridges(terms: Array, residuals: Array) -> list[tuple[Array, Array]]:
+    """Slopes (m, k) and offset (k,) for every penalty; the offset is not penalised."""
+    mean, level = terms.mean(axis=0), residuals.mean(axis=0)
+    centred = terms - mean
+    values, vectors = np.linalg.eigh(centred.T @ centred / len(terms))
+    right = vectors.T @ (centred.T @ (residuals - level) / len(terms))
+    fits = []
+    for penalty in CHANGE_PENALTIES:
+        slopes = vectors @ (right / (np.maximum(values, 0.0) + penalty)[:, None])
+        fits.append((slopes, level - mean @ slopes))
+    return fits
