@@ -58,7 +58,6 @@ class Answers:
 
 def make_vectors(
     calibration: Calibration,
-    data: Calibration,
     limits: Limits,
     level: float | None,
     range_margin: float,
@@ -67,11 +66,11 @@ def make_vectors(
 ) -> tuple[Vectors, Answers, Array, Array, Array]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
-    The calibration is given as itself and as plain data, `level` and `range_margin` as `Corrector`
-    takes them; samples are numbers of type `dtype`. Gives the vectors, the answers, the offset
-    (n_joints,) [rad or m] for `REZERO`, and how far positions and half-widths of each joint
-    (n_joints,) [rad or m] move when all that the corrector keeps is rounded to `dtype` after every
-    sample, and its largest position once more; then how far set-points of the `compensator` do.
+    `level` and `range_margin` are as `Corrector` takes them; samples are numbers of type `dtype`.
+    Gives the vectors, the answers, the offset (n_joints,) [rad or m] for `REZERO`, and how far
+    positions and half-widths of each joint (n_joints,) [rad or m] move when all that the corrector
+    keeps is rounded to `dtype` after every sample, and its largest position once more; then how far
+    set-points of the `compensator` do.
     Raises ExportError if fewer than half of the samples are corrected: they would check little.
     """
     span = limits.correction_upper - limits.correction_lower
@@ -84,7 +83,7 @@ def make_vectors(
 
     scale = 0.8
     while True:  # smaller motion is more like the middle of the training rows
-        vectors = _vectors(data, limits, scale)
+        vectors = _vectors(calibration, limits, scale)
         vectors = replace(vectors, sample=vectors.sample.astype(dtype).astype(float))
         answers = run(Corrector)
         good = int((answers.status == 0).sum())
@@ -105,7 +104,7 @@ def make_vectors(
     moved = np.maximum(
         np.abs(answers.position[rows] - rounded.position[rows]), np.abs(widths[0] - widths[1])
     )
-    measured = [data.signals.index(f"measured/{joint}") for joint in data.joints]
+    measured = [calibration.signals.index(f"measured/{joint}") for joint in calibration.joints]
     bounds = np.abs([limits.signal_lower[measured], limits.signal_upper[measured]]).max(axis=0)
     rounding = np.finfo(np.float32).eps * bounds
     error = moved.max(axis=0) if len(moved) else np.full_like(bounds, np.inf)

@@ -150,15 +150,14 @@ def source_files(
                 f"calibration takes {', '.join(calibration.loop_signals)}; make it around this one"
             )
     try:
-        data = calibration
-        limits = limits_of(data, range_margin)
-        memory = fields.pack(data, limits, level)
+        limits = limits_of(calibration, range_margin)
+        memory = fields.pack(calibration, limits, level)
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None
     context = _memory_context(memory, prefix, precision)
     dtype = np.float64 if precision == "double" else np.float32
     vectors, answers, offset, error, strayed = make_vectors(
-        calibration, data, limits, level, range_margin, dtype, compensator
+        calibration, limits, level, range_margin, dtype, compensator
     )
     context |= {
         "prefix": prefix, "guard": prefix.upper(), "level": LEVEL if level is None else level,
@@ -166,8 +165,8 @@ def source_files(
         "rows": _vector_rows(vectors, answers, precision), "n_vectors": len(vectors),
         "vector_offset": offset,
     }  # fmt: skip
-    context |= _calibration_context(data) | _precision_context(
-        precision, data.joints, error,
+    context |= _calibration_context(calibration) | _precision_context(
+        precision, calibration.joints, error,
         np.abs([limits.correction_lower, limits.correction_upper]).max(axis=0),
     )  # fmt: skip
     templates = dict(_TEMPLATES)
