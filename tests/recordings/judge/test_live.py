@@ -58,7 +58,7 @@ def test_it_says_what_the_doctor_says_of_a_bag(session, tmp_path, fault, name, l
     live = judged(SaidRos(), recording)
     write_bag(recording, tmp_path / "a.bag", profile=PROFILE.name)
     bag = read_bag(tmp_path / "a.bag", "raven2", profile=PROFILE.name, state=STATE)
-    assert live.by_heading()[0] == Finding("good", "link", live.by_heading()[0].what, "", "")
+    assert live.by_heading()[0] == Finding("good", "link", live.by_heading()[0].what, "")
     assert [(v.level, v.name) for v in live.by_heading()[1:]] == [
         (v.level, v.name) for v in diagnose(bag).by_heading()
     ]

@@ -31,8 +31,7 @@ def judge_columns(
         used = name.partition("/")[2] not in recording.robot.unused_channels
         if used and values.min() == values.max():
             what = f"the signal is {values[0]:.4g} in every row"
-            advice = "a model learns nothing from it; is the sensor connected?"
-            yield Defect("warn", "constant", what, name, advice, size=1.0)
+            yield Defect("warn", "constant", what, name, size=1.0)
     every = np.arange(len(recording))
     for joint in joints:
         measured = recording.column(f"measured/{joint}")
@@ -55,8 +54,7 @@ def _clock(t: Array) -> Iterable[Defect]:
     usual = float(np.median(step))
     if not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
         what = f"a row every {usual:.3g} s"
-        advice = "are the stamps in seconds? state their unit"
-        yield Defect("warn", "rate", what, "time stamps", advice, size=usual)
+        yield Defect("warn", "rate", what, "time stamps", size=usual)
     after = gaps(t)
     if len(after):
         longest = float(step.max())
@@ -65,20 +63,16 @@ def _clock(t: Array) -> Iterable[Defect]:
             f"{count(len(after), 'gap')} longer than {GAP_STEPS:g} samples, up to {longest:.3g} "
             f"s, {100 * lost:.2g} % of the time"
         )
-        advice = (
-            "a model with history starts anew after each; look for lost messages or a clock jump"
-        )
         rows = tuple((int(row), int(row) + 2) for row in after)
-        yield Defect("warn", "gap", what, "time stamps", advice, rows, longest)
+        yield Defect("warn", "gap", what, "time stamps", rows=rows, size=longest)
     irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
     if irregular > 0.05:
         what = (
             f"{100 * irregular:.0f} % of the steps are more than half off the median of "
             f"{1e3 * usual:.4g} ms"
         )
-        advice = "record stamps of the sensor rather than of arrival"
         level: Level = "info" if irregular < 0.2 else "warn"
-        yield Defect(level, "clock", what, "time stamps", advice, size=irregular)
+        yield Defect(level, "clock", what, "time stamps", size=irregular)
 
 
 def _dropped(recording: Recording) -> Iterable[Defect]:
@@ -90,9 +84,8 @@ def _dropped(recording: Recording) -> Iterable[Defect]:
         what = (
             f"{count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: {reasons}"
         )
-        advice = "look at the streams if the share is not what you expect"
         level: Level = "warn" if share > 0.05 else "info"
-        yield Defect(level, "dropped", what, "rows", advice, size=share)
+        yield Defect(level, "dropped", what, "rows", size=share)
 
 
 def _missing_truth(t: Array, joint: str, has_truth: Mask) -> Iterable[Defect]:
@@ -131,10 +124,9 @@ def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
         f"{count(len(places), 'whole turn' if wrapped else 'sudden jump')}, the first at "
         f"{t[places[0] + 1]:.3f} s, the largest {largest:.3g} {unit}"
     )
-    advice = "unwrap the encoder before use" if wrapped else "cut the rows out or record again"
     where = tuple((int(rows[k]), int(rows[k + 1]) + 1) for k in places)
     kind = "wrap" if wrapped else "jump"
-    yield Defect("fail" if wrapped else "warn", kind, what, name, advice, where, largest)
+    yield Defect("fail" if wrapped else "warn", kind, what, name, rows=where, size=largest)
 
 
 def _told(recording: Recording, joint: str) -> Array:
@@ -182,10 +174,9 @@ def _stands(
         if clipped:
             held = sum(b + 1 - a for a, b in clipped)
             what = f"{count(held, 'row')} stand at an end of its range, while the joint moves on"
-            advice = "the sensor is saturated; keep inside its range or cut the rows out"
             where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
             share = held / len(still)
-            yield Defect("fail", "saturated", what, f"{name}/{joint}", advice, where, share)
+            yield Defect("fail", "saturated", what, f"{name}/{joint}", rows=where, size=share)
         # Less may be honest slack; single rows may be outliers.
         elif np.ptp(np.quantile(other[first : last + 1], [0.1, 0.9])) > 0.2 * span:
             seconds = float(t[last] - t[first])
@@ -193,9 +184,8 @@ def _stands(
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
                 "the joint moves"
             )
-            advice = "check the sensor; cut the stretch out before fitting or judging"
             stretch: Rows = ((int(rows[first]), int(rows[last]) + 1),)
-            yield Defect("fail", "frozen", what, f"{name}/{joint}", advice, stretch, seconds)
+            yield Defect("fail", "frozen", what, f"{name}/{joint}", rows=stretch, size=seconds)
 
 
 def _moves_on(outwards: Array, first: int, last: int) -> float:

@@ -113,17 +113,14 @@ def judge_coverage(row: JointCoverage) -> Iterable[Finding]:
     moving, rarer = row.up + row.down, min(row.up, row.down)
     if moving > 0 and rarer < 0.3 * moving:
         what = f"one direction of motion holds only {100 * rarer / moving:.0f} % of the moving rows"
-        advice = "friction and hysteresis differ by direction; record both about equally"
-        yield Finding("warn", "directions", what, row.joint, advice)
+        yield Finding("warn", "directions", what, row.joint)
     if row.standing > 0.5:
         what = f"the joint stands still in {100 * row.standing:.0f} % of the rows"
         advice = "many equal rows outweigh the moving ones; cut long rests or record more motion"
         yield Finding("warn", "standstill", what, row.joint, advice)
     if row.filled < 0.9:
         what = f"{100 * (1 - row.filled):.0f} % of the range between its ends was hardly visited"
-        advice = "move through the whole range, so that the model need not guess between"
-        yield Finding("warn", "hole", what, row.joint, advice)
+        yield Finding("warn", "hole", what, row.joint)
     if row.share_of_limits < 0.2:
         what = f"{100 * row.share_of_limits:.0f} % of the joint's travel is covered"
-        advice = "trust the calibration inside the covered range only"
-        yield Finding("info", "travel", what, row.joint, advice)
+        yield Finding("info", "travel", what, row.joint)

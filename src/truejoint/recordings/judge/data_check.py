@@ -208,8 +208,7 @@ def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) ->
     for share, name in worst.values():
         if share > 0.02:
             what = f"{100 * share:.0f} % of the rows lie outside the range seen in training"
-            advice = "the model extrapolates there; train on a wider range or expect less"
-            yield Finding("fail" if share > 0.5 else "warn", "range", what, name, advice)
+            yield Finding("fail" if share > 0.5 else "warn", "range", what, name)
 
 
 def _strange(

@@ -11,7 +11,7 @@ from typing import Final, Literal
 import numpy as np
 
 from truejoint.array_types import Integers
-from truejoint.recordings.judge.finding_names import HEADING_OF
+from truejoint.recordings.judge.finding_names import ADVICE, HEADING_OF
 from truejoint.recordings.table.recording import Recording
 
 Level = Literal["fail", "warn", "info", "good"]
@@ -36,7 +36,7 @@ class Finding:
     where : str
         Which joint, signal and recordings; empty for the whole recording.
     advice : str
-        What to do about it; empty where all is well.
+        What to do about it, by default that of the name; empty where all is well.
     rows : tuple of pairs of int
         Rows concerned of the recording that `where` names, each pair the first and the one behind
         the last; empty when it is about the whole.
@@ -51,8 +51,12 @@ class Finding:
     name: str
     what: str
     where: str
-    advice: str
+    advice: str = ""
     rows: Rows = ()
+
+    def __post_init__(self) -> None:
+        if not self.advice and self.level != "good":
+            object.__setattr__(self, "advice", ADVICE.get(self.name, ""))
 
     @property
     def heading(self) -> str:

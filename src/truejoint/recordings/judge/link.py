@@ -95,7 +95,7 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
     findings += [f for f in check.findings if not _is_of_noise(f, joints, moving)]
     judged = {finding.heading for finding in findings}
     findings += [
-        Finding("good", name, text(recording, joints), "", "")
+        Finding("good", name, text(recording, joints), "")
         for name, text in _WELL.items()
         if HEADING_OF[name] not in judged
     ]
@@ -154,13 +154,9 @@ def _judge_stamps(recording: Recording) -> Iterable[Finding]:
     if counts:
         share = sum(counts.values()) / (len(recording) + sum(counts.values()))
         what = ", ".join(f"{count} times {reason}" for reason, count in counts.items())
-        advice = (
-            "stamp messages where they are measured; two publishers on one topic, or a clock that "
-            "is set meanwhile, do this"
-        )
         level: Level = "fail" if share > _STRAY else "warn"
         what = f"{what} ({100 * share:.2g} % of the messages)"
-        yield Finding(level, "stamps", what, "", advice)
+        yield Finding(level, "stamps", what, "")
 
 
 def _likeness(recording: Recording, truth: Recording, joints: Sequence[str]) -> float:
@@ -196,22 +192,18 @@ def _judge_arm(
         advice = "is the truth of this arm, these joints and this session?"
         yield Finding("fail", "arm", what, "", advice)
     else:
-        yield Finding("good", "arm", what, "", "")
+        yield Finding("good", "arm", what, "")
 
 
 def _judge_effort(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
     """Judge whether there is an effort, and whether it was ever set."""
     with_effort = [joint for joint in joints if joint in recording.joints_of("effort")]
     unset = [joint for joint in with_effort if not recording.column(f"effort/{joint}").any()]
-    advice = (
-        "some drivers never set it (raven2's measured_js): record its raven_state, or train on "
-        "positions alone"
-    )
     if not with_effort:
-        yield Finding("warn", "effort", "there is none", "", advice)
+        yield Finding("warn", "effort", "there is none", "")
     elif unset:
         what = f"0 in every row of {', '.join(unset)}: never set"
-        yield Finding("fail", "effort", what, "", advice)
+        yield Finding("fail", "effort", what, "")
 
 
 def _judge_effort_sign(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
@@ -240,8 +232,7 @@ def _judge_effort_sign(recording: Recording, joints: Sequence[str]) -> Iterable[
     what = "net work of the efforts: " + ", ".join(
         f"{100 * share:+.0f} % in {joint}" for joint, share in (wrong or shares).items()
     )
-    advice = "they brake what they should drive: turn the sign of the effort, or of the position"
-    yield Finding("fail" if wrong else "good", "effort-sign", what, "", advice if wrong else "")
+    yield Finding("fail" if wrong else "good", "effort-sign", what, "")
 
 
 def _work_share(recording: Recording, joint: str, effort: Array) -> float | None:

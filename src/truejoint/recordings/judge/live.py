@@ -243,4 +243,4 @@ def judge_link(heard: Sequence[Heard], ended: float) -> Finding:
             "(chrony), or truth and state will not fit"
         )
         return Finding("warn", "link", evidence, "", advice)
-    return Finding("good", "link", evidence, "", "")
+    return Finding("good", "link", evidence, "")

@@ -103,9 +103,8 @@ def _judge_steps(
             f"{len(steps.outliers)} of {count(len(recording), 'row')} up to {most} off those "
             f"beside them ({row_text(rows)})"
         )
-        advice = "fits leave them out; look at the sensor, or cut them out before judging"
         level: Level = "fail" if weight > _MISLEADS * explained.spread else "warn"
-        yield Defect(level, "outliers", what, column, advice, rows, weight)
+        yield Defect(level, "outliers", what, column, rows=rows, size=weight)
     t = recording.t
     slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     for row, rise in zip(steps.stays, steps.rise, strict=True):

@@ -41,8 +41,7 @@ def judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
             same = _rank_correlation(truth[rows], reported[rows])
             if same < _OPPOSITE:
                 what = f"the truth falls where the measured position rises (correlation {same:.2f})"
-                advice = "turn the sign of the joint sensor or of the measured position"
-                yield Defect("fail", "sign", what, f"truth/{joint}", advice, size=-same)
+                yield Defect("fail", "sign", what, f"truth/{joint}", size=-same)
                 return
     yield from _limits(measured, low, high)
 
@@ -75,8 +74,7 @@ def _limits(joint: Joint, low: float, high: float) -> Iterable[Defect]:
         advice = f"is it in {display.name}? state the unit of its column"
         yield Defect("fail", "unit", f"it runs from {span}; {limits}", name, advice, size=beyond)
     elif beyond > _SLACK * travel:
-        advice = "check homing, sign and offset, or the limits in the robot's description"
-        yield Defect("warn", "limits", f"it runs from {span}; {limits}", name, advice, size=beyond)
+        yield Defect("warn", "limits", f"it runs from {span}; {limits}", name, size=beyond)
 
 
 def _range(values: Array) -> tuple[float, float]:
