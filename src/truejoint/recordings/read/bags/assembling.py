@@ -111,7 +111,7 @@ def _series_of(
     quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {
         name: crtk_name(name).partition("_")[0] for name in wiring.others
     }
-    series = {name: Series(wiring.counts.get(name, 0)) for name in (*wiring.joints, wiring.homed)}
+    series = {name: Series() for name in (*wiring.joints, wiring.homed)}
     for lot in lots:
         _require_numbers(lot, wiring, place)
         if lot.topic == wiring.homed:

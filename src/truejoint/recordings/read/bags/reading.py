@@ -174,7 +174,7 @@ def read_topic(
     paths, fields = _paths(bags), [fields] if isinstance(fields, str) else list(fields)
     topics = bag_topics(paths)
     require_topic(paths[0], topics, topic)
-    series = Series(topics[topic][1])
+    series = Series()
     for lot in lots_of(paths, {topic: tuple(fields)}, Counter()):
         for name in fields:
             if name not in lot.fields:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,16 +17,13 @@ from truejoint.recordings.read.bags.container import Topic, read_batches
 from truejoint.recordings.read.bags.fields import STAMP, Decoder, Fields
 
 
-@dataclass
 class Series:
     """Columns of one topic, which take its messages as they come in.
 
     Attributes
     ----------
-    expected : int
-        How many messages there will be, so that no column moves while it grows; 0 if not known.
     count : int
-        How many there are so far.
+        How many messages there are so far.
 
     Examples
     --------
@@ -38,61 +34,52 @@ class Series:
     {'measured/jaw': array([0.5])}
     """
 
-    expected: int = 0
-    count: int = field(default=0, init=False)
-
-    def __post_init__(self) -> None:
-        self._places = self._stamps = np.empty(0, dtype=np.int64)
-        self._columns: dict[str, Array] = {}
+    def __init__(self) -> None:
+        self.count = 0
+        self._places: list[NDArray[np.int64]] = []
+        self._stamps: list[NDArray[np.int64]] = []
+        self._columns: list[dict[str, Array]] = []
+        self._names: dict[str, None] = {}
 
     def add(
         self, places: NDArray[np.int64], stamps: NDArray[np.int64], columns: Mapping[str, Array]
     ) -> None:
-        """Take a lot of messages; a column that is new has no value in those before.
+        """Take a lot of messages; a column that a lot lacks has no value there.
 
         `places` (m,) say where they are among all of the topic, `stamps` (m,) when they are of
         [ns], `columns` (m,) what they hold. Raises RecordingError where there are too many.
         """
-        rows = slice(self.count, self.count + len(stamps))
-        all_columns = {**self._columns, **columns}
-        if rows.stop * (len(all_columns) + 1) > MAX_VALUES:
+        self.count += len(stamps)
+        self._names |= dict.fromkeys(columns)
+        if self.count * (len(self._names) + 1) > MAX_VALUES:
             raise RecordingError(f"more than {MAX_VALUES} values; extract fewer bags at a time")
-        room = max(rows.stop, min(self.expected, MAX_VALUES // (len(all_columns) + 1)))
-        self._places = _with_room(self._places, rows, room)
-        self._stamps = _with_room(self._stamps, rows, room)
-        self._places[rows], self._stamps[rows] = places, stamps
-        for name in all_columns:
-            if name not in self._columns:
-                self._columns[name] = np.empty(room)
-                self._columns[name][: self.count] = np.nan
-            self._columns[name] = _with_room(self._columns[name], rows, room)
-            self._columns[name][rows] = columns.get(name, np.nan)
-        self.count = rows.stop
+        self._places.append(places)
+        self._stamps.append(stamps)
+        # Copies: those that came are of a whole message, and would keep all of it.
+        self._columns.append({name: np.array(v, np.float64) for name, v in columns.items()})
 
     @property
     def start(self) -> int:
         """Stamp of the first message that came in [ns]."""
-        return int(self._stamps[0])
+        return int(self._stamps[0][0])
 
     def joined(self) -> tuple[NDArray[np.int64], dict[str, Array]]:
         """Stamps [ns] and columns in the order of the messages, which are forgotten here."""
-        places, stamps = self._places[: self.count], self._stamps[: self.count]
-        columns = {name: values[: self.count] for name, values in self._columns.items()}
-        self.__post_init__()
-        if (np.diff(places) < 0).any():  # messages of different lengths came in lots of their own
-            order = np.argsort(places)
+        places, stamps, pieces, names = self._places, self._stamps, self._columns, self._names
+        self.__init__()  # type: ignore[misc]
+        if not pieces:
+            return np.empty(0, dtype=np.int64), {}
+        lacking = [np.full(len(part), np.nan) for part in stamps] if len(names) else []
+        columns = {
+            name: np.concatenate([p.pop(name, n) for p, n in zip(pieces, lacking, strict=True)])
+            for name in names
+        }
+        all_places, all_stamps = np.concatenate(places), np.concatenate(stamps)
+        if (np.diff(all_places) < 0).any():  # other lengths came in lots of their own
+            order = np.argsort(all_places)
             keep_rows(columns, order)
-            stamps = stamps[order]
-        return stamps, columns
-
-
-def _with_room(values: NDArray[Any], rows: slice, room: int) -> NDArray[Any]:
-    """Array that holds the first values of another, if that one has no place for `rows`."""
-    if rows.stop <= len(values):
-        return values
-    larger = np.empty(max(room, len(values) + len(values) // 2), dtype=values.dtype)
-    larger[: rows.start] = values[: rows.start]
-    return larger
+            all_stamps = all_stamps[order]
+        return all_stamps, columns
 
 
 def keep_rows(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:

@@ -48,8 +48,6 @@ class Wiring:
     homed : str
         Topic that says whether the arm is homed, where the state itself does not.
     profile : Profile
-    counts : mapping of str to int
-        How many messages a topic has, where that is known before they are read.
 
     Examples
     --------
@@ -63,7 +61,6 @@ class Wiring:
     truth: str = ""
     homed: str = ""
     profile: Profile = field(default_factory=lambda: PROFILES["crtk"])
-    counts: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -107,8 +104,7 @@ def find_wiring(
                 homed = name
     others_left = {name: about for name, about in of_robot.items() if name not in (state, *others)}
     truth_topic = "" if truth is None else truth or _find_truth(others_left)
-    counts = {name: count for name, (_, count) in topics.items()}
-    return Wiring(state, tuple(others), truth_topic, homed, chosen, counts)
+    return Wiring(state, tuple(others), truth_topic, homed, chosen)
 
 
 def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile) -> str:
