@@ -15,30 +15,14 @@ from truejoint.robots.parts import Kinematics
 
 @dataclass(frozen=True)
 class SimulatedTracker:
-    """How a tracker errs.
+    """How a tracker errs."""
 
-    Attributes
-    ----------
-    noise : float
-        Standard deviation of a point per axis [m].
-    turn_noise : float
-        Of an orientation about each axis [rad]; 0 of a tracker that sees points.
-    rate : float
-        [Hz].
-    delay : float
-        From a reading to its stamp [s].
-    lost : float
-        Share of the time for which the marker is not seen, in stretches of about a second.
-    strays : float
-        Share of the readings that are somewhere within a decimetre of the marker.
-    """
-
-    noise: float
-    turn_noise: float = 0.0
-    rate: float = 30.0
-    delay: float = 0.03
-    lost: float = 0.05
-    strays: float = 0.005
+    noise: float  # [m] per axis
+    turn_noise: float = 0.0  # [rad] about each axis; 0: it sees points
+    rate: float = 30.0  # [Hz]
+    delay: float = 0.03  # [s] from a reading to its stamp
+    lost: float = 0.05  # share of the time, in stretches of a second
+    strays: float = 0.005  # share of the readings
 
     def see(
         self,
@@ -49,29 +33,7 @@ class SimulatedTracker:
         link_from_marker: Array,
         seed: int = 0,
     ) -> tuple[Array, Array, Array | None]:
-        """Give readings of a marker that rides on the last link of `kinematics`.
-
-        Parameters
-        ----------
-        kinematics : Kinematics
-        t : ndarray, shape (n,)
-            Rising time stamps of the robot's clock [s].
-        joint : ndarray, shape (n, n_joints)
-            Where the joints really are [rad or m].
-        tracker_from_base, link_from_marker : ndarray, shape (4, 4)
-            Poses [m].
-        seed : int
-            Of all that is random.
-
-        Returns
-        -------
-        stamps : ndarray, shape (m,)
-            [s].
-        position : ndarray, shape (m, 3)
-            [m]; NaN where the marker is lost.
-        orientation : ndarray, shape (m, 4), or None
-            Quaternions x, y, z, w.
-        """
+        """Give readings of a marker that rides on the last link of `kinematics`."""
         random = np.random.default_rng([seed, 7])
         when = np.arange(t[0], t[-1], 1.0 / self.rate)
         then = np.column_stack([np.interp(when, t, column) for column in joint.T])

@@ -22,20 +22,7 @@ FAULTS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)
 
 @dataclass(frozen=True)
 class Fault:
-    """What goes wrong, and when.
-
-    Attributes
-    ----------
-    kind : {"fault", "pause", "link", "silence", "slip"}
-        The robot raises a fault; somebody else pauses it; the link is lost, so that commands fail
-        and nothing is reported; its state messages stop; a motor encoder slips.
-    t : float
-        From then on [s], on the robot's clock.
-    joint : str
-        Whose encoder slips.
-    size : float
-        By how much [rad or m].
-    """
+    """What goes wrong, and when."""
 
     kind: FaultKind
     t: float
@@ -44,18 +31,7 @@ class Fault:
 
 
 class FaultyBackend:
-    """Another back end, with faults.
-
-    Parameters
-    ----------
-    backend : Backend
-    faults : sequence of Fault
-
-    Raises
-    ------
-    RobotError
-        If a fault is of no known kind, or of no joint of the robot.
-    """
+    """Another back end, with faults."""
 
     def __init__(self, backend: Backend, faults: Sequence[Fault]) -> None:
         checked_backend(backend)
