@@ -113,7 +113,7 @@ def test_it_survives_its_data_and_its_file(name, tmp_path):
 def test_damaged_arrays_are_refused(name, damage):
     fitted = model(name).model
     arrays = dict(fitted.arrays_)
-    first = sorted(arrays)[0]
+    first = min(key for key, array in arrays.items() if array.size)
     if damage == "missing":
         del arrays[first]
     elif damage == "extra":
