@@ -9,11 +9,10 @@ import pytest
 from truejoint.crtk import Arm, Backend, SimulatedBackend, StateBlock, TruthBlock, simulated_arm
 from truejoint.errors import CommandRefused, MotionStopped, RobotError
 from truejoint.recordings import Recorder
-from truejoint.robots import get_robot
-from truejoint.simulation import Twin, TwinOutput, make_twin
-from truejoint.simulation.parameter_file import Parameters
+from truejoint.simulation import Twin, make_twin
 from truejoint.simulation.raven2 import Raven2Twin
-from truejoint.simulation.twin import noted
+from truejoint.simulation.wrist.parameters import WristParameters
+from truejoint.simulation.wrist.twin import WristTwin
 
 
 @pytest.fixture
@@ -179,18 +178,6 @@ def test_a_twin_takes_no_rate_that_does_not_divide_its_own(backend, rate):
         SimulatedBackend(backend.twin, rate=rate)
 
 
-def test_homing_again_registers_anew():
-    arm = simulated_arm(seed=3)
-    arm.enable()
-    errors = []
-    for _ in range(2):
-        arm.home()
-        _, truths = record(arm)
-        arm.wait(0.2)
-        errors.append(truths[-1].position[-1] - arm.measured_js().position[:3])
-    assert np.abs(errors[0] - errors[1]).max() > 1e-4
-
-
 def test_the_forceps_stands_behind_the_same_arm():
     arm = simulated_arm("forceps", seed=2)
     states, truths = record(arm)
@@ -206,47 +193,6 @@ def test_the_forceps_stands_behind_the_same_arm():
     assert truths[-1].position[-1] == pytest.approx(state.position, abs=np.radians(3.0))
     with pytest.raises(CommandRefused, match="outside its range"):
         arm.servo_jp([2.0])
-
-
-class RigidWrist:
-    """A third twin, of another robot: coupled motors, two tensions and a load on the grip."""
-
-    PARAMETERS = Parameters
-
-    def __init__(self, parameters=None, *, arm="", seed=0, load=0.0):
-        self.robot = get_robot("dvrk_psm", arm)
-        self.seed, self.load, self.ticks, self.homing_count = seed, load, 0, 0
-        self._coupling = np.eye(len(self.robot.joints)) + np.eye(len(self.robot.joints), k=-1)
-
-    @property
-    def time(self):
-        return self.ticks * 1e-3
-
-    def homing(self):
-        self.homing_count += 1
-        yield self.run(self.robot.home[None])
-
-    def home(self):
-        return TwinOutput.whole(list(self.homing()))
-
-    def run(self, setpoint):
-        rows = np.asarray(setpoint, dtype=float)
-        t = self.time + 1e-3 * np.arange(1, len(rows) + 1)
-        self.ticks += len(rows)
-        still, grip = np.zeros_like(rows), np.full(len(rows), 9.81 * self.load)
-        return TwinOutput(
-            t, self.robot.channels, rows, still, still, rows, rows @ self._coupling.T, still,
-            {"tension/wrist_pitch": grip + 8.0, "tension/wrist_yaw": 8.0 - grip,
-             "truth_load/grip": 0.01 * grip},
-            truth=TruthBlock(t, self.robot.positioning, rows[:, : len(self.robot.positioning)]),
-            joint=rows[:, : len(self.robot.positioning)],
-        )  # fmt: skip
-
-    def idle(self, duration):
-        self.ticks += round(duration * 1e3)
-
-    def saved(self):
-        return noted(self, ("ticks",), ())
 
 
 @pytest.mark.parametrize("name", ["raven2", "forceps", "wrist"])
@@ -290,8 +236,9 @@ def test_a_load_that_is_hung_on_during_a_leap_stays():
     assert backend.twin.load == 0.3
 
 
-def test_another_twin_needs_nothing_of_the_back_end():
-    twin: Twin = RigidWrist(load=0.5)
+def test_what_a_twin_alone_reports_is_recorded_with_its_units():
+    both = WristParameters.read().with_values({"sensors.tensions": "both"})
+    twin: Twin = WristTwin(both, seed=3, load=0.2)
     arm = Arm(SimulatedBackend(twin))
     arm.enable()
     arm.home()
@@ -300,18 +247,17 @@ def test_another_twin_needs_nothing_of_the_back_end():
         twin.load = 0.0
         arm.wait(0.5)
     recording = recorder.recording()
-    assert recording.provenance.homing_id == "seed 0, homing 1"
-    assert recording.units["tension/wrist_pitch"] == "N"
+    assert recording.provenance.homing_id == "seed 3, homing 1"
+    assert recording.units["tension/pitch_a"] == "N"
     assert recording.units["truth_load/grip"] == "Nm"
-    assert recording.column("tension/wrist_pitch")[[0, -1]] == pytest.approx([12.905, 8.0])
+    pitch = recording.column("truth_load/pitch")[[0, -1]]
+    assert pitch == pytest.approx([-0.2 * 9.81 * 19e-3, 0.0])
     assert recording.joints_of("truth") == arm.robot.positioning
     assert recording.joints_of("effort") == arm.robot.channels
 
 
-def test_refusals():
+def test_a_robot_without_a_twin_and_a_command_out_of_turn_are_refused():
     with pytest.raises(RobotError, match="no digital twin of 'dvrk_psm'; there is one of"):
         simulated_arm("dvrk_psm")
-    with pytest.raises(RobotError, match="arm"):
-        simulated_arm("raven2", "middle")
     with pytest.raises(CommandRefused, match="'resume' refused"):
         simulated_arm().resume()
