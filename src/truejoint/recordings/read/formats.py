@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from importlib.resources import files
 from pkgutil import resolve_name
 from typing import TYPE_CHECKING, Any, Final
 
@@ -48,56 +50,24 @@ class Format:
     reads_head: bool = False
 
 
-def _own(
-    name: str,
-    summary: str,
-    reader: str,
-    options: tuple[str, ...] = (),
-    *,
-    folder: bool = False,
-    **stated: str,
-) -> Format:
-    """Layout whose reader, a function of a module of this package, is imported when called."""
+def _own(name: str, row: Mapping[str, Any]) -> Format:
+    """Layout of a row of `formats.toml`; its reader is imported when it is called."""
+    reader = row.get("reader", _LAYOUTS)
+    stated = {} if "reader" in row else {"layout": name}
 
-    def read(*args: Any, **named: Any) -> Recording:
-        recording: Recording = resolve_name(f"truejoint.recordings.{reader}")(
-            *args, **named, **stated
-        )
-        return recording
+    def read(*args: Any, **named: Any) -> Recording | list[Recording]:
+        function = resolve_name(f"truejoint.recordings.{reader}")
+        recordings: Recording | list[Recording] = function(*args, **named, **stated)
+        return recordings
 
-    return Format(name, summary, read, options, folder, reads_head=reader in _READ_HEAD)
+    options, folder = tuple(row.get("options", ())), row.get("folder", False)
+    reads_head = row.get("reads_head", "reader" not in row)
+    return Format(name, row["summary"], read, options, folder, reads_head)
 
 
-def _public(name: str, summary: str, *, folder: bool = False) -> Format:
-    """Layout of a public data set."""
-    return _own(name, summary, _LAYOUTS, folder=folder, layout=name)
-
-
-_MAPPED_FILE: Final = "read.mapped:read"
 _LAYOUTS: Final = "read.layouts:read"
-_RAVEN_240: Final = "read.raven_csv:read_240"
-_RAVEN_252: Final = "read.raven_csv:read_252"
-_READ_HEAD: Final = (_MAPPED_FILE, _LAYOUTS, _RAVEN_240, _RAVEN_252)
-_MAPPED: Final = ("robot", "arm", "column_map", "rate")
-_TRUTH: Final = ("arm", "truth_unit")
-_BAG: Final = ("robot", "arm", "profile", "state", "truth", "quantities", "offset")
-FORMATS: Final[Mapping[str, Format]] = {
-    entry.name: entry
-    for entry in (
-        _own("parquet", "what truejoint writes", "table.parquet:read_parquet"),
-        _own("csv", "header, or column map", _MAPPED_FILE, _MAPPED),
-        _own("arrays", ".npy or .mat with a column map", _MAPPED_FILE, _MAPPED),
-        _own("arrows", "what a recorder was stopped in", "table.stream_file:read_stream_file"),
-        _own("bag", "ROS 1 and ROS 2 bags", "read.bags.reading:read_bag", _BAG, folder=True),
-        _own("raven_csv_240", "RAVEN-II state", _RAVEN_240, ("arm",)),
-        _own("raven_csv_252", "RAVEN-II state with external encoders", _RAVEN_252, _TRUTH),
-        _public("davinci_grasper_umn", "da Vinci grasper bench"),
-        _public("dvrk_psm_berkeley", "dVRK PSM, .npy folder", folder=True),
-        _public("bros_dual_encoder", "two-joint haptic arm, .mat"),
-        _public("kuka_kr300_dual_encoder", "KUKA KR300, .mat"),
-        _public("kflex_tendon_sheath", "K-FLEX bending joint"),
-    )
-}
+_ROWS: Final = tomllib.loads((files(__package__) / "formats.toml").read_text("utf-8"))
+FORMATS: Final[Mapping[str, Format]] = {name: _own(name, row) for name, row in _ROWS.items()}
 """Every layout of truejoint's own by name."""
 
 

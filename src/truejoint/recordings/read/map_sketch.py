@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final
@@ -22,17 +22,15 @@ from truejoint.units import SI_UNITS
 
 # A column's name is cut into words of one kind of letter; the first quantity that has one of them.
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
-_QUANTITIES: Final[Mapping[str, frozenset[str]]] = {
-    "motor_velocity": frozenset({"mvel"}),
-    "truth": frozenset({"truth", "true", "ext", "external", "encoder", "enc", "tracker", "camera"}),
-    "setpoint": frozenset(
-        {"setpoint", "desired", "des", "cmd", "command", "target", "ref", "goal"}
-    ),
-    "motor": frozenset({"motor", "mot", "mpos"}),
-    "velocity": frozenset({"velocity", "vel", "speed", "jvel", "qd"}),
-    "current": frozenset({"current", "amp", "amps"}),
-    "effort": frozenset({"effort", "torque", "tau", "force", "load"}),
-    "measured": frozenset({"measured", "meas", "position", "pos", "jpos", "angle", "q", "joint"}),
+_SYNONYMS: Final = {
+    "motor_velocity": "mvel",
+    "truth": "truth true ext external encoder enc tracker camera",
+    "setpoint": "setpoint desired des cmd command target ref goal",
+    "motor": "motor mot mpos",
+    "velocity": "velocity vel speed jvel qd",
+    "current": "current amp amps",
+    "effort": "effort torque tau force load",
+    "measured": "measured meas position pos jpos angle q joint",
 }
 _TIMES: Final = frozenset({"t", "time", "stamp", "timestamp", "sec", "secs", "seconds"})
 _UNITS: Final = {unit.lower(): unit for unit in SI_UNITS if unit != "1"} | {
@@ -144,7 +142,7 @@ def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
         return "t"
     if isinstance(name, str) and re.fullmatch(r"[A-Za-z]\w*/\w+", name, re.ASCII):
         return name
-    quantity = next((q for q, synonyms in _QUANTITIES.items() if words & synonyms), "")
+    quantity = next((q for q, names in _SYNONYMS.items() if words & {*names.split()}), "")
     channels: Sequence[str] = robot.channels if robot else ()
     named = [channel for channel in channels if channel in str(name).lower()]
     if named and not words - set(_UNITS) - set(named):
