@@ -16,8 +16,13 @@ HEADINGS: Final = tuple(_TABLE)
 FINDINGS: Final[Mapping[str, str]] = {name: _ROWS[name][0] for name in sorted(_ROWS)}
 """Meaning of each name; ``--accept`` takes the names."""
 
-ADVICE: Final[Mapping[str, str]] = {name: row[1] for name, row in _ROWS.items() if len(row) > 1}
+ADVICE: Final[Mapping[str, str]] = {
+    name: row[1] for name, row in _ROWS.items() if row[1:] and row[1]
+}
 """What to do about a finding, by the names of which that is always the same."""
 
 HEADING_OF: Final[Mapping[str, str]] = {n: heading for heading in _TABLE for n in _TABLE[heading]}
 """Heading of each name."""
+
+WELL: Final[Mapping[str, str]] = {name: row[2] for name, row in _ROWS.items() if len(row) > 2}
+"""What is said where nothing under a heading is wrong, by one name of each."""

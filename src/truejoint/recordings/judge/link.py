@@ -6,7 +6,7 @@ Stamps, counts of lost rows, efforts and the other arm tell what the columns alo
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Final
 
 import numpy as np
@@ -16,7 +16,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.join.joining import find_clock_offset
 from truejoint.recordings.judge.data_check import DataCheck, check_data
 from truejoint.recordings.judge.finding import Finding, Level
-from truejoint.recordings.judge.finding_names import HEADING_OF
+from truejoint.recordings.judge.finding_names import HEADING_OF, WELL
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.recordings.table.signals import velocity
@@ -94,9 +94,16 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
         findings.append(Finding("warn", "standstill", what, "", advice))
     findings += [f for f in check.findings if not _is_of_noise(f, joints, moving)]
     judged = {finding.heading for finding in findings}
+    facts = {
+        "rate": _rate(recording.t),
+        "duration": recording.duration,
+        "joints": ", ".join(joints),
+        "efforts": ", ".join(recording.joints_of("effort")),
+        "truths": ", ".join(recording.joints_of("truth")),
+    }
     findings += [
-        Finding("good", name, text(recording, joints), "")
-        for name, text in _WELL.items()
+        Finding("good", name, text.format(**facts), "")
+        for name, text in WELL.items()
         if HEADING_OF[name] not in judged
     ]
     return DataCheck((), check.coverage).with_findings(findings)
@@ -119,29 +126,12 @@ def _is_of_noise(finding: Finding, joints: Sequence[str], moving: Sequence[str])
     return stands and (by_span or finding.name in _TAKE_MOTION)
 
 
-def _rate(recording: Recording, _: Sequence[str]) -> str:
-    step = 1e3 * np.quantile(np.diff(recording.t), [0.01, 0.5, 0.99])
+def _rate(t: Array) -> str:
+    step = 1e3 * np.quantile(np.diff(t), [0.01, 0.5, 0.99])
     return (
         f"{1e3 / step[1]:.4g} Hz: a row every {step[1]:.4g} ms, 98 % within {step[0]:.4g} to "
         f"{step[2]:.4g} ms"
     )
-
-
-_WELL: Final[Mapping[str, Callable[[Recording, Sequence[str]], str]]] = {
-    "rate": _rate,
-    "stamps": lambda *_: "all rise",
-    "gap": lambda recording, _: f"no gap in {recording.duration:.1f} s",
-    "arm": lambda *_: "nothing to compare with",
-    "unit": lambda *_: "positions are where the joints can be",
-    "effort": lambda recording, _: f"of {', '.join(recording.joints_of('effort'))}",
-    "wrap": lambda *_: "no jump",
-    "frozen": lambda *_: "no sensor stands while its joint moves",
-    "missing": lambda recording, _: f"of {', '.join(recording.joints_of('truth'))}",
-    "delay": lambda *_: "below 15 ms",
-    "homing": lambda *_: "one zero throughout",
-    "standstill": lambda _, joints: f"{', '.join(joints)} move both ways",
-    "travel": lambda _, joints: f"{', '.join(joints)} are covered",
-}
 
 
 def _judge_stamps(recording: Recording) -> Iterable[Finding]:
