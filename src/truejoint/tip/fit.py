@@ -55,17 +55,16 @@ class Whitened(NamedTuple):
 
     equations: Equations
     whitening: Array  # (m, d, d)
+    residual: Array  # (m, d)
+    jacobian: Array  # (m, d, n)
     weight: Array  # (m,)
 
-    @property
-    def residual(self) -> Array:
-        """Whitened residuals (m, d)."""
-        return np.asarray(np.einsum("mij,mj->mi", self.whitening, self.equations.residual))
-
-    @property
-    def jacobian(self) -> Array:
-        """Whitened Jacobians (m, d, n)."""
-        return np.asarray(self.whitening @ self.equations.by_parameter)
+    @classmethod
+    def of(cls, equations: Equations, whitening: Array) -> Whitened:
+        """Whiten equations; all weigh 1."""
+        residual = np.einsum("mij,mj->mi", whitening, equations.residual)
+        jacobian = whitening @ equations.by_parameter
+        return cls(equations, whitening, residual, jacobian, np.ones(len(residual)))
 
 
 class Settled(NamedTuple):
@@ -179,7 +178,7 @@ def _whiten(rows: TipRows, inlier: Mask, state: TipState) -> Whitened:
     """Equations in deviations that the rows state, with Huber's weights; 0 for outliers."""
     equations = rows.equations(state)
     whitening = equations.whitening(rows.joint_sd, np.array(rows.point_sd))
-    white = Whitened(equations, whitening, np.ones(len(rows)))
+    white = Whitened.of(equations, whitening)
     return white._replace(weight=huber(np.linalg.norm(white.residual, axis=1)) * inlier)
 
 

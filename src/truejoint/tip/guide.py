@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import combinations, product
 from typing import TYPE_CHECKING, Final
 
@@ -89,46 +88,53 @@ class Task:
 
 def rezeroing(calibration: Calibration, pose: BlockPose) -> Task:
     """Touches that find the zeros of a calibration, by a block whose pose is known."""
-    check_pose(calibration, pose)
-    robot = calibration.machine
-    homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
 
     def fit(recording: Recording, touches: Touches) -> TipFit:
         rows = tip_rows(calibration, recording, touches, pose.block)
+        homing = _homing_sd(calibration)
         if len(pose.joint_sd) == len(homing):
             rows = rows.with_joint_sd(pose.joint_sd)
         return fit_rows(rows, zero_prior(pose, homing))
 
-    return Task(
-        robot, pose, FEWEST, partial(_zero_unknowns, calibration, robot, pose, homing), fit, True
-    )
+    return _of_model(calibration, pose, FEWEST, fit, is_zero_alone=True)
 
 
 def finding_block(calibration: Calibration, pose: BlockPose) -> Task:
     """Touches that find where a block stands, which is meant to stand at `pose`."""
-    check_pose(calibration, pose)
-    robot = calibration.machine
-    homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
 
     def fit(recording: Recording, touches: Touches) -> TipFit:
         rows = tip_rows(calibration, recording, touches, pose.block, offsets=False)
         return fit_block(rows, pose.block)[0]
 
-    unknowns = partial(_zero_unknowns, calibration, robot, pose, homing)
-    return Task(robot, pose, FEWEST_OF_BLOCK, unknowns, fit)
+    return _of_model(calibration, pose, FEWEST_OF_BLOCK, fit, is_zero_alone=False)
 
 
-def _zero_unknowns(
-    calibration: Calibration, robot: Robot, pose: BlockPose, homing: Array, joint: Array,
-    point: Array,
-) -> tuple[TipRows, TipPrior]:  # fmt: skip
-    """Rows with an offset of each joint that a calibration corrects."""
-    columns = tuple(robot.index(calibration.joints))
-    basis = np.tile(np.eye(len(homing)), (len(joint), 1, 1))
-    nothing = np.zeros(joint.shape[1])
-    rows = TipRows(known_kinematics(robot), joint, columns, basis, point, TOUCH_SD, nothing)
-    joint_sd = pose.joint_sd if len(pose.joint_sd) == len(homing) else homing / 10.0
-    return rows.with_joint_sd(joint_sd), zero_prior(pose, homing)
+def _homing_sd(calibration: Calibration) -> Array:
+    robot = calibration.machine
+    return np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
+
+
+def _of_model(
+    calibration: Calibration,
+    pose: BlockPose,
+    fewest: int,
+    fit: Callable[[Recording, Touches], TipFit],
+    *,
+    is_zero_alone: bool,
+) -> Task:
+    """Task whose unknowns are an offset of each joint that a calibration corrects, and the pose."""
+    check_pose(calibration, pose)
+    robot, homing = calibration.machine, _homing_sd(calibration)
+
+    def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
+        columns = tuple(robot.index(calibration.joints))
+        basis = np.tile(np.eye(len(homing)), (len(joint), 1, 1))
+        nothing = np.zeros(joint.shape[1])
+        rows = TipRows(known_kinematics(robot), joint, columns, basis, point, TOUCH_SD, nothing)
+        joint_sd = pose.joint_sd if len(pose.joint_sd) == len(homing) else homing / 10.0
+        return rows.with_joint_sd(joint_sd), zero_prior(pose, homing)
+
+    return Task(robot, pose, fewest, unknowns, fit, is_zero_alone)
 
 
 def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) -> Task:

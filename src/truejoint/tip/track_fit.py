@@ -304,7 +304,8 @@ def _whiten(rows: TipRows, alike: Array, gate: float, state: TipState) -> Whiten
     distance = (_lengths(equations.residual) / noise).max(axis=1)
     sd = np.repeat(noise * np.sqrt(alike), 3)
     whitening = equations.whitening(rows.joint_sd, sd)
-    return Whitened(equations, whitening, huber(distance) * (distance <= gate))
+    white = Whitened.of(equations, whitening)
+    return white._replace(weight=huber(distance) * (distance <= gate))
 
 
 def _alike(residual: Array, noise: Array) -> Array:
