@@ -33,7 +33,9 @@ def _read() -> dict[str, Study]:
 
 
 def _option(table: Mapping[str, Any]) -> Option:
-    values = {key: tuple(v) if isinstance(v, list) else v for key, v in table.items()}
+    values: dict[str, Any] = {
+        key: tuple(v) if isinstance(v, list) else v for key, v in table.items()
+    }
     return Option(**values)
 
 

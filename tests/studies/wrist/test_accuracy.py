@@ -14,7 +14,7 @@ from truejoint.estimators.cables.learn import CableStates
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies import Results, get_study
+from truejoint.studies import PartResult, Results, get_study
 from truejoint.studies.rows import select
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import LOADS, honesty, judge, summarise
@@ -31,7 +31,7 @@ def result():
     settings = get_study("wrist").settings("small", options=FEW)
     (part,) = get_study("wrist").parts(settings)
     with patch.object(cable_filter, "_ROUNDS", 8):
-        return Results.of(settings, [part], {part.key: part.compute(**part.arguments)})
+        return Results.of(settings, [part], {part.key: PartResult(part.compute(**part.arguments))})
 
 
 def of(result, kind, **where):

@@ -12,7 +12,7 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
-from truejoint.drawing import Curve, Figure, Panel, by_condition, ecdf
+from truejoint.drawing import Figure, by_condition, ecdf
 from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -26,8 +26,8 @@ from truejoint.simulation.twin import glide, hold
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, title_of
 from truejoint.studies.loop import TwinSignals, homed_arm
-from truejoint.studies.rows import Cell, each, select, table_of
-from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
 OPEN: Final = "open"
@@ -181,15 +181,13 @@ def track_28(
     rate: float,
     gain: float,
     seconds: float,
-) -> PartResult:
+) -> Rows:
     """Track the first `seconds` of (28) with one method in the loop under one load."""
     plant, wanted = built(forceps), wanted_angles(seconds)
     model = None if method == OPEN else m.calibrated(plant, tuple(methods), seed)[method]
     how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * seed + 1}
     followed = follow_jaw(plant, model, wanted, SwingingLoad(*load), **how)
-    error = (followed[0] - wanted[: len(followed[0])])[::20]
-    t = SETPOINT_DT * np.arange(len(error)) * 20
-    return PartResult([errors(wanted, followed)], {"t": t, "error": error})
+    return [errors(wanted, followed)]
 
 
 def track_specimen(
@@ -266,7 +264,7 @@ def summarise(results: Results) -> Summary:
         _spread(settings, every),
         _stability(settings, margins),
     )
-    return Summary(tables, {"forceps-closed-loop": _figure(results, own, every, methods)})
+    return Summary(tables, {"forceps-closed-loop": _figure(settings, own, every, methods)})
 
 
 def _title(method: str) -> str:
@@ -309,19 +307,9 @@ def _stability(settings: Settings, margins: DataFrame) -> Table:
                     names="{:g} x".format, head="gain")  # fmt: skip
 
 
-def _figure(results: Results, own: DataFrame, every: DataFrame, methods: Sequence[str]) -> Figure:
-    settings = results.settings
+def _figure(settings: Settings, own: DataFrame, every: DataFrame, methods: Sequence[str]) -> Figure:
     colours = {OPEN: "0.6", **{key: m.METHODS[key].colour or "0.7" for key in methods[1:]}}
     titles = {_title(key): colour for key, colour in colours.items()}
-
-    def over_time(number: int) -> Panel:
-        of_load = select(own, number=number)
-        curves = []
-        for row in each(of_load):
-            arrays, look = results.arrays[row.part], (_title(row.method), colours[row.method])
-            curves.append(Curve(arrays["t"], np.degrees(arrays["error"]), *look))
-        title = f"specimen {title_of(settings['specimen'])}, load {of_load.load.iloc[0]}"
-        return Panel(curves, "time [s]", "jaw minus wanted [deg]", title)
 
     first = own.number.nunique() - len(settings["swings_hz"])
     rates = dict(enumerate(settings["swings_hz"], first))
@@ -331,20 +319,14 @@ def _figure(results: Results, own: DataFrame, every: DataFrame, methods: Sequenc
     )
     look: dict[str, Any] = {"scale": np.degrees(1.0), "colours": titles}
     panels = (
-        (over_time(0), over_time(1)),
-        (
-            by_condition(
-                swinging, "rate", "rms", "name", x="load swings at [Hz]", y="RMS error [deg]",
-                title="a load that swings", log="xy", **look,
-            ),
-            ecdf(
-                steady, "rms", "name", x="RMS error [deg]", y="share of specimens [%]",
-                title=f"population, {settings['mass_g']:g} g", log="x", **look,
-            ),
+        by_condition(
+            swinging, "rate", "rms", "name", x="load swings at [Hz]", y="RMS error [deg]",
+            title=f"specimen {title_of(settings['specimen'])}", log="xy", **look,
+        ),
+        ecdf(
+            steady, "rms", "name", x="RMS error [deg]", y="share of specimens [%]",
+            title=f"population, {settings['mass_g']:g} g", log="x", **look,
         ),
     )  # fmt: skip
-    caption = (
-        "Above: how far the jaw is from where it is wanted, against the reference encoder. Below: "
-        "the same as RMS error, under a load that swings, and on every specimen."
-    )
-    return Figure("The jaw in a closed loop", panels, caption, height=7.0, legend=True)
+    caption = "Error against the reference encoder under a load that swings, and on every specimen."
+    return Figure("The jaw in a closed loop", (panels,), caption, height=4.4, legend=True)

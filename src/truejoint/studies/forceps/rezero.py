@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel, by_condition
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.encoder_zero import find_encoder_zero
 from truejoint.motion.forceps_trajectories import RAMP
@@ -114,20 +114,20 @@ def _rms(values: Any) -> float:
 
 
 def _figure(rows: DataFrame, cases: DataFrame, methods: Sequence[str]) -> Figure:
-    shifts, curves = 1e6 * np.array(unique(rows, "shift")), []
-    for key in methods:
-        method = m.METHODS[key]
-        for when, label, style in ((BEFORE, method.title, "o--"), (AFTER, "", "o-")):
-            rms = select(rows, method=key, when=when).groupby("shift").rms.median()
-            curves.append(Curve(shifts, np.degrees(rms), label, method.colour, style))
+    rows = select(rows, method=methods)
+    rows = rows.assign(um=1e6 * rows["shift"], name=rows.method.map(m.title) + ", " + rows.when)
+    shifts = [min(rows.um), max(rows.um)]
     zeros = [
         Curve(shifts, shifts, colour="k"),
         Curve(1e6 * cases["shift"], 1e6 * cases.estimate, style="."),
     ]
     panels = (
-        Panel(curves, "zero off by [um]", "RMS error on (28) [deg]", "before (dashed) and after"),
+        by_condition(
+            rows, "um", "rms", "name", scale=np.degrees(1.0), x="zero off by [um]",
+            y="RMS error on (28) [deg]", title="before and after",
+        ),
         Panel(zeros, "zero off by [um]", "found [um]", "the zero found"),
-    )
+    )  # fmt: skip
     caption = (
         "Left: what a wrong zero of x2 costs each method, and what re-zeroing leaves; medians "
         "over the specimens. Right: the zero that one unloaded cycle tells, and the true line."

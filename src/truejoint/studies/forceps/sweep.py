@@ -11,7 +11,7 @@ import numpy as np
 from pandas import DataFrame, concat
 
 from truejoint.array_types import Array
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Curve, Figure, Panel, by_condition
 from truejoint.errors import StudyError
 from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
@@ -25,7 +25,7 @@ from truejoint.simulation.forceps.sensors import ZeroShift, quantised
 from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.forceps.methods import settled, within
 from truejoint.studies.forceps.motions import Plain, built, changed, record
-from truejoint.studies.rows import Cell, each, select, table_of
+from truejoint.studies.rows import Cell, each, groups, select, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed, median_text
 
@@ -243,45 +243,30 @@ def _figure(settings: Settings, designs: DataFrame, best: DataFrame) -> Figure:
     finest, usual = designs.resolution.min(), designs.homing.min()
     middle = sorted(settings["stiffnesses_kNm"])[len(settings["stiffnesses_kNm"]) // 2]
     plain = select(designs, homing=usual, friction=settings["frictions"][0])
-    by_stiffness, by_resolution, both, costs = (list[Curve]() for _ in range(4))
-    deg = {c: np.degrees(designs[c]) for c in ("unloaded", "loaded", "typical")}
-    for layout, every in designs.groupby("layout", sort=False):
-        look = str(layout), _COLOURS[str(layout)]
-        own, sensors = plain[plain.layout == layout], encoders(str(layout))
-        row = own[own.resolution == finest] if sensors else own
-        loaded = deg["loaded"][row.index]
-        by_stiffness.append(Curve(row.stiffness / 1e3, loaded, *look, "o-"))
-        column = own[own.stiffness == 1e3 * middle]
-        if sensors:
-            unloaded = deg["unloaded"][column.index]
-            by_resolution.append(Curve(1e6 * column.resolution, unloaded, *look, "o-"))
-        of = {name: values[every.index] for name, values in deg.items()}
-        both.append(Curve(of["unloaded"], of["loaded"], *look, "o"))
-        costs.append(Curve(every.price, of["typical"], *look, "o"))
+    sensors = plain.layout.map(encoders) > 0
+    stiff = plain[(plain.resolution == finest) | ~sensors]
+    fine = plain[sensors & (plain.stiffness == 1e3 * middle)]
+    look: dict[str, Any] = {"by": "layout", "scale": math.degrees(1.0), "colours": _COLOURS}
+    look["y"] = "median RMS error [deg]"
+    costs = [
+        Curve(own.price, np.degrees(own.typical), layout, _COLOURS[layout], "o")
+        for layout, own in groups(designs, "layout")
+    ]
     costs.append(Curve(best.price, np.degrees(best.typical), "", "k", "--o"))
-    mass, rms_name = f"under {settings['mass_g']:g} g", "median RMS error [deg]"
+    mass, none = f"under {settings['mass_g']:g} g", "the worse of both; line: none better for less"
     panels = (
-        (
-            Panel(
-                by_stiffness, "cable stiffness [kN/m]", rms_name,
-                f"{mass}, at {1e6 * finest:g} um", "xy",
-            ),
-            Panel(
-                by_resolution, "resolution of the cables' encoders [um]", rms_name,
-                f"unloaded, {middle:g} kN/m", "xy",
-            ),
+        by_condition(
+            stiff.assign(kNm=stiff.stiffness / 1e3), "kNm", "loaded", log="xy",
+            x="cable stiffness [kN/m]", title=f"{mass}, at {1e6 * finest:g} um", **look,
         ),
-        (
-            Panel(both, "unloaded [deg]", f"{mass} [deg]", "every design", "xy"),
-            Panel(
-                costs, "price of the cables' encoders", rms_name,
-                "the worse of both; line: none better for less", "y",
-            ),
+        by_condition(
+            fine.assign(um=1e6 * fine.resolution), "um", "unloaded", log="xy",
+            x="resolution of the cables' encoders [um]", title=f"unloaded, {middle:g} kN/m", **look,
         ),
+        Panel(costs, "price of the cables' encoders", look["y"], none, "y"),
     )  # fmt: skip
     caption = (
-        "Median over the specimens. Above: what stiffness and resolution buy. Below: every design "
-        "without a load and with one, and against the price of its encoders; the line joins those "
-        "that none beats for less."
+        "Median over the specimens: what stiffness and resolution buy, and every design against "
+        "the price of its encoders; the line joins those that none beats for less."
     )
-    return Figure("What accuracy costs", panels, caption, height=7.5, legend=True)
+    return Figure("What accuracy costs", (panels,), caption, width=13.0, legend=True)

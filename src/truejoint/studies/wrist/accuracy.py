@@ -15,7 +15,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
-from truejoint.drawing import Curve, Figure, Panel, ecdf
+from truejoint.drawing import Figure, ecdf
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.cables.hybrid import WRIST_PLAYS
@@ -30,7 +30,7 @@ from truejoint.simulation.wrist.parameters import WristParameters, plant_constan
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.rows import Cell, median, of, select, table_of, unique
-from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.tables import Table
 
@@ -109,8 +109,6 @@ METHODS: Final[Mapping[str, Method]] = {
 }
 
 _COLOURS: Final = {key: f"C{k}" for k, key in enumerate(METHODS)}
-_DRAWN: Final = ("play_motor", "linear_effort", _FILTER, "play_effort", "play_filter")
-"""Whose errors are drawn over time, the smallest last."""
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -150,7 +148,7 @@ def judge(
     loaded_s: float,
     test_s: float,
     number: int,
-) -> PartResult:
+) -> Rows:
     """Calibrate methods on multi-sines, free and loaded; judge them on steps, free and loaded."""
     twin = WristTwin(WristParameters.from_dict(specimen), arm=instrument, seed=number)
     seed = 4 * number
@@ -160,7 +158,6 @@ def judge(
         "loaded": motions.record(twin, motions.steps, test_s, seed + 3, load=True),
     }
     rows: Rows = []
-    arrays: dict[str, Array] = {}
     runs: Physical = {}
     if any(METHODS[key].with_filter for key in methods):
         physical = calibrate([free, under_load], "ukf_cables", joints=JOINTS)
@@ -182,15 +179,7 @@ def judge(
             settled = test.t - test.t[0] > SETTLED
             angle, load = found[name]
             off = (angle - test.columns("truth_exact", JOINTS))[settled]
-            rows.append(
-                {
-                    "of": ANGLE,
-                    "method": key,
-                    "test": name,
-                    **dict(zip(JOINTS, rms(off), strict=True)),
-                }
-            )
-            arrays[f"{name}/{key}"] = off[::4]
+            rows.append({"of": ANGLE, "method": key, "test": name, **by_joint(rms(off))})
             if load is not None:
                 truth = test.columns("truth_load", LOADS)[settled]
                 missed = zip(LOADS, rms(load[settled] - truth), rms(truth), strict=True)
@@ -198,11 +187,9 @@ def judge(
                     {"of": LOAD, "method": key, "test": name, "name": n, "rms": a, "size": b}
                     for n, a, b in missed
                 ]
-    for name, test in tests.items():
-        arrays[f"{name}/t"] = (test.t - test.t[0])[test.t - test.t[0] > SETTLED][::4]
     grip = tests["loaded"].column("truth_load/grip")
     rows.append({"of": GRIP, "rms": float(np.sqrt(np.mean(grip**2)))})
-    return PartResult(rows, arrays)
+    return rows
 
 
 def estimates(
@@ -358,8 +345,7 @@ def summarise(results: Results) -> Summary:
     ]  # fmt: skip
     caption = "Share of all specimens' joints with a smaller error, by method."
     figure = Figure("Wristed instruments, another class of motion", (panels,), caption, legend=True)
-    first = _errors(next(iter(results.arrays.values())))
-    return Summary(tables, {"wrist": figure, "wrist-errors": first})
+    return Summary(tables, {"wrist": figure})
 
 
 def joint_medians(rows: DataFrame, decimals: int = 3) -> str:
@@ -470,18 +456,3 @@ def _identified_table(rows: DataFrame) -> Table:
         "stray by stays in it.",
     )
     return table_of("What was identified", rows, "name", cells, notes, head="identified")
-
-
-def _errors(arrays: Mapping[str, Array]) -> Figure:
-    """Draw errors over the first half minute of the loaded test."""
-    shown = arrays["loaded/t"] < SETTLED + 30.0
-    t = arrays["loaded/t"][shown]
-    panels = []
-    for j, joint in enumerate(JOINTS):
-        curves = []
-        for key in (key for key in _DRAWN if f"loaded/{key}" in arrays):
-            error = np.degrees(arrays[f"loaded/{key}"][shown, j])
-            curves.append(Curve(t, error, METHODS[key].title, _COLOURS[key]))
-        panels.append(Panel(curves, "time [s]", "error [deg]", joint))
-    caption = "Errors under load, first specimen; the motors alone see no load."
-    return Figure("Errors under load", (panels,), caption, legend=True, height=4.5)

@@ -15,7 +15,7 @@ from pandas import DataFrame
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Figure, box_plot
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -27,7 +27,7 @@ from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.loop import TwinSignals, homed_arm
 from truejoint.studies.rows import Cell, each, median, select, table_of
-from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, by_joint, joint_medians, rms, specimens, worst
 from truejoint.studies.wrist.grip import ForwardLoop, gripping
@@ -81,6 +81,7 @@ SEES_GRIP: Final = ("filter", _HYBRID, PERFECT)
 
 # Where an estimator is sure of itself it is believed beyond what calibration saw.
 _BELIEVED: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
+_DEGREES: Final = math.degrees(1.0)
 _QUICK: Final = 0.01  # [s] in which what is lost is made up for
 _SETTLED: Final = 2.0  # [s] at the first pose, which are not judged
 _MOMENT: Final = 0.5  # [s] after a step of the grip, from which it counts as standing
@@ -136,7 +137,7 @@ def judge(
     rate_hz: float,
     gain: float,
     loops: Sequence[str],
-) -> PartResult:
+) -> Rows:
     """RMS errors of joints [rad] and grip [Nm] by what is in the loop; what a loop refused."""
     # Every loop begins with the same zeros: what a homing moves no estimate can know.
     plant = WristParameters.from_dict(specimen).with_values({"homing.registration": 0.0})
@@ -154,7 +155,6 @@ def judge(
     pose = motions.steps(seconds, seed + 2)
     wanted = np.vstack([hold(motions.joints(pose[:1])[0], _SETTLED), motions.joints(pose)])
     rows: Rows = []
-    arrays: dict[str, Array] = {}
 
     def tried(of: str, case: str, key: str, run: Callable[[], Array], judge: Judge) -> None:
         """Add a row on what a loop did, or on why it refused."""
@@ -165,7 +165,6 @@ def judge(
             rows.append({**labels, "refused": str(refused)})
             return
         rows.append({**labels, **judge(signal)})
-        arrays[f"{case}/{key}"] = signal[::10]
 
     for (case, pushed), key in product(CASES.items(), keys):
         tried(JOINT, case, key, partial(bench.follow, key, wanted, off, pushed), joint_errors)
@@ -174,11 +173,10 @@ def judge(
         if not moving:
             path[:] = np.append(_STILL, 0.0)
         path[:, 2] = _APART
-        arrays[f"{case}/grip"] = grip[::10]
         for key in filter(SEES_GRIP.__contains__, keys):
             run = partial(bench.grip, key, motions.joints(path), grip)
             tried(GRIP, case, key, run, partial(judged_grip, wanted=grip))
-    return PartResult(rows, arrays)
+    return rows
 
 
 def joint_errors(error: Array) -> dict[str, float]:
@@ -280,9 +278,18 @@ def summarise(results: Results) -> Summary:
         body = tuple((r.part, r.load, TITLES[r.loop], r.refused) for r in each(refused))
         header = ("instrument", "load", "in the loop", "refused")
         tables.append(Table("Loops that refused", header, body))
-    arrays = next(iter(results.arrays.values()))
-    figures = {"wrist-loop": _joint_figure(arrays), "wrist-grip": _grip_figure(arrays)}
-    return Summary(tables, figures)
+    named = done.assign(name=done.loop.map(TITLES))
+    errors = select(named, of=JOINT).melt(["load", "name"], list(JOINTS), "joint", "error")
+    look: dict[str, Any] = {"condition": "load", "by": "name", "log": "y"}
+    panels = [
+        box_plot(errors, value="error", y="RMS error of a joint [deg]", scale=_DEGREES, **look),
+        box_plot(
+            select(named, of=GRIP), value="rms", y="RMS error of the grip [mNm]", scale=1e3, **look
+        ),
+    ]
+    caption = "Joints without and with pushes at the tip; grip, pitch and yaw standing and moving."
+    figure = Figure("Joints and grip in a closed loop", (panels,), caption, legend=True)
+    return Summary(tables, {"wrist-loop": figure})
 
 
 def _beside_perfect(rows: DataFrame, columns: Sequence[str]) -> DataFrame:
@@ -337,43 +344,3 @@ def _grip_table(rows: DataFrame) -> Table:
     by, head = ["load", "family", "loop"], "pitch and yaw, family, in the loop"
     return table_of("Grip in a closed loop", _beside_perfect(rows, ("rms",)), by, cells, notes,
                     names=_named, head=head)  # fmt: skip
-
-
-def _joint_figure(arrays: Mapping[str, Array]) -> Figure:
-    def errors(j: int) -> Callable[[Array], Array]:
-        return lambda error: np.degrees(error[:, j])
-
-    panels = [
-        Panel(_curves(arrays, "tip", tuple(TITLES), errors(j)), "time [s]",
-              "joint less wanted [deg]", joint)
-        for j, joint in enumerate(JOINTS)
-    ]  # fmt: skip
-    caption = "First specimen, pushed at its tip."
-    return Figure("Joints in a closed loop", (panels,), caption, legend=True, height=4.5)
-
-
-def _grip_figure(arrays: Mapping[str, Array]) -> Figure:
-    panels = []
-    for case in GRIPS:
-        wanted = 1e3 * arrays[f"{case}/grip"]
-        t = np.arange(len(wanted)) * 10.0 * SETPOINT_DT
-        curves = _curves(arrays, case, SEES_GRIP, lambda force: 1e3 * force)
-        panels.append(
-            Panel([Curve(t, wanted, "wanted", "black"), *curves], "time [s]", "grip [mNm]", case)
-        )
-    caption = "First specimen, pitch and yaw standing and moving."
-    return Figure("Grip in a closed loop", (panels,), caption, legend=True, height=3.6)
-
-
-def _curves(
-    arrays: Mapping[str, Array], case: str, keys: Sequence[str], shown: Callable[[Array], Array]
-) -> list[Curve]:
-    """Curves over time of the loops that did not refuse."""
-    curves = []
-    for n, key in enumerate(keys):
-        if f"{case}/{key}" in arrays:
-            values = shown(arrays[f"{case}/{key}"])
-            curves.append(
-                Curve(np.arange(len(values)) * 10.0 * SETPOINT_DT, values, TITLES[key], f"C{n}")
-            )
-    return curves
