@@ -143,8 +143,13 @@ def check_data(
         for recording in recordings
         for defect in judge_columns(recording, joints, signals, needs_truth=needs_truth)
     ]
+    broken = {  # sensors that are not to be judged further
+        (id(recording), defect.where.partition("/")[2])
+        for defect, recording in columns
+        if defect.name in ("wrap", "frozen", "saturated")
+    }
     with one_thread():  # many small regressions, which two threads make slower
-        positions = list(judge_positions(recordings, joints, _broken(columns)))
+        positions = list(judge_positions(recordings, joints, broken))
     findings = [
         *one_line_each(columns, recordings),
         *positions,
@@ -153,15 +158,6 @@ def check_data(
         *(_judge_extrapolation(recordings, model) if model else ()),
     ]
     return DataCheck((), coverage).with_findings(findings)
-
-
-def _broken(columns: Iterable[tuple[Defect, Recording]]) -> set[tuple[int, str]]:
-    """Find recordings, by identity, and joints whose sensors are not to be judged further."""
-    return {
-        (id(recording), defect.where.partition("/")[2])
-        for defect, recording in columns
-        if defect.name in ("wrap", "frozen", "saturated")
-    }
 
 
 def outside_share(values: Array, low: float, high: float, margin: float = 0.01) -> float:

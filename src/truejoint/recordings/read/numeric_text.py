@@ -125,10 +125,6 @@ def _pieces(file: io.BufferedReader[BoundedFile], layout: TextLayout) -> Iterato
         number, skip = number + lines, max(0, skip - lines)
 
 
-def _lines(text: bytes) -> io.TextIOWrapper:
-    return io.TextIOWrapper(io.BytesIO(text), encoding="utf-8-sig", errors="replace")
-
-
 def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
     """Columns `wanted`, which say if they may miss, of a piece; ArrowInvalid if it does not fit."""
     names = [str(column) for column in range(layout.columns)]
@@ -156,7 +152,8 @@ def _parse_by_line(
     """As `_parse`, and whether its last line was cut short; slow, names faults, takes quotes."""
     rows: list[list[float]] = []
     fault = None
-    for number, line in enumerate(_lines(piece.text), start=piece.number):
+    lines = io.TextIOWrapper(io.BytesIO(piece.text), encoding="utf-8-sig", errors="replace")
+    for number, line in enumerate(lines, start=piece.number):
         if number < piece.number + piece.skip or not line.strip():
             continue
         if fault is not None:

@@ -6,12 +6,11 @@ import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.crtk.messages import crtk_name
@@ -275,14 +274,10 @@ def _read_bags(sources: Sequence[Path], topic: str) -> Track:
     fields = [f"{point}.{axis}" for axis in "xyz"]
     fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
     stamps, values = read_topic(sources, candidates[0], fields)
-    columns = [_number(values, name) for name in fields]
+    columns = [values[name][:, 0].astype(np.float64) for name in fields]
     return Track.of_readings(
         stamps / 1e9,
         np.column_stack(columns[:3]),
         np.column_stack(columns[3:]) if turn else None,
         f"{source}: {candidates[0]}",
     )
-
-
-def _number(values: Mapping[str, NDArray[Any]], name: str) -> Array:
-    return np.asarray(values[name][:, 0], dtype=np.float64)

@@ -153,36 +153,21 @@ def _unpacked_file(path: Path, lost: Counter[str]) -> Iterator[Path]:
     with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
         plain = Path(folder) / path.stem
         try:
-            with path.open("rb") as packed, plain.open("wb") as file:
-                for piece in _unpacked_pieces(packed, lost):
+            with _zstd().open(path) as packed, plain.open("wb") as file:
+                while piece := packed.read1(_PIECE):
                     size += file.write(piece)
                     if size > most:
                         raise RecordingError(f"{path}: unpacks to more than {most} bytes")
+        except EOFError:
+            lost[UNPACKED_IN_PART] += 1
+        except _zstd().ZstdError:
+            lost[DAMAGED] += 1
         except OSError as error:
             raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
         try:
             yield plain
         except RecordingError as error:
             raise RecordingError(str(error).replace(str(plain), str(path))) from None
-
-
-def _unpacked_pieces(packed: BinaryIO, lost: Counter[str]) -> Iterator[bytes]:
-    """Unpack a file packed with Zstandard, one frame after the other."""
-    unpacker, begun = _unpacker("zstd"), False
-    while data := packed.read(_PIECE):
-        begun = True
-        while data or not (unpacker.needs_input or unpacker.eof):
-            try:
-                yield unpacker.decompress(data, _MOST_CHUNK)
-            except _zstd().ZstdError:
-                lost[DAMAGED] += 1
-                return
-            data = b""
-            if unpacker.eof:
-                data, unpacker = unpacker.unused_data, _unpacker("zstd")
-                begun = bool(data)
-    if begun:
-        lost[UNPACKED_IN_PART] += 1
 
 
 def _parts(folder: Path) -> list[Path]:
@@ -487,7 +472,8 @@ def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
                     if topics.get(key) is None:
                         continue
                     if isinstance(time, int) and isinstance(data, bytes):
-                        pending.add(topics[key], time, _plain(data))
+                        packed = data[:4] == ZSTD_MAGIC  # each message by itself
+                        pending.add(topics[key], time, _unpacked(data, "zstd") if packed else data)
                     else:
                         lost[DAMAGED] += 1
                 yield from pending.take()
@@ -495,8 +481,3 @@ def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
             if isinstance(error, sqlite3.OperationalError) and "no such table" in str(error):
                 raise RecordingError(f"{path}: is an SQLite file, but no bag of ROS 2") from None
             lost["tables that cannot be read further: the file is damaged"] += 1
-
-
-def _plain(data: bytes) -> bytes:
-    """Unpack a message, if each was packed by itself."""
-    return _unpacked(data, "zstd") if data[:4] == ZSTD_MAGIC else data
