@@ -28,7 +28,8 @@ from truejoint.runtime import Corrector, Status
 from .registered import forceps, in_loop, model, ready, ready_unless_refused, unseen
 
 HEAVY = (
-    "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.stats",
+    "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.linalg",
+    "scipy.spatial", "scipy.stats",
     "truejoint.estimators.base", "truejoint.recordings",
 )  # fmt: skip
 CAUSAL = tuple(in_loop())
