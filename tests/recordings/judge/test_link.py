@@ -62,13 +62,6 @@ def gone(recording: Recording, first: int, last: int) -> Recording:
     return recording.rows(rows[(rows < first) | (rows >= last)])
 
 
-def wrapped(recording: Recording) -> Recording:
-    elbow = recording.column("measured/elbow")
-    return changed(
-        recording, measured__elbow=np.where(elbow > np.median(elbow), elbow - 2 * np.pi, elbow)
-    )
-
-
 def without_truth(recording: Recording, share: float) -> Recording:
     rows = np.arange(len(recording)) < share * len(recording)
     names = {
@@ -78,20 +71,7 @@ def without_truth(recording: Recording, share: float) -> Recording:
     return replace(recording, table=recording.table.assign(**names))
 
 
-def hollow(recording: Recording) -> Recording:
-    elbow = recording.column("measured/elbow")
-    low, high = np.min(elbow) + np.array([0.3, 0.7]) * np.ptp(elbow)
-    return recording.rows((elbow < low) | (elbow > high))
-
-
-def jittered(recording: Recording) -> Recording:
-    noise = np.random.default_rng(0).uniform(0.0, 0.019, len(recording))
-    return changed(recording, t=recording.t + noise)
-
-
 ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
-    "stamps in milliseconds of milliseconds": (lambda r: changed(r, t=r.t * 1e4), "rate", "warn"),
-    "jitter": (jittered, "rate", "warn"),
     "stamps that repeat": (
         lambda r: dropped(r, **{"state:_repeated_time_stamp": 100}),
         "stamps",
@@ -102,11 +82,8 @@ ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
         "stamps",
         "warn",
     ),
-    "messages lost": (lambda r: gone(r, 600, 700), "lost messages", "warn"),
-    "degrees": (lambda r: scaled(r, "measured", 180 / np.pi), "unit", "fail"),
     "effort turned round": (lambda r: scaled(r, "effort", -1.0), "effort sign", "fail"),
     "effort never set": (unset, "effort", "fail"),
-    "wrap": (wrapped, "encoder wrap", "fail"),
     "frozen": (lambda r: stuck(r, 300, 900), "frozen signal", "fail"),
     "no overlap": (lambda r: without_truth(r, 0.7), "truth", "fail"),
     "late by half a second": (lambda r: late(r, 0.5), "delay", "fail"),
@@ -116,7 +93,6 @@ ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
         "excitation",
         "warn",
     ),
-    "a hole in the range": (hollow, "coverage", "warn"),
 }
 
 
