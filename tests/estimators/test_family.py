@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.runtime.streams import stream, trained
 
+from truejoint.calibration import Calibration
 from truejoint.calibration.container import to_bytes
 from truejoint.calibration.model_file import encode
 from truejoint.compiled import compiled
@@ -17,7 +18,7 @@ from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import family as families
 from truejoint.estimators.family import EstimatorData, Family
 from truejoint.layout import Layout
-from truejoint.runtime import Corrector, Status, fields
+from truejoint.runtime import Corrector, Status
 
 LAYOUT = Layout()
 SECONDS = LAYOUT.scalar("seconds", "since the history started [s]")
@@ -163,8 +164,9 @@ def test_rows_are_evaluated_one_after_the_other():
 
 def looped(monkeypatch, family: Family) -> Corrector:
     """Corrector in which the row of a family of our own stands for a linear model's."""
-    monkeypatch.setattr(fields, "find_family", lambda _name: family)
-    corrector = Corrector(trained())
+    calibration = trained()
+    monkeypatch.setattr(Calibration, "family", family)
+    corrector = Corrector(calibration)
     corrector.set_homing(True, "h1")
     return corrector
 
@@ -194,7 +196,7 @@ def test_a_row_that_gives_up_is_implausible(monkeypatch):
 
 def test_a_file_of_an_unknown_family_is_refused_by_name(tmp_path):
     description, arrays = encode(trained())
-    description["model"]["family"] = "stranger"
+    description["fit"]["model"]["family"] = "stranger"
     path = tmp_path / "model.safetensors"
     path.write_bytes(to_bytes(description, arrays))
     with pytest.raises(ModelFileError, match=r"model\.safetensors: no estimator family 'stranger'"):
