@@ -55,7 +55,7 @@ def test_plays_see_in_the_loop_what_they_were_fitted_to():
     state = one.start()
     for i, row in enumerate(X):
         angle = one.step(state, dt[i], row)
-        np.testing.assert_allclose(state.memory.view("sight"), expected[i], rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(state.memory.view("inputs"), expected[i], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(angle, whole.angle[i], rtol=0.0, atol=1e-11)
         loads = [state.memory.view(name)[0] for name in LOADS]
         np.testing.assert_allclose(loads, whole.load[i], rtol=0.0, atol=1e-11)
@@ -78,7 +78,7 @@ def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
     X, dt = rows_of(unseen("hybrid_cables").rows(range(100)))
     one = model("hybrid_cables").model
     state = one.start()
-    state.memory.memory[cable_hybrid.DEVIATIONS] = 1.0
+    state.memory.memory[cable_hybrid.LAYOUT.fields["deviations"].index] = 1.0
     found = one.states(X, dt)
     for i, row in enumerate(X):
         one.step(state, dt[i], row)
