@@ -1,45 +1,34 @@
-"""Every study by name, as `catalogue.toml` beside this file lists them."""
+"""Every study by name, of `catalogue.toml`: experiments of peng2024 and yan2020, and past them."""
 
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Mapping
-from importlib.resources import files
+from collections.abc import Iterator, Mapping
+from importlib import resources
 from typing import Any, Final
 
 from truejoint.errors import StudyError, unknown
 from truejoint.studies.study import Option, Study
 
 
-def _read() -> dict[str, Study]:
-    text = files("truejoint.studies").joinpath("catalogue.toml").read_text(encoding="utf-8")
-    catalogue = tomllib.loads(text)
-    shared = {
-        key: _option({"name": key.partition(".")[0], **table})
-        for key, table in catalogue["options"].items()
-    }
-    studies = [
-        Study(
-            table["name"],
-            table["title"],
-            table.get("source", ""),
-            f"truejoint.studies.{table['module']}",
-            tuple(shared[o] if isinstance(o, str) else _option(o) for o in table["options"]),
-            table.get("version", 1),
-        )
-        for table in catalogue["studies"]
-    ]
-    return {study.name: study for study in studies}
+def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
+    shared: Mapping[str, Any] = table["options"]
+    for row in table["studies"]:
+        options = []
+        for stated in row.pop("options", ()):
+            own = {"name": stated} if isinstance(stated, str) else stated
+            fields = {**shared.get(own["name"], {}), **own}
+            options.append(Option(**{key: _value(value) for key, value in fields.items()}))
+        row["module"] = f"{__package__}.{row['module']}"
+        yield Study(**{"source": "", **row}, options=tuple(options))
 
 
-def _option(table: Mapping[str, Any]) -> Option:
-    values: dict[str, Any] = {
-        key: tuple(v) if isinstance(v, list) else v for key, v in table.items()
-    }
-    return Option(**values)
+def _value(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
-STUDIES: Final = _read()
+_TEXT: Final = resources.files(__package__).joinpath("catalogue.toml").read_text("utf-8")
+STUDIES: Final = {study.name: study for study in _studies(tomllib.loads(_TEXT))}
 """In the order in which they are listed."""
 
 

@@ -68,10 +68,10 @@ def parts(settings: Settings) -> Sequence[Part]:
             found.append(Part(f"{number}-{method}", track_28, {**common, **case}, labels))
     motion = {"methods": common["methods"], "mass": settings["mass_g"] / 1e3, **how}
     for n, plant in enumerate(plants):
-        own = {"forceps": plant.to_dict(), "number": n}
-        some = {**own, **motion, "seconds": min(seconds, _A_PERIOD)}
+        group = {"forceps": plant.to_dict(), "number": n}
+        some = {**group, **motion, "seconds": min(seconds, _A_PERIOD)}
         found.append(Part(f"specimen-{n:05d}", track_specimen, some, {"specimen": n}))
-        rests = {**own, **how, "method": common["methods"][-1]}
+        rests = {**group, **how, "method": common["methods"][-1]}
         found.append(Part(f"margin-{n:05d}", try_margins, rests))
     return found
 
@@ -241,7 +241,7 @@ def summarise(results: Results) -> Summary:
     """Errors by load and method, their spread over the population, and the margin of stability."""
     settings, rows = results.settings, results.rows
     methods, name = [OPEN, *settings["methods"]], title_of(settings["specimen"])
-    own, every, margins = (
+    group, every, margins = (
         rows[rows[column].notna()] for column in ("number", "specimen", "margin")
     )
 
@@ -260,11 +260,11 @@ def summarise(results: Results) -> Summary:
     )
     cells = {_title(key): pair(key) for key in methods}
     tables = (
-        table_of(f"Tracking (28), specimen {name}", own, "load", cells, notes),
+        table_of(f"Tracking (28), specimen {name}", group, "load", cells, notes),
         _spread(settings, every),
         _stability(settings, margins),
     )
-    return Summary(tables, {"forceps-closed-loop": _figure(settings, own, every, methods)})
+    return Summary(tables, {"forceps-closed-loop": _figure(settings, group, every, methods)})
 
 
 def _title(method: str) -> str:
@@ -276,11 +276,11 @@ def _spread(settings: Settings, every: DataFrame) -> Table:
     loads = {"none": "none", "steady": f"{settings['mass_g']:g} g"}
 
     def quantile(q: float) -> Cell:
-        return lambda own: fixed(math.degrees(own.rms.quantile(q)), 3)
+        return lambda group: fixed(math.degrees(group.rms.quantile(q)), 3)
 
     cells: dict[str, Cell] = {"median": quantile(0.5), "95 %": quantile(0.95)}
     cells["worst"] = quantile(1.0)
-    cells["within"] = lambda own: f"{100 * np.mean(np.degrees(own.rms) <= own.bar):.0f} %"
+    cells["within"] = lambda group: f"{100 * np.mean(np.degrees(group.rms) <= group.bar):.0f} %"
     notes = (
         "RMS error in degrees against the reference encoder on the first "
         f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {every.specimen.nunique()} specimens "
@@ -302,20 +302,22 @@ def _stability(settings: Settings, margins: DataFrame) -> Table:
         f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "
         f"less than {math.degrees(SWING):g} deg RMS, after steps of up to 30 deg.",
     )
-    cells: dict[str, Cell] = {"stable": lambda own: f"{100 * own.stable.mean():.0f} %"}
+    cells: dict[str, Cell] = {"stable": lambda group: f"{100 * group.stable.mean():.0f} %"}
     return table_of("Margin of stability", margins, "margin", cells, notes,
                     names="{:g} x".format, head="gain")  # fmt: skip
 
 
-def _figure(settings: Settings, own: DataFrame, every: DataFrame, methods: Sequence[str]) -> Figure:
+def _figure(
+    settings: Settings, group: DataFrame, every: DataFrame, methods: Sequence[str]
+) -> Figure:
     colours = {OPEN: "0.6", **{key: m.METHODS[key].colour or "0.7" for key in methods[1:]}}
     titles = {_title(key): colour for key, colour in colours.items()}
 
-    first = own.number.nunique() - len(settings["swings_hz"])
+    first = group.number.nunique() - len(settings["swings_hz"])
     rates = dict(enumerate(settings["swings_hz"], first))
     swinging, steady = (
         rows.assign(name=rows.method.map(_title), rate=rows.number.map(rates))
-        for rows in (select(own, number=rates), select(every, load="steady").dropna(subset="rms"))
+        for rows in (select(group, number=rates), select(every, load="steady").dropna(subset="rms"))
     )
     look: dict[str, Any] = {"scale": np.degrees(1.0), "colours": titles}
     panels = (

@@ -196,13 +196,13 @@ def _weights(rows: DataFrame) -> Table:
     one = rows.iloc[0]
 
     def torque(column: str) -> Cell:
-        return lambda own: _torque(own.iloc[0], own[column].iloc[0])
+        return lambda group: _torque(group.iloc[0], group[column].iloc[0])
 
     cells: dict[str, Cell] = {
         "true": torque("torque"),
         **{title: torque(key) for key, title in _ESTIMATES.items()},
         "stated 90 %": torque("stated"),
-        "inside": lambda own: f"{100 * own.load_inside.iloc[0]:.0f} %",
+        "inside": lambda group: f"{100 * group.load_inside.iloc[0]:.0f} %",
     }
     friction, true_friction = (
         f"{1e3 * value:.1f} mNm ({grams(one, value):.0f} g)"
@@ -231,9 +231,9 @@ def _torque(row: Any, torque: float) -> str:
 
 def errors_in_grams(weighed: DataFrame, way: str) -> Array:
     """RMS [g] of what the mean estimate is off by, over the weights one way, by specimen."""
-    own = select(weighed, direction=way)
-    square = grams(own, own.identified - own.torque) ** 2
-    return np.asarray(np.sqrt(square.groupby(own.specimen, sort=False).mean().to_numpy()))
+    group = select(weighed, direction=way)
+    square = grams(group, group.identified - group.torque) ** 2
+    return np.asarray(np.sqrt(square.groupby(group.specimen, sort=False).mean().to_numpy()))
 
 
 def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Table:
@@ -254,9 +254,9 @@ def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Tabl
         quantiles = np.quantile(values, [0.5, 0.95, 1.0]) if len(values) else [math.nan] * 3
         body.append((label, *(fixed(float(value), 1) for value in quantiles), ""))
     for kind, case in product(("load", "angle"), (UNLOADED, "along", "opposing")):
-        own = select(rows, case=case)
-        if len(own):
-            inside, nees = 100.0 * own[f"{kind}_inside"].mean(), own[f"{kind}_nees"].mean()
+        group = select(rows, case=case)
+        if len(group):
+            inside, nees = 100.0 * group[f"{kind}_inside"].mean(), group[f"{kind}_nees"].mean()
             stated = f"{inside:.0f} % inside, NEES {nees:.2f}"
             body.append((f"stated 90 % of the {kind}, {case}", "", "", "", stated))
     paper = select(rows, case=PAPER)
@@ -282,13 +282,13 @@ def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Tabl
 def _figure(weighed: DataFrame) -> Figure:
     panels = []
     for way in ("opposing", "along"):
-        own = select(weighed, direction=way)
-        if not len(own):
+        group = select(weighed, direction=way)
+        if not len(group):
             continue
-        true = grams(own, own.torque)
+        true = grams(group, group.torque)
         curves = [Curve(np.sort(true), np.sort(true), "as it is", "k")]
         for key, label in _ESTIMATES.items():
-            curves.append(Curve(true, grams(own, own[key]), label, style="."))
+            curves.append(Curve(true, grams(group, group[key]), label, style="."))
         panels.append(Panel(curves, "true load [g]", "estimate [g]", f"load {way}"))
     caption = (
         "Each weight while it hangs still. Against the motion the jaw's friction hides part of it, "

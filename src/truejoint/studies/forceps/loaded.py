@@ -77,9 +77,9 @@ def summarise(results: Results) -> Summary:
     rows = rows.assign(load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction)
 
     def by_phase(cell: Cell) -> Cell:
-        return lambda own: "/".join(cell(select(own, phase=phase)) for phase in JUDGED)
+        return lambda group: "/".join(cell(select(group, phase=phase)) for phase in JUDGED)
 
-    def each(cell: Cell) -> dict[str, Cell]:
+    def by_method(cell: Cell) -> dict[str, Cell]:
         return {m.title(key): of(cell, method=key) for key in methods}
 
     draws = rows.draw.nunique()
@@ -91,20 +91,20 @@ def summarise(results: Results) -> Summary:
     )
     title, fourth, first = f"yan2020 Table 3, specimen {name}", {"phase": "IV"}, {"phase": "I"}
     medians: dict[str, Cell] = {
-        "jaw turns": lambda own: m.degrees(own.drop_duplicates("part"), "turn", 2),
+        "jaw turns": lambda group: m.degrees(group.drop_duplicates("part"), "turn", 2),
         "paper": by_phase(_paper("rms")),
-        **each(by_phase(m.degrees)),
+        **by_method(by_phase(m.degrees)),
     }
     tables = (
         table_of(f"{title}: RMS, median of the draws", rows, "load", medians, notes),
         table_of(
             f"{title}: RMS in phase IV, median (least to largest)",
-            select(rows, **fourth), "load", {"paper": _paper("rms"), **each(_spread)},
+            select(rows, **fourth), "load", {"paper": _paper("rms"), **by_method(_spread)},
         ),
         table_of(
             f"{title}: largest/smallest error in phase I",
             select(rows, **first), "load",
-            {"paper": lambda own: f"{_paper('max')(own)}/{_paper('min')(own)}", **each(_extremes)},
+            {"paper": _paper_extremes, **by_method(_extremes)},
         ),
     )  # fmt: skip
     shown = [part for part in unique(rows, "part") if (rows[rows.part == part].draw == 0).all()]
@@ -119,20 +119,24 @@ def summarise(results: Results) -> Summary:
 def _paper(metric: str) -> Cell:
     """Give a number of Table 3 for a weight and a phase."""
 
-    def cell(own: DataFrame) -> str:
-        condition = f"load={1e3 * own.mass.iloc[0]:.0f}g phase {own.phase.iloc[0]}"
+    def cell(group: DataFrame) -> str:
+        condition = f"load={1e3 * group.mass.iloc[0]:.0f}g phase {group.phase.iloc[0]}"
         return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
 
     return cell
 
 
-def _spread(own: DataFrame) -> str:
-    middle, least, largest = np.degrees(own.rms.quantile([0.5, 0.0, 1.0]))
+def _paper_extremes(group: DataFrame) -> str:
+    return "/".join(_paper(metric)(group) for metric in ("max", "min"))
+
+
+def _spread(group: DataFrame) -> str:
+    middle, least, largest = np.degrees(group.rms.quantile([0.5, 0.0, 1.0]))
     return f"{fixed(middle, 3)} ({fixed(least, 3)} to {fixed(largest, 3)})"
 
 
-def _extremes(own: DataFrame) -> str:
-    ends = own.largest.max(), own.smallest.min()
+def _extremes(group: DataFrame) -> str:
+    ends = group.largest.max(), group.smallest.min()
     return "/".join(fixed(float(np.degrees(end)), 2) for end in ends)
 
 
@@ -165,14 +169,14 @@ def _claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> 
 def _angles(results: Results, parts: Sequence[str], method: str, name: str) -> Figure:
     """Draw figure 9(a), the paper's filter, or the first method, beside the encoder."""
     panels = []
-    for way, own in _by_direction(results.rows, parts).items():
+    for way, group in _by_direction(results.rows, parts).items():
         curves = []
-        for place, (part, label) in enumerate(own.items()):
+        for place, (part, label) in enumerate(group.items()):
             arrays = results.arrays[part]
             for key, style, text in (("truth", "-", label), (method, ":", "")):
                 angle = _averaged(arrays["t"], np.degrees(arrays[key]) + SHIFT * place)
                 curves.append(Curve(arrays["t"], angle, text, f"C{place}", style, width=1.4))
-        title, shade = f"load {way}", _released(results, own)
+        title, shade = f"load {way}", _released(results, group)
         panels.append(Panel(curves, "time [s]", "jaw [deg]", title, shade=shade))
     caption = (
         f"Jaw by the reference encoder and, dotted, by {m.title(method)}; each weight "
@@ -187,15 +191,15 @@ def _figure(results: Results, parts: Sequence[str], methods: Sequence[str], name
     panels = []
     for method in methods:
         line = []
-        for way, own in _by_direction(results.rows, parts).items():
+        for way, group in _by_direction(results.rows, parts).items():
             curves = []
-            for part, label in own.items():
+            for part, label in group.items():
                 arrays = results.arrays[part]
                 # The encoder's steps of 0.088 deg would hide everything else.
                 error = _averaged(arrays["t"], np.degrees(arrays[method] - arrays["truth"]))
                 curves.append(Curve(arrays["t"], error, label))
             title = f"{m.title(method)}, load {way}"
-            shade = _released(results, own)
+            shade = _released(results, group)
             line.append(Panel(curves, "time [s]", "error [deg]", title, shade=shade))
         panels.append(line)
     caption = (
@@ -210,8 +214,10 @@ def _by_direction(rows: DataFrame, parts: Sequence[str]) -> dict[str, dict[str, 
     """Weights by part, of each direction."""
     one = select(rows, part=parts).drop_duplicates("part")
     return {
-        str(way): {part: f"{1e3 * mass:g} g" for part, mass in zip(own.part, own.mass, strict=True)}
-        for way, own in one.groupby("direction", sort=False)
+        str(way): {
+            part: f"{1e3 * mass:g} g" for part, mass in zip(group.part, group.mass, strict=True)
+        }
+        for way, group in one.groupby("direction", sort=False)
     }
 
 

@@ -76,8 +76,8 @@ def record(
     12967
     """
     if isinstance(motion, str) and motion not in _TRAJECTORIES:
-        known = ", ".join(_TRAJECTORIES)
-        raise TruejointError(f"no motion {motion!r:.60}; choose one of {known}, or a load test")
+        names = ", ".join(_TRAJECTORIES)
+        raise TruejointError(f"no motion {motion!r:.60}; choose one of {names}, or a load test")
     path = _TRAJECTORIES[motion]().positions[:, 0] if isinstance(motion, str) else motion
     session = f"{motion if isinstance(motion, str) else 'load'} {seed}"
     return record_forceps(forceps, path, seed=seed, session=session, **how)

@@ -116,8 +116,8 @@ def encoder_floor(plant: ForcepsParameters, recording: Recording) -> float:
     Its harmonic error is the same at each angle, and learnt; noise and quantisation are not.
     """
     exact = recording.column("truth_exact/jaw")
-    known = exact + reference_error(exact, plant.reference_encoder)
-    return float(np.sqrt(np.nanmean((recording.column("truth/jaw") - known) ** 2)))
+    ideal = exact + reference_error(exact, plant.reference_encoder)
+    return float(np.sqrt(np.nanmean((recording.column("truth/jaw") - ideal) ** 2)))
 
 
 def unseen_turn(plant: ForcepsParameters, recording: Recording, test: LoadTest) -> float:
@@ -151,11 +151,11 @@ def summarise(results: Results) -> Summary:
     """Distribution of each method's errors, unloaded and in phase IV, and how they compare."""
     settings, rows = results.settings, results.rows
     unloaded, loaded = (rows[chosen] for chosen in (rows.load == UNLOADED, rows.load != UNLOADED))
-    rms = {str(key): own.rms.to_numpy() for key, own in unloaded.groupby("method", sort=False)}
+    rms = {str(key): group.rms.to_numpy() for key, group in unloaded.groupby("method", sort=False)}
     shares = {order: share(rms, *order) for order in ORDERINGS if set(order) <= set(rms)}
     cells: dict[str, Cell] = {name: _quantile(q) for name, q in _QUANTILES.items()}
-    cells["beats the UKF in"] = lambda own: against_paper(rms, own.method.iloc[0])[0]
-    cells["median UKF / method"] = lambda own: against_paper(rms, own.method.iloc[0])[1]
+    cells["beats the UKF in"] = lambda group: against_paper(rms, group.method.iloc[0])[0]
+    cells["median UKF / method"] = lambda group: against_paper(rms, group.method.iloc[0])[1]
     if len(loaded):
         for name, q in (("IV median", 0.5), ("IV 90 %", 0.9), ("IV worst", 1.0)):
             cells[name] = partial(_of_method, loaded, _quantile(q))
@@ -189,15 +189,15 @@ def share(errors: Mapping[str, Array], *methods: str) -> float:
 
 
 def _quantile(q: float) -> Cell:
-    return lambda own: fixed(math.degrees(own.rms.quantile(q)), 3)
+    return lambda group: fixed(math.degrees(group.rms.quantile(q)), 3)
 
 
-def _held(own: DataFrame) -> str:
-    return f"{100 * np.mean(own.rms <= _HELD):.0f} %"
+def _held(group: DataFrame) -> str:
+    return f"{100 * np.mean(group.rms <= _HELD):.0f} %"
 
 
-def _of_method(rows: DataFrame, cell: Cell, own: DataFrame) -> str:
-    return cell(select(rows, method=own.method.iloc[0]))
+def _of_method(rows: DataFrame, cell: Cell, group: DataFrame) -> str:
+    return cell(select(rows, method=group.method.iloc[0]))
 
 
 def against_paper(rms: Mapping[str, Array], method: str) -> tuple[str, str]:

@@ -70,20 +70,21 @@ def summarise(results: Results) -> Summary:
     methods = [key for key in unique(rows, "method") if len(select(rows, method=key)) == 2 * count]
 
     def rms_of(key: str) -> Cell:
-        return lambda own: " -> ".join(
-            m.degrees(select(own, method=key, when=when)) for when in (BEFORE, AFTER)
+        return lambda group: " -> ".join(
+            m.degrees(select(group, method=key, when=when)) for when in (BEFORE, AFTER)
         )
 
     cells: dict[str, Cell] = {
-        "found": lambda own: f"{_micro(own.estimate.median())} um",
-        "off, RMS": lambda own: (
-            f"{_micro(_rms(own.estimate - own['shift']))} (stated {_micro(own.deviation.median())})"
+        "found": lambda group: f"{_micro(group.estimate.median())} um",
+        "off, RMS": lambda group: (
+            f"{_micro(_rms(group.estimate - group['shift']))} "
+            f"(stated {_micro(group.deviation.median())})"
         ),
-        "taken off": lambda own: f"{(own.taken_off != 0.0).sum()} of {len(own)}",
+        "taken off": lambda group: f"{(group.taken_off != 0.0).sum()} of {len(group)}",
     }
     cases = rows.drop_duplicates("part")
     first = {
-        name: (lambda own, cell=cell: cell(own.drop_duplicates("part")))
+        name: (lambda group, cell=cell: cell(group.drop_duplicates("part")))
         for name, cell in cells.items()
     }
     grown = select(rows, when=AFTER).rms.to_numpy() - select(rows, when=BEFORE).rms.to_numpy()

@@ -28,11 +28,13 @@ def summarise(results: Results) -> Summary:
     verified, ways = select(rows, motion="verification"), settings["directions"]
 
     def worst(*directions: str) -> Cell:
-        return lambda own: degrees_text(loaded.worst(rows, own.method.iloc[0], "IV", *directions))
+        return lambda group: degrees_text(
+            loaded.worst(rows, group.method.iloc[0], "IV", *directions)
+        )
 
     cells: dict[str, Cell] = {
-        "strategy": lambda own: str(m.METHODS[own.method.iloc[0]].strategy),
-        "sensors": lambda own: ", ".join(("motor", *m.METHODS[own.method.iloc[0]].cables)),
+        "strategy": lambda group: str(m.METHODS[group.method.iloc[0]].strategy),
+        "sensors": lambda group: ", ".join(("motor", *m.METHODS[group.method.iloc[0]].cables)),
         "RMS unloaded": m.degrees,
         **{f"worst IV {way}": worst(way) for way in ways},
     }

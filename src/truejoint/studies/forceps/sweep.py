@@ -194,9 +194,9 @@ def summarise(results: Results) -> Summary:
     under = f"under {settings['mass_g']:g} g"
     chosen = concat([select(rows, name=name) for name in best.index])
     cells: dict[str, Cell] = {
-        "price": lambda own: f"{own.price.iloc[0]:g}",
-        "unloaded": lambda own: median_text(np.degrees(own.unloaded), 3),
-        under: lambda own: median_text(np.degrees(own.loaded), 3),
+        "price": lambda group: f"{group.price.iloc[0]:g}",
+        "unloaded": lambda group: median_text(np.degrees(group.unloaded), 3),
+        under: lambda group: median_text(np.degrees(group.loaded), 3),
     }
     title = "Designs that no cheaper one beats"
     tables = (
@@ -229,8 +229,8 @@ def _grid(settings: Settings, rows: DataFrame) -> Table:
     ]
 
     def cell(stiffness: float) -> Cell:
-        return lambda own: "/".join(
-            fixed(math.degrees(select(own, stiffness=stiffness)[load].median()), 3)
+        return lambda group: "/".join(
+            fixed(math.degrees(select(group, stiffness=stiffness)[load].median()), 3)
             for load in ("unloaded", "loaded")
         )
 
@@ -249,8 +249,8 @@ def _figure(settings: Settings, designs: DataFrame, best: DataFrame) -> Figure:
     look: dict[str, Any] = {"by": "layout", "scale": math.degrees(1.0), "colours": _COLOURS}
     look["y"] = "median RMS error [deg]"
     costs = [
-        Curve(own.price, np.degrees(own.typical), layout, _COLOURS[layout], "o")
-        for layout, own in groups(designs, "layout")
+        Curve(group.price, np.degrees(group.typical), layout, _COLOURS[layout], "o")
+        for layout, group in groups(designs, "layout")
     ]
     costs.append(Curve(best.price, np.degrees(best.typical), "", "k", "--o"))
     mass, none = f"under {settings['mass_g']:g} g", "the worse of both; line: none better for less"

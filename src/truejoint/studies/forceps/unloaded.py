@@ -43,23 +43,23 @@ def summarise(results: Results) -> Summary:
     verified, name = select(rows, motion="verification"), title_of(settings["specimen"])
 
     def paper(table: str, motion: str, metric: str) -> Cell:
-        return lambda own: reported_text(
-            reported("yan2020", table, f"trajectory {motion}", own.method.iloc[0]).get(metric)
+        return lambda group: reported_text(
+            reported("yan2020", table, f"trajectory {motion}", group.method.iloc[0]).get(metric)
         )
 
-    def fitted(own: DataFrame) -> str:
-        return m.degrees(select(rows, motion="calibration", method=own.method.iloc[0]))
+    def fitted(group: DataFrame) -> str:
+        return m.degrees(select(rows, motion="calibration", method=group.method.iloc[0]))
 
     cells = {
         "RMS": m.degrees,
         "paper": paper("2", "28", "rms"),
-        "max": lambda own: m.degrees(own, "largest", 2),
+        "max": lambda group: m.degrees(group, "largest", 2),
         "paper ": paper("2", "28", "max"),
-        "min": lambda own: m.degrees(own, "smallest", 2),
+        "min": lambda group: m.degrees(group, "smallest", 2),
         "paper  ": paper("2", "28", "min"),
         "RMS on (27)": fitted,
         " paper": paper("figure 6", "27", "rms"),
-        "RMS to the jaw": lambda own: m.degrees(own, "exact_rms"),
+        "RMS to the jaw": lambda group: m.degrees(group, "exact_rms"),
     }
     notes = (
         "Degrees, on trajectory (28) against the reference encoder at the jaw, from 2.2 s on; "

@@ -158,22 +158,22 @@ def summarise(results: Results) -> Summary:
         lines.append(_line(f"{title}, zig-zags", np.full(2, total), whole, 1.0))
         first = select(rows, of=FIRST)
         share = np.concatenate(
-            [relative(errors(own), whole[n]) for n, own in groups(first, "session")]
+            [relative(errors(group), whole[n]) for n, group in groups(first, "session")]
         )
-        order = np.concatenate([own.index for _, own in groups(first, "session")])
+        order = np.concatenate([group.index for _, group in groups(first, "session")])
         first = first.assign(share=Series(share, order), minutes=first.seconds / 60.0)
         times = {}
-        for motion, own in groups(first, "case"):
-            shares = [one.share.to_numpy() for _, one in groups(own, "session")]
+        for motion, group in groups(first, "case"):
+            shares = [one.share.to_numpy() for _, one in groups(group, "session")]
             times[motion] = np.array([reached(one, seconds) for one in shares])
             if motion == _REFERENCE:
                 continue
             for minutes in (_MINUTES, float(seconds[-1]) / 60.0):
                 end = seconds[np.abs(seconds - 60.0 * minutes).argmin()]
                 name = f"{title}, {motion}, {end / 60:.1f} min"
-                middle = np.median(values(own, "share", seconds=end))
+                middle = np.median(values(group, "share", seconds=end))
                 spent = np.median(times[motion], axis=0)
-                lines.append(_line(name, spent, errors(own, seconds=end), float(middle)))
+                lines.append(_line(name, spent, errors(group, seconds=end), float(middle)))
         panels.append(
             by_condition(
                 first, "minutes", "share", "case", each="session", colours=_MOTIONS,
@@ -222,9 +222,9 @@ def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
 
 def _stopping(title: str, rows: DataFrame) -> Claim:
     near, minutes = 0, []
-    for _, own in groups(select(rows, case=_DESIGNED), "session"):
-        at_stop = select(own, of=STOPPED)
-        reachable = np.vstack([errors(own, of=FIRST), errors(at_stop)])
+    for _, group in groups(select(rows, case=_DESIGNED), "session"):
+        at_stop = select(group, of=STOPPED)
+        reachable = np.vstack([errors(group, of=FIRST), errors(at_stop)])
         shares = relative(reachable, np.ones(3))
         near += bool(shares[-1] <= _NEAR * np.nanmin(shares))
         minutes.append(float(at_stop.seconds.iloc[0]) / 60.0)

@@ -62,8 +62,8 @@ def last(
     """Calibrate once, unloaded, and judge every hour of what follows; `load` is in kg."""
     arm, twin = s.homed(raven, seed)
     training = s.training_sets(arm, sets)
-    lengths = {text: s.seconds_of(own) for text, own in training.items()}
-    models = {text: s.fitted(own, networks, seed) for text, own in training.items()}
+    lengths = {text: s.seconds_of(group) for text, group in training.items()}
+    models = {text: s.fitted(group, networks, seed) for text, group in training.items()}
     twin.load = load
     go_on = s.resting if work == IDLE else s.working
     tests = go_on(arm, hours, s.TEST_SEED + seed)

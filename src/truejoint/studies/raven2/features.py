@@ -53,8 +53,8 @@ def fit_both(
     """Fit with the selected and with all features, and judge hours of unloaded work."""
     arm, twin = s.homed(raven, seed)
     training = {
-        text: [with_state(one, twin) for one in own]
-        for text, own in s.training_sets(arm, sets).items()
+        text: [with_state(one, twin) for one in group]
+        for text, group in s.training_sets(arm, sets).items()
     }
     worked = s.random_test(arm, hours * s.HOUR, s.TEST_SEED + seed, s.STATE_RATE / _STRIDE)
     test = with_state(worked, twin)
@@ -62,19 +62,19 @@ def fit_both(
     names = all_features(test)
     timeless = [name for name in names if name not in _CLOCKS]
     rows: Rows = []
-    for text, own in training.items():
-        every = s.fitted(own, networks, seed, features=names)
+    for text, group in training.items():
+        every = s.fitted(group, networks, seed, features=names)
         if WIDE in models and text == longest:
             network = NeuralNetwork(_LARGE, weight_decay=1e-4)
-            every[WIDE] = [s.model_of(own, network, features=names, fit_rate=_FIT_RATE)]
+            every[WIDE] = [s.model_of(group, network, features=names, fit_rate=_FIT_RATE)]
         for kind, fitted in (
-            (SELECTED, s.fitted(own, networks, seed)),
-            (NO_TORQUES, s.fitted(own, networks, seed, features=_of(names, "measured"))),
-            (NO_POSITIONS, s.fitted(own, networks, seed, features=_of(names, "effort"))),
-            (TIMELESS, s.fitted(own, 0, seed, features=timeless)),
+            (SELECTED, s.fitted(group, networks, seed)),
+            (NO_TORQUES, s.fitted(group, networks, seed, features=_of(names, "measured"))),
+            (NO_POSITIONS, s.fitted(group, networks, seed, features=_of(names, "effort"))),
+            (TIMELESS, s.fitted(group, 0, seed, features=timeless)),
             (ALL, every),
         ):
-            labels = {"kind": kind, "set": text, "seconds": s.seconds_of(own)}
+            labels = {"kind": kind, "set": text, "seconds": s.seconds_of(group)}
             rows += s.judged(fitted, test, inputs=len(names), **labels)
     return rows
 

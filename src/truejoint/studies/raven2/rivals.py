@@ -161,8 +161,8 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
             for one in printed
         ]
         body.append((f"paper: {method}, hour 0 to 5", *cells))
-    for own, condition, method in _OTHERS:
-        if own == table:
+    for group, condition, method in _OTHERS:
+        if group == table:
             cells = [reported_text(_printed(table, condition, method, one), 3) for one in printed]
             body.append((f"paper: {condition}, {method}", *cells))
     notes = (

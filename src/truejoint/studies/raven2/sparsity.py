@@ -34,9 +34,9 @@ def repeat(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, second
     training = s.training_sets(arm, sets)
     test = s.random_test(arm, seconds, s.TEST_SEED + seed)
     rows: Rows = []
-    for text, own in training.items():
-        models = s.fitted(own, networks, seed)
-        rows += s.judged(models, test, set=text, seconds=s.seconds_of(own))
+    for text, group in training.items():
+        models = s.fitted(group, networks, seed)
+        rows += s.judged(models, test, set=text, seconds=s.seconds_of(group))
     return rows
 
 

@@ -33,7 +33,7 @@ def predict(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, hours
     tests = s.working(arm, hours, s.TEST_SEED + seed)
     rows: Rows = []
     for target in TARGETS:
-        fitted = [s.fitted(own, networks, seed, target=target) for own in training.values()]
+        fitted = [s.fitted(group, networks, seed, target=target) for group in training.values()]
         models = {m: [model for several in fitted for model in several[m]] for m in s.MODELS}
         for hour, test in enumerate(tests):
             rows += s.judged(models, test, target=target, hour=hour)

@@ -91,18 +91,18 @@ def summarise(results: Results) -> Summary:
     """Table V beside the paper's."""
     times = results.rows.set_index("method")
     rows = []
-    for own in each(results.rows):
-        name = own.method
+    for group in each(results.rows):
+        name = group.method
         bound = reported("peng2024", "V", "training time", name, "all").get("upper bound")
         paper = reported("peng2024", "V", "inference one sample", name, "all").get("mean")
         rows.append(
             (
                 RIVALS[name].title,
-                fixed(own.fit, 2),
+                fixed(group.fit, 2),
                 "" if bound is None else f"< {bound:g}",
-                fixed(1e6 * own.step, 2),
-                fixed(1e6 * own.step_99, 2),
-                fixed(1e6 * own.table, 0),
+                fixed(1e6 * group.step, 2),
+                fixed(1e6 * group.step_99, 2),
+                fixed(1e6 * group.table, 0),
                 "" if paper is None else f"{1e3 * paper:g}",
             )
         )

@@ -201,10 +201,10 @@ def estimates(
 ) -> Mapping[str, tuple[Array, Array | None]]:
     """Joints (n, 3) [rad], and loads (n, 3) [Nm] where it tells them, of a method in each test."""
     if method.estimator is None and method.with_filter:
-        own = {name: runs[test.provenance.session] for name, test in tests.items()}
+        group = {name: runs[test.provenance.session] for name, test in tests.items()}
         if not method.with_load:
-            return {name: (one.joints, None) for name, one in own.items()}
-        return {name: (one.filtered.angle, one.filtered.load) for name, one in own.items()}
+            return {name: (one.joints, None) for name, one in group.items()}
+        return {name: (one.filtered.angle, one.filtered.load) for name, one in group.items()}
     if method.with_load:
         return fitted([free, under_load], tests, method, runs)
     if method.estimator is None:
@@ -239,10 +239,10 @@ def quantities(twin: WristTwin) -> dict[str, float]:
     drawn, _ = plant_constants(twin.parameters, mechanism)
     stiffness, held = {}, {}
     for joint, motor in zip(JOINTS, mechanism.motors, strict=True):
-        own = [(n, cable) for n, cable in enumerate(mechanism.cables) if cable.motor == motor]
-        legs = [1.0 / (1.0 / drawn.stiffness[n, : len(c.segments)]).sum() for n, c in own]
+        group = [(n, cable) for n, cable in enumerate(mechanism.cables) if cable.motor == motor]
+        legs = [1.0 / (1.0 / drawn.stiffness[n, : len(c.segments)]).sum() for n, c in group]
         stiffness[f"{joint}_stiffness"] = float(np.mean(legs))
-        wrap = math.fsum(node.wrap for node in own[0][1].nodes if not node.joint)
+        wrap = math.fsum(node.wrap for node in group[0][1].nodes if not node.joint)
         hold = math.sinh(cables.guide_friction * wrap)
         held[f"{joint}_friction"] = 2.0 * cables.pretension * hold
     return {
@@ -284,14 +284,14 @@ def fitted(
     gap = default_gap_limit(training)
 
     def inputs(recording: Recording) -> Array:
-        own, measured = features.compute(recording, gap), recording.columns("measured", JOINTS)
+        group, measured = features.compute(recording, gap), recording.columns("measured", JOINTS)
         if not (method.with_filter and runs):
-            return own
+            return group
         one = runs[recording.provenance.session]
         if not method.with_load:
-            return np.hstack([own, one.joints - measured, one.states[:, PIN:LAST]])
+            return np.hstack([group, one.joints - measured, one.states[:, PIN:LAST]])
         states = one.filtered.states[:, PIN:LAST]
-        return np.hstack([own, one.filtered.angle - measured, one.filtered.load, states])
+        return np.hstack([group, one.filtered.angle - measured, one.filtered.load, states])
 
     def targets(recording: Recording) -> Array:
         measured, truth = (recording.columns(key, JOINTS) for key in ("measured", "truth"))
@@ -360,7 +360,7 @@ def worst(rows: DataFrame) -> str:
 
 def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
     grip = 1e3 * grips.rms.median()
-    cells: dict[str, Cell] = {"n": lambda own: str(own.specimen.nunique())}
+    cells: dict[str, Cell] = {"n": lambda group: str(group.specimen.nunique())}
     for name, mark in zip(TESTS, ("", " "), strict=True):
         cells[f"{name}: pitch jaw1 jaw2"] = of(joint_medians, test=name)
         cells["worst" + mark] = of(worst, test=name)
@@ -378,11 +378,11 @@ def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
 
 
 def _middle(column: str, scale: float) -> Cell:
-    return lambda own: f"{scale * own[column].median():.1f}"
+    return lambda group: f"{scale * group[column].median():.1f}"
 
 
-def _share(own: DataFrame) -> str:
-    return f"{100 * own.covered.median():.0f} %"
+def _share(group: DataFrame) -> str:
+    return f"{100 * group.covered.median():.0f} %"
 
 
 def _named(method: str, family: str) -> str:
@@ -433,20 +433,20 @@ def _honest_table(rows: DataFrame) -> Table:
     return table_of("What the physical filter states of itself", rows, "family", cells, notes)
 
 
-def _value(own: DataFrame) -> str:
-    return f"{own.value.median():.3g} +- {own.deviation.median():.1g}"
+def _value(group: DataFrame) -> str:
+    return f"{group.value.median():.3g} +- {group.deviation.median():.1g}"
 
 
-def _off(own: DataFrame) -> str:
-    own = own.dropna(subset="true")
-    apart = np.sqrt(own.ratio.mean())
-    return f"{100 * own.off.median():.0f} %, {apart:.1f} x" if len(own) else "-"
+def _off(group: DataFrame) -> str:
+    group = group.dropna(subset="true")
+    apart = np.sqrt(group.ratio.mean())
+    return f"{100 * group.off.median():.0f} %, {apart:.1f} x" if len(group) else "-"
 
 
 def _identified_table(rows: DataFrame) -> Table:
     ratio = ((rows.value - rows.true) / rows.deviation) ** 2
     rows = rows.assign(off=(rows.value / rows.true - 1.0).abs(), ratio=ratio)
-    cells: dict[str, Cell] = {"unit": lambda own: str(own.unit.iloc[0])}
+    cells: dict[str, Cell] = {"unit": lambda group: str(group.unit.iloc[0])}
     for n, family in enumerate(unique(rows, "family")):
         cells |= {family: of(_value, family=family), "off" + " " * n: of(_off, family=family)}
     notes = (

@@ -128,13 +128,13 @@ def touched(twin: WristTwin) -> Array:
 
     Of a jaw the stop outside, to which the other one comes less near.
     """
-    lower, upper, apart = twin.robot.lower, twin.robot.upper, np.array([0.0, -0.5, 0.5])
+    lower, upper, opposite = twin.robot.lower, twin.robot.upper, np.array([0.0, -0.5, 0.5])
     pitch, first, second = np.eye(3)
-    low = stop(twin, (lower[0] + _SHORT) * pitch + _OPEN * apart, -pitch)
-    high = stop(twin, (upper[0] - _SHORT) * pitch + _OPEN * apart, pitch)
+    low = stop(twin, (lower[0] + _SHORT) * pitch + _OPEN * opposite, -pitch)
+    high = stop(twin, (upper[0] - _SHORT) * pitch + _OPEN * opposite, pitch)
     left = stop(twin, (lower[1] + _SHORT) * (first + second) + _OPEN * second, -first)
     right = stop(twin, (upper[2] - _SHORT) * (first + second) - _OPEN * first, second)
-    return np.array([0.5 * (high - low), -left, right, -stop(twin, _SHORT * apart, -apart)])
+    return np.array([0.5 * (high - low), -left, right, -stop(twin, _SHORT * opposite, -opposite)])
 
 
 def stop(twin: WristTwin, pose: Array, way: Array) -> float:
@@ -186,10 +186,10 @@ def strangeness(free: Recording, checks: Mapping[str, Recording]) -> dict[str, f
         return np.asarray(np.sum(expected * shown, axis=0) / np.sum(expected**2, axis=0))
 
     last = _SEEN * (free.t[-1] - free.t[0])
-    seen = free.t - free.t[0] < last
+    taught = free.t - free.t[0] < last
     X, efforts = features.compute(free, gap), free.columns("effort", JOINTS)
     dt = time_steps(free.t, gap)
-    model = clone(METHODS["play_motor"].estimator).fit(X[seen], efforts[seen], dt=dt[seen])
+    model = clone(METHODS["play_motor"].estimator).fit(X[taught], efforts[taught], dt=dt[taught])
     usual = size(free, last)
     return {
         name: float(np.abs(size(run, SETTLED) / usual - 1.0).max()) for name, run in checks.items()
@@ -200,11 +200,11 @@ def summarise(results: Results) -> Summary:
     """Medians over the specimens by change, and what each way to a zero leaves."""
     rows = results.rows[results.rows.changed != TOUCHED]
     cells: dict[str, Cell] = {
-        "pitch jaw1 jaw2": lambda own: joint_medians(own, 2),
+        "pitch jaw1 jaw2": lambda group: joint_medians(group, 2),
         "worst": worst,
-        "grip [mNm]": lambda own: f"{1e3 * own.grip.median():.1f}",
-        "efforts differ by": lambda own: f"{100 * own.strange.median():.1f} %",
-        "flagged": lambda own: f"{100 * np.mean(own.strange > FLAGGED):.0f} %",
+        "grip [mNm]": lambda group: f"{1e3 * group.grip.median():.1f}",
+        "efforts differ by": lambda group: f"{100 * group.strange.median():.1f} %",
+        "flagged": lambda group: f"{100 * np.mean(group.strange > FLAGGED):.0f} %",
     }
     notes = (
         "RMS error in degrees under loads, of the filter with plays that was calibrated before "

@@ -102,8 +102,8 @@ class PerfectSensor(Corrector):
 
     def _hear(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, StateBlock) and len(block.t):
-            known = [block.extra[f"truth_exact/{name}"][-1] for name in self.joints]
-            self._exact = np.array(known)
+            by_name = [block.extra[f"truth_exact/{name}"][-1] for name in self.joints]
+            self._exact = np.array(by_name)
             self.beside["grip"][0] = block.extra["truth_load/grip"][-1]
 
     def step(self, t: float, sample: Any) -> Status:
@@ -302,8 +302,8 @@ def _beside_perfect(rows: DataFrame, columns: Sequence[str]) -> DataFrame:
     return both.sort_values(["load", "family", "place"], kind="stable")
 
 
-def _ratio(own: DataFrame) -> str:
-    return f"{np.median(np.concatenate(own.ratio.to_list())):.2f}"
+def _ratio(group: DataFrame) -> str:
+    return f"{np.median(np.concatenate(group.ratio.to_list())):.2f}"
 
 
 def _named(load: str, family: str, loop: str) -> str:
@@ -312,7 +312,7 @@ def _named(load: str, family: str, loop: str) -> str:
 
 def _joint_table(rows: DataFrame, settings: Settings) -> Table:
     cells: dict[str, Cell] = {
-        "n": lambda own: str(len(own)),
+        "n": lambda group: str(len(group)),
         "pitch jaw1 jaw2": joint_medians,
         "worst": worst,
         "of perfect": _ratio,
@@ -330,10 +330,10 @@ def _joint_table(rows: DataFrame, settings: Settings) -> Table:
 
 def _grip_table(rows: DataFrame) -> Table:
     cells: dict[str, Cell] = {
-        "n": lambda own: str(len(own)),
+        "n": lambda group: str(len(group)),
         "RMS (worst)": median("rms", 1, 1e3),
         "between steps": median("standing", 1, 1e3),
-        "overshoot": lambda own: f"{1e3 * own.overshoot.median():.1f}",
+        "overshoot": lambda group: f"{1e3 * group.overshoot.median():.1f}",
         "of perfect": _ratio,
     }
     notes = (
