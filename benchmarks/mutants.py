@@ -34,7 +34,6 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / "src" / "truejoint"
 TESTS = {
     "filters": ("tests/filters",),  # its modules are one filter
-    "models": ("tests/models", "tests/estimators/test_regressors.py"),
     "runtime": ("tests/runtime/test_status.py", "tests/runtime/test_corrector.py"),
     "calibration": ("tests/calibration/test_calibration.py", "tests/calibration/test_fit.py"),
     "recordings/bags": ("tests/recordings/bags",),
@@ -42,14 +41,15 @@ TESTS = {
 """What runs on a mutant of a module that has no tests of its own."""
 MIRRORS = {
     "filters/filter": ("tests/filters",),
-    "models/jaw": ("tests/estimators/test_rational.py",),
-    "models/gated_play": ("tests/estimators/test_play.py",),
-    "models/play_bank": ("tests/estimators/test_rich_play.py",),
-    "models/jaw_dynamics": ("tests/estimators/test_jaw_filter.py",),
-    "models/filtered": ("tests/estimators/test_jaw_filter.py",),
-    "models/feature_kernels": ("tests/models/test_features.py",),
-    "models/polynomial": ("tests/estimators/test_regressors.py",),
-    "models/offset": ("tests/estimators/test_regressors.py",),
+    "estimators/jaw/signals": ("tests/estimators/jaw/test_error_model.py",),
+    "estimators/jaw/run": ("tests/estimators/jaw/test_jaw_filter.py",),
+    "estimators/jaw_load/gated": ("tests/estimators/jaw_load/test_gated_plays.py",),
+    "estimators/jaw_load/run": ("tests/estimators/jaw_load/test_friction_filter.py",),
+    "estimators/plays/run": ("tests/estimators/plays/test_plays.py",),
+    "estimators/motor_side/run": ("tests/estimators/motor_side/test_rows.py",),
+    "estimators/filtered": ("tests/estimators/jaw/test_jaw_filter.py",),
+    "features/kernels": ("tests/features",),
+    "estimators/polynomial/run": ("tests/estimators/test_regressors.py",),
     "runtime/compensated": ("tests/runtime/test_compensator.py",),
     "runtime/compensation": ("tests/runtime/test_compensator.py",),
     "runtime/loop_gain": ("tests/runtime/test_compensator.py",),
