@@ -33,7 +33,7 @@ TOLD: Final = 2 * N
 _BANK: Final = "bank/"  # begins the names of their arrays
 
 LAYOUT: Final = Layout()
-LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
+DEVIATIONS: Final = LAYOUT.scalar("deviations", "of its own that a half-width is; 0: none")
 LAYOUT.scalar("beside_deviations", "that a load's half-width is")
 STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
 LAYOUT.array("inputs", "of the plays", SEEN)
