@@ -112,12 +112,6 @@ def evenness(backend: PacedBackend, first: int) -> LoopTiming:
     return LoopTiming.of(starts[passes % len(starts)], backend.period)
 
 
-def print_table(rows: list[tuple[str, str, str]]) -> None:
-    """Print what was measured beside what it is to be."""
-    for row in [("what", "measured", "bar"), (":---", "---:", "---:"), *rows]:
-        print(f"| {' | '.join(row)} |")
-
-
 def main() -> None:
     """Watch for some minutes and print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -163,7 +157,7 @@ def main() -> None:
     t, size = np.array(used).T
     later = t >= t[-1] / 2
     slope = np.polyfit(t[later] / 3600.0, size[later], 1)[0]
-    print_table([
+    rows = [
         ("pictures/s that are made", f"{next(made) / duration:.1f}", "20"),
         ("pictures/s that the browser shows", f"{len(pictures) / duration:.1f}", "20"),
         ("share of a core", f"{share.sum():.3f}", "0.25"),
@@ -174,7 +168,9 @@ def main() -> None:
         ("late periods of the arm alone [%]", f"{100 * alone.late_share:.2f}", ""),
         ("late periods of the arm watched [%]", f"{100 * watched.late_share:.2f}", ""),
         ("errors on the console", f"{len(browser.errors)}", "0"),
-    ])  # fmt: skip
+    ]  # fmt: skip
+    for row in [("what", "measured", "bar"), (":---", "---:", "---:"), *rows]:
+        print(f"| {' | '.join(row)} |")
     print(f"\n{duration / 60:.1f} min, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
 
 

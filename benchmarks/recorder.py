@@ -32,7 +32,6 @@ from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
 from truejoint.simulation import make_twin
 
-PIECE = 0.01  # s
 ALLOWED = 1.0  # s
 EARLIEST, LATEST = 0.1, 8.0  # s
 TOPICS = {"measured_js": 500.0, "measured_cp": 100.0}  # Hz

@@ -534,12 +534,6 @@ def twin_speed(robot: str) -> None:
     )
 
 
-def twins_part() -> None:
-    """Print how many times faster than real time each twin runs."""
-    for robot in AMPLITUDES:
-        twin_speed(robot)
-
-
 def main() -> None:
     """Print the tables that are asked for."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -554,7 +548,8 @@ def main() -> None:
     if "training" in options.parts:
         training_part()
     if "twins" in options.parts:
-        twins_part()
+        for robot in AMPLITUDES:
+            twin_speed(robot)
 
 
 if __name__ == "__main__":

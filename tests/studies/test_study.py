@@ -1,13 +1,26 @@
 from __future__ import annotations
 
+import json
 from contextlib import suppress
+from importlib import import_module
+from inspect import signature
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import StudyError
-from truejoint.studies import STUDIES, Claim, Option, Study, get_study
+from truejoint.studies import (
+    STUDIES,
+    Claim,
+    Option,
+    Part,
+    PartResult,
+    Results,
+    Settings,
+    Study,
+    get_study,
+)
 from truejoint.studies.study import shown
 
 NUMBERS = st.floats(allow_nan=False, allow_infinity=False)
@@ -67,12 +80,24 @@ def test_an_unknown_study_names_the_known():
         get_study("table2")
 
 
-def test_every_study_can_be_asked_for():
-    for name, study in STUDIES.items():
-        assert name == study.name
-        small, full = (study.parts(study.settings(preset)) for preset in ("small", "full"))
-        assert 1 <= len(small) <= len(full)
-        assert len({part.key for part in full}) == len(full)
+@pytest.mark.parametrize("study", STUDIES.values(), ids=STUDIES)
+def test_parts_can_be_sent_to_a_worker_and_labelled(study):
+    small, full = (study.parts(study.settings(preset)) for preset in ("small", "full"))
+    assert 1 <= len(small) <= len(full)
+    assert len({part.key for part in full}) == len(full)
+    for part in small:
+        module = import_module(part.compute.__module__)
+        assert getattr(module, part.compute.__name__) is part.compute
+        assert json.loads(json.dumps(part.arguments)).keys() == part.arguments.keys()
+        signature(part.compute).bind(**part.arguments)
+        assert all(isinstance(value, int | float | str) for value in part.labels.values())
+
+
+def test_rows_have_the_labels_of_their_parts():
+    parts = [Part(key, max, {}, {"specimen": key.upper()}) for key in "ab"]
+    results = {"a": PartResult([{"rms": 1.0}, {"rms": 2.0}]), "b": PartResult([{"rms": 3.0}])}
+    rows = Results.of(Settings("small", 0, {}), parts, results).rows
+    assert rows.values.tolist() == [["a", "A", 1.0], ["a", "A", 2.0], ["b", "B", 3.0]]
 
 
 def test_a_verdict_is_one_of_three():

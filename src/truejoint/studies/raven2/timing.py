@@ -15,9 +15,9 @@ from truejoint.runtime import Corrector
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.rivals import RIVALS
-from truejoint.studies.rows import each
+from truejoint.studies.rows import Cell, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
-from truejoint.tables import Table, fixed
+from truejoint.tables import fixed
 
 SERVO: Final = 1e-3
 """Period of RAVEN-II's servo loop [s]."""
@@ -90,33 +90,34 @@ def measure(
 def summarise(results: Results) -> Summary:
     """Table V beside the paper's."""
     times = results.rows.set_index("method")
-    rows = []
-    for group in each(results.rows):
-        name = group.method
-        bound = reported("peng2024", "V", "training time", name, "all").get("upper bound")
-        paper = reported("peng2024", "V", "inference one sample", name, "all").get("mean")
-        rows.append(
-            (
-                RIVALS[name].title,
-                fixed(group.fit, 2),
-                "" if bound is None else f"< {bound:g}",
-                fixed(1e6 * group.step, 2),
-                fixed(1e6 * group.step_99, 2),
-                fixed(1e6 * group.table, 0),
-                "" if paper is None else f"{1e3 * paper:g}",
-            )
-        )
-    header = (
-        "model", "fit [s of CPU]", "paper", "a sample in the loop [us]", "99 %",
-        "a call on a table [us]",
-        "paper [us]",
-    )  # fmt: skip
+
+    def printed(row: str, metric: str, form: str, scale: float = 1.0) -> Cell:
+        def cell(rows: DataFrame) -> str:
+            value = reported("peng2024", "V", row, rows.method.iloc[0], "all").get(metric)
+            return "" if value is None else form.format(scale * value)
+
+        return cell
+
+    def took(column: str, decimals: int, scale: float = 1e6) -> Cell:
+        return lambda rows: fixed(scale * rows[column].iloc[0], decimals)
+
+    cells = {
+        "fit [s of CPU]": took("fit", 2, 1.0),
+        "paper": printed("training time", "upper bound", "< {:g}"),
+        "a sample in the loop [us]": took("step", 2),
+        "99 %": took("step_99", 2),
+        "a call on a table [us]": took("table", 0),
+        "paper [us]": printed("inference one sample", "mean", "{:g}", 1e3),
+    }
     notes = (
         f"{times.rows.iloc[0]} rows, sparsities {results.settings['training']}; medians, "
         "one thread, of the machine that ran this, with whatever else it did.",
         "The paper's are of a 2.2 GHz Xeon and a framework's call for each sample.",
     )
-    table = Table("peng2024 Table V: time", header, tuple(rows), notes)
+    table = table_of(
+        "peng2024 Table V: time", results.rows, "method", cells, notes,
+        names=lambda name: RIVALS[name].title, head="model",
+    )  # fmt: skip
     judged = [c.judged(times) for c in CLAIMS] if {"dnn", "linear"} <= set(times.index) else []
     return Summary((table,), claims=judged)
 
