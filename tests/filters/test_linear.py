@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 
 from truejoint.filters.linear import (
     discretise,
+    linear_measurement,
     linear_model,
     linear_transition,
     van_loan,
@@ -29,6 +30,8 @@ def test_linear_functions_are_the_matrix_products() -> None:
     model.measurement(x, u, model.parameters, z)
     np.testing.assert_allclose(after, A @ x + B @ u, rtol=1e-13)
     np.testing.assert_allclose(z, C @ x + D @ u, rtol=1e-13)
+    linear_measurement(x, u, model.parameters, z)
+    np.testing.assert_allclose(z, C @ x, rtol=1e-13)
     with pytest.raises(FilterError, match=r"C: shape is \(3, 3\), must be \(1, 3\)"):
         linear_model(A, B, A, D, np.eye(3), [[1.0]], states=("a", "b", "c"),
                      measurements=("z",), inputs=("u", "v"))  # fmt: skip

@@ -30,12 +30,21 @@ def linear_transition(x: Array, u: Array, dt: float, parameters: Array, out: Arr
 
 @compiled
 def linear_measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
+    """Measurement C x, with C after A and B in the parameters."""
+    n, m = len(x), len(out)
+    C = matrix(parameters, n * (n + len(u)), m, n)
+    for i in range(m):
+        out[i] = _add_row(0.0, C, i, x)
+
+
+@compiled
+def linear_measurement_with_input(x: Array, u: Array, parameters: Array, out: Array) -> None:
     """Measurement C x + D u, with C and D after A and B in the parameters."""
     n, p, m = len(x), len(u), len(out)
-    C = matrix(parameters, n * (n + p), m, n)
+    linear_measurement(x, u, parameters, out)
     D = matrix(parameters, n * (n + p) + m * n, m, p)
     for i in range(m):
-        out[i] = _add_row(_add_row(0.0, C, i, x), D, i, u)
+        out[i] = _add_row(out[i], D, i, u)
 
 
 def linear_model(
@@ -88,7 +97,7 @@ def linear_model(
         parts.append(part.ravel())
     return StateSpaceModel(
         linear_transition,
-        linear_measurement,
+        linear_measurement_with_input if parts[3].any() else linear_measurement,
         process_noise,
         measurement_noise,
         states=states,
