@@ -100,29 +100,3 @@ def expected(corrector, t, samples):
         status[row] = int(corrector.step(float(t[row]), samples[row]))
         outputs[:, row] = corrector.position, corrector.half_width, corrector.correction
     return status, *outputs
-
-
-def faulty(t, samples, seed: int):
-    """Stamps (n,) and samples (n, n_signals) with faults of every kind here and there."""
-    rng = np.random.default_rng(seed)
-    t, samples, n = np.array(t), np.array(samples), len(t)
-    period, span = float(np.median(np.diff(t))), np.ptp(samples, axis=0)
-    for row in rng.choice(np.arange(20, n - 20), n // 40, replace=False):
-        kind, column = rng.integers(8), rng.integers(samples.shape[1])
-        if kind == 0:
-            samples[row : row + rng.integers(1, 5), column] = rng.choice([np.nan, np.inf, -np.inf])
-        elif kind == 1:
-            t[row] = rng.choice([np.nan, t[row - 1], t[row - 3]])
-        elif kind == 2:
-            t[row:] += period * rng.uniform(2.0, 90.0)
-        elif kind == 3:
-            t[row:] -= period * rng.uniform(2.0, 90.0)
-        elif kind == 4:
-            samples[row, column] += rng.normal(0, 0.5) * span[column]
-        elif kind == 5:
-            samples[row : row + 15, column] = samples[row, column]
-        elif kind == 6:
-            samples[row : row + 15] = samples[row]
-        else:
-            samples[row : row + 10, column] += 0.05 * span[column] * np.arange(10)
-    return t, samples

@@ -8,6 +8,7 @@ import subprocess
 
 import numpy as np
 import pytest
+from tests.runtime.streams import faulty
 
 from truejoint.errors import ExportError
 from truejoint.estimators import Polynomial
@@ -16,7 +17,7 @@ from truejoint.robots import get_robot
 from truejoint.runtime import Compensator, Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, columns, recording
-from .library import COMPILER, FLAGS, SAME_BITS, compile_c, faulty, needs_compiler
+from .library import COMPILER, FLAGS, SAME_BITS, compile_c, needs_compiler
 
 HOW = {"rate": 250.0, "lag": 0.05, "believed": Status.OUT_OF_DOMAIN}
 RUN = """

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.runtime.streams import faulty
 
 from truejoint.calibration.zero import Zero
 from truejoint.errors import ExportError, ModelFileError
@@ -20,7 +21,7 @@ from truejoint.export.export_c import export_c
 from truejoint.runtime import Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, recording
-from .library import Library, expected, exported, faulty, needs_compiler
+from .library import Library, expected, exported, needs_compiler
 
 ESTIMATORS = (
     Polynomial(0), Polynomial(1), Polynomial(2), Polynomial(3),

@@ -10,6 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
+from tests.runtime.streams import faulty
 
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.training_zeros import signal_moves
@@ -30,7 +31,6 @@ from .library import (
     compile_c,
     expected,
     exported,
-    faulty,
     needs_compiler,
 )
 

@@ -26,6 +26,7 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
 
 from .registered import forceps, in_loop, model, ready, ready_unless_refused, unseen
+from .streams import faulty
 
 HEAVY = (
     "sklearn", "pandas", "pyarrow", "plotly", "matplotlib", "jinja2", "scipy.linalg",
@@ -61,29 +62,10 @@ def run(corrector, t, samples):
     return tuple(np.array(column) for column in zip(*rows, strict=True))
 
 
-def restamped(recording: Recording, t) -> Recording:
+def restamped(recording: Recording, t, **changed) -> Recording:
     columns = {c: np.array(recording.table[c]) for c in recording.table.columns} | {"t": t}
+    columns |= changed
     return Recording.from_columns(columns, recording.provenance, dict(recording.units))
-
-
-def broken(calibration, recording, seed):
-    """Stamps and samples with NaN, repeated stamps, spikes and gaps here and there."""
-    rng = np.random.default_rng(seed)
-    t = np.array(recording.t)
-    samples = recording.table[list(calibration.loop_signals)].to_numpy().copy()
-    step = float(np.median(np.diff(t)))
-    rows = rng.choice(np.arange(30, len(t) - 30), 24, replace=False)
-    for i, row in enumerate(np.sort(rows)):
-        column = rng.integers(samples.shape[1])
-        if i % 4 == 0:
-            samples[row : row + rng.integers(1, 5), column] = rng.choice([np.nan, np.inf, -np.inf])
-        elif i % 4 == 1:
-            t[row] = t[row - 1]
-        elif i % 4 == 2:
-            samples[row, column] += 0.9 * np.ptp(recording.column(calibration.loop_signals[column]))
-        else:
-            t[row:] += rng.uniform(2.0, 40.0) * step
-    return t, samples
 
 
 @pytest.mark.parametrize("name", CAUSAL)
@@ -92,11 +74,13 @@ def test_a_broken_stream_gives_the_numbers_of_its_good_rows(name, tmp_path):
     path = tmp_path / "model.safetensors"
     write_calibration(calibration, path)
     recording = unseen(name)
-    t, samples = broken(calibration, recording, seed=3)
+    clean = recording.table[list(calibration.loop_signals)].to_numpy()
+    t, samples = faulty(recording.t, clean, seed=3, kinds=(0, 1, 2, 4))
     statuses, positions, _, corrections = run(ready(path, range_margin=1.0), t, samples)
     used = np.isfinite(corrections)
     assert 0.9 < used.mean() < 1.0
-    rest = restamped(recording.rows(np.flatnonzero(used)), t[used])
+    taken = dict(zip(calibration.loop_signals, samples[used].T, strict=True))
+    rest = restamped(recording.rows(np.flatnonzero(used)), t[used], **taken)
     expected = calibration.correct(rest)[:, 0]
     histories = (time_steps(t[used], calibration.gap_limit) == 0.0).sum()
     assert histories > 2
