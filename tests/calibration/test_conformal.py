@@ -123,7 +123,7 @@ def test_half_widths_are_thresholds_of_the_errors_of_each_trajectory(calibration
         truth = [m.column(f"truth/{joint}") for m in motions]
         measured = [m.column(f"measured/{joint}") for m in motions]
         corrected = [calibration.correct(m)[:, k] for m in motions]
-        offset = calibration.baselines["offset"].model.offset_[k]
+        offset = calibration.baselines["offset"].model.intercept_[k]
         wanted = {
             "half_widths": [np.abs(t - c) for t, c in zip(truth, corrected, strict=True)],
             "offset_half_widths": [

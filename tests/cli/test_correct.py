@@ -204,7 +204,7 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     result = call("compare", *models, random, "--json", "--report", page)
     assert result.code == 0, result.err
     text = page.read_text(encoding="utf-8")
-    for word in ("2 models compared", ">m<", ">curved<", "residual-1", "within-2"):
+    for word in ("2 models compared", ">m<", ">curved<", "residual-1", 'id="distribution"'):
         assert word in text
     found = json.loads(result.out)
     rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}

@@ -153,8 +153,8 @@ def test_check_notices_a_changed_number(tmp_path):
 )  # fmt: skip
 def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, precision, said):
     model = calibration(Polynomial(0), PLAIN)
-    model.model.arrays_["offset"][:] = 0.0
-    lower, upper = (model.model.arrays_["offset"] + error for error in errors)
+    model.model.arrays_["intercept"][:] = 0.0
+    lower, upper = (model.model.arrays_["intercept"] + error for error in errors)
     domain = replace(model.training_domain, error_lower=lower, error_upper=upper)
     with pytest.raises(ExportError, match=said):
         export_c(replace(model, training_domain=domain), tmp_path, precision=precision)

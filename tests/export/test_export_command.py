@@ -10,13 +10,14 @@ from typer.testing import CliRunner
 
 from truejoint.calibration import write_calibration
 from truejoint.cli.export import export
+from truejoint.cli.options import described
 from truejoint.errors import ExportError
 from truejoint.estimators import Polynomial
 
 from .export_models import calibration
 
 app = typer.Typer()
-app.command()(export)
+app.command()(described(export))
 
 
 @pytest.fixture
@@ -55,7 +56,7 @@ def test_onnx_graph_is_written_where_asked(model, tmp_path):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--to", "onnx", "--level", "90"), "are for --to c"),
+        (("--to", "onnx", "--level", "90"), "work only with --to c"),
         (("--to", "onnx", "--prefix", "a b"), "prefix"),
     ],
 )

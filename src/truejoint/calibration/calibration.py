@@ -92,6 +92,11 @@ class RezeroedFit:
         Of positions that were re-zeroed.
     learnt : JointRegressor, optional
         As `Calibration.learnt`.
+
+    Examples
+    --------
+    >>> model.rezeroed_fit is None  # one zero for all recordings
+    True
     """
 
     fitted: EstimatorData

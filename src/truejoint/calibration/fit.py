@@ -332,8 +332,8 @@ def cross_fit(
     Examples
     --------
     >>> from truejoint.calibration.folds import FOLDS, blocks, dealt
-    >>> parts = [[part] for part in blocks([training], FOLDS)]
-    >>> len(cross_fit(calibrate(training, "linear"), [training], dealt(parts, "time")))
+    >>> parts = [[part] for part in blocks(training, FOLDS)]
+    >>> len(cross_fit(calibrate(training, "linear"), training, dealt(parts, "time")))
     5
     """
     settled = fitted.model.settled()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from functools import cache
 from importlib import import_module, resources
 from typing import Annotated, Any, Final, NamedTuple
@@ -80,9 +81,20 @@ class _LazyGroup(TyperGroup):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help with the list of commands."""
+        with self._listed():
+            super().format_help(ctx, formatter)
+
+    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
+        """Complete the name of a command."""
+        with self._listed():
+            return super().shell_complete(ctx, incomplete)
+
+    @contextmanager
+    def _listed(self) -> Iterator[None]:
+        """Have stand-ins in place of the commands, which are then not imported."""
         commands, self.commands = self.commands, self.commands.listed()  # type: ignore[attr-defined]
         try:
-            super().format_help(ctx, formatter)
+            yield
         finally:
             self.commands = commands
 

@@ -117,7 +117,7 @@ def run_study(
     >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
     >>> rms = result.rows.set_index(["motion", "method"]).rms
     >>> print(f"{rms['verification', 'play_gated']:.5f} rad")
-    0.00061 rad
+    0.00060 rad
     """
     chosen = get_study(study) if isinstance(study, str) else study
     settings = chosen.settings(preset, seed, options)

@@ -175,6 +175,12 @@ class Results:
         Tidy rows of all parts: the part's key in the column ``part``, its labels, its values in SI.
     arrays : mapping
         Arrays of each part by its key.
+
+    Examples
+    --------
+    >>> settings = truejoint.studies.get_study("forceps-unloaded").settings("small")
+    >>> len(Results.of(settings, [], {}).arrays)
+    0
     """
 
     settings: Settings
