@@ -87,8 +87,10 @@ def adapted(
     after = replace(before, arm=robot.arm, robot_values=robot.to_dict())
     parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
     check_row_count(sum(int(part.known.sum()) for part in parts))
-    known = _rows(before, reference, 1) if reference else []
-    usual = _usual_residuals(before, known, parts, is_each_zeroed=prior.rezeroed_fit is not None)
+    reference_rows = _rows(before, reference, 1) if reference else []
+    usual = _usual_residuals(
+        before, reference_rows, parts, is_each_zeroed=prior.rezeroed_fit is not None
+    )
     if sum(recording.duration for recording in recordings) < SLOPES_FROM:
         penalties = np.full(len(after.joints), math.inf)
         after = _at_mean(after, parts, usual)
@@ -204,11 +206,11 @@ def _most_alike(parts: Sequence[Rows], reference: Sequence[Rows]) -> Integers:
 
 def _at_mean(prior: Calibration, parts: Sequence[Rows], usual: Mapping[str, Array]) -> Calibration:
     """Move the zero alone, of the model and of each baseline, to the mean residual."""
-    known = np.concatenate([part.known for part in parts])
+    is_known = np.concatenate([part.known for part in parts])
     offsets = {}
     for name, model in _with_baselines(prior).items():
         residuals = np.concatenate([_residuals(model, part) for part in parts]) - usual[name]
-        offsets[name] = residuals[known].mean(axis=0)
+        offsets[name] = residuals[is_known].mean(axis=0)
     domain = prior.training_domain  # of the prior: the errors of the new rows widen it
     zero = Zero(offsets.pop("model"), baselines=offsets)
     return replace(prior.at(zero), training_domain=domain)

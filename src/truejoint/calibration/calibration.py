@@ -337,9 +337,11 @@ class Calibration(Summarised):
         )
 
     def _rows(self, recording: Recording) -> Rows:
-        seen, shift = self.feature_set, self.signal_shift
-        X = seen.compute(shift_signals(recording, self.signals, shift), self.gap_limit)
-        return Rows(recording, seen, self.joints, self.gap_limit, X, shift if shift.any() else None)
+        feature_set, shift = self.feature_set, self.signal_shift
+        X = feature_set.compute(shift_signals(recording, self.signals, shift), self.gap_limit)
+        return Rows(
+            recording, feature_set, self.joints, self.gap_limit, X, shift if shift.any() else None
+        )
 
     def correct(self, recording: Recording | Rows) -> Array:
         """Correct the measured positions of a recording: `joints` (n, n_joints) [rad or m].

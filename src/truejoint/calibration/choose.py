@@ -244,7 +244,7 @@ def _options(table: FoldErrors) -> Iterator[_Option]:
 def _best(options: Sequence[_Option]) -> _Option:
     """Best of those that are better than the first without doubt, or the first."""
     usual, *others = options
-    ratios = [log_ratio(one.square, usual.square) for one in others]
+    ratios = [log_ratio(other.square, usual.square) for other in others]
     better = [
         (ratio.mean(), number)
         for number, ratio in enumerate(ratios)
@@ -287,13 +287,15 @@ def _entry(
     Of the folds that it was fitted without: on others it has the error of a simple model.
     """
     candidate = table.candidates[number]
-    own = {} if weights is None else dict(zip(joints, weights[number].tolist(), strict=True))
+    weight_by_joint = (
+        {} if weights is None else dict(zip(joints, weights[number].tolist(), strict=True))
+    )
     entry: dict[str, Any] = {
         "estimator": candidate.model.name,
         "features": list(table.features.names),
         "folds": len(candidate.folds),
         "seconds": round(candidate.seconds, 3),
-        "weights": own,
+        "weights": weight_by_joint,
         "note": candidate.note or candidate.lacking,
     }
     coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
@@ -310,10 +312,10 @@ def _entry(
 def _ratio(ratios: Array) -> dict[str, float]:
     """Ratio of errors to those of the linear model, mean over folds and joints; its error."""
     by_fold = ratios.mean(axis=1)
-    told = {"ratio": math.exp(by_fold.mean())}
+    verdict = {"ratio": math.exp(by_fold.mean())}
     if len(by_fold) > 1:
-        told["standard_error"] = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
-    return told
+        verdict["standard_error"] = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
+    return verdict
 
 
 def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:

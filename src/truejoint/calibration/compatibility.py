@@ -87,7 +87,7 @@ def chosen_joints(
     """Joints asked for, or the positioning joints of which each recording has the truth."""
     if joints is None:
         with_truth = [set(recording.joints_of("truth")) for recording in recordings]
-        chosen = tuple(j for j in robot.positioning if all(j in known for known in with_truth))
+        chosen = tuple(j for j in robot.positioning if all(j in joints for joints in with_truth))
         if not chosen:
             raise CalibrationError(
                 f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
@@ -117,9 +117,11 @@ def chosen_features(
     features: FeatureSet | Iterable[str] | None,
 ) -> FeatureSet:
     """Features asked for, which must be as many as the model takes; its own by default."""
-    params, own = model.model_params(), model.family.inputs
+    params, inputs = model.model_params(), model.family.inputs
     if features is None:
-        chosen = FeatureSet.parse(own(params)) if own else default_features(robot, recordings[0])
+        chosen = (
+            FeatureSet.parse(inputs(params)) if inputs else default_features(robot, recordings[0])
+        )
     else:
         chosen = FeatureSet.parse(features)
     if features is not None:
@@ -135,7 +137,8 @@ def in_all(recordings: Sequence[Recording], columns: Iterable[str]) -> list[str]
     return [
         name
         for name in columns
-        if name in first and all(one.units.get(name) == first[name] for one in recordings)
+        if name in first
+        and all(recording.units.get(name) == first[name] for recording in recordings)
     ]
 
 

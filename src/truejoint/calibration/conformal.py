@@ -135,7 +135,13 @@ def interval_of(
     `how` are numbers of an `Interval`.
     """
     widths = [
-        [[conformal_threshold(own, level) for own in zip(*kind, strict=True)] for level in levels]
+        [
+            [
+                conformal_threshold(scores_of_joint, level)
+                for scores_of_joint in zip(*kind, strict=True)
+            ]
+            for level in levels
+        ]
         for kind in zip(*scores, strict=True)
     ]
     return Interval(
@@ -159,8 +165,8 @@ def knowing_errors(
     baseline = calibration.effort_baseline
     if baseline is None:
         return calibration
-    found = [residual_statistics(*pair, baseline.step) for pair in judged]
-    sizes, times, beginnings = zip(*found, strict=True)
+    statistics = [residual_statistics(*pair, baseline.step) for pair in judged]
+    sizes, times, beginnings = zip(*statistics, strict=True)
     baseline = replace(
         baseline,
         residual=np.sqrt(np.mean(np.square(sizes), axis=0)),
@@ -249,9 +255,9 @@ def measure_coverage(
     row = interval.index(level)
     shares, widths = [], []
     for recording in recordings:
-        seen = rows_with_truth(calibration, recording)
-        error, judged = judged_error(calibration, seen, interval.rezero)
-        allowed = calibration.half_widths(seen, level)[judged]
+        truth_rows = rows_with_truth(calibration, recording)
+        error, judged = judged_error(calibration, truth_rows, interval.rezero)
+        allowed = calibration.half_widths(truth_rows, level)[judged]
         shares.append((np.abs(error) <= allowed).mean(axis=0))
         widths.append(allowed.mean(axis=0))
     return Coverage(

@@ -173,16 +173,16 @@ def decode_arrays(
 def _arrays(data: bytes) -> dict[str, Array]:
     """Arrays of a safetensors file: float64, of one or two dimensions."""
     try:
-        found = safetensors.numpy.load(data)
+        arrays = safetensors.numpy.load(data)
     except (safetensors.SafetensorError, KeyError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise ModelFileError(f"its arrays cannot be read ({reason:.80}); {_DAMAGED}") from None
-    if len(found) > MAX_TENSORS:
-        raise ModelFileError(f"{len(found)} tensors, more than {MAX_TENSORS}; {_DAMAGED}")
-    for name, array in found.items():
+    if len(arrays) > MAX_TENSORS:
+        raise ModelFileError(f"{len(arrays)} tensors, more than {MAX_TENSORS}; {_DAMAGED}")
+    for name, array in arrays.items():
         if array.dtype != np.float64 or array.ndim not in (1, 2):
             raise ModelFileError(f"tensor {name!r:.60} has a wrong type or shape; {_DAMAGED}")
-    return {name: np.array(array) for name, array in found.items()}
+    return {name: np.array(array) for name, array in arrays.items()}
 
 
 def _json(text: bytes, what: str) -> Any:

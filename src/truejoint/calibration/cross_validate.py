@@ -90,9 +90,9 @@ class FoldRows:
         """Rows that a fit uses, few enough, and rows that are judged."""
         hidden, judged = [], []
         for index, (t, kept) in enumerate(zip(self.times, self.kept, strict=True)):
-            own = [part for part in fold.parts if part.recording == index]
-            hidden.append(hidden_rows(t, own)[kept])
-            among = [part.rows(len(t))[kept] for part in own]
+            parts = [part for part in fold.parts if part.recording == index]
+            hidden.append(hidden_rows(t, parts)[kept])
+            among = [part.rows(len(t))[kept] for part in parts]
             judged.append(np.any([np.zeros(len(kept), dtype=bool), *among], axis=0))
         training = np.flatnonzero(self.known & ~np.concatenate(hidden))
         test = np.flatnonzero(self.known & np.concatenate(judged))

@@ -99,8 +99,8 @@ class EffortBaseline:
         """
         longest = np.maximum(in_motion / BEGINNINGS[-1], 1.0)
         pairs = zip(np.maximum(in_motion, BEGINNINGS[0]), self.beginning.T, strict=True)
-        found = [np.interp(np.log(time), np.log(BEGINNINGS), values) for time, values in pairs]
-        return np.asarray(np.array(found) / np.sqrt(longest), dtype=np.float64)
+        deviations = [np.interp(np.log(time), np.log(BEGINNINGS), values) for time, values in pairs]
+        return np.asarray(np.array(deviations) / np.sqrt(longest), dtype=np.float64)
 
 
 def count_effort_terms(n_joints: int) -> int:
@@ -265,14 +265,14 @@ def fit_effort_baseline(
     ranges each way. `residuals` are those of the calibration.
     """
     joints, bare = parts[0].joints, EffortBaseline.of_residuals(parts, residuals)
-    known = [f"effort/{joint}" in signals for joint in joints]
-    steps = [_steps(piece, joints, known, bare.lower, bare.upper) for piece in _pieces(parts)]
+    has_effort = [f"effort/{joint}" in signals for joint in joints]
+    steps = [_steps(piece, joints, has_effort, bare.lower, bare.upper) for piece in _pieces(parts)]
     n_terms = count_effort_terms(len(joints))
     coef, scale = np.zeros((len(joints), n_terms)), np.ones(len(joints))
     shift, friction, monitored = np.zeros((3, len(joints)))
     for j in range(len(joints)):
         of_joint = [rows[rows[:, 0] == j] for rows in steps]
-        if not known[j] or not _enough(np.concatenate(of_joint), n_terms):
+        if not has_effort[j] or not _enough(np.concatenate(of_joint), n_terms):
             continue
         coef[j], scale[j] = _fit_effort(np.concatenate(of_joint))
         shift[j], friction[j] = _held_out_shifts(of_joint)

@@ -50,13 +50,13 @@ def expected_gain(
     how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
     whole = calibrate(recordings, estimator, **how)
     rows = [whole.rows(recording) for recording in recordings]
-    predicted = [whole.correct(seen) for seen in rows]
+    predicted = [whole.correct(held_out) for held_out in rows]
     parts = blocks(recordings, FOLDS)
     left_out = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
     differences, errors = [], []
     fits = cross_fit(whole, recordings, left_out, fit_rate=how.get("fit_rate"))
     for fit, fold in zip(fits, left_out, strict=True):
-        again = [fit.correct(seen) for seen in rows]
+        again = [fit.correct(held_out) for held_out in rows]
         squares = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
         differences.append(np.concatenate(squares).mean(axis=0))
         for part in fold.parts:

@@ -139,10 +139,10 @@ def calibrate(
         recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
-    own = share if groups is None else 0.5 * share
-    fitted = _assembled(task, parts, task.fit(parts, within(report, begin, own)), *checks)
+    own_share = share if groups is None else 0.5 * share
+    fitted = _assembled(task, parts, task.fit(parts, within(report, begin, own_share)), *checks)
     if groups is not None and zero is not None:
-        again = within(report, begin + own, own)
+        again = within(report, begin + own_share, own_share)
         fitted, parts = _with_zeros(fitted, task, parts, groups, zero, again)
     if choice is not None:
         evidence = dict(choice.evidence)
@@ -280,14 +280,18 @@ def _judge_zeros(
     bare = replace(fitted, gap_limit=longest, rezeroed_fit=None, effort_baseline=None)
 
     def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
-        own = [parts[index] for index in training]
-        each, offsets = take_off_zeros(own, np.arange(len(own)), None, ())
+        training_parts = [parts[index] for index in training]
+        each, offsets = take_off_zeros(training_parts, np.arange(len(training_parts)), None, ())
         shared, again = (
             replace(bare, fitted=data_of(model), learnt=model)
-            for model in (fit_model(task.unfitted(), rows, task.target) for rows in (own, each))
+            for model in (
+                fit_model(task.unfitted(), rows, task.target) for rows in (training_parts, each)
+            )
         )
-        if has_baseline(own):
-            baseline = EffortBaseline.of_residuals(own, _residuals(shared, own, choice))
+        if has_baseline(training_parts):
+            baseline = EffortBaseline.of_residuals(
+                training_parts, _residuals(shared, training_parts, choice)
+            )
             shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
         zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)
         return shared, replace(again, origin=replace(again.origin, zeros=zeros))

@@ -87,7 +87,7 @@ class Interval:
         near = np.flatnonzero(np.isclose(self.levels, level, rtol=0.0, atol=1e-9))
         if near.size:
             return int(near[0])
-        stated = ", ".join(f"{100 * known:g} %" for known in self.levels)
+        stated = ", ".join(f"{100 * stated_level:g} %" for stated_level in self.levels)
         raise CalibrationError(
             f"no {100 * level:g} % interval was made of {self.trajectories} trajectories; it "
             f"takes at least {needed_trajectories(level)}, and the model states {stated}"

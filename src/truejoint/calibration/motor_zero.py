@@ -83,10 +83,10 @@ def with_stiffness(
     if not rows:
         raise CalibrationError("no recording of a weight; give one at least")
     X, torque, dt = np.concatenate(rows), np.concatenate(torques), np.concatenate(steps)
-    found = identify_stiffness(model, X, torque, dt)
-    stiff = model.with_stiffness(found)
+    stiffness = identify_stiffness(model, X, torque, dt)
+    stiff = model.with_stiffness(stiffness)
     weighed = replace(calibration, fitted=stiff.data, learnt=stiff)
-    return weighed.with_metadata(stiffness=vars(found)), found
+    return weighed.with_metadata(stiffness=vars(stiffness)), stiffness
 
 
 def motor_zero(

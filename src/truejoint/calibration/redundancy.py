@@ -127,9 +127,9 @@ def _equations(
         position = tables[f"measured/{joint}"]
         scale = float(np.ptp(position))
         for quantity in REDUNDANT:
-            own = [name for name in varying if name == f"{quantity}/{joint}"]
+            of_joint = [name for name in varying if name == f"{quantity}/{joint}"]
             same = [name for name in varying if name.partition("/")[0] == quantity == _COUPLED]
-            chosen = _chosen_columns(tables, position, own, same, _ROUNDING * scale)
+            chosen = _chosen_columns(tables, position, of_joint, same, _ROUNDING * scale)
             if not chosen:
                 continue
             coef, intercept = _regress(tables, position, chosen)

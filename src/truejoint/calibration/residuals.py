@@ -49,10 +49,10 @@ def residual_statistics(
     for rows in map(calibration.rows, recordings):
         corrected = calibration.correct(rows)
         error = rows.truth - corrected
-        known = np.isfinite(error).all(axis=1)
-        if known.sum() >= 2:
-            mean = error[known].mean(axis=0)
-            errors.append((rows.t[known], error[known] - mean))
+        is_known = np.isfinite(error).all(axis=1)
+        if is_known.sum() >= 2:
+            mean = error[is_known].mean(axis=0)
+            errors.append((rows.t[is_known], error[is_known] - mean))
             starts = beginning_offsets(calibration, rows, corrected, count, step)
             offsets += [offset - mean for offset in starts]
     if not errors:
@@ -111,9 +111,9 @@ def beginning_offsets(
         in_motion = time_in_motion(t[span], rows.measured[span], step)
         weights = past_weights(calibration, t[span], in_motion)
         error = rows.truth[span] - positions
-        known = np.isfinite(error).all(axis=1)
-        if known.any():
-            columns = (values[known].T for values in (in_motion, error, weights))
+        is_known = np.isfinite(error).all(axis=1)
+        if is_known.any():
+            columns = (values[is_known].T for values in (in_motion, error, weights))
             offsets.append(np.transpose([_offsets(*joint) for joint in zip(*columns, strict=True)]))
     return offsets
 

@@ -85,10 +85,10 @@ def _group_zeros(parts: Sequence[Rows], group: Integers) -> Array:
     X, error = (fitted_rows(parts, name) for name in ("X", "error"))
     inputs, errors = np.zeros_like(X), np.zeros_like(error)
     for number in range(n_groups):
-        own = rows == number
-        varies = ~constant_columns(X[own])
-        inputs[np.ix_(own, varies)] = (X[own] - X[own].mean(axis=0))[:, varies]
-        errors[own] = error[own] - error[own].mean(axis=0)
+        in_group = rows == number
+        varies = ~constant_columns(X[in_group])
+        inputs[np.ix_(in_group, varies)] = (X[in_group] - X[in_group].mean(axis=0))[:, varies]
+        errors[in_group] = error[in_group] - error[in_group].mean(axis=0)
     residual = error - get_estimator("linear").fit(inputs, errors).predict(X)
     zeros = np.array([residual[rows == n].mean(axis=0) for n in range(n_groups)])
     return np.asarray(zeros - zeros.mean(axis=0))

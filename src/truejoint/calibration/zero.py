@@ -218,14 +218,14 @@ def _error(calibration: Calibration, recording: Recording | Rows) -> tuple[Array
     """
     rows = calibration.rows(recording)
     error = np.asarray(rows.truth - calibration.correct(rows))
-    known = np.asarray(np.isfinite(error).all(axis=1))
-    if not known.any():
+    is_known = np.asarray(np.isfinite(error).all(axis=1))
+    if not is_known.any():
         raise CalibrationError(
             f"{source_of(rows.recording)}: no row has the truth of "
             f"{', '.join(calibration.joints)}; an interval is made of, and judged by, true "
             "positions"
         )
-    return error, known
+    return error, is_known
 
 
 def _variance_of_mean(in_motion: Array, weights: Array, time: float) -> float:
@@ -281,8 +281,8 @@ def known_error(calibration: Calibration, recording: Recording | Rows) -> tuple[
     Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
     """
     rows = rows_with_truth(calibration, recording)
-    error, known = _error(calibration, rows)
-    return rows.t[known], error[known], known
+    error, is_known = _error(calibration, rows)
+    return rows.t[is_known], error[is_known], is_known
 
 
 def judged_error(
@@ -297,11 +297,11 @@ def judged_error(
     rows = rows_with_truth(calibration, recording)
     if among is not None:
         rows = rows.hide(~among)
-    t, error, known = known_error(zeroed(calibration, rows, rezero), rows)
+    t, error, is_known = known_error(zeroed(calibration, rows, rezero), rows)
     used = at_start(t, rezero)
     if used.all():
         raise CalibrationError(
             f"{source_of(rows.recording)}: all of its truth lies within the "
             f"{rezero:g} s that re-zero it; nothing is left to judge, so give a longer recording"
         )
-    return error[~used], np.flatnonzero(known)[~used]
+    return error[~used], np.flatnonzero(is_known)[~used]

@@ -64,10 +64,10 @@ def validate_zeros(
     if not squares:
         return False, {"kept": False, "note": "no part can be left out for it"}
     square, ratios = np.array(squares), _ratios(squares)
-    kept = any(map(is_better, ratios.T)) and bool((ratios.mean(axis=0) <= 0.0).all())
+    is_better_fit = any(map(is_better, ratios.T)) and bool((ratios.mean(axis=0) <= 0.0).all())
     joints = pair[0].joints
-    return kept, {
-        "kept": kept,
+    return is_better_fit, {
+        "kept": is_better_fit,
         "rezeroed_from": stretch,
         "left_out": judged,
         "shared": by_joint(joints, square[:, 0]),

@@ -123,7 +123,7 @@ def evaluate(
         judge_recording(recording, name, against, joints, None if note else robot, chosen, rezero)
         for recording, name in zip(recordings, names, strict=True)
     ]
-    traces, domain = [own.trace for own in judged], domain_of([own.trace for own in judged])
+    traces, domain = [trial.trace for trial in judged], domain_of([own.trace for own in judged])
     errors = tuple(scoring.score_errors(judged, joints, units))
     scores = [score for score in errors if not score.recording and score.joint != TOOL]
     comparisons = tuple(_comparisons(traces, joints, chosen))
@@ -197,7 +197,7 @@ def _by_estimator(
     models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
 ) -> Mapping[str, Sequence[JointCalibration]]:
     if isinstance(models, Mapping):
-        return {k: [_read(one) for one in _several(v)] for k, v in models.items()}
+        return {k: [_read(model) for model in _several(v)] for k, v in models.items()}
     grouped: dict[str, list[JointCalibration]] = {}
     for model in map(_read, _several(models)):
         grouped.setdefault(estimator_of(model) or type(model).__name__, []).append(model)

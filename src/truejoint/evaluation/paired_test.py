@@ -101,7 +101,7 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
     memory = _TIMES * correlation_time([part - mean for part in parts])
     shortest = [max(memory, len(rows) / count) for count in _COUNTS]
     margins = [_margin(parts, mean, length) for length in shortest]
-    finite = [found for found in margins if math.isfinite(found[0])]  # recordings may be too few
+    finite = [margin for margin in margins if math.isfinite(margin[0])]  # recordings may be too few
     margin, stretches, longest = max(finite or margins)
     return Difference(mean, mean - margin, mean + margin, stretches, longest)
 

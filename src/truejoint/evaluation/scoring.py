@@ -46,7 +46,7 @@ def score_errors(
 def _stacked(recordings: Sequence[Mapping[str, Sequence[Array]]]) -> dict[str, Array]:
     """Errors (seeds, rows, k) by estimator, the rows of all recordings together."""
     return {
-        name: np.stack([np.concatenate(own) for own in zip(*parts, strict=True)])
+        name: np.stack([np.concatenate(arrays) for arrays in zip(*parts, strict=True)])
         for name in recordings[0]
         if (parts := [errors[name] for errors in recordings])
     }

@@ -173,7 +173,7 @@ def split_sides(
     >>> training, testing = split_sides(recordings, kuka, kuka.split())  # doctest: +SKIP
     """
     if split.test:
-        out = [split.holds_out(found.name) for found in dataset.match(split.files)]
+        out = [split.holds_out(recording.name) for recording in dataset.match(split.files)]
         pairs = list(zip(recordings, out, strict=True))
         return [r for r, held in pairs if not held], [r for r, held in pairs if held]
     parts = [split_by_time(recording, 1.0 - split.test_fraction) for recording in recordings]

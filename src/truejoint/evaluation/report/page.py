@@ -212,8 +212,8 @@ def facts(evaluation: Evaluation, what: str) -> list[str]:
 
 def versions() -> list[tuple[str, str]]:
     """Versions of Python and of the packages that a result depends on."""
-    found = [(name, _version(name)) for name in _PACKAGES]
-    return [("Python", platform.python_version()), *found]
+    versions = [(name, _version(name)) for name in _PACKAGES]
+    return [("Python", platform.python_version()), *versions]
 
 
 def _version(package: str) -> str:

@@ -100,9 +100,9 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
             if low is not None and high is not None
         ]
         if len(half) == len(bounds):
-            known = np.isfinite(np.concatenate(half))
-            width = np.where(known, unit.scale * np.concatenate(half), 0.0)
-            counts = np.bincount(cell, known, minlength=count**2)
+            finite = np.isfinite(np.concatenate(half))
+            width = np.where(finite, unit.scale * np.concatenate(half), 0.0)
+            counts = np.bincount(cell, finite, minlength=count**2)
             mean = _means(width, cell, np.maximum(counts, 1))[visited]
             layers.append((f"half-width [{unit.name}]", mean))
         panels: list[plot.Panel] = []
