@@ -70,7 +70,8 @@ def with_stiffness(
         mass = recording.provenance.load
         if not mass > 0.0:
             raise CalibrationError(
-                f"{source_of(recording)}: its weight is not stated; say it with --load-grams, or "
+                f"{source_of(recording)}: its weight is not stated; say it with "
+                "--metadata load_grams=, or "
                 "as the load of its provenance"
             )
         seen = calibration.rows(recording)

@@ -121,7 +121,11 @@ def test_stamps_since_1970_count_from_the_first_row(tmp_path: Path) -> None:
         ("t,measured/joint1\n0,1\n1,2\n0,3\n", {"robot": "bros"}, "row 2 goes back or repeats"),
         ("t,measured/joint1\n0,1\n1,high\n", {"robot": "bros"}, "line 3, column 1 is 'high'"),
         ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "lack a value, 'measured/joint1'"),
-        ("measured/joint1\n0\n1\n", {"robot": "bros"}, "no column 't' .* --rate-hz.*truejoint col"),
+        (
+            "measured/joint1\n0\n1\n",
+            {"robot": "bros"},
+            "no column 't' .* --metadata rate_hz=.*truejoint col",
+        ),
         ("t,measured/joint1\n0,1\n1,2\n", {"robot": "bros", "rate": 9.0}, "has time stamps"),
         ("measured/joint1\n0\n1\n", {"robot": "bros", "rate": np.nan}, "a rate of nan Hz"),
         ("t,measured/joint1\n0,1\n1,inf\n", {"robot": "bros"}, "row 1 is inf"),

@@ -176,7 +176,7 @@ def _judge_arm(
     if not math.isnan(other_share):
         what += f", the other arm {100 * other_share:.0f} %"
     if other_share > _FOLLOWS and 1.0 - other_share < _BETTER * (1.0 - share):
-        advice = "the arms are swapped: state the other --arm, or another --profile"
+        advice = "the arms are swapped: state --robot with the other arm, or another --profile"
         yield Finding("fail", "arm", what, "", advice)
     elif share < _STRANGER:
         advice = "is the truth of this arm, these joints and this session?"

@@ -207,7 +207,7 @@ def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
     if "t" not in mapping.columns and not (rate or mapping.rate):
         raise RecordingError(
             f"{path}: no column 't' of time stamps: state their rate (rate_hz in the column map, "
-            f"or --rate-hz), or which column it is; {MAP_ADVICE}"
+            f"or --metadata rate_hz=), or which column it is; {MAP_ADVICE}"
         )
     return replace(mapping, rate=rate or mapping.rate)
 

@@ -233,7 +233,7 @@ def _check_truth_unit(
     joint = robot.positioning[int(np.argmin(fits(truth_unit)))]
     others = [unit for unit in TRUTH_UNITS if fits(unit).all()]
     advice = (
-        f"it would fit truth_unit={others[0]!r} (--truth-unit)" if others else "check units and arm"
+        f"it would fit truth_unit={others[0]!r} (--metadata)" if others else "check units and arm"
     )
     raise RecordingError(
         f"{path}: truth of {joint} is far from its measured position when read as "

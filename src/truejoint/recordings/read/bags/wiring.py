@@ -130,7 +130,7 @@ def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile
     if len(spaces) > 1:
         raise RecordingError(
             f"{path}: measured joints of several arms, {', '.join(sorted(outer))}; say which "
-            "(--arm or --state)"
+            "(--robot NAME:ARM or --state)"
         )
     return max(outer, key=lambda name: topics[name][1])
 
