@@ -10,7 +10,8 @@ from tests.conftest import LaggingBackend
 from truejoint.crtk import Arm, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
-from truejoint.robots.chain import Axis, SerialChain
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Axis
 
 DVRK, RAVEN = get_robot("dvrk_psm"), get_robot("raven2", "left")
 INSIDE = {

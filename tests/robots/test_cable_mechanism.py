@@ -212,7 +212,7 @@ def spoilt(*path: Any, value: Any) -> dict[str, Any]:
 )
 def test_what_cannot_be_is_refused(values: dict[str, Any], told: str) -> None:
     with pytest.raises(RobotError, match=told) as error:
-        CableMechanism.from_dict(values)
+        schema.read(CableMechanism, values, "mechanism", RobotError)
     assert "\n" not in str(error.value)
 
 
@@ -221,7 +221,7 @@ def test_a_coupling_that_cannot_be_inverted_is_refused() -> None:
     for cable in values["cables"][2:4]:  # the first jaw's cables turn the pitch alone
         cable["moments"] = {"pitch": cable["sign"] * 2e-3}
     with pytest.raises(RobotError, match="3 motors to 3 joints cannot be inverted"):
-        CableMechanism.from_dict(values)
+        schema.read(CableMechanism, values, "mechanism", RobotError)
 
 
 def test_pins_and_joints_are_the_same() -> None:

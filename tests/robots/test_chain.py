@@ -8,7 +8,8 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.errors import RobotError
 from truejoint.robots import get_robot
-from truejoint.robots.chain import Axis, SerialChain
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Axis
 
 angle = st.floats(-np.pi, np.pi)
 length = st.floats(-0.5, 0.5)

@@ -148,7 +148,7 @@ def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool: Path)
         ("speed = 25", "speed = 51", "at 0.051 m/s is beyond what the joint can"),
         ('d = 0.1, kind = "prismatic"', "d = 0.1", "axes revolute, revolute do not fit the joints"),
         ("a = 0.02 }", "a = 0.02 }, {}", "axes prismatic, revolute, revolute do not fit"),
-        ("workspace.lift", "workspace.lid", "workspace.lid: want a table for one of the joints"),
+        ("workspace.lift", "workspace.lid", "no joint called 'lid'; known: lift, jaw"),
         ("upper = 200", "upper = 20", "workspace.lift: lower must be below upper"),
         ("speed = 25", "", "'speed' is missing"),
         (

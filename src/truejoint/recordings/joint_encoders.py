@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError, words
 from truejoint.extras import require
 from truejoint.robots.blocks import TruthBlock
-from truejoint.robots.joint_encoder import JointEncoder
+from truejoint.robots.parts import JointEncoder
 
 RECONNECT: Final = 0.5
 """Time between two tries to open a port that is gone [s]."""

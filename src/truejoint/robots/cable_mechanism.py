@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 import numpy as np
 
-from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, unknown
 from truejoint.schema import Bounds, Length, NotNegative, Ordered, Positive
@@ -135,9 +134,10 @@ class CableMechanism:
         for cable in self.cables:
             if names.count(cable.name) > 1:
                 raise RobotError(f"cable {cable.name!r} stands twice; keep one")
-            self._check_cable(cable)
-        if self.contact is not None:
-            self._check_joints(self.contact.opening, "contact")
+            fault = self._fault(cable)
+            if fault:
+                raise RobotError(f"cable {cable.name!r:.40}{fault}")
+        self._check_joints({} if self.contact is None else self.contact.opening, "contact")
         for name, arm in self.arms.items():
             self._check_joints(arm, f"arm {name!r}")
         matrix = self.coupling
@@ -147,31 +147,29 @@ class CableMechanism:
                 "inverted; each joint needs a motor of its own, and cables that turn it"
             )
 
-    def _check_cable(self, cable: Cable) -> None:
-        where = f"cable {cable.name!r:.40}"
-        if bool(cable.motor) == (cable.spring > 0.0):
-            raise RobotError(
-                f"{where} ends nowhere; give it a motor, or a spring [N/m]"
-                if not cable.motor
-                else f"{where} ends at a motor and at a spring; keep one"
-            )
+    def _fault(self, cable: Cable) -> str:
+        """Say which rule a cable breaks, else nothing; raises RobotError for an unknown joint."""
+        if bool(cable.motor) == bool(cable.spring):
+            both = " ends at a motor and at a spring; keep one"
+            return both if cable.motor else " ends nowhere; give it a motor, or a spring [N/m]"
         if cable.motor and cable.motor not in self.motors:
-            raise RobotError(f"{where}: {unknown('motor', cable.motor, self.motors)}")
-        self._check_joints(cable.moments, where)
+            return f": {unknown('motor', cable.motor, self.motors)}"
+        turning = [node.joint for node in cable.nodes if node.joint]
+        self._check_joints([*cable.moments, *turning], f"cable {cable.name!r:.40}")
         if not any(cable.moments.values()):
-            raise RobotError(f"{where} ends nowhere: it turns no joint; give it a moment [m]")
+            return " ends nowhere: it turns no joint; give it a moment [m]"
         if len(cable.nodes) != len(cable.segments) - 1:
-            raise RobotError(
-                f"{where}: {len(cable.segments)} segments and {len(cable.nodes)} nodes; want one "
-                "segment more than nodes"
+            return (
+                f": {len(cable.segments)} segments and {len(cable.nodes)} nodes; want one segment "
+                "more than nodes"
             )
         whole = math.fsum(cable.segments)
         if abs(whole - 1.0) > 1e-6:
-            raise RobotError(f"{where}: segments add up to {whole:g}; want shares of 1")
-        self._check_joints({node.joint: 0.0 for node in cable.nodes if node.joint}, where)
+            return f": segments add up to {whole:g}; want shares of 1"
+        return ""
 
-    def _check_joints(self, by_joint: Mapping[str, float], where: str) -> None:
-        for joint in by_joint:
+    def _check_joints(self, joints: Iterable[str], where: str) -> None:
+        for joint in joints:
             if joint not in self.pins:
                 raise RobotError(f"{where}: {unknown('joint', joint, self.pins)}")
 
@@ -212,42 +210,3 @@ class CableMechanism:
                 )
             rows.append(motor.gear * wound[0] / motor.radius)
         return np.array(rows)
-
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> CableMechanism:
-        """Mechanism of plain values, as ``[mechanism]`` of a robot file or `schema.plain` has them.
-
-        Raises RobotError, naming the key and the rule that it breaks.
-        """
-        return schema.read(cls, values, "mechanism", RobotError)
-
-
-def loops(
-    coupling: Array, joints: tuple[str, ...], radii: Mapping[str, float], **path: Any
-) -> tuple[Cable, ...]:
-    """Two cables for each motor, one that it winds up as it lets the other go.
-
-    Parameters
-    ----------
-    coupling : ndarray, shape (n_motors, n_joints)
-        Motor angle per joint angle [rad/rad].
-    joints : tuple of str
-        In the order of its columns.
-    radii : mapping of str to float
-        Radius of each motor's capstan [m].
-    **path
-        Segments and nodes of every cable.
-    """
-    moments = coupling * np.array(list(radii.values()))[:, None]
-    ends: tuple[tuple[str, Literal[1, -1]], ...] = (("a", 1), ("b", -1))
-    return tuple(
-        Cable(
-            f"{motor}_{end}",
-            {j: sign * float(m) for j, m in zip(joints, row, strict=True) if m},
-            motor,
-            sign,
-            **path,
-        )
-        for motor, row in zip(radii, moments, strict=True)
-        for end, sign in ends
-    )

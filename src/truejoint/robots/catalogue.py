@@ -100,17 +100,16 @@ def get_robot(name: str | os.PathLike[str] | Robot, arm: str = "") -> Robot:
     text = os.fspath(name).strip()
     if text.lower().endswith(".toml"):
         robot = read_robot(Path(text), arm)
-        if robot.name in robot_names() and robot.to_dict() != _build(*_key(robot)).to_dict():
+        if (
+            robot.name in robot_names()
+            and robot.to_dict() != _build(robot.name.lower(), robot.arm).to_dict()
+        ):
             raise RobotError(
                 f"{text}: describes another robot called {robot.name!r} than truejoint or a "
                 "package; give it another name"
             )
         return robot
     return _build(text.lower(), arm.strip().lower())
-
-
-def _key(robot: Robot) -> tuple[str, str]:
-    return robot.name.lower(), robot.arm
 
 
 def robot_of(values: Mapping[str, Any], source: str) -> Robot:
@@ -135,7 +134,7 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
     if robot.name not in robot_names():
         return robot
     try:
-        original = _build(*_key(robot))
+        original = _build(robot.name.lower(), robot.arm)
     except RobotError as error:
         raise RobotError(f"{source}: {error}") from None
     stated = robot.to_dict().get("mechanism")

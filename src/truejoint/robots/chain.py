@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,22 +13,13 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, local_matrix
 from truejoint.errors import RobotError
-from truejoint.robots.newton import newton
+from truejoint.robots.parts import Axis
 
 _RIGID_TOLERANCE: Final = 1e-6
 # How near a search for joint positions comes [m, rad], far below what any joint encoder resolves.
 _THERE: Final = 1e-11
-
-
-@dataclass(frozen=True)
-class Axis:
-    """One axis of a chain, modified (Craig) Denavit-Hartenberg parameters [rad, m]."""
-
-    alpha: float  # twist about and shift along the previous frame's x axis
-    a: float
-    d: float  # shift along and turn about the new z axis where the axis' value is zero
-    theta: float
-    kind: Literal["revolute", "prismatic"] = "revolute"  # the value adds to `theta` or to `d`
+_STEPS: Final = 100
+_LONGEST_STEP: Final = 0.3  # [rad, m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,20 +61,25 @@ class SerialChain:
 
         By Newton steps along the Jacobian, the shortest ones where there are more joints than the
         tool can tell; of several solutions one near the seed. Raises RobotError if `pose` is not
-        rigid or no solution is found.
+        rigid, `seed` not finite, or no solution is found.
         """
-        from scipy.spatial.transform import Rotation  # noqa: PLC0415  # a control loop needs none
-
         target, (rows, _) = rigid(pose), self._rows(seed)
+        if not np.isfinite(rows).all():
+            raise RobotError(f"seed {rows[0].tolist()} must be finite joint positions")
 
         def miss(joint: Array) -> Array:
             now = self.forward(joint[0])
-            turn = Rotation.from_matrix(target[:3, :3] @ now[:3, :3].T).as_rotvec()
-            return np.concatenate([target[:3, 3] - now[:3, 3], turn])[None]
+            turn = target[:3, :3] @ now[:3, :3].T
+            axis = 0.5 * (turn[[2, 0, 1], [1, 2, 0]] - turn[[1, 2, 0], [2, 0, 1]])
+            sine = np.sqrt(axis @ axis)
+            angle = np.arctan2(sine, 0.5 * (turn.trace() - 1.0))
+            return np.concatenate(
+                [target[:3, 3] - now[:3, 3], axis * (angle / sine if sine > 0.0 else 1.0)]
+            )[None]
 
-        joint = newton(rows, miss, self.jacobian, range(rows.shape[1]), _THERE)
-        if np.abs(miss(joint)).max() < _THERE:
-            return np.asarray(joint[0])
+        joint = np.asarray(newton(rows, miss, self.jacobian, range(rows.shape[1]), _THERE)[0])
+        if np.abs(self.forward(joint) - target).max() < 10.0 * _THERE:
+            return joint
         x, y, z = 1e3 * target[:3, 3]
         raise RobotError(
             f"pose with the tool at ({x:.1f}, {y:.1f}, {z:.1f}) mm cannot be reached from where "
@@ -125,6 +121,40 @@ class SerialChain:
         prismatic = np.array([axis.kind == "prismatic" for axis in self.axes])
         mapping = np.ascontiguousarray(self.axis_from_joint, dtype=float)
         return np.array(rows), prismatic, mapping
+
+
+def newton(
+    joint: Array,
+    miss: Callable[[Array], Array],
+    jacobian: Callable[[Array], Array],
+    columns: Sequence[int],
+    tolerance: float,
+) -> Array:
+    """Joint positions (m, n_joints) [rad or m] from which nothing is missed, if it finds any.
+
+    Parameters
+    ----------
+    joint : ndarray, shape (m, n_joints)
+        Starts of m searches, which go on side by side.
+    miss : callable
+        How far the tool is from its goal (m, k) [m, rad].
+    jacobian : callable
+        Slope of the tool's place (m, k, n_joints).
+    columns : sequence of int
+        Joints that move, the shortest way where there are more than k of them.
+    tolerance : float
+        Largest miss that ends the search [m, rad].
+    """
+    joint = joint.copy()
+    for _ in range(_STEPS):
+        error = miss(joint)
+        if np.abs(error).max(initial=0.0) < tolerance:
+            break
+        inverse = np.linalg.pinv(jacobian(joint)[:, :, columns], rcond=1e-9)
+        step = np.einsum("mij,mj->mi", inverse, error)
+        largest = np.abs(step).max(axis=1, keepdims=True)
+        joint[:, columns] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-12))
+    return joint
 
 
 def rigid(pose: ArrayLike) -> Array:

@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Final, NamedTuple, TypeVar
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Annotated, Final, NamedTuple
 
 from truejoint.errors import RobotError
 from truejoint.robots.cable_mechanism import Cable, CableMechanism, Motor, Pin
 from truejoint.schema import Bounds
 
-Angle = TypeVar("Angle", float, NDArray[np.float64])
 _PIN: Final = Pin(inertia=1e-6, radius=1.0e-3)  # the forceps' own twin takes others
 
 
@@ -64,11 +60,3 @@ class Forceps(NamedTuple):
     def motor_per_jaw(self) -> float:
         """Motor-shaft angle per jaw angle with rigid cables [rad/rad], ``z_i r / R``."""
         return self.gear_ratio * self.jaw_radius / self.wheel_radius
-
-    def motor_from_jaw(self, jaw: Angle) -> Angle:
-        """Motor angle [rad] that rigid cables need for jaw angles `jaw` [rad]; (2), (3), (7)."""
-        return jaw * self.motor_per_jaw
-
-    def drive_from_motor(self, motor: Angle) -> Angle:
-        """Displacement of the drive cable ``x1`` [m] at motor angles `motor` [rad]; (2), (3)."""
-        return motor * (self.wheel_radius / self.gear_ratio)

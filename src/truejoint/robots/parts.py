@@ -1,24 +1,26 @@
-"""Parts of a robot: joints, transmission, calibration workspace, kinematics."""
+"""Parts of a robot: joints and their encoders, transmission, calibration workspace, kinematics."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Final, Literal, Protocol
+from typing import Annotated, Final, Literal, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, floats
 from truejoint.errors import RobotError
+from truejoint.schema import Bounds, Positive
 from truejoint.units import FACTORS
 
 Kind = Literal["revolute", "prismatic"]
 Effort = Literal["joint", "motor"]
+End = Literal["lower", "upper"]
 UNITS: Final = {"revolute": FACTORS["rad"], "prismatic": FACTORS["m"]}
 """By kind of joint, the units that a file may be in, and the factor from each to SI."""
-WORKSPACE_KEYS: Final = ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl")
+Number = Annotated[float, Bounds(-1e9, 1e9)]
 
 
 @dataclass(frozen=True)
@@ -28,8 +30,7 @@ class Joint:
     Raises
     ------
     RobotError
-        If its kind is unknown, its limits are upside down, its home lies outside of them or its
-        speed is not positive.
+        If its limits are upside down, its home lies outside of them or its speed is not positive.
 
     Examples
     --------
@@ -45,9 +46,6 @@ class Joint:
     max_speed: float = math.inf
 
     def __post_init__(self) -> None:
-        if self.kind not in tuple(UNITS):
-            kinds = " or ".join(UNITS)
-            raise RobotError(f"joint {self.name!r}: kind is {self.kind!r:.40}; want {kinds}")
         if not self.lower < self.upper:
             raise RobotError(
                 f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "
@@ -102,8 +100,8 @@ class Transmission:
     def __post_init__(self) -> None:
         matrix = floats(self.matrix, "transmission matrix", RobotError)
         object.__setattr__(self, "matrix", matrix)
-        gear = floats(self.gear, "transmission gear", RobotError)
-        object.__setattr__(self, "gear", tuple(gear.ravel().tolist()))
+        gear = floats(self.gear, "transmission gear", RobotError).ravel()
+        object.__setattr__(self, "gear", tuple(gear.tolist()))
         shape = matrix.shape
         finite = len(shape) == 2 and shape[0] == shape[1] and np.isfinite(matrix).all()
         if not finite or np.linalg.matrix_rank(matrix) < len(matrix):
@@ -129,16 +127,14 @@ class Transmission:
 
         By virtual work: what the motors do in a small motion is what the joints receive.
         """
-        joint: Array = np.asarray(effort, dtype=float) @ self.capstan_matrix
-        return joint
+        return np.asarray(np.asarray(effort, dtype=float) @ self.capstan_matrix)
 
     def motor_effort(self, effort: ArrayLike) -> Array:
         """Torques (..., n_joints) at the motors [Nm] of efforts on the joints [Nm or N].
 
         The inverse of `joint_effort`.
         """
-        motor: Array = np.asarray(effort, dtype=float) @ np.linalg.inv(self.capstan_matrix)
-        return motor
+        return np.asarray(np.asarray(effort, dtype=float) @ np.linalg.inv(self.capstan_matrix))
 
     @cached_property
     def capstan_matrix(self) -> Array:
@@ -199,7 +195,7 @@ class Workspace:
     crawl: Array | None = None
 
     def __post_init__(self) -> None:
-        for key in WORKSPACE_KEYS:
+        for key in ("lower", "upper", "speed", "margin", "slowest", "fastest", "crawl"):
             if getattr(self, key) is None:
                 continue
             values = floats(getattr(self, key), f"workspace: {key}", RobotError)
@@ -233,6 +229,50 @@ class Workspace:
         fastest = self.speed if self.fastest is None else self.fastest
         crawl = 0.2 * slowest if self.crawl is None else self.crawl
         return np.stack([margin, slowest, fastest, crawl])
+
+
+@dataclass(frozen=True)
+class JointEncoder:
+    """Encoder that counts from where it was switched on, registered at the joint's hard stop.
+
+    Attributes
+    ----------
+    joint : str
+    resolution : float
+        Joint motion per count [rad or m].
+    hard_stop : float
+        Position that is assigned to the hard stop [rad or m]; it may be another than the robot's
+        own homing assigns, which makes a constant offset between the two.
+    end : {"lower", "upper"}
+        End of the joint's range at which the stop is.
+    direction : int
+        +1 where counts rise with the joint's position, -1 where they fall.
+    tolerance : int
+        Counts from the extreme that still belong to the stop.
+
+    Examples
+    --------
+    >>> truejoint.get_robot("raven2").encoders[0].end
+    'lower'
+    """
+
+    joint: str
+    resolution: Positive
+    hard_stop: float
+    end: End = "upper"
+    direction: Literal[1, -1] = 1
+    tolerance: Annotated[int, Bounds(0)] = 20
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One axis of a chain, modified (Craig) Denavit-Hartenberg parameters [rad, m]."""
+
+    alpha: Number = 0.0  # twist about and shift along the previous frame's x axis
+    a: Number = 0.0
+    d: Number = 0.0  # shift along and turn about the new z axis where the axis' value is zero
+    theta: Number = 0.0
+    kind: Kind = "revolute"  # the value adds to `theta` or to `d`
 
 
 class Kinematics(Protocol):

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import RobotError
-from truejoint.robots.newton import newton
+from truejoint.robots.chain import newton
 from truejoint.robots.robot import Robot
 
 _THERE: Final = 1e-9  # [m]

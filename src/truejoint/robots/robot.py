@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple, get_args
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -14,18 +15,189 @@ from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, other_kind, unknown
 from truejoint.robots.cable_mechanism import CableMechanism
-from truejoint.robots.description import MATRIX_KEYS, Names, RobotTable
-from truejoint.robots.joint_encoder import JointEncoder
+from truejoint.robots.forceps import Forceps
 from truejoint.robots.parts import (
-    WORKSPACE_KEYS,
+    UNITS,
+    Axis,
     Effort,
     Joint,
+    JointEncoder,
+    Kind,
     Kinematics,
+    Number,
     Transmission,
     Workspace,
 )
+from truejoint.schema import Bounds, Length, Name, Shape
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
+
+MAX_JOINTS: Final = 64
+_MATRICES: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
+_Names = Annotated[tuple[Name, ...], Length(0, MAX_JOINTS)]
+_Matrix = Annotated[Array, Shape((None, None)), Bounds(-1e9, 1e9)]
+
+
+@dataclass(frozen=True)
+class _JointTable:
+    """A joint, whose limits are in the unit that it states."""
+
+    name: Name
+    kind: Kind = "revolute"
+    unit: str = ""
+    lower: Number = -math.inf
+    upper: Number = math.inf
+    home: Number = 0.0
+    max_speed: Number = math.inf
+
+    def __post_init__(self) -> None:
+        if self.unit and self.unit not in UNITS[self.kind]:
+            units = " or ".join(UNITS[self.kind])
+            raise RobotError(
+                f"unit {self.unit!r:.40} does not fit a {self.kind} joint; want {units}"
+            )
+
+    @property
+    def factor(self) -> float:
+        """Factor from the unit of the table to SI."""
+        return UNITS[self.kind][self.unit] if self.unit else 1.0
+
+    def joint(self) -> Joint:
+        """Joint in SI units."""
+        numbers = self.lower, self.upper, self.home, self.max_speed
+        return Joint(self.name, self.kind, *(number * self.factor for number in numbers))
+
+
+class _BoxTable(NamedTuple):
+    """Range and speeds of one joint in a calibration, in that joint's unit."""
+
+    lower: Number
+    upper: Number
+    speed: Number
+    margin: Number | None = None
+    slowest: Number | None = None
+    fastest: Number | None = None
+    crawl: Number | None = None
+
+
+@dataclass(frozen=True)
+class _KinematicsTable:
+    """A chain of axes, angles in its unit, or a URDF beside the file with its first and last link.
+
+    Lengths are in m.
+    """
+
+    axes: Annotated[tuple[Axis, ...], Length(1, MAX_JOINTS)] = ()
+    unit: Literal["rad", "deg"] = "rad"
+    axis_from_joint: _Matrix | None = None
+    crtk_from_base: _Matrix | None = None
+    tool_rotation: _Matrix | None = None
+    urdf: str = ""
+    base: str = ""
+    tip: str = ""
+
+    def __post_init__(self) -> None:
+        if not self.urdf and not self.axes:
+            raise RobotError("'axes' is missing; add it, or name a urdf")
+        chain = ["axes"] if self.axes else []
+        chain += [key for key in _MATRICES if getattr(self, key) is not None]
+        chain += ["unit"] if self.unit != "rad" else []
+        if chain and (self.urdf or self.base or self.tip):
+            raise RobotError(f"{chain[0]} and a URDF's urdf, base or tip; keep one of them")
+
+    def chain(self, joints: Sequence[Joint], folder: Path | None) -> Kinematics:
+        """Kinematics of the joints."""
+        kinds = [joint.kind for joint in joints]
+        if self.urdf:
+            from truejoint.robots.urdf import read_urdf  # noqa: PLC0415  # an optional extra
+
+            if folder is None:
+                raise RobotError("kinematics: a urdf stands in a robot file")
+            by_name = {joint.name: joint.kind for joint in joints}
+            return read_urdf(folder / self.urdf, by_name, self.base, self.tip)
+        from truejoint.robots.chain import SerialChain  # noqa: PLC0415  # brings the compiler
+
+        matrices = [np.eye(len(self.axes), len(joints)), np.eye(4), np.eye(3)]
+        for k, key in enumerate(_MATRICES):
+            matrix = getattr(self, key)
+            if matrix is not None and matrix.shape != matrices[k].shape:
+                raise RobotError(
+                    f"kinematics: {key} is of shape {matrix.shape}, expected {matrices[k].shape}"
+                )
+            matrices[k] = matrices[k] if matrix is None else matrix
+        moving = [axis.kind for axis in self.axes]
+        if self.axis_from_joint is None and moving != kinds[: len(moving)]:
+            raise RobotError(
+                f"kinematics: axes {', '.join(moving)} do not fit the joints "
+                f"{', '.join(kinds)}; say what moves each by axis_from_joint"
+            )
+        turn = UNITS["revolute"][self.unit]
+        axes = (replace(x, alpha=x.alpha * turn, theta=x.theta * turn) for x in self.axes)
+        return SerialChain(tuple(axes), *matrices)
+
+
+class _RobotTable(NamedTuple):
+    """One arm of a robot as its file or `Robot.to_dict` has it."""
+
+    name: Name
+    joints: Annotated[tuple[_JointTable, ...], Length(1, MAX_JOINTS)]
+    arm: Literal[""] | Name = ""
+    channels: _Names = ()
+    positioning: _Names = ()
+    effort: Effort = "joint"
+    transmission: _Matrix | None = None
+    gear: Annotated[tuple[Number, ...], Length(0, MAX_JOINTS)] = ()
+    kinematics: _KinematicsTable | None = None
+    workspace: Annotated[Mapping[str, _BoxTable], Length(1, MAX_JOINTS)] | None = None
+    mechanism: Mapping[str, Any] | None = None
+    grasper: _Names = ()
+    encoders: Annotated[tuple[JointEncoder, ...], Length(0, MAX_JOINTS)] = ()
+
+    def parts(self, folder: Path | None) -> dict[str, Any]:
+        """Fields of a `Robot` in SI units; a URDF stands in `folder`. Raises RobotError."""
+        joints = tuple(row.joint() for row in self.joints)
+        factors = {row.name: row.factor for row in self.joints}
+        matrix = self.transmission
+        plain = ("name", "arm", "channels", "positioning", "effort", "grasper")
+        return {
+            **{key: getattr(self, key) for key in plain},
+            "joints": joints,
+            "transmission": None if matrix is None else Transmission(matrix, self.gear),
+            "kinematics": self.kinematics and self.kinematics.chain(joints, folder),
+            "workspace": self.workspace and _workspace(self.workspace, factors),
+            "mechanism": None if self.mechanism is None else self._mechanism(self.mechanism),
+            "encoders": tuple(
+                replace(
+                    encoder,
+                    resolution=encoder.resolution * factors.get(encoder.joint, 1.0),
+                    hard_stop=encoder.hard_stop * factors.get(encoder.joint, 1.0),
+                )
+                for encoder in self.encoders
+            ),
+        }
+
+    def _mechanism(self, values: Mapping[str, Any]) -> CableMechanism:
+        """Read a table of cables, or the four numbers of a forceps."""
+        if set(values) & {field.name for field in fields(CableMechanism)}:
+            return schema.read(CableMechanism, values, "mechanism", RobotError)
+        forceps = schema.read(Forceps, values, "mechanism", RobotError)
+        return forceps.mechanism(self.joints[0].name)
+
+
+def _workspace(boxes: Mapping[str, _BoxTable], factors: Mapping[str, float]) -> Workspace:
+    """Workspace of tables in the units of the joints, each with a factor to SI units."""
+    rows = {}
+    for key in _BoxTable._fields:
+        values = {name: getattr(box, key) for name, box in boxes.items()}
+        without = [name for name, value in values.items() if value is None]
+        if without and len(without) < len(values):
+            raise RobotError(
+                f"workspace: {key} is missing for {', '.join(without)}; state it for every "
+                "joint or for none"
+            )
+        if not without:
+            rows[key] = np.array([factors.get(name, 1.0) * v for name, v in values.items()])
+    return Workspace(tuple(boxes), **rows)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,9 +259,10 @@ class Robot(Summarised):
         if not self.positioning:
             object.__setattr__(self, "positioning", self.joint_names)
         encoded = tuple(encoder.joint for encoder in self.encoders)
-        for key in ("joints", "channels", "positioning", "grasper", "encoders"):
-            names = {"joints": self.joint_names, "encoders": encoded}.get(key) or getattr(self, key)
-            _check_once(names, f"{self.name}: {key}")
+        for key in ("channels", "positioning", "grasper"):
+            _check_once(getattr(self, key), f"{self.name}: {key}")
+        _check_once(self.joint_names, f"{self.name}: joints")
+        _check_once(encoded, f"{self.name}: encoders")
         if tuple(name for name in self.channels if name in self.joint_names) != self.joint_names:
             raise RobotError(
                 f"{self.name}: its channels must hold every joint, in order: "
@@ -106,8 +279,6 @@ class Robot(Summarised):
             )
         if self.workspace is not None:
             self.check_workspace(self.workspace)
-        if self.effort not in get_args(Effort):
-            raise RobotError(f"{self.name}: effort is {self.effort!r:.40}; want joint or motor")
 
     def _take_cables(self, mechanism: CableMechanism) -> None:
         """Make the transmission that of the cables, which are of the robot's joints."""
@@ -150,7 +321,7 @@ class Robot(Summarised):
         The kinematics may name a URDF in `folder`. Raises RobotError, naming `source`, key and the
         rule that it breaks.
         """
-        table = schema.read(RobotTable, values, source, RobotError)
+        table = schema.read(_RobotTable, values, source, RobotError)
         try:
             return cls(**table.parts(folder))
         except RobotError as error:
@@ -170,7 +341,7 @@ class Robot(Summarised):
             values["mechanism"] = schema.plain(self.mechanism)
         space = self.workspace
         if space is not None:
-            rows = {key: getattr(space, key) for key in WORKSPACE_KEYS}
+            rows = {key: getattr(space, key) for key in _BoxTable._fields}
             values["workspace"] = {
                 joint: {key: float(row[k]) for key, row in rows.items() if row is not None}
                 for k, joint in enumerate(space.joints)
@@ -179,7 +350,7 @@ class Robot(Summarised):
         if hasattr(chain, "axes"):
             values["kinematics"] = {
                 "axes": schema.plain(tuple(chain.axes)),
-                **{key: schema.plain(getattr(chain, key)) for key in MATRIX_KEYS},
+                **{key: schema.plain(getattr(chain, key)) for key in _MATRICES},
             }
         return values
 
@@ -233,15 +404,13 @@ class Robot(Summarised):
 
     def joint(self, name: str) -> Joint:
         """Return the joint called `name`; raises RobotError when there is none."""
-        for joint in self.joints:
-            if joint.name == name:
-                return joint
-        raise RobotError(f"{self.title}: {unknown('joint', name, self.joint_names)}")
+        return self.joints[self.index([name])[0]]
 
     def index(self, names: Sequence[str]) -> list[int]:
         """Positions of the joints `names` in a joint vector; raises RobotError if unknown."""
         for name in names:
-            self.joint(name)
+            if name not in self.joint_names:
+                raise RobotError(f"{self.title}: {unknown('joint', name, self.joint_names)}")
         return [self.joint_names.index(name) for name in names]
 
 
@@ -275,7 +444,7 @@ def read_robot(path: Path, arm: str = "", source: str = "") -> Robot:
 class _Arms(NamedTuple):
     """Arms of a robot file, which are alike."""
 
-    arms: Names
+    arms: _Names
 
 
 def _check_once(names: Sequence[str], where: str) -> None:

@@ -13,7 +13,8 @@ from truejoint.array_types import Array
 from truejoint.errors import RobotError, words
 from truejoint.extras import require
 from truejoint.files import read_small
-from truejoint.robots.chain import Axis, SerialChain
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Axis
 
 MAX_BYTES: Final = 1 << 24
 _KINDS: Final = {"continuous": "revolute", "revolute": "revolute", "prismatic": "prismatic"}

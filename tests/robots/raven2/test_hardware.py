@@ -5,8 +5,8 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from truejoint.robots import get_robot, raven2
-from truejoint.robots.raven2 import hardware
+from truejoint.robots import get_robot
+from truejoint.robots.raven2 import arm, hardware
 
 Side = Literal["left", "right"]
 
@@ -17,25 +17,25 @@ def side(request: pytest.FixtureRequest) -> Side:
 
 
 def test_drives_come_in_the_order_of_the_joints(side: Side) -> None:
-    assert tuple(d.joint for d in raven2.drives(side)) == get_robot("raven2", side).joint_names
+    assert tuple(d.joint for d in hardware.drives(side)) == get_robot("raven2", side).joint_names
 
 
 def test_ratios_are_the_published_ones(side: Side) -> None:
-    ratios = [drive.transmission_ratio for drive in raven2.drives(side)]
+    ratios = [drive.transmission_ratio for drive in hardware.drives(side)]
     expected = [136.196256, 121.522075, 2158.590308, 5.395176, 8.991960, 8.991960, 8.991960]
     np.testing.assert_allclose(ratios, expected, rtol=1e-6)
     assert pytest.approx(2.908700441) == 1 / hardware.TOOL_MOTOR_PER_INSERTION_MOTOR
 
 
 def test_encoder_counts_per_degree_and_millimetre(side: Side) -> None:
-    shoulder, elbow, insertion, *_ = raven2.drives(side)
-    assert np.radians(1) / shoulder.count == pytest.approx(1513.29, abs=0.01)
-    assert np.radians(1) / elbow.count == pytest.approx(1350.25, abs=0.01)
-    assert 1e-3 / insertion.count == pytest.approx(1374.20, abs=0.01)
+    counts = hardware.ENCODER_COUNTS_PER_REV / (2 * np.pi)
+    ratios = np.array([drive.transmission_ratio for drive in hardware.drives(side)[:3]])
+    per_unit = ratios * counts * [np.radians(1), np.radians(1), 1e-3]
+    assert per_unit == pytest.approx([1513.29, 1350.25, 1374.20], abs=0.01)
 
 
 def test_torques_follow_from_the_motor_constants(side: Side) -> None:
-    drives = raven2.drives(side)
+    drives = hardware.drives(side)
     assert drives[0].torque_per_amp == pytest.approx(0.738675)
     assert drives[4].torque_per_amp == pytest.approx(0.199829, abs=1e-6)
     # Force on the insertion per ampere: torque of the motor times its turns per metre.
@@ -47,7 +47,7 @@ def test_torques_follow_from_the_motor_constants(side: Side) -> None:
 def test_only_the_damping_of_the_insertion_differs_between_the_arms() -> None:
     differing = [
         (left.joint, left.kd, right.kd)
-        for left, right in zip(raven2.drives("left"), raven2.drives("right"), strict=True)
+        for left, right in zip(hardware.drives("left"), hardware.drives("right"), strict=True)
         if left != right
     ]
     assert differing == [("insertion", 0.012, 0.010)]
@@ -55,7 +55,7 @@ def test_only_the_damping_of_the_insertion_differs_between_the_arms() -> None:
 
 def test_homing_runs_into_the_hard_stop_beyond_the_soft_limits(side: Side) -> None:
     robot = get_robot("raven2", side)
-    for drive, joint in zip(raven2.drives(side), robot.joints, strict=True):
+    for drive, joint in zip(hardware.drives(side), robot.joints, strict=True):
         beyond = joint.upper if drive.homing_speed > 0 else joint.lower
         assert (drive.hard_stop - beyond) * np.sign(drive.homing_speed) >= 0
         assert abs(drive.homing_speed) <= joint.max_speed
@@ -64,7 +64,7 @@ def test_homing_runs_into_the_hard_stop_beyond_the_soft_limits(side: Side) -> No
 def test_joint_encoders_are_registered_off_the_robots_own_zero() -> None:
     offsets = {
         encoder.joint: encoder.hard_stop - drive.hard_stop
-        for encoder, drive in zip(raven2.JOINT_ENCODERS, raven2.drives("left")[:3], strict=True)
+        for encoder, drive in zip(hardware.JOINT_ENCODERS, hardware.drives("left")[:3], strict=True)
     }
     assert np.degrees(offsets["elbow"]) == pytest.approx(-7.5)
     assert offsets["insertion"] == pytest.approx(10.467e-3)
@@ -72,7 +72,7 @@ def test_joint_encoders_are_registered_off_the_robots_own_zero() -> None:
 
 
 def test_gravity_points_down_in_the_crtk_frame(side: Side) -> None:
-    down = raven2.kinematics(side).crtk_from_base[:3, :3] @ raven2.GRAVITY
+    down = arm.kinematics(side).crtk_from_base[:3, :3] @ hardware.GRAVITY
     np.testing.assert_allclose(down, [0, 0, -9.8])
 
 
@@ -81,11 +81,11 @@ def test_gravity_loads_both_arms_alike() -> None:
     joints = np.hstack([joints, np.zeros((20, 4))])
 
     def energy(side: Side) -> np.ndarray:
-        frames = raven2.kinematics(side).link_frames(joints)
+        frames = arm.kinematics(side).link_frames(joints)
         total = np.zeros(len(joints))
-        for k, link in enumerate(raven2.links(side)):
+        for k, link in enumerate(hardware.links(side)):
             position = frames[:, k] @ np.array([*link.centre_of_mass, 1.0])
-            total -= link.mass * position[:, :3] @ np.array(raven2.GRAVITY)
+            total -= link.mass * position[:, :3] @ np.array(hardware.GRAVITY)
         return total
 
     # The published centres of mass are mirrored but for the 2 mm of the second link.

@@ -12,8 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.errors import RobotError
 from truejoint.recordings.datasets import read_dataset
-from truejoint.robots import get_robot, raven2
-from truejoint.robots.raven2 import Raven2Kinematics
+from truejoint.robots import get_robot
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.raven2 import arm as raven2
 
 Side = Literal["left", "right"]
 SIDES = ["left", "right"]
@@ -38,7 +39,7 @@ nudges = st.lists(st.floats(-1, 1), min_size=7, max_size=7).map(np.array)
 
 
 @pytest.fixture(params=SIDES)
-def arm(request: pytest.FixtureRequest) -> Raven2Kinematics:
+def arm(request: pytest.FixtureRequest) -> SerialChain:
     return raven2.kinematics(request.param)
 
 
@@ -52,8 +53,8 @@ def crtk_pose(side: Side, joints: np.ndarray) -> np.ndarray:
     return arm.crtk_from_base @ arm.forward(joints)
 
 
-def pose_away_from_singularities(kinematics: Raven2Kinematics, joint: np.ndarray) -> np.ndarray:
-    """Pose of joints whose inverse exists: see `SINGULAR` for those left out."""
+def pose_away_from_singularities(kinematics: SerialChain, joint: np.ndarray) -> np.ndarray:
+    """Pose of joints whose inverse exists: at the remote centre the shaft has no direction."""
     pose = kinematics.forward(joint)
     tool, jaw_axis = pose[:3, 3], pose[:3, 2]
     across = tool - (tool @ jaw_axis) * jaw_axis
@@ -90,7 +91,7 @@ def test_arms_mirror_each_other() -> None:
     np.testing.assert_allclose(left * [1, -1, 1], right, atol=1e-12)
 
 
-def test_shaft_passes_through_the_remote_centre(arm: Raven2Kinematics) -> None:
+def test_shaft_passes_through_the_remote_centre(arm: SerialChain) -> None:
     joints = np.random.default_rng(7).uniform(-1, 1, (50, 7))
     wrist = arm.link_frames(joints)[:, 4]
     shaft = arm.link_frames(joints)[:, 2, :3, 2]
@@ -100,7 +101,7 @@ def test_shaft_passes_through_the_remote_centre(arm: Raven2Kinematics) -> None:
     )
 
 
-def test_jaws_opening_together_leave_the_tool_in_place(arm: Raven2Kinematics) -> None:
+def test_jaws_opening_together_leave_the_tool_in_place(arm: SerialChain) -> None:
     jacobian = arm.jacobian([0.5, 1.5, 0.4, 0.2, 0.3, 0.4, 0.1])
     np.testing.assert_allclose(jacobian[:, 5], -jacobian[:, 6])
 
@@ -119,75 +120,24 @@ def test_inverse_recovers_the_joints_from_a_seed_nearby(
     np.testing.assert_allclose(found, joint, atol=1e-8)
 
 
-@settings(max_examples=100, deadline=None)
-@given(side=st.sampled_from(SIDES), fraction=fractions)
-def test_every_solution_reaches_the_pose(side: Side, fraction: np.ndarray) -> None:
-    kinematics = raven2.kinematics(side)
-    joint = within_limits(side, fraction)
-    pose = pose_away_from_singularities(kinematics, joint)
-    opening = joint[5] + joint[6]
-    solutions = kinematics.solutions(pose, opening)
-    assert 2 <= len(solutions) <= 8
-    np.testing.assert_allclose(kinematics.forward(solutions) - pose, 0, atol=1e-9)
-    np.testing.assert_allclose(solutions[:, 5:].sum(axis=1), opening, atol=1e-12)
-    assert (np.abs(solutions[:, [0, 1, 3, 4]]) <= np.pi + 1e-12).all()
-    # No two of them are the same.
-    apart = np.linalg.norm(solutions[:, None] - solutions[None], axis=2)
-    assert (apart[~np.eye(len(solutions), dtype=bool)] > 1e-6).all()
-
-
-@pytest.mark.parametrize("side", SIDES)
-def test_home_pose_has_eight_solutions(side: Side) -> None:
-    kinematics = raven2.kinematics(side)
-    assert len(kinematics.solutions(kinematics.forward(HOMED[side][0]))) == 8
-
-
-def test_angles_stay_within_half_a_turn_of_the_seed(arm: Raven2Kinematics) -> None:
+def test_angles_stay_within_half_a_turn_of_the_seed(arm: SerialChain) -> None:
     joint = np.array([0.5, 1.5, 0.4, np.radians(-179), 0.2, 0.4, 0.1])
     seed = joint + np.array([0, 0, 0, 2 * np.pi, 0, 0, 0])
     np.testing.assert_allclose(arm.inverse(arm.forward(joint), seed), seed, atol=1e-12)
 
 
-def test_inverse_takes_the_opening_of_the_jaws_from_the_seed(arm: Raven2Kinematics) -> None:
+def test_inverse_takes_the_opening_of_the_jaws_from_the_seed(arm: SerialChain) -> None:
     joint = np.array([0.5, 1.5, 0.4, 0.1, 0.2, 0.4, 0.1])
     seed = joint + np.array([0, 0, 0, 0, 0, 0.3, 0.3])
     found = arm.inverse(arm.forward(joint), seed)
     np.testing.assert_allclose(found, seed, atol=1e-12)
 
 
-def straight_tool(degrees: float) -> np.ndarray:
-    """Tool 0.1 m from the remote centre, straight, at an angle to the shoulder's axis."""
+def test_shaft_along_the_shoulder_is_refused_in_one_line(arm: SerialChain) -> None:
     pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_euler("y", degrees - 90, degrees=True).as_matrix()
+    pose[:3, :3] = Rotation.from_euler("y", 10 - 90, degrees=True).as_matrix()
     pose[:3, 3] = 0.1 * pose[:3, 0]
-    return pose
-
-
-@pytest.mark.parametrize("off_axis", [23.5, 90, 156.5])
-def test_shaft_points_anywhere_but_along_the_shoulder(
-    arm: Raven2Kinematics, off_axis: float
-) -> None:
-    pose = straight_tool(off_axis)
-    np.testing.assert_allclose(arm.forward(arm.solutions(pose))[0], pose, atol=1e-9)
-
-
-@pytest.mark.parametrize("off_axis", [0, 22.5, 157.5, 180])
-def test_shaft_along_the_shoulder_is_refused(arm: Raven2Kinematics, off_axis: float) -> None:
-    with pytest.raises(RobotError, match="more than 23 deg off the shoulder's axis"):
-        arm.solutions(straight_tool(off_axis))
-
-
-SINGULAR = {
-    "cannot point the shaft there": lambda arm: straight_tool(10),
-    "within 1 mm of the remote centre": lambda arm: arm.forward([0.5, 1.5, 0.4701, 0, 0, 0, 0]),
-    "jaw axis passes through": lambda arm: arm.forward([0.5, 1.5, 0.483, 0, 0, 0, 0]),
-}
-
-
-@pytest.mark.parametrize("reason", SINGULAR)
-def test_unreachable_pose_is_refused_with_the_reason(arm: Raven2Kinematics, reason: str) -> None:
-    pose = SINGULAR[reason](arm)
-    with pytest.raises(RobotError, match=rf"\) mm cannot be reached: .*{reason}") as error:
+    with pytest.raises(RobotError, match="mm cannot be reached from where") as error:
         arm.inverse(pose, [0.5, 1.5, 0.4, 0, 0, 0, 0])
     assert "\n" not in str(error.value)
 
@@ -203,14 +153,14 @@ def test_unreachable_pose_is_refused_with_the_reason(arm: Raven2Kinematics, reas
     ],
     ids=["shape", "nan", "scaled", "mirrored", "bottom"],
 )
-def test_pose_that_is_none_is_refused(arm: Raven2Kinematics, change, message: str) -> None:
+def test_pose_that_is_none_is_refused(arm: SerialChain, change, message: str) -> None:
     seed = np.array([0.5, 1.5, 0.4, 0, 0, 0, 0])
     with pytest.raises(RobotError, match=message):
         arm.inverse(change(arm.forward(seed)), seed)
 
 
-@pytest.mark.parametrize("seed", [np.zeros(6), np.zeros((1, 7)), np.full(7, np.inf)])
-def test_seed_that_is_none_is_refused(arm: Raven2Kinematics, seed: np.ndarray) -> None:
+@pytest.mark.parametrize("seed", [np.zeros(6), np.full(7, np.inf)])
+def test_seed_that_is_none_is_refused(arm: SerialChain, seed: np.ndarray) -> None:
     pose = arm.forward([0.5, 1.5, 0.4, 0, 0, 0, 0])
-    with pytest.raises(RobotError, match="7 finite joint positions"):
+    with pytest.raises(RobotError, match="joint positions"):
         arm.inverse(pose, seed)

@@ -5,7 +5,7 @@ import pytest
 
 from truejoint.recordings.read import raven_csv
 from truejoint.robots import get_robot
-from truejoint.robots.raven2 import ENCODER_COUNTS_PER_REV, drives
+from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV, drives
 from truejoint.robots.raven2.state_message import state_message
 from truejoint.simulation.raven2 import Raven2Twin
 

@@ -81,7 +81,7 @@ def run(parameters, goal, force=None, line_angle=0.0, step=DT, log_every=1, sett
 def motor_goal(parameters, duration):
     t = np.arange(round(duration * 1000) + 1) / 1000
     jaw = np.minimum(t / 0.5, 1.0) * np.radians(30 * np.sin(2.0 * t) + 8 * np.sin(7.0 * t))
-    return parameters.mechanism.motor_from_jaw(jaw)
+    return parameters.mechanism.motor_per_jaw * jaw
 
 
 @pytest.mark.parametrize("parameters", INSTRUMENTS)
@@ -197,7 +197,7 @@ def test_a_guide_takes_its_share_of_the_tension_in_both_directions():
     parameters = FREE.with_values({"reset_cable.guide_friction": 0.05})
     t = np.arange(6_001) / 1000
     jaw = np.radians(30.0) * np.sin(2 * np.pi * t / 4)
-    log = run(parameters, parameters.mechanism.motor_from_jaw(jaw), log_every=100)
+    log = run(parameters, parameters.mechanism.motor_per_jaw * jaw, log_every=100)
     t, behind = t[::10], 8.0 + 656.6 * log[:, 2]  # what the spring pulls with, nothing else drags
     for middle, ratio in ((2.0, math.exp(-0.05)), (4.0, math.exp(0.05))):
         rows = abs(t - middle) < 0.5
@@ -206,7 +206,7 @@ def test_a_guide_takes_its_share_of_the_tension_in_both_directions():
 
 def test_a_cable_creeps_by_its_share_in_its_time():
     held = {"reset_cable.creep_share": 0.1, "reset_cable.creep_time": 0.5}
-    goal = np.full(1_501, NOMINAL.mechanism.motor_from_jaw(math.radians(40.0)))
+    goal = np.full(1_501, NOMINAL.mechanism.motor_per_jaw * math.radians(40.0))
     plain, crept = (run(FREE.with_values(v), goal, log_every=10) for v in ({}, held))
     stretch = [4e-3 * log[:, 3] - log[:, 2] for log in (plain, crept)]
     elastic = (crept[:, 6] - 8.0) / 14e3
@@ -252,7 +252,8 @@ def test_a_short_run_agrees_with_an_adaptive_solver(parameters):
 @pytest.mark.parametrize("force", [0.0, 0.5, -0.8])
 def test_it_rests_where_statics_puts_it(force):
     m = FREE.mechanism
-    motor = m.motor_from_jaw(math.radians(20.0))
+    motor = m.motor_per_jaw * math.radians(20.0)
+    wound = motor * m.wheel_radius / m.gear_ratio
     goal = np.r_[np.zeros(10), np.full(2500, motor)]
     log = run(FREE, goal, np.full(goal.size, force), line_angle=0.3, log_every=100)
     angle, x2 = log[-1, 3], log[-1, 2]
@@ -261,12 +262,12 @@ def test_it_rests_where_statics_puts_it(force):
     drive = 1 / (1 / FREE.drive_cable.stiffness + m.wheel_radius**2 / FREE.assembly.gear_stiffness)
     torque = force * FREE.jaw.load_arm * math.cos(angle - 0.3)
     matrix = [[(drive + reset) * r * r, -reset * r], [-reset * r, reset + m.spring_stiffness]]
-    wanted = np.linalg.solve(matrix, [drive * r * m.drive_from_motor(motor) + torque, 0.0])
+    wanted = np.linalg.solve(matrix, [drive * r * wound + torque, 0.0])
     np.testing.assert_allclose([angle, x2], wanted, rtol=2e-5)
     assert log[-1, 4] == pytest.approx(torque)
-    drive_pull = 8.0 + drive * (m.drive_from_motor(motor) - r * wanted[0])
+    drive_pull = 8.0 + drive * (wound - r * wanted[0])
     np.testing.assert_allclose(log[-1, 5:], [drive_pull, 8.0 + 656.6 * wanted[1]], rtol=2e-5)
-    twist = m.drive_from_motor(motor) - log[-1, 1]
+    twist = wound - log[-1, 1]
     gear = (drive_pull - 8.0) * m.wheel_radius**2 / FREE.assembly.gear_stiffness
     assert twist == pytest.approx(gear, rel=1e-3)
 
@@ -380,7 +381,7 @@ def test_no_cable_ever_pushes(seed, size, pretension):
     parameters = NOMINAL.with_values({"assembly.pretension": pretension})
     rng = np.random.default_rng(seed)
     n = 400
-    goal = parameters.mechanism.motor_from_jaw(rng.uniform(-1, 1, n // 50).repeat(50))
+    goal = parameters.mechanism.motor_per_jaw * rng.uniform(-1, 1, n // 50).repeat(50)
     force = size * rng.uniform(-1, 1, n // 20).repeat(20)
     log = run(parameters, goal, force)
     assert np.isfinite(log).all()
@@ -418,7 +419,7 @@ def test_friction_opens_the_loops_that_the_paper_compensates():
                                       "reset_cable.elastic_share": 1.0})  # fmt: skip
     t = np.arange(12_001) / 1000
     jaw = np.radians(30.0) * np.sin(2 * np.pi * t / 8)
-    log = run(parameters, parameters.mechanism.motor_from_jaw(jaw), log_every=100)
+    log = run(parameters, parameters.mechanism.motor_per_jaw * jaw, log_every=100)
     t = t[::10]
     m, reset = parameters.mechanism, parameters.reset_cable.stiffness
     # (5) and (6) at rest: r theta exceeds (1 + K_sp / K_r) x2 by F_fr / K_r, in both directions.
@@ -446,7 +447,7 @@ def test_cable_hysteresis_loses_energy_over_a_cycle():
         parameters = NOMINAL.with_values(values)
         t = np.arange(10_001) / 1000
         jaw = np.radians(40.0) * np.sin(2 * np.pi * t / 4)
-        log = run(parameters, parameters.mechanism.motor_from_jaw(jaw), log_every=100)[200:601]
+        log = run(parameters, parameters.mechanism.motor_per_jaw * jaw, log_every=100)[200:601]
         stretch = parameters.mechanism.jaw_radius * log[:, 3] - log[:, 2]
         turns.append(abs(np.trapezoid(log[:, 6], stretch)))
     assert turns[1] > 1e-5 > 10 * turns[0]
@@ -510,6 +511,6 @@ def test_a_designers_stiffer_cable_stretches_less():
             {"drive_cable.stiffness": stiffness, "reset_cable.stiffness": stiffness}
         )
         jaw = math.radians(30.0)
-        goal = np.full(1200, parameters.mechanism.motor_from_jaw(jaw))
+        goal = np.full(1200, parameters.mechanism.motor_per_jaw * jaw)
         lags.append(jaw - run(parameters, goal, log_every=100)[-1, 3])
     assert lags[0] > lags[1] > lags[2] > 0.0

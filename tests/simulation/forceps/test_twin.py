@@ -35,7 +35,7 @@ def test_a_run_is_a_table_at_the_log_rate_that_starts_at_zero():
 def test_the_jaw_lags_the_motor_by_stretch_and_friction_only():
     run = simulate_forceps(NOMINAL, MOTION)
     assert 0.2 < math.degrees(np.abs(run.measured - run.joint).max()) < 4.0
-    drive = NOMINAL.mechanism.drive_from_motor(run.motor[:, 0])
+    drive = run.motor[:, 0] * NOMINAL.mechanism.wheel_radius / NOMINAL.mechanism.gear_ratio
     assert np.abs(drive - run.extra["cable/drive"]).max() < 31e-6  # gear torsion, run-out, counts
 
 

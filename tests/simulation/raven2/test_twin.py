@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from truejoint.errors import TruejointError
-from truejoint.robots.raven2 import ENCODER_COUNTS_PER_REV, JOINT_ENCODERS, drives, links
+from truejoint.robots.raven2.hardware import ENCODER_COUNTS_PER_REV, JOINT_ENCODERS, drives, links
 from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
 from truejoint.simulation.raven2.kernel import gravity_load

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from truejoint import schema
 from truejoint.robots import get_robot
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
@@ -232,7 +233,8 @@ def test_a_joint_ends_at_its_stops_as_stiff_as_they_are():
 
 def test_a_cable_that_ends_at_a_spring_is_the_one_jaw_forceps():
     tip = {"tip": {"inertia": 1e-6, "radius": 1e-3}}
-    mechanism = CableMechanism.from_dict(
+    mechanism = schema.read(
+        CableMechanism,
         {
             "pins": tip,
             "motors": {"drive": 9.75e-3},
@@ -240,7 +242,8 @@ def test_a_cable_that_ends_at_a_spring_is_the_one_jaw_forceps():
                 {"name": "pull", "motor": "drive", "moments": {"tip": 4e-3}},
                 {"name": "back", "spring": 656.6, "moments": {"tip": -4e-3}},
             ],
-        }
+        },
+        "mechanism",
     )
     p = SMOOTH.with_values(
         {"variation.stiffness": 0.0, "variation.moment": 0.0, "variation.capstan": 0.0}

@@ -1,4 +1,4 @@
-"""RAVEN-II: joints, limits and cable transmission of both arms."""
+"""RAVEN-II: joints, limits, cable transmission and kinematics of both arms."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from functools import cache
 from typing import Final, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-from truejoint.robots.parts import Joint, Transmission, Workspace
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Axis, Joint, Transmission, Workspace
 from truejoint.robots.raven2 import hardware
-from truejoint.robots.raven2.kinematics import kinematics
 from truejoint.robots.robot import Robot
 
+Side = Literal["left", "right"]
 # Order within the arm's half of a ``ravenstate`` message
 # (uw-biorobotics/raven2:include/raven/defines.h).
 CHANNELS: Final = ("shoulder", "elbow", "insertion", "unused", "roll", "wrist", "jaw1", "jaw2")
@@ -50,9 +50,32 @@ WORKSPACE: Final = Workspace(
     crawl=np.array([np.deg2rad(0.2), np.deg2rad(0.2), 0.001]),
 )
 
+# Link twists, shaft and wrist: uw-biorobotics/raven2:include/raven/r2_kinematics.h, described
+# in the University of Washington technical report UWEETR-2012-0006.
+LINK1_TWIST: Final = math.radians(75.0)
+LINK2_TWIST: Final = math.radians(52.0)
+SHAFT_OFFSET: Final = -0.47  # from the insertion's zero to the wrist along the shaft [m]
+WRIST_LENGTH: Final = 0.013  # from wrist axis to jaw axis of the 10 mm RAVEN grasper [m]
+
+# Angle of the first two axes where the joint reads zero:
+# uw-biorobotics/raven2:src/raven/r2_kinematics.cpp (joint2theta).
+_SHOULDER_ZERO: Final = {"left": math.radians(205.0), "right": math.radians(25.0)}
+_ELBOW_ZERO: Final = {"left": math.pi, "right": 0.0}
+
+# Rotation of frame 0 in the frame of the CRTK topics:
+# uw-biorobotics/raven2:src/raven/crtk_motion_api.cpp (branch crtk).
+_CRTK_ROTATION: Final = {
+    "left": ((0.0, -1.0, 0.0), (0.0, 0.0, -1.0), (1.0, 0.0, 0.0)),
+    "right": ((0.0, 1.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0)),
+}
+
+# Columns: shoulder elbow insertion roll wrist jaw1 jaw2; the last axis is the direction in which
+# the closed jaws would point (r2_kinematics.cpp: half the difference of the jaws).
+_AXIS_FROM_JOINT: Final = np.vstack([np.eye(5, 7), [0, 0, 0, 0, 0, -0.5, 0.5]])
+
 
 @cache
-def build(side: Literal["left", "right"]) -> Robot:
+def build(side: Side) -> Robot:
     """Give the arm of a side."""
     arm = side, CHANNELS, POSITIONING, _transmission(side), kinematics(side)
     return Robot(
@@ -61,14 +84,8 @@ def build(side: Literal["left", "right"]) -> Robot:
     )  # fmt: skip
 
 
-def _transmission(arm: Literal["left", "right"]) -> Transmission:
-    """Cables of an arm; its state message has the torques at the capstans, behind the gearboxes."""
-    gear = tuple(drive.gear_ratio for drive in hardware.drives(arm))
-    return Transmission(_motor_from_joint(arm), gear)
-
-
-def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
-    """Motor angle per joint position (7, 7) [rad/rad, rad/m], with cable coupling.
+def _transmission(arm: Side) -> Transmission:
+    """Cables of an arm, coupled; its state message has the torques behind the gearboxes.
 
     Source: uw-biorobotics/raven2:src/raven/inv_cable_coupling.cpp, for the 10 mm RAVEN grasper
     with its first jaw's motor reversed (OPPOSE_GRIP).
@@ -79,9 +96,33 @@ def _motor_from_joint(arm: Literal["left", "right"]) -> NDArray[np.float64]:
     cable[elbow, shoulder] = hardware.ELBOW_PER_SHOULDER
     cable[insertion, shoulder] = hardware.INSERTION_PER_SHOULDER
     cable[insertion, elbow] = hardware.INSERTION_PER_ELBOW
-    ratios = np.array([drive.transmission_ratio for drive in hardware.drives(arm)])
+    drives = hardware.drives(arm)
+    ratios = np.array([drive.transmission_ratio for drive in drives])
     motor = ratios[:, None] * cable
     side = 1.0 if arm == "left" else -1.0
     tool = side * hardware.TOOL_MOTOR_PER_INSERTION_MOTOR * motor[insertion]
     motor[[roll, wrist, jaw1, jaw2]] += np.outer([1.0, 1.0, -1.0, 1.0], tool)
-    return motor
+    return Transmission(motor, tuple(drive.gear_ratio for drive in drives))
+
+
+def kinematics(arm: Side) -> SerialChain:
+    """Kinematics of the left (gold) or the right (green) arm.
+
+    Joint vectors are shoulder, elbow, insertion, roll, wrist, jaw1, jaw2 [rad, insertion m]; poses
+    are those of the tool in frame 0, whose origin is the remote centre of motion.
+
+    Source: uw-biorobotics/raven2:src/raven/r2_kinematics.cpp, UWEETR-2012-0006.
+    """
+    left = arm == "left"
+    quarter = math.pi / 2 if left else -math.pi / 2
+    axes = (
+        Axis(0.0 if left else math.pi, 0.0, 0.0, _SHOULDER_ZERO[arm]),
+        Axis(LINK1_TWIST, 0.0, 0.0, _ELBOW_ZERO[arm]),
+        Axis(math.pi - LINK2_TWIST if left else LINK2_TWIST, 0.0, 0.0, quarter, "prismatic"),
+        Axis(0.0, 0.0, SHAFT_OFFSET, 0.0),
+        Axis(math.pi / 2, 0.0, 0.0, -math.pi / 2),
+        Axis(math.pi / 2, WRIST_LENGTH, 0.0, 0.0),
+    )
+    crtk_from_base = np.eye(4)
+    crtk_from_base[:3, :3] = _CRTK_ROTATION[arm]
+    return SerialChain(axes, _AXIS_FROM_JOINT, crtk_from_base)

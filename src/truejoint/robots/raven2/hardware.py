@@ -9,7 +9,7 @@ import math
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from truejoint.robots.joint_encoder import JointEncoder
+from truejoint.robots.parts import JointEncoder
 
 _DEG: Final = math.pi / 180.0
 
@@ -63,11 +63,6 @@ class Drive:
     def homing_effort(self) -> float:
         """Torque command at the capstan that ends the search for the hard stop [Nm]."""
         return self.homing_dac / self.dac_per_amp * self.torque_per_amp
-
-    @property
-    def count(self) -> float:
-        """Joint motion per motor encoder count [rad or m], without coupling."""
-        return 2 * math.pi / ENCODER_COUNTS_PER_REV / self.transmission_ratio
 
 
 # Radii in m and ratios: include/raven/defines.h. A pulley's effective radius includes half of

@@ -7,15 +7,15 @@ import tomllib
 from collections.abc import Mapping
 from functools import cache
 from importlib.resources import files
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.robots.cable_mechanism import CableMechanism, Contact, Motor, Node, Pin, loops
+from truejoint.robots.cable_mechanism import Cable, CableMechanism, Contact, Motor, Node, Pin
 from truejoint.robots.catalogue import INSTRUMENTS
-from truejoint.robots.chain import Axis, SerialChain
-from truejoint.robots.parts import Joint, Workspace
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.parts import Axis, Joint, Workspace
 from truejoint.robots.robot import Robot
 
 JOINTS: Final = ("pitch", "jaw1", "jaw2")
@@ -41,31 +41,33 @@ _TOP_SPEED: Final = math.radians(180.0)  # [rad/s]
 _HALF_OPEN: Final = math.radians(10.0)  # [rad] of either jaw at home
 
 
-def joints_from_discs(pitch: Any, yaw: Any, jaw: Any) -> Array:
-    """Angles of `JOINTS` per angle of the three discs (3, 3), of those of pitch, yaw and opening.
-
-    Examples
-    --------
-    >>> joints_from_discs([1, 0, 0], [-0.5, 0.4, 0.4], [0, -0.8, 0.8]).tolist()
-    [[1.0, 0.0, 0.0], [-0.5, 0.8, 0.0], [-0.5, 0.0, 0.8]]
-    """
-    rows = np.array([pitch, yaw, jaw], dtype=np.float64)
-    return np.array([rows[0], rows[1] - 0.5 * rows[2], rows[1] + 0.5 * rows[2]])
-
-
 def instrument(values: Mapping[str, Any]) -> CableMechanism:
     """Mechanism of an instrument of the table: two cables from each disc to what it turns."""
-    turned = joints_from_discs(*(values[key] for key in ("pitch", "yaw", "jaw")))
+    pitch, yaw, jaw = np.array([values[key] for key in ("pitch", "yaw", "jaw")], dtype=np.float64)
+    # Of pitch, yaw and opening per disc, those of the joints.
+    turned = np.array([pitch, yaw - 0.5 * jaw, yaw + 0.5 * jaw])
     # Else a disc would be said to turn the other jaw by 5e-5, and its cables to press on that pin.
     turned[np.abs(turned) < _LAST_DIGIT] = 0.0
     discs: Array = np.linalg.inv(turned).astype(np.float64)
     # All discs are alike, and as large as makes the jaws' radius.
     radius = _JAW_RADIUS / float(np.abs(discs[:, 1:]).max())
-    radii = dict.fromkeys(JOINTS, radius)
+    ends: tuple[tuple[str, Literal[1, -1]], ...] = (("a", 1), ("b", -1))
+    cables = [
+        Cable(
+            f"{motor}_{end}",
+            {j: sign * float(m) for j, m in zip(JOINTS, row, strict=True) if m},
+            motor,
+            sign,
+            segments=_SEGMENTS,
+            nodes=_NODES,
+        )
+        for motor, row in zip(JOINTS, discs * radius, strict=True)
+        for end, sign in ends  # one that the motor winds up as it lets the other go
+    ]
     return CableMechanism(
         dict(zip(JOINTS, (_PITCH_PIN, _JAW_PIN, _JAW_PIN), strict=True)),
         dict.fromkeys(JOINTS, Motor(radius)),
-        loops(discs, JOINTS, radii, segments=_SEGMENTS, nodes=_NODES),
+        tuple(cables),
         Contact({"jaw1": -1.0, "jaw2": 1.0}),
         _ARMS,
     )

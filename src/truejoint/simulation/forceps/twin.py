@@ -115,7 +115,7 @@ class ForcepsTwin(BaseTwin):
 
     def _advance(self, angles: Array, force: Array, log_every: int) -> Array:
         """Rows (m, 7) of the plant along jaw angles (n,) [rad], the first one before it moves."""
-        goal, line = self.parameters.mechanism.motor_from_jaw(angles), float(self.line_angle)
+        goal, line = angles * self.parameters.mechanism.motor_per_jaw, float(self.line_angle)
         plant = self._state, self._motor, goal, force, line, self._constants
         return np.asarray(advance(*plant, _PER_SETPOINT, log_every))
 

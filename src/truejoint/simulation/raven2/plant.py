@@ -9,12 +9,12 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.raven2 import (
+from truejoint.robots.chain import SerialChain
+from truejoint.robots.raven2.hardware import (
     ENCODER_COUNTS_PER_REV,
     GRAVITY,
     JOINT_ENCODERS,
     Drive,
-    Raven2Kinematics,
     drives,
     links,
 )
@@ -155,7 +155,7 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
 
     Found from the robot's own link frames: 24 poses give 12 coefficients, exactly.
     """
-    kinematics = cast("Raven2Kinematics", robot.kinematics)
+    kinematics = cast("SerialChain", robot.kinematics)
     arm_links = links(cast("Literal['left', 'right']", robot.arm))
     poses = np.tile(robot.home, (24, 1))
     steps = np.arange(24)

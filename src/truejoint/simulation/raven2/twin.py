@@ -14,7 +14,8 @@ from truejoint.errors import TruejointError
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES, TruthBlock
 from truejoint.robots.joint_rows import checked_rows, in_grains
-from truejoint.robots.raven2 import CHANNELS, HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
+from truejoint.robots.raven2.arm import CHANNELS
+from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.plant import POSITIONING, build_plant, build_state
