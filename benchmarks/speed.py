@@ -33,11 +33,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.signal import cont2discrete
 from sklearn.compose import TransformedTargetRegressor
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPRegressor
 from sklearn.pipeline import make_pipeline
 from sklearn.preprocessing import StandardScaler
+from tests.filters.linear import linear_model
 
 from benchmarks.loop import HOMING, Samples, simulated_session
 from truejoint.array_types import Array
@@ -54,7 +56,6 @@ from truejoint.estimators import (
 from truejoint.export.c_source import table
 from truejoint.export.export_c import export_c
 from truejoint.filters import UnscentedFilter
-from truejoint.filters.linear import discretise, linear_model, van_loan
 from truejoint.filters.state_space import StateSpaceModel
 from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.recordings import Provenance, Recording
@@ -393,20 +394,10 @@ def forceps() -> StateSpaceModel:
         ]
     )
     B = np.array([[0.0], [2.0e5], [0.0], [0.0]])
-    F, G = discretise(A, B, DT)
-    _, Q = van_loan(A, np.diag([0.0, 2e3, 0.0, 1e-2]), DT)
     C = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
-    return linear_model(
-        F,
-        G,
-        C,
-        np.zeros((2, 1)),
-        Q,
-        np.diag([1.6e-13, 1e-8]),
-        states=("jaw", "jaw rate", "slider", "slider rate"),
-        measurements=("slider", "slider rate"),
-        inputs=("motor",),
-    )
+    F, G, *_ = cont2discrete((A, B, C, np.zeros((2, 1))), DT)
+    Q = F @ np.diag([0.0, 2e3 * DT, 0.0, 1e-2 * DT]) @ F.T
+    return linear_model(F, G, C, Q, np.diag([1.6e-13, 1e-8]))
 
 
 def filterpy_laps(model: StateSpaceModel, z: Array, u: Array) -> Array:

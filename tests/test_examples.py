@@ -12,6 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from tests.conftest import LaggingBackend
+from tests.filters.linear import linear_model
 
 import truejoint
 from truejoint import Recording
@@ -89,9 +90,7 @@ def variables() -> dict[str, Any]:
         "model": model,
         "test": test,
         "evaluation": truejoint.evaluate(model, test),
-        "random_walk": truejoint.filters.linear_model(
-            [[1.0]], [[]], [[1.0]], [[]], [[0.1]], [[1.0]], states=("x",), measurements=("z",)
-        ),
+        "random_walk": linear_model([[1.0]], [[]], [[1.0]], [[0.1]], [[1.0]]),
     }
 
 

@@ -11,9 +11,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
+from tests.filters.linear import linear_model
 
 from truejoint.filters import FilterResult, Gate, UnscentedFilter
-from truejoint.filters.linear import linear_model
 from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.filters.state_space import StateSpaceModel
 from truejoint.filters.status import FilterStatus as Status
@@ -34,17 +34,9 @@ def seen(x, u, parameters, out):
 def joint(gate: Gate | None = None, angle: bool = False, **options) -> UnscentedFilter:
     """A joint with a constant speed that wanders; position and speed are measured."""
     model = linear_model(
-        [[1.0, DT], [0.0, 1.0]],
-        [[0.0], [DT]],
-        np.eye(2),
-        np.zeros((2, 1)),
-        np.diag([1e-8, 1e-6]),
-        np.diag([1e-4, 1e-4]),
-        states=("position", "speed"),
-        measurements=("encoder", "tachometer"),
-        inputs=("acceleration",),
-        angles=("position", "encoder") if angle else (),
-    )
+        [[1.0, DT], [0.0, 1.0]], [[0.0], [DT]], np.eye(2),
+        np.diag([1e-8, 1e-6]), np.diag([1e-4, 1e-4]), angles=("x0", "z0") if angle else (),
+    )  # fmt: skip
     return UnscentedFilter(model, gate=gate, **options)
 
 
@@ -100,10 +92,7 @@ def test_single_spikes_leave_no_trace() -> None:
 @pytest.mark.parametrize("patience", [0, 5])
 def test_gate_cannot_lock_itself_out(wrong: float, patience: int) -> None:
     """A filter that starts far off, sure of itself and without process noise, finds back."""
-    model = linear_model(
-        np.eye(1), np.zeros((1, 0)), np.eye(1), np.zeros((1, 0)), [[0.0]], [[1e-4]],
-        states=("x",), measurements=("z",),
-    )  # fmt: skip
+    model = linear_model([[1.0]], [[]], [[1.0]], [[0.0]], [[1e-4]])
     estimator = UnscentedFilter(model, gate=Gate(0.999, patience))
     rng = np.random.default_rng(0)
     z = rng.normal(size=60) * 0.01
@@ -113,10 +102,7 @@ def test_gate_cannot_lock_itself_out(wrong: float, patience: int) -> None:
 
 
 def test_gate_with_nothing_to_inflate_still_goes_on() -> None:
-    model = linear_model(
-        np.eye(1), np.zeros((1, 0)), np.eye(1), np.zeros((1, 0)), [[0.0]], [[1e-4]],
-        states=("x",), measurements=("z",),
-    )  # fmt: skip
+    model = linear_model([[1.0]], [[]], [[1.0]], [[0.0]], [[1e-4]])
     result = UnscentedFilter(model, gate=Gate(0.999, 2)).run(
         np.ones(9), x0=[0.0], P0=[[0.0]], dt=DT
     )
@@ -152,10 +138,8 @@ def test_angles_take_the_short_way_round() -> None:
 @pytest.mark.parametrize("square_root", [False, True])
 @pytest.mark.parametrize("second", [False, True])
 def test_known_start_stays_known_without_noise(square_root: bool, second: bool) -> None:
-    model = linear_model(
-        [[1.0, DT], [0.0, 1.0]], np.zeros((2, 0)), np.eye(2), np.zeros((2, 0)),
-        np.zeros((2, 2)), np.eye(2), states=("x", "v"), measurements=("a", "b"),
-    )  # fmt: skip
+    transition = [[1.0, DT], [0.0, 1.0]]
+    model = linear_model(transition, np.zeros((2, 0)), np.eye(2), np.zeros((2, 2)), np.eye(2))
     estimator = UnscentedFilter(model, second_generation=second, square_root=square_root)
     z = np.random.default_rng(0).normal(size=(50, 2))
     result = estimator.run(z, x0=[1.0, 2.0], P0=np.zeros((2, 2)), dt=DT)
@@ -170,10 +154,7 @@ def test_known_start_stays_known_without_noise(square_root: bool, second: bool) 
 
 
 def test_exact_measurement_of_a_known_state_is_not_used() -> None:
-    model = linear_model(
-        np.eye(1), np.zeros((1, 0)), np.eye(1), np.zeros((1, 0)), [[0.0]], [[0.0]],
-        states=("x",), measurements=("z",),
-    )  # fmt: skip
+    model = linear_model([[1.0]], [[]], [[1.0]], [[0.0]], [[0.0]])
     result = UnscentedFilter(model).run(np.ones(3), x0=[0.0], P0=[[0.0]], dt=DT)
     np.testing.assert_array_equal(result.status, Status.SINGULAR)
     np.testing.assert_array_equal(result.x, 0.0)
@@ -185,10 +166,8 @@ def test_partly_missing_measurement_uses_the_rest() -> None:
     result = run(joint(), z)
     np.testing.assert_array_equal(result.status, Status.PARTIAL)
     alone = linear_model(
-        [[1.0, DT], [0.0, 1.0]], [[0.0], [DT]], [[1.0, 0.0]], [[0.0]],
-        np.diag([1e-8, 1e-6]), [[1e-4]],
-        states=("position", "speed"), measurements=("encoder",), inputs=("acceleration",),
-    )  # fmt: skip
+        [[1.0, DT], [0.0, 1.0]], [[0.0], [DT]], [[1.0, 0.0]], np.diag([1e-8, 1e-6]), [[1e-4]]
+    )
     expected = run(UnscentedFilter(alone), z[:, :1])
     np.testing.assert_allclose(result.x, expected.x, rtol=1e-12, atol=1e-14)
     np.testing.assert_allclose(result.nis, expected.nis, rtol=1e-9)
@@ -383,7 +362,7 @@ def test_a_million_steps_of_garbage(
 def bounded(**options) -> UnscentedFilter:
     """The joint, with what is possible of it."""
     free = joint().model
-    possible = {"position": (-10.0, 10.0), "encoder": (-10.0, 10.0), "acceleration": (-5.0, 5.0)}
+    possible = {"x0": (-10.0, 10.0), "z0": (-10.0, 10.0), "u0": (-5.0, 5.0)}
     return UnscentedFilter(replace(free, possible=possible, longest_step=0.5), **options)
 
 
@@ -419,7 +398,7 @@ def test_a_state_that_is_not_possible_starts_anew() -> None:
 
 def test_bounds_that_make_no_sense_are_refused() -> None:
     free = joint().model
-    for possible in ({"jaw": (0.0, 1.0)}, {"position": (1.0, 1.0)}, {"speed": (np.nan, 1.0)}):
+    for possible in ({"jaw": (0.0, 1.0)}, {"x0": (1.0, 1.0)}, {"x1": (np.nan, 1.0)}):
         with pytest.raises(FilterError, match="give the lowest and the highest"):
             replace(free, possible=possible)
     with pytest.raises(FilterError, match="longest step is 0"):

@@ -13,10 +13,10 @@ from hypothesis import given
 from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 from numba import njit
+from tests.filters.linear import linear_model
 from tests.filters.test_faults import seen, still
 
 from truejoint.filters import Gate, UnscentedFilter
-from truejoint.filters.linear import linear_model
 from truejoint.filters.sigma_points import (
     FilterError,
     LambdaSigmaPoints,
@@ -37,23 +37,11 @@ FORMS = [
 ]
 
 
-def names(letter: str, count: int) -> tuple[str, ...]:
-    return tuple(f"{letter}{i}" for i in range(count))
-
-
-def linear(A, B, C, Q, R):
-    A, B, C = (np.asarray(matrix, dtype=float) for matrix in (A, B, C))
-    return linear_model(
-        A, B, C, np.zeros((len(C), B.shape[1])), Q, R,
-        states=names("x", len(A)), measurements=names("z", len(C)), inputs=names("u", B.shape[1]),
-    )  # fmt: skip
-
-
 @pytest.mark.parametrize("form", FORMS)
 def test_robot_reference_of_matlab(reference: Path, form: dict) -> None:
     data = scipy.io.loadmat(reference / "pykalman_robot.mat")
     # The offset b[k] of each step enters as control input; d is taken off the measurements.
-    model = linear(data["A"], np.eye(5), data["C"], data["Q"], data["R"])
+    model = linear_model(data["A"], np.eye(5), data["C"], data["Q"], data["R"])
     estimator = UnscentedFilter(model, **form)
     z = (data["y"] - data["d"]).T
     result = estimator.run(z, data["b"].T, x0=data["x0"].ravel(), P0=data["V_0"], dt=1.0)
@@ -87,7 +75,7 @@ def test_missing_values_like_kfas(reference: Path, form: dict) -> None:
     ):
         z[slice(*rows), column] = np.nan
     eye = np.eye(3)
-    estimator = UnscentedFilter(linear(eye, np.zeros((3, 0)), eye, eye, eye), **form)
+    estimator = UnscentedFilter(linear_model(eye, np.zeros((3, 0)), eye, eye, eye), **form)
     time = np.arange(len(z), dtype=float)
     result = estimator.run(z, x0=np.zeros(3), P0=1e6 * eye, t=time)
     smoothed = estimator.smooth(result)
@@ -160,7 +148,7 @@ def test_linear_model_is_the_kalman_filter(n, m, p, missing, known_start, form, 
     z[rng.random(z.shape) < missing] = np.nan
     x0 = rng.normal(size=n)
     P0 = np.zeros((n, n)) if known_start else random_covariance(rng, n)
-    estimator = UnscentedFilter(linear(A, B, C, Q, R), **form)
+    estimator = UnscentedFilter(linear_model(A, B, C, Q, R), **form)
     result = estimator.run(z, u, x0=x0, P0=P0, dt=1.0)
     after = estimator.smooth(result)
     filtered, smoothed, scores = kalman(A, B, C, Q, R, z, u, x0, P0)
@@ -232,7 +220,7 @@ def test_square_root_form_equals_the_standard_form(points, second) -> None:
 def test_square_root_form_keeps_digits_that_the_standard_form_loses() -> None:
     # Two nearly equal measurements of two states: the textbook case for square-root filters.
     C = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-8]])
-    model = linear(np.eye(2), np.zeros((2, 0)), C, np.zeros((2, 2)), 1e-16 * np.eye(2))
+    model = linear_model(np.eye(2), np.zeros((2, 0)), C, np.zeros((2, 2)), 1e-16 * np.eye(2))
     information = 1e16 * C.T @ C + np.eye(2)
     determinant = 1.0 + 1e16 * np.sum(C**2) + (1e16 * 1e-8) ** 2
     exact = np.array(

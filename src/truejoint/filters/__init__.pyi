@@ -3,9 +3,6 @@ from .filter import FilterState as FilterState
 from .filter import Gate as Gate
 from .filter import SmoothedResult as SmoothedResult
 from .filter import UnscentedFilter as UnscentedFilter
-from .linear import discretise as discretise
-from .linear import linear_model as linear_model
-from .linear import van_loan as van_loan
 from .sigma_points import FilterError as FilterError
 from .sigma_points import LambdaSigmaPoints as LambdaSigmaPoints
 from .sigma_points import ScaledSigmaPoints as ScaledSigmaPoints

@@ -112,7 +112,7 @@ class StateSpaceModel:
     Examples
     --------
     >>> random_walk.states
-    ('x',)
+    ('x0',)
     """
 
     transition: Callable[..., None]

@@ -7,12 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
+from scipy.linalg import expm
+from scipy.signal import cont2discrete
 from tests.estimators.conftest import columns, fitted, rms_deg, steps
 
 from truejoint.calibration import calibrate
 from truejoint.estimators import JawFilter
 from truejoint.estimators.jaw.run import ForcepsModel, measurement, process_noise
-from truejoint.filters import discretise, van_loan
 from truejoint.motion.forceps_trajectories import calibration_trajectory
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest
@@ -40,7 +41,7 @@ def test_compiled_transition_is_exact(dt):
     space = MODEL.state_space()
     x, u, out, seen = np.array([0.3, 1.0, 1e-3, 0.02]), np.array([4.0]), np.empty(4), np.empty(2)
     space.transition(x, u, dt, space.parameters, out)
-    F, G = discretise(A, B, dt)
+    F, G, *_ = cont2discrete((A, B, OBSERVED, np.zeros((2, 1))), dt)
     expected = F @ x + G @ u
     assert np.allclose(out, expected, rtol=1e-9, atol=1e-12 * np.abs(expected).max())
     measurement(x, u, space.parameters, seen)
@@ -48,16 +49,14 @@ def test_compiled_transition_is_exact(dt):
 
 
 @pytest.mark.parametrize("dt", [1e-3, 5e-3, 0.013])
-def test_process_noise_is_the_integral_of_van_loan(dt):
+def test_process_noise_is_its_integral_over_a_step(dt):
     A, _, density = system(MODEL)
     integral, _ = quad_vec(
-        lambda s: discretise(A, np.eye(4), s)[0] @ density @ discretise(A, np.eye(4), s)[0].T,
-        0.0, dt, epsabs=0.0, epsrel=1e-10,
-    )  # fmt: skip
+        lambda s: expm(A * s) @ density @ expm(A * s).T, 0.0, dt, epsabs=0.0, epsrel=1e-10
+    )
     compiled, size = np.zeros((4, 4)), np.sqrt(np.diag(integral))
     process_noise(np.zeros(4), np.zeros(1), dt, MODEL.state_space().parameters, compiled)
-    for covariance in (compiled, van_loan(A, density, dt)[1]):
-        assert (np.abs(covariance - integral) / np.outer(size, size)).max() < 1e-8
+    assert (np.abs(compiled - integral) / np.outer(size, size)).max() < 1e-8
 
 
 def test_friction_holds_the_jaw_off_its_balance():
@@ -76,8 +75,10 @@ def test_filter_is_a_kalman_filter(pair):
     run = pair.verification
     X, dt = columns(run, model)[:3000], 5e-3
     own = ForcepsModel.from_params(model.model_params())
-    A, B, density = system(own)
-    (transition, gain), noise = discretise(A, B, dt), van_loan(A, density, dt)[1]
+    A, B, _ = system(own)
+    transition, gain, *_ = cont2discrete((A, B, OBSERVED, np.zeros((2, 1))), dt)
+    noise = np.zeros((4, 4))
+    process_noise(np.zeros(4), np.zeros(1), dt, own.state_space().parameters, noise)
     x, covariance = own.at_rest(*X[0]), own.rest_covariance()
     expected = np.empty(len(X))
     for k, (_motor, reset) in enumerate(X):
