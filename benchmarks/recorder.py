@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from truejoint.crtk import Arm, PacedBackend, StateBlock, TruthBlock
-from truejoint.crtk.subscription import Subscription
+from truejoint.crtk.handle import Subscription
 from truejoint.errors import TruejointError
 from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder, read_recorded_topics, read_recording

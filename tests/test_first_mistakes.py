@@ -134,7 +134,6 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             "run.csv: a recording is a .parquet file; call it run.parquet",
         ),
         (lambda model: truejoint.motion.Jog("raven2"), "'raven2' is a str, not an Arm"),
-        (lambda model: truejoint.crtk.Grasper("raven2"), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.motion.follow("raven2", WAY), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.monitor.ArmPage("raven2"), "'raven2' is a str, not an Arm"),
         (lambda model: truejoint.crtk.SimulatedBackend("raven2"), "make_twin(robot) gives one"),

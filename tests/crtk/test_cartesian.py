@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 from tests.conftest import LaggingBackend
 
-from truejoint.crtk import Arm, simulated_arm
+from truejoint.crtk import Arm, cartesian, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
@@ -52,7 +52,8 @@ def test_twist_and_jacobian_are_the_change_of_the_pose(lagging_arm):
     turn = Rotation.from_matrix(after[:3, :3] @ before[:3, :3].T).as_rotvec()
     change = np.concatenate([after[:3, 3] - before[:3, 3], turn]) / 1e-3
     assert now.velocity == pytest.approx(velocity, abs=1e-9)
-    jacobian, measured = lagging_arm.jacobian(), lagging_arm.measured_js()
+    measured = lagging_arm.measured_js()
+    jacobian = cartesian.jacobian(lagging_arm.robot.kinematics, measured.position)
     # Measured 20 ms behind the set-point: the Jacobian of a place 4 mrad away.
     assert jacobian @ velocity == pytest.approx(change, abs=2e-3)
     assert lagging_arm.measured_cv() == pytest.approx(jacobian @ measured.velocity, abs=1e-12)
@@ -60,19 +61,19 @@ def test_twist_and_jacobian_are_the_change_of_the_pose(lagging_arm):
 
 def test_servo_in_space_goes_where_it_is_told(lagging_arm):
     start = lagging_arm.setpoint_cp()
-    for _ in range(50):
-        lagging_arm.servo_cv([0.01, -0.005, 0.004, 0.1, 0.05, 0.0])
-    by_twist = lagging_arm.setpoint_cp()
-    assert by_twist[:3, 3] - start[:3, 3] == pytest.approx([5e-4, -2.5e-4, 2e-4], abs=1e-9)
-    turn = Rotation.from_matrix(by_twist[:3, :3] @ start[:3, :3].T).as_rotvec()
-    assert turn == pytest.approx([5e-3, 2.5e-3, 0.0], abs=1e-9)
     step = np.eye(4)
     step[:3, 3] = [1e-5, 0.0, -1e-5]
-    lagging_arm.servo_cr(step)
-    shift = lagging_arm.setpoint_cp()[:3, 3] - by_twist[:3, 3]
-    assert shift == pytest.approx(step[:3, 3], abs=1e-10)
-    lagging_arm.servo_cp(by_twist)
-    assert lagging_arm.setpoint_cp() == pytest.approx(by_twist, abs=1e-9)
+    step[:3, :3] = Rotation.from_rotvec([1e-4, 5e-5, 0.0]).as_matrix()
+    for _ in range(50):
+        lagging_arm.servo_cr(step)
+    after = lagging_arm.setpoint_cp()
+    assert after[:3, 3] - start[:3, 3] == pytest.approx([5e-4, 0.0, -5e-4], abs=1e-9)
+    turn = Rotation.from_matrix(after[:3, :3] @ start[:3, :3].T).as_rotvec()
+    assert turn == pytest.approx([5e-3, 2.5e-3, 0.0], abs=1e-9)
+    last = np.copy(after)
+    last[:3, 3] -= step[:3, 3]
+    lagging_arm.servo_cp(last)
+    assert lagging_arm.setpoint_cp() == pytest.approx(last, abs=1e-9)
 
 
 def test_a_move_in_space_is_straight(lagging_arm, lagging_backend):
@@ -99,8 +100,6 @@ def test_a_move_in_space_is_straight(lagging_arm, lagging_backend):
 def test_what_is_no_pose_or_twist_is_refused(lagging_arm):
     with pytest.raises(RobotError, match="must be 4 x 4"):
         lagging_arm.servo_cp(np.eye(3))
-    with pytest.raises(CommandRefused, match="want 6 finite values"):
-        lagging_arm.servo_cv([0.0, np.nan, 0, 0, 0, 0])
     forceps = simulated_arm("forceps", seed=1)
     with pytest.raises(RobotError, match="servo_cp: the kinematics of forceps are not known"):
         forceps.servo_cp(np.eye(4))

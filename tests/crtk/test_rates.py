@@ -10,7 +10,7 @@ import pytest
 from tests.conftest import LaggingBackend
 from tests.crtk.faulty_backend import Fault, FaultyBackend
 
-from truejoint.crtk import Arm, Grasper, PacedBackend
+from truejoint.crtk import Arm, PacedBackend
 from truejoint.crtk.arm import BRAKING
 from truejoint.errors import MotionStopped, RobotError
 from truejoint.motion import Jog, Trajectory, follow, workspace_of
@@ -54,10 +54,6 @@ def test_moves_take_their_time_and_servoing_its_speed(arm, backend, rate):
     assert arm.time - start == pytest.approx(30 / rate)
     assert arm.setpoint_js().position - place == pytest.approx(30 / rate * 0.2 * STEP)
     assert arm.setpoint_js().velocity == pytest.approx(0.2 * STEP)
-    grasper = Grasper(arm)
-    before = grasper.setpoint_js().position
-    grasper.servo_jv(0.1)
-    assert grasper.setpoint_js().position - before == pytest.approx([0.1 / rate])
     with pytest.raises(Exception, match=rf"in {1e3 / rate:.3g} ms, more than"):
         arm.servo_jr(np.full(7, 10.0 / rate))
 

@@ -4,7 +4,6 @@ from truejoint.crtk.arm import Arm
 from truejoint.crtk.backends.paced import LoopTiming, PacedBackend
 from truejoint.crtk.backends.ros import RosBackend
 from truejoint.crtk.backends.simulated import SimulatedBackend, simulated_arm
-from truejoint.crtk.grasper import Grasper
 from truejoint.crtk.handle import Motion
 from truejoint.crtk.planning import BLEND, TimeLaw, time_law
 from truejoint.crtk.protocol import BLOCK_DURATION, Backend, Listener
@@ -20,7 +19,6 @@ __all__ = [
     "TOPICS",
     "Arm",
     "Backend",
-    "Grasper",
     "JointState",
     "Listener",
     "LoopTiming",

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.crtk import cartesian
-from truejoint.crtk.handle import Motion
+from truejoint.crtk.handle import Motion, Subscription
 from truejoint.crtk.limits import (
     JITTER,
     check_range,
@@ -29,7 +29,6 @@ from truejoint.crtk.limits import (
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
-from truejoint.crtk.subscription import Subscription
 from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import (
     CommandRefused,
@@ -117,7 +116,6 @@ class Arm:
         self._motion_thread = 0  # thread that drives the motion
         self._stop_command = ""  # to stop it: a state command, or hold
         self._last_setpoints: Array | None = None  # two (2, n_joints) of this controller
-        self._goal: Array | None = None
         self._stamps = np.empty(0)  # of the latest messages [s]
         self._jump_reported = ""  # of a position that was reported during a motion
         self._unreported_s = 0.0  # [s] of set-points that were sent since the latest message
@@ -235,16 +233,6 @@ class Arm:
         velocity = step / period if period > 0.0 else np.zeros_like(step)
         return self._joint_state(block, block.setpoint, velocity)
 
-    def goal_js(self) -> JointState:
-        """Goal of the latest move; velocity and effort are empty.
-
-        Raises CommandRefused before the first move.
-        """
-        if self._goal is None:
-            raise CommandRefused("goal_js refused: no move has been asked for yet")
-        names, none = self.robot.joint_names, np.empty(0)
-        return JointState(self.time, names, self._goal.copy(), none, none)
-
     def measured_cp(self, age: float = MAX_AGE) -> Array:
         """Tool pose (4, 4) [m] in the frame of the robot's CRTK topics, of `measured_js`.
 
@@ -265,11 +253,6 @@ class Arm:
         """
         kinematics, now = self._kinematics("measured_cv"), self.measured_js(age)
         return np.asarray(cartesian.jacobian(kinematics, now.position) @ now.velocity)
-
-    def jacobian(self, age: float = MAX_AGE) -> Array:
-        """Geometric Jacobian (6, n_joints) at the tool, of `measured_js`: `measured_cv` a speed."""
-        kinematics = self._kinematics("jacobian")
-        return cartesian.jacobian(kinematics, self.measured_js(age).position)
 
     def servo_jp(self, position: ArrayLike) -> None:
         """Go to `position` (n_joints,) [rad or m] within one servo period.
@@ -307,13 +290,6 @@ class Arm:
         kinematics, start = self._kinematics("servo_cr"), self._start_of("servo_cr")
         target = cartesian.moved(cartesian.pose(kinematics, start), increment)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
-
-    def servo_cv(self, twist: ArrayLike) -> None:
-        """Move the tool by a `twist` (6,) [m/s, rad/s] for one servo period; as `servo_cp`."""
-        kinematics, start = self._kinematics("servo_cv"), self._start_of("servo_cv")
-        step = cartesian.step_of(np.asarray(twist, dtype=float) / self.rate)
-        target = cartesian.moved(cartesian.pose(kinematics, start), step)
-        self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cv")
 
     def servo_jp_stream(self, positions: ArrayLike) -> None:
         """Stream `positions` (n, n_joints) [rad or m] at `rate`; blocks until all are sent.
@@ -490,9 +466,7 @@ class Arm:
         caps = move_speed(self.robot, speed, command)
         check_range(self.robot, knots, command)
         law = time_law(np.vstack([self._start_of(command), knots]), caps)
-        motion = self.stream(law.blocks(self.rate), law.duration, command)
-        self._goal = knots[-1]
-        return motion
+        return self.stream(law.blocks(self.rate), law.duration, command)
 
     def _servo(self, rows: Array, command: str) -> None:
         check_ready(self.operating_state(), command)
@@ -564,7 +538,12 @@ class Arm:
             state = self._backend.operating_state()
             if not state.is_ready:  # the robot itself, or another program, has stopped it
                 raise motion.stopped(state.state, state.t)
-            self._check_reports(motion, state.t)
+            if self._jump_reported:
+                raise motion.stopped(self._jump_reported, state.t)
+            silent = 0.0 if self._latest is None else state.t - float(self._latest.t[-1])
+            if silent > SILENCE and self._unreported_s > SILENCE:
+                why = f"no state message for {silent:.1f} s; does it report?"
+                raise motion.stopped(why, state.t)
             every = min((s.every for s in tuple(self._subscriptions)), default=_STRETCH)
             size = max(round(min(max(every, self.grain), _STRETCH) * self.rate), 1)
             piece = rows[taken : taken + size]
@@ -575,14 +554,6 @@ class Arm:
             self._last_setpoints = path[taken : taken + 2]
             motion.elapsed += done / self.rate
             self._unreported_s += done / self.rate
-
-    def _check_reports(self, motion: Motion, t: float) -> None:
-        """Raise MotionStopped where positions jump, or none came for `SILENCE`."""
-        if self._jump_reported:
-            raise motion.stopped(self._jump_reported, t)
-        silent = 0.0 if self._latest is None else t - float(self._latest.t[-1])
-        if silent > SILENCE and self._unreported_s > SILENCE:
-            raise motion.stopped(f"no state message for {silent:.1f} s; does it report?", t)
 
     def _stand(self, motion: Motion) -> MotionStopped:
         """Brake and carry out what stops the motion; gives the error that says so."""

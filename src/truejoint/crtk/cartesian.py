@@ -9,7 +9,6 @@ from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
 from truejoint.array_types import Array
-from truejoint.errors import CommandRefused
 from truejoint.robots.chain import rigid
 from truejoint.robots.parts import Kinematics
 
@@ -38,23 +37,6 @@ def joints_at(kinematics: Kinematics, target: ArrayLike, seed: Array) -> Array:
     """
     base_from_crtk = np.linalg.inv(kinematics.crtk_from_base)
     return kinematics.inverse(base_from_crtk @ rigid(target), seed)
-
-
-def step_of(twist: ArrayLike) -> Array:
-    """Pose (4, 4) that a `twist` (6,) [m, rad] over a unit of time moves and turns a tool by.
-
-    Raises CommandRefused unless it is 6 finite values.
-    """
-    values = np.asarray(twist, dtype=float)
-    if values.shape != (6,) or not np.isfinite(values).all():
-        raise CommandRefused(
-            f"twist of shape {values.shape} refused; want 6 finite values: velocity [m/s] over "
-            "angular velocity [rad/s]"
-        )
-    step = np.eye(4)
-    step[:3, 3] = values[:3]
-    step[:3, :3] = Rotation.from_rotvec(values[3:]).as_matrix()
-    return step
 
 
 def moved(start: Array, increment: ArrayLike) -> Array:

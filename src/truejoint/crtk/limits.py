@@ -32,7 +32,12 @@ _MOST_GRAIN: Final = 0.02  # [s] within which an arm that is stopped begins to b
 
 def checked_backend(backend: Backend) -> tuple[float, float]:
     """Rate [Hz] and grain [s] that a back end declares; raises RobotError if it is or has none."""
-    if missing := [name for name in _OF_A_BACKEND if not _has(backend, name)]:
+    # On its type first: the clock of a robot may not run yet.
+    if missing := [
+        name
+        for name in _OF_A_BACKEND
+        if not (hasattr(type(backend), name) or hasattr(backend, name))
+    ]:
         advice = f"it lacks {', '.join(missing)}: see truejoint.crtk.Backend"
         raise RobotError(other_kind(backend, "Backend", advice))
     title, rate, grain = backend.robot.title, backend.rate, backend.grain
@@ -52,11 +57,6 @@ def checked_backend(backend: Backend) -> tuple[float, float]:
 
 def _shown(value: object, scale: float = 1.0) -> str:
     return f"{scale * float(value):g}" if isinstance(value, Real) else f"{value!s:.40}"
-
-
-def _has(backend: object, name: str) -> bool:
-    """Whether it has an attribute, which is not looked at: the clock of a robot may not run yet."""
-    return hasattr(type(backend), name) or hasattr(backend, name)
 
 
 def check_range(robot: Robot, rows: Array, command: str) -> None:

@@ -165,8 +165,13 @@ class Profile:
         others = [arm for arm in self.arms.values() if arm != self.arms[spaces[-1]]]
         return others[0] if crtk_name(topic) in self.swapped and others else self.arms[spaces[-1]]
 
-    def topic(self, arm: str, name: str) -> str:
-        """Topic on which the robot has the CRTK name `name` of an arm: the inverse of `arm_of`."""
+    def topic(self, arm: str, name: str, namespace: str = "") -> str:
+        """Topic on which the robot has the CRTK name `name` of an arm: the inverse of `arm_of`.
+
+        A `namespace` that is given goes before the profile's own.
+        """
+        if namespace:
+            return f"{namespace.rstrip('/')}/{name}"
         for space in self.arms:
             if self.arm_of(f"{space}/{name}") == arm:
                 return f"/{space}/{name}"
@@ -227,17 +232,16 @@ PROFILES: Final[Mapping[str, Profile]] = {
 """Profiles by name."""
 
 
-def get_profile(name: str) -> Profile:
-    """Profile called `name`; raises RobotError naming those that there are."""
+def profile_of(robot: Robot, name: str = "") -> Profile:
+    """Profile called `name`, else the one that is called like the robot, else CRTK's own rules.
+
+    Raises RobotError for an unknown name.
+    """
+    alike = [profile for profile in PROFILES if robot.name.startswith(profile)]
+    name = name or (alike or ["crtk"])[0]
     if name not in PROFILES:
         raise RobotError(unknown("profile", name, PROFILES))
     return PROFILES[name]
-
-
-def profile_of(robot: Robot, name: str = "") -> Profile:
-    """Profile called `name`, else the one that is called like the robot, else CRTK's own rules."""
-    alike = [profile for profile in PROFILES if robot.name.startswith(profile)]
-    return get_profile(name or (alike or ["crtk"])[0])
 
 
 def crtk_name(topic: str) -> str:
@@ -287,20 +291,14 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
             f"{count} positions without names; {robot.title} has {len(robot.joint_names)} joints, "
             f"of which {len(robot.positioning)} place the tool: name the joints in the message"
         )
-    order = [_joint(robot, name, profile) for name in names]
+    order = [name if name in robot.joint_names else profile.joint(name) for name in names]
+    robot.index(order)
     if len(order) != count or len(set(order)) != len(order):
         raise RobotError(
             f"{len(order)} joint names for {count} positions ({', '.join(names)}); a message has "
             "one for each"
         )
     return order
-
-
-def _joint(robot: Robot, name: str, profile: Profile) -> str:
-    for joint in (name, profile.joint(name)):
-        if joint in robot.joint_names:
-            return joint
-    raise RobotError(unknown("joint", profile.joint(name), robot.joint_names))
 
 
 def joint_state_columns(
@@ -348,35 +346,29 @@ def joint_state_columns(
         offsets = profile.truth_offsets if quantity == "truth" else {}
         shifted = {k: position[:, k] + offsets[j] for k, j in enumerate(joints) if j in offsets}
         return {f"{quantity}/{j}": shifted.get(k, position[:, k]) for k, j in enumerate(joints)}
+    quantities = {"measured": position}
     for name in ("velocity", "effort"):
-        values = fields.get(name, position)
+        values = fields.get(name, position[:, :0])
         if values.shape[1] not in (0, len(joints)):
             raise RobotError(
                 f"{len(joints)} positions and {values.shape[1]} values of {name}; a joint state "
                 "has as many of each, or none"
             )
-    quantities: dict[str, Array | None] = {"measured": position, "velocity": fields.get("velocity")}
-    effort = fields.get("effort")
-    if effort is not None and effort.shape[1] and not profile.no_effort:
-        quantities["effort"] = _stated_effort(robot, joints, effort)
+        if values.shape[1]:
+            quantities[name] = values
+    if profile.no_effort:
+        quantities.pop("effort", None)
+    elif "effort" in quantities and robot.effort == "motor" and robot.transmission is not None:
+        effort = quantities.pop("effort")
+        if set(joints) == set(robot.joint_names):  # cables couple the joints: it takes all of them
+            order = [joints.index(joint) for joint in robot.joint_names]
+            quantities["effort"] = np.empty_like(effort)
+            quantities["effort"][:, order] = robot.transmission.motor_effort(effort[:, order])
     return {
         f"{name}/{joint}": values[:, k]
         for name, values in quantities.items()
-        if values is not None and values.shape[1]
         for k, joint in enumerate(joints)
     }
-
-
-def _stated_effort(robot: Robot, joints: Sequence[str], effort: Array) -> Array | None:
-    """Efforts on joints as the robot states them: at the motors, or None if a joint is missing."""
-    if robot.effort == "joint" or robot.transmission is None:
-        return effort
-    if set(joints) != set(robot.joint_names):
-        return None  # cables couple the joints: a motor's effort takes all of them
-    order = [joints.index(joint) for joint in robot.joint_names]
-    motor_effort = np.empty_like(effort)
-    motor_effort[:, order] = robot.transmission.motor_effort(effort[:, order])
-    return motor_effort
 
 
 def joint_state_fields(

@@ -79,7 +79,7 @@ class ArmServer:
     ) -> None:
         self._arm, self._transport = arm, transport
         self._profile = profile_of(arm.robot, profile)
-        self._namespace = namespace.rstrip("/")
+        self._namespace = namespace
         self._every = max(1, math.ceil(arm.rate / rate - 1e-9))
         self._rows = 0
         self._epoch: float | None = None
@@ -143,9 +143,7 @@ class ArmServer:
         return tuple(publisher.topic for publisher in self._publishers.values())
 
     def _name(self, crtk: str) -> str:
-        if self._namespace:
-            return f"{self._namespace}/{crtk}"
-        return self._profile.topic(self._arm.robot.arm, crtk)
+        return self._profile.topic(self._arm.robot.arm, crtk, self._namespace)
 
     # Commands.
 

@@ -46,6 +46,9 @@ class Joint:
     max_speed: float = math.inf
 
     def __post_init__(self) -> None:
+        if self.kind not in tuple(UNITS):
+            kinds = " or ".join(UNITS)
+            raise RobotError(f"joint {self.name!r}: kind is {self.kind!r:.40}; want {kinds}")
         if not self.lower < self.upper:
             raise RobotError(
                 f"joint {self.name!r}: lower limit {self.lower:g} {self.unit} is not below the "

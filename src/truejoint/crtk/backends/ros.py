@@ -169,7 +169,7 @@ class RosBackend:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
         self._stream.start()
-        if self._now().is_homed:
+        if self.operating_state().is_homed:
             self._wait_for_joints()
 
     def disconnect(self) -> None:
@@ -201,12 +201,12 @@ class RosBackend:
         is stopped.
         """
         self._reach(self._command)
-        before, began = self._now(), self.time
+        before, began = self.operating_state(), self.time
         self._send_command(command)
         homing = {"begun": not before.is_homed}  # so that it has homed as soon as it says so
 
         def is_done() -> bool:
-            now = self._now()
+            now = self.operating_state()
             if now.state == "FAULT" and before.state != "FAULT":
                 raise CommandRefused(f"{command!r} stopped: the robot reports FAULT; see its log")
             if command in _LEADS_TO:
@@ -228,7 +228,7 @@ class RosBackend:
                 if self.time - began > timeout:
                     raise CommandRefused(
                         f"{command!r} stopped: not done after {timeout:g} s; the robot reports "
-                        f"{self._now().state}"
+                        f"{self.operating_state().state}"
                     )
         self._sent = None
         if command == "home":
@@ -272,7 +272,7 @@ class RosBackend:
         def arrived() -> bool:
             setpoint = self._setpoint
             there = setpoint is not None and bool((np.abs(setpoint - sent) < _ARRIVED).all())
-            return there or not self._now().is_ready
+            return there or not self.operating_state().is_ready
 
         with self._changed:
             self._changed.wait_for(arrived, _ARRIVAL)
@@ -280,9 +280,6 @@ class RosBackend:
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass."""
         self._closed.wait(duration)
-
-    def _now(self) -> OperatingState:
-        return self.operating_state()
 
     def _reach(self, publisher: Publisher) -> None:
         """Raise CommandRefused unless somebody reads a topic of commands, within a while."""

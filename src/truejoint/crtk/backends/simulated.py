@@ -159,7 +159,19 @@ class SimulatedBackend:
     def _home(self, timeout: float) -> None:
         start, last, pieces = self.twin.time, None, self.twin.homing()
         try:
-            while (piece := self._piece(pieces)) is not None:
+            while True:
+                self._let_others_in()
+                with self._advancing_twin():
+                    state = self._state.state
+                    if state != "ENABLED":
+                        raise MotionStopped(
+                            f"'home' stopped at t = {self.twin.time:.3f} s: {state}; the arm is "
+                            "not homed"
+                        )
+                    piece = next(pieces, None)
+                    if piece is None:
+                        self._state = replace(self._state, is_homed=True)
+                        break
                 last = piece
                 self._passed(piece)
                 if self.twin.time - start > timeout:
@@ -171,20 +183,6 @@ class SimulatedBackend:
         # Positions before the registration mean nothing, so only the end pose is reported.
         if last is not None:
             self._deliver(last.rows(slice(-1, None)))
-
-    def _piece(self, pieces: Iterator[TwinOutput]) -> TwinOutput | None:
-        """Next piece of the homing; after the last one the arm is homed."""
-        self._let_others_in()
-        with self._advancing_twin():
-            state = self._state.state
-            if state != "ENABLED":
-                raise MotionStopped(
-                    f"'home' stopped at t = {self.twin.time:.3f} s: {state}; the arm is not homed"
-                )
-            piece = next(pieces, None)
-            if piece is None:
-                self._state = replace(self._state, is_homed=True)
-        return piece
 
     @contextmanager
     def _advancing_twin(self) -> Iterator[None]:

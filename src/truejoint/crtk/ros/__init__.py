@@ -1,7 +1,6 @@
 """Topics of a running ROS, 1 or 2, and what an arm says on them."""
 
-from truejoint.crtk.ros.opening import open_transport
 from truejoint.crtk.ros.state_stream import StateStream
-from truejoint.crtk.ros.transport import Publisher, Transport
+from truejoint.crtk.ros.transport import Publisher, Transport, open_transport
 
 __all__ = ["Publisher", "StateStream", "Transport", "open_transport"]

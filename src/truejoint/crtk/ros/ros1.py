@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from truejoint.crtk.messages import DEFINITIONS
-from truejoint.crtk.ros.transport import QUEUE, header_of
+from truejoint.crtk.ros.transport import QUEUE, Publisher, header_of
 from truejoint.errors import RosError
 
 _DEBIAN: Final = "/usr/lib/python3/dist-packages"
@@ -63,7 +63,7 @@ class Ros1:
 
     def stamped(self, kind: str, t: float) -> Any:
         """Make an empty message with a header that says `t` [s]."""
-        message = _message_class(kind)()
+        message = self.message(kind)
         header_of(message).stamp = self._rospy.Time.from_sec(t)
         return message
 
@@ -72,16 +72,13 @@ class Ros1:
         stamp = header_of(message).stamp
         return float(stamp.secs + 1e-9 * stamp.nsecs)
 
-    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> _Publisher:
+    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> Publisher:
         """Begin to write a topic."""
-        made = _Publisher(
-            topic,
-            self._rospy.Publisher(
-                topic, _message_class(kind), queue_size=QUEUE, latch=latched, tcp_nodelay=True
-            ),
+        made = self._rospy.Publisher(
+            topic, _message_class(kind), queue_size=QUEUE, latch=latched, tcp_nodelay=True
         )
         self._open.append(made)
-        return made
+        return Publisher(topic, made.publish, made.unregister, made.get_num_connections)
 
     def subscribe(
         self, topic: str, kind: str, callback: Callable[[Any], None]
@@ -110,26 +107,6 @@ class Ros1:
         """Give up all topics."""
         while self._open:
             _close(self._open.pop())
-
-
-class _Publisher:
-    """A topic that is written."""
-
-    def __init__(self, topic: str, made: Any) -> None:
-        self.topic = topic
-        self._made = made
-        self.publish = made.publish  # as fast as it gets
-
-    @property
-    def readers(self) -> int:
-        """How many are connected."""
-        return int(self._made.get_num_connections())
-
-    def close(self) -> None:
-        """Give the topic up."""
-        self._made.unregister()
-
-    unregister = close
 
 
 def _close(made: Any) -> None:

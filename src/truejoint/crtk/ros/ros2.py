@@ -6,12 +6,12 @@ import logging
 import threading
 from collections.abc import Callable
 from contextlib import suppress
-from functools import cache
+from functools import cache, partial
 from importlib import import_module
 from typing import Any
 
 from truejoint.crtk.messages import message_type
-from truejoint.crtk.ros.transport import QUEUE, header_of
+from truejoint.crtk.ros.transport import QUEUE, Publisher, header_of
 from truejoint.errors import RosError
 
 _log = logging.getLogger(__name__)
@@ -75,15 +75,15 @@ class Ros2:
         stamp = header_of(message).stamp
         return float(stamp.sec + 1e-9 * stamp.nanosec)
 
-    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> _Publisher:
+    def publisher(self, topic: str, kind: str, *, latched: bool = False) -> Publisher:
         """Begin to write a topic."""
         quality: Any = QUEUE
         if latched:
             qos = import_module("rclpy.qos")
             quality = qos.QoSProfile(depth=1, durability=qos.DurabilityPolicy.TRANSIENT_LOCAL)
-        return _Publisher(
-            topic, self._node, self._node.create_publisher(_message_class(kind), topic, quality)
-        )
+        made = self._node.create_publisher(_message_class(kind), topic, quality)
+        close = partial(self._node.destroy_publisher, made)
+        return Publisher(topic, made.publish, close, made.get_subscription_count)
 
     def subscribe(
         self, topic: str, kind: str, callback: Callable[[Any], None]
@@ -122,24 +122,6 @@ class Ros2:
         shut_down = import_module("rclpy.executors").ExternalShutdownException
         with suppress(shut_down):
             self._executor.spin()
-
-
-class _Publisher:
-    """A topic that is written."""
-
-    def __init__(self, topic: str, node: Any, made: Any) -> None:
-        self.topic = topic
-        self._node, self._made = node, made
-        self.publish = made.publish
-
-    @property
-    def readers(self) -> int:
-        """How many are connected."""
-        return int(self._made.get_subscription_count())
-
-    def close(self) -> None:
-        """Give the topic up."""
-        self._node.destroy_publisher(self._made)
 
 
 @cache

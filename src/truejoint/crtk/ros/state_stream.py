@@ -82,9 +82,7 @@ class StateStream:
 
     def name(self, crtk: str) -> str:
         """Topic of a CRTK name of this arm."""
-        if self.namespace:
-            return f"{self.namespace}/{crtk}"
-        return self._profile.topic(self._robot.arm, crtk)
+        return self._profile.topic(self._robot.arm, crtk, self.namespace)
 
     def start(self) -> None:
         """Begin to listen."""
