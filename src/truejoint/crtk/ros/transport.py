@@ -6,8 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Final, Protocol
 
-from truejoint.errors import RosError
-
 QUEUE: Final = 1000
 """Messages that wait for a slow reader before the oldest is dropped: a second at 1 kHz."""
 
@@ -71,34 +69,3 @@ class Transport(Protocol):
 def header_of(message: Any) -> Any:
     """Header of a message; RAVEN's state calls it ``hdr``."""
     return message.header if hasattr(message, "header") else message.hdr
-
-
-def open_transport(version: int = 1, node: str = "truejoint") -> Transport:
-    """Become a node of the ROS that runs; rospy or rclpy is imported here and nowhere else.
-
-    Parameters
-    ----------
-    version : {1, 2}
-    node : str
-        Its name, to which ROS 1 adds what makes it unique.
-
-    Raises
-    ------
-    RosError
-        If there is no such ROS on this computer, or no master answers; says what to do.
-
-    Examples
-    --------
-    >>> open_transport(3)
-    Traceback (most recent call last):
-    truejoint.errors.RosError: no ROS 3; give 1 or 2
-    """
-    if version == 1:
-        from truejoint.crtk.ros.ros1 import Ros1  # noqa: PLC0415  # needs rospy
-
-        return Ros1(node)
-    if version == 2:
-        from truejoint.crtk.ros.ros2 import Ros2  # noqa: PLC0415  # needs rclpy
-
-        return Ros2(node)
-    raise RosError(f"no ROS {version}; give 1 or 2")
