@@ -28,7 +28,7 @@ from truejoint.motion import random_motion, zigzag
 from truejoint.recordings import DataCheck, Recording, check_data
 from truejoint.recordings.datasets import read_dataset
 from truejoint.recordings.join.explained import SLOW, explain, robust_spread
-from truejoint.recordings.judge.others import left_out_zeros
+from truejoint.recordings.judge.positions import left_out_zeros
 from truejoint.studies.raven2.sessions import record
 
 PUBLIC = {
@@ -105,7 +105,7 @@ class Case:
 
 
 def _outliers(case: Case, rows: Callable[[int], Array]) -> Case:
-    spread = left_out_zeros(explain(case.recordings, case.joint)).spread
+    _, spread = left_out_zeros(explain(case.recordings, case.joint))
     size = spread * (12.0 if case.slow else 10.0)
 
     def change(truth: Array) -> Array:
@@ -213,9 +213,9 @@ def delay_of_one(case: Case) -> Case | None:
 
 def zero(case: Case) -> Case:
     """Truth of one recording moved by four spreads, and three scatters of the set's zeros."""
-    zeros = left_out_zeros(explain(case.recordings, case.joint))
-    scatter = robust_spread(zeros.offsets) if len(case.recordings) > 2 else 0.0
-    shift = max(4.0 * zeros.spread, 3.0 * scatter) * case.random.choice([-1.0, 1.0])
+    zeros, spread = left_out_zeros(explain(case.recordings, case.joint))
+    scatter = robust_spread(zeros) if len(case.recordings) > 2 else 0.0
+    shift = max(4.0 * spread, 3.0 * scatter) * case.random.choice([-1.0, 1.0])
     return case.changed(f"truth/{case.joint}", lambda x: x + shift)
 
 

@@ -30,7 +30,7 @@ from truejoint.errors import RosError
 from truejoint.export import export_ros
 from truejoint.motion import Trajectory, follow, workspace_of, zigzag
 from truejoint.recordings import Recorder
-from truejoint.recordings.judge.finding_names import HEADINGS
+from truejoint.recordings.judge.finding import HEADINGS
 from truejoint.robots import get_robot
 from truejoint.runtime import Corrector
 

@@ -8,7 +8,7 @@ from typing import Any, Final
 import truejoint
 from truejoint.cli.console import err, progress
 from truejoint.errors import RecordingError, unknown
-from truejoint.recordings.judge.finding_names import FINDINGS
+from truejoint.recordings.judge.finding import FINDINGS
 
 CHECK_FAILED: Final = 1
 

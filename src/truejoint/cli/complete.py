@@ -163,7 +163,7 @@ def trajectory_kinds() -> list[str]:
 
 def findings() -> list[tuple[str, str]]:
     """Names of what the data check finds, and what each means."""
-    from truejoint.recordings.judge.finding_names import FINDINGS
+    from truejoint.recordings.judge.finding import FINDINGS
 
     return [*FINDINGS.items()]
 

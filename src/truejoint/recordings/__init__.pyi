@@ -1,8 +1,8 @@
 from . import datasets as datasets
 from .join.joining import ClockOffset as ClockOffset
 from .join.joining import join_truth as join_truth
-from .judge.coverage import JointCoverage as JointCoverage
 from .judge.data_check import DataCheck as DataCheck
+from .judge.data_check import JointCoverage as JointCoverage
 from .judge.data_check import check_data as check_data
 from .judge.finding import Finding as Finding
 from .judge.link import diagnose as diagnose

@@ -9,8 +9,7 @@ from tests.recordings.judge.faults import changed
 from truejoint.errors import RecordingError
 from truejoint.features import FeatureSet
 from truejoint.recordings import DataCheck, Finding, check_data
-from truejoint.recordings.judge.coverage import joint_coverage
-from truejoint.recordings.judge.data_check import outside_share
+from truejoint.recordings.judge.data_check import joint_coverage, outside_share
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Joint, Robot
 

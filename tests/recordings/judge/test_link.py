@@ -13,7 +13,7 @@ from truejoint.crtk import simulated_arm
 from truejoint.errors import RecordingError
 from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder, Recording, check_data, diagnose
-from truejoint.recordings.judge.finding_names import FINDINGS, HEADING_OF, HEADINGS
+from truejoint.recordings.judge.finding import FINDINGS, HEADING_OF, HEADINGS
 from truejoint.recordings.read.raven_csv import AMID
 
 

@@ -1,23 +1,39 @@
-"""What the judge of recordings finds: one line each."""
+"""What the judge of recordings can find: one line each; `findings.toml` has their meanings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
+from importlib.resources import files
 from pathlib import PurePath
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
-import numpy as np
-
-from truejoint.array_types import Integers
-from truejoint.recordings.judge.finding_names import ADVICE, HEADING_OF
-from truejoint.recordings.table.recording import Recording
+if TYPE_CHECKING:  # a list of the names needs no NumPy
+    from truejoint.array_types import Integers
+    from truejoint.recordings.table.recording import Recording
 
 Level = Literal["fail", "warn", "info", "good"]
 Rows = tuple[tuple[int, int], ...]
 
 ORDER: Final[dict[Level, int]] = {"fail": 0, "warn": 1, "info": 2, "good": 3}
+
+_TABLE: Final = tomllib.loads((files(__package__) / "findings.toml").read_text("utf-8"))
+_ROWS: Final = {name: row for names in _TABLE.values() for name, row in names.items()}
+
+HEADINGS: Final = tuple(_TABLE)
+"""Headings in the order in which a person reads them."""
+
+FINDINGS: Final[Mapping[str, str]] = {name: _ROWS[name][0] for name in sorted(_ROWS)}
+"""Meaning of each name; ``--accept`` takes the names."""
+
+_ADVICE: Final = {name: row[1] for name, row in _ROWS.items() if row[1:]}
+
+HEADING_OF: Final[Mapping[str, str]] = {n: heading for heading in _TABLE for n in _TABLE[heading]}
+"""Heading of each name."""
+
+WELL: Final[Mapping[str, str]] = {name: row[2] for name, row in _ROWS.items() if len(row) > 2}
+"""What is said where nothing under a heading is wrong, by one name of each."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +72,7 @@ class Finding:
 
     def __post_init__(self) -> None:
         if not self.advice and self.level != "good":
-            object.__setattr__(self, "advice", ADVICE.get(self.name, ""))
+            object.__setattr__(self, "advice", _ADVICE.get(self.name, ""))
 
     @property
     def heading(self) -> str:
@@ -99,9 +115,11 @@ def file_name(recording: Recording) -> str:
 
 def row_ranges(rows: Integers) -> Rows:
     """Ranges, first and one behind the last, of rising row numbers (n,)."""
-    counted = groupby(enumerate(np.asarray(rows).tolist()), key=lambda pair: pair[1] - pair[0])
-    whole = [[row for _, row in group] for _, group in counted]
-    return tuple((group[0], group[-1] + 1) for group in whole)
+    ranges: list[tuple[int, int]] = []
+    for row in rows.tolist():
+        joins = ranges and ranges[-1][1] == row
+        ranges[-1:] = [(ranges[-1][0], row + 1)] if joins else [*ranges[-1:], (row, row + 1)]
+    return tuple(ranges)
 
 
 def row_text(ranges: Rows, most: int = 3) -> str:

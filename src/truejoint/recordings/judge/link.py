@@ -15,8 +15,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.join.joining import find_clock_offset
 from truejoint.recordings.judge.data_check import DataCheck, check_data
-from truejoint.recordings.judge.finding import Finding, Level
-from truejoint.recordings.judge.finding_names import HEADING_OF, WELL
+from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding, Level
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.recordings.table.signals import velocity

@@ -1,14 +1,17 @@
-"""Truth beside what the robot reports: sign, unit, outliers, zeros, delay, redundant sensors."""
+"""Truth beside what the robot reports: sign, unit, limits, outliers, zeros, delay, redundancy."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
+from scipy.stats import rankdata
 
-from truejoint.recordings.join.explained import SLOW, Explained, explain
+from truejoint.array_types import Array
+from truejoint.recordings.join.explained import SLOW, Explained, explain, robust_spread
 from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
 from truejoint.recordings.judge.finding import (
     Defect,
@@ -20,11 +23,10 @@ from truejoint.recordings.judge.finding import (
     row_ranges,
     row_text,
 )
-from truejoint.recordings.judge.others import foreign, left_out_zeros
 from truejoint.recordings.judge.outliers import FEWEST, Steps, find_steps
-from truejoint.recordings.judge.scale import judge_scale
 from truejoint.recordings.table.recording import Recording
-from truejoint.units import shown
+from truejoint.robots import Joint
+from truejoint.units import display_unit, shown
 
 Marked = tuple[Defect, Recording]
 
@@ -38,6 +40,16 @@ _LATE_DROP: Final = 0.05  # of the residual's variance
 _PERHAPS_DROP: Final = 0.02  # of that, for a word only
 _SURE: Final = 5.0  # uncertainties
 _PERHAPS: Final = 2.0  # of those, for a word only
+# Between what healthy joints show (a sixth to 1.1) and degrees for radians.
+_RATIO: Final = 7.6
+_OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
+_MOST_ROWS: Final = 2000
+_FARTHEST: Final = {"rad": 4.0 * math.pi, "m": 2.0}  # that a joint without limits moves
+_SLACK: Final = 0.1  # of the travel between limits
+_RIDGE_LEFT_OUT: Final = 1e-2  # of the rows: a recording left out may lie outside
+_FEWEST_APART: Final = 4  # recordings, of which one can stand apart
+_FARTHER: Final = 10.0  # times as far as the others
+_SMALLEST_VARIANCE: Final = 1e-4  # of scaled inputs in any direction
 
 
 def judge_positions(
@@ -49,7 +61,7 @@ def judge_positions(
     for joint in joints:
         judged[joint] = []
         for recording in recordings:
-            scale_defects = list(judge_scale(recording, joint))
+            scale_defects = list(_judge_scale(recording, joint))
             marked += [(defect, recording) for defect in scale_defects]
             sound = not any(d.level == "fail" for d in scale_defects)
             if sound and (id(recording), joint) not in broken:
@@ -125,12 +137,12 @@ def _judge_zeros(
     stepped = {id(recording) for defect, recording in steps if defect.name == name}
     if len(recordings) < 2:
         return []
-    zeros = left_out_zeros(explained)
+    zeros, spread = left_out_zeros(explained)
     column = f"{explained.quantity}/{explained.joint}"
-    limit = max(_MOVED * zeros.spread, _MOVED_OF_NOISE * explained.spread)
+    limit = max(_MOVED * spread, _MOVED_OF_NOISE * explained.spread)
     moved = []
-    for number in np.flatnonzero(np.abs(zeros.offsets) > limit).tolist():
-        recording, offset = recordings[number], float(zeros.raw[number])
+    for number in np.flatnonzero(np.abs(zeros - np.median(zeros)) > limit).tolist():
+        recording, offset = recordings[number], float(zeros[number])
         if id(recording) not in stepped:
             what = f"its zero is {shown(offset, recording.units[column])} off that of the others"
             advice = "re-zero, calibrate each homing on its own, or give each recording its zero"
@@ -199,9 +211,111 @@ def _late(lag: Lag) -> Iterable[Defect]:
     yield Defect("fail" if sure else "warn" if likely else "info", "delay", what, "", advice)
 
 
+def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
+    """Judge unit, sign and limits, the first only that is wrong: each upsets the next."""
+    measured, with_truth = recording.robot.joint(joint), recording.joints_of("truth")
+    reported = recording.column(f"measured/{joint}")
+    low, high = _range(reported)
+    if joint in with_truth:
+        truth = recording.column(f"truth/{joint}")
+        rows = np.flatnonzero(np.isfinite(truth))
+        rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
+        if len(rows) > 2:
+            span = float(np.ptp(_range(truth[rows])))
+            ratio = span / max(float(np.ptp(_range(reported[rows]))), 1e-12)
+            if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
+                unit, display = measured.unit, display_unit(measured.unit)
+                wrong = max(ratio, 1.0 / ratio)
+                name, side = (
+                    ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
+                )
+                guess = f" (1 {unit} = {display.scale:.4g} {display.name})"
+                what = f"it spans {wrong:.3g} times what the {side} does{guess}"
+                advice = (
+                    f"give both in {unit}: state the column's unit, as {display.name}, or its scale"
+                )
+                yield Defect("fail", "unit", what, f"{name}/{joint}", advice, size=wrong)
+                return
+            moves = np.ptp(truth[rows]) > 0.0 and np.ptp(reported[rows]) > 0.0
+            ranks = rankdata(truth[rows]), rankdata(reported[rows])
+            same = float(np.corrcoef(*ranks)[0, 1]) if moves else 0.0
+            if same < _OPPOSITE:
+                what = f"the truth falls where the measured position rises (correlation {same:.2f})"
+                yield Defect("fail", "sign", what, f"truth/{joint}", size=-same)
+                return
+    yield from _limits(measured, low, high)
+
+
+def _limits(joint: Joint, low: float, high: float) -> Iterable[Defect]:
+    """Positions far outside the limits are in another unit; a little outside, limits are wrong."""
+    travel = joint.upper - joint.lower
+    name, unit = f"measured/{joint.name}", joint.unit
+    display = display_unit(unit)
+    if not math.isfinite(travel):
+        if high - low > _FARTHEST.get(unit, math.inf):
+            what = f"it spans {high - low:.4g} {unit}, more than a joint moves"
+            advice = f"is it in {display.name}? state the unit of its column"
+            yield Defect("fail", "unit", what, name, advice, size=high - low)
+        return
+    beyond = max(low - joint.upper, joint.lower - high, high - joint.upper, joint.lower - low)
+    span = f"{shown(low, unit)} to {shown(high, unit)}"
+    limits = f"the limits are {shown(joint.lower, unit)} to {shown(joint.upper, unit)}"
+    if high - low > 1.5 * travel or beyond > 2.0 * travel:
+        advice = f"is it in {display.name}? state the unit of its column"
+        yield Defect("fail", "unit", f"it runs from {span}; {limits}", name, advice, size=beyond)
+    elif beyond > _SLACK * travel:
+        yield Defect("warn", "limits", f"it runs from {span}; {limits}", name, size=beyond)
+
+
+def _range(values: Array) -> tuple[float, float]:
+    """Range without the farthest 2 % at either end."""
+    low, high = np.quantile(values, [0.02, 0.98])
+    return float(low), float(high)
+
+
+def left_out_zeros(explained: Explained) -> tuple[Array, float]:
+    """Offset (n,) of each of two or more recordings from what the others, with one zero, predict.
+
+    And the median of the spreads of each one's residual about it [rad or m].
+    """
+    inputs = [explained.scaled(s.inputs) for s in explained.samples]
+    designs = [np.hstack([x, np.ones((len(x), 1))]) for x in inputs]
+    pairs = list(zip(designs, explained.samples, strict=True))
+    normal = np.array([(d * s.weights[:, None]).T @ d for d, s in pairs])
+    right = np.array([d.T @ (s.weights * s.error) for d, s in pairs])
+    all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)
+    medians, spreads = [], []
+    for matrix, own_right, (design, sample) in zip(normal, right, pairs, strict=True):
+        others = all_normal - matrix
+        k = len(others) - 1
+        others[np.arange(k), np.arange(k)] += _RIDGE_LEFT_OUT * others[-1, -1]
+        residual = sample.error - design @ np.linalg.solve(others, all_right - own_right)
+        medians.append(float(np.median(residual)))
+        spreads.append(robust_spread(residual))
+    return np.array(medians), float(np.median(spreads))
+
+
 def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:
-    for index, times in foreign(explained):
-        what = f"its signals lie {times:.0f} times as far from the others' as those from each other"
+    """Find signals of another instrument, by the RMS Mahalanobis distance from the others'."""
+    if len(recordings) < _FEWEST_APART:
+        return
+    inputs = [explained.scaled(sample.inputs) for sample in explained.samples]
+    sums = np.array([x.sum(axis=0) for x in inputs])
+    squares = np.array([x.T @ x for x in inputs])
+    counts = np.array([len(x) for x in inputs])
+    rms = []
+    for index, x in enumerate(inputs):
+        n = counts.sum() - counts[index]
+        mean = (sums.sum(axis=0) - sums[index]) / n
+        covariance = (squares.sum(axis=0) - squares[index]) / n - np.outer(mean, mean)
+        values, vectors = np.linalg.eigh(covariance)
+        away = (x - mean) @ vectors / np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
+        rms.append(np.sqrt(np.mean(away**2)))
+    farther = np.array(rms) / np.median(rms)
+    for index in np.flatnonzero(farther > _FARTHER).tolist():
+        what = (
+            f"its signals lie {farther[index]:.0f} times as far from the others' as those from "
+            "each other"
+        )
         advice = "is it of another instrument, or another motion? keep those apart"
-        where = file_name(recordings[index])
-        yield Finding("warn", "instrument", what, where, advice)
+        yield Finding("warn", "instrument", what, file_name(recordings[index]), advice)
