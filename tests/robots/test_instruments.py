@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.io import loadmat
 
-from truejoint.recordings.read.layouts import layouts
+from truejoint.recordings.read.mapped import layouts
 from truejoint.robots import get_robot
 
 

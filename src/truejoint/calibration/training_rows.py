@@ -14,7 +14,7 @@ from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import Target
 from truejoint.features.feature_set import FeatureSet
-from truejoint.recordings.judge.outliers import gross_outliers
+from truejoint.recordings.join.explained import gross_outliers
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recording

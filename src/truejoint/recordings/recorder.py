@@ -20,8 +20,7 @@ from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
-from truejoint.recordings.table.header import recording_header
-from truejoint.recordings.table.parquet import write_parquet
+from truejoint.recordings.table.parquet import recording_header, write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.recordings.table.signals import BRIDGED_TIME
 from truejoint.recordings.table.stream import Stream

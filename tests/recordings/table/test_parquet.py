@@ -24,8 +24,7 @@ from truejoint.recordings import (
     write_corrected,
     write_parquet,
 )
-from truejoint.recordings.table.header import KEY
-from truejoint.recordings.table.parquet import VERSION, _write
+from truejoint.recordings.table.parquet import KEY, VERSION, _write
 from truejoint.robots import get_robot
 
 Refusal = Callable[[Callable[[], object]], str]

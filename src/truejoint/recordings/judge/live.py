@@ -17,18 +17,18 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.judge.finding import Finding
 from truejoint.recordings.judge.link import NO_STAMP, diagnose
-from truejoint.recordings.read.bags.assembling import assemble
-from truejoint.recordings.read.bags.series import Lot
-from truejoint.recordings.read.bags.wiring import (
+from truejoint.recordings.read.bags.assembling import (
     HOMED,
     JOINT_FIELDS,
     OPERATING_STATES,
     RAVEN_TYPE,
     Topics,
     Wiring,
+    assemble,
     find_wiring,
     robot_of,
 )
+from truejoint.recordings.read.bags.fields import Lot
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Robot, get_robot
 

@@ -11,7 +11,15 @@ import numpy as np
 from scipy.stats import rankdata
 
 from truejoint.array_types import Array
-from truejoint.recordings.join.explained import SLOW, Explained, explain, robust_spread
+from truejoint.recordings.join.explained import (
+    FEWEST,
+    SLOW,
+    Explained,
+    Steps,
+    explain,
+    find_steps,
+    robust_spread,
+)
 from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
 from truejoint.recordings.judge.finding import (
     Defect,
@@ -23,7 +31,6 @@ from truejoint.recordings.judge.finding import (
     row_ranges,
     row_text,
 )
-from truejoint.recordings.judge.outliers import FEWEST, Steps, find_steps
 from truejoint.recordings.table.recording import Recording
 from truejoint.robots import Joint
 from truejoint.units import display_unit, shown

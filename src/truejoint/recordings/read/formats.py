@@ -65,7 +65,7 @@ def _own(name: str, row: Mapping[str, Any]) -> Format:
     return Format(name, row["summary"], read, options, folder, reads_head)
 
 
-_LAYOUTS: Final = "read.layouts:read"
+_LAYOUTS: Final = "read.mapped:read_layout"
 _ROWS: Final = tomllib.loads((files(__package__) / "formats.toml").read_text("utf-8"))
 FORMATS: Final[Mapping[str, Format]] = {name: _own(name, row) for name, row in _ROWS.items()}
 """Every layout of truejoint's own by name."""

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 import os
-from collections.abc import Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
+from functools import cache
+from importlib.resources import files
 from numbers import Real
 from pathlib import Path
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
 
+from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, read_bounded
@@ -118,19 +123,6 @@ def _read(
     return _read_arrays(path, columns, _robot(path, columns, robot, arm, needed), head)
 
 
-def read_table(
-    path: Path, columns: ColumnMap, head: Head | None = None, *, folder: bool = False
-) -> Table:
-    """Read columns that a layout tells, of which no value but the last line's may be missing."""
-    machine = get_robot(columns.robot, columns.arm)
-    if folder:
-        return _read_arrays(path, columns, machine)
-    head = head or Head.of(path)
-    if head.is_text:
-        return _read_text(read_header(head, columns), machine)
-    return _read_arrays(path, columns, machine, head)
-
-
 def _read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table:
     use = [*header.positions.values()]
     table = read_numbers(header.path, header.layout, use, use if may_miss else ())
@@ -147,7 +139,7 @@ def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None
         return _in_si(path, columns, robot, {name: table[:, k] for name, k in use.items()}, digest)
     variables: dict[str, Array] = {}
     if head is None:
-        for name in array_names(columns):
+        for name in _array_names(columns):
             array, digest = read_npy(path / f"{name}.npy")
             variables[name] = array.reshape(len(array) if array.ndim else 1, -1).T
     else:
@@ -159,7 +151,7 @@ def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None
     return _in_si(path, columns, robot, signals, digest)
 
 
-def array_names(columns: ColumnMap) -> tuple[str, ...]:
+def _array_names(columns: ColumnMap) -> tuple[str, ...]:
     """Names of the arrays that a map takes its columns from, each once."""
     names = (str(mapped.column).partition("[")[0] for mapped in columns.columns.values())
     return tuple(dict.fromkeys(names))
@@ -331,3 +323,84 @@ def _positions(
         else:
             use[name] = header.index(column)
     return use
+
+
+_FILE: Final = "layouts.toml"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Layout of a public file; `layouts.toml` says what each field means."""
+
+    columns: Annotated[ColumnMap, schema.Key("map")]
+    fields: int = 0
+    mark: str = ""
+    mark_at: int = -1
+    nominal_rate: Annotated[float, schema.Key("nominal_hz")] = math.nan
+    session: str = ""
+    homing_id: str = ""
+    folder: bool = False
+    notes: str = ""
+
+    @property
+    def parts(self) -> tuple[str, ...]:
+        """Names of the files in a folder of this layout."""
+        return tuple(f"{name}.npy" for name in _array_names(self.columns)) if self.folder else ()
+
+    def is_marked(self, head: bytes) -> bool:
+        """Whether a file that begins with `head` has the mark, a text in its first comment."""
+        at = head.find(self.mark.encode())
+        begins = not self.fields or head.startswith(self.columns.comment.encode())
+        return bool(self.mark) and at >= 0 and self.mark_at in (-1, at) and begins
+
+
+@cache
+def layouts() -> Mapping[str, tuple[Layout, ...]]:
+    """Layouts of each format by its name."""
+    text = (files(__package__) / _FILE).read_text("utf-8")
+    return {
+        name: tuple(schema.read(Layout, row, f"{_FILE}: {name}", RecordingError) for row in rows)
+        for name, rows in tomllib.loads(text).items()
+    }
+
+
+def find_layout(fits: Callable[[Layout], bool]) -> str:
+    """Name of the first format with a layout that fits; empty if there is none."""
+    return next((name for name, rows in layouts().items() if any(map(fits, rows))), "")
+
+
+def read_layout(path: Path, layout: str, head: Head | None = None) -> list[Recording]:
+    """Read a file, or a folder, of the format called `layout`; text may be in gzip."""
+    rows = layouts()[layout]
+    row = rows[0]
+    if row.folder and not path.is_dir():
+        parts = ", ".join(row.parts)
+        raise RecordingError(f"{path}: is not a folder; name the folder that holds {parts}")
+    head = None if row.folder else head or Head.of(path)
+    if row.fields and head:
+        line = head.first_line(row.columns.comment)[1]
+        count = len(split_fields(line, row.columns.delimiter))
+        if count not in [row.fields for row in rows]:
+            expected = " or ".join(str(row.fields) for row in rows)
+            raise RecordingError(
+                f"{path}: {count} columns, expected {expected}; is it such a file?"
+            )
+        row = next(row for row in rows if row.fields == count)
+    machine = get_robot(row.columns.robot, row.columns.arm)
+    if head and head.is_text:  # of which no value but the last line's may be missing
+        table = _read_text(read_header(head, row.columns), machine)
+    else:
+        table = _read_arrays(path, row.columns, machine, head)
+    place = {"name": path.name.partition(".")[0], "folder": path.resolve().parent.name}
+    facts = {"session": row.session, "homing_id": row.homing_id}
+    return recordings_of_file(
+        path,
+        table.robot,
+        table.columns,
+        table.units,
+        rate=None if math.isnan(row.nominal_rate) else row.nominal_rate,
+        sha256=table.sha256,
+        dropped=table.dropped,
+        notes=row.notes,
+        **{key: text.format(**place) for key, text in facts.items() if text},
+    )

@@ -10,10 +10,11 @@ from typing import Any, Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, require_file
-from truejoint.recordings.read import layouts, mapped, raven_csv
+from truejoint.recordings.read import mapped, raven_csv
 from truejoint.recordings.read.bags.container import is_bag
 from truejoint.recordings.read.column_map import MapSource
 from truejoint.recordings.read.formats import FORMATS, format_names, get_format
+from truejoint.recordings.read.mapped import find_layout, layouts
 from truejoint.recordings.read.numeric_text import is_number, split_fields
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import Recording, as_recordings
@@ -174,7 +175,9 @@ def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
     if head is None:
         if is_bag(source, b""):
             return "bag"
-        if name := layouts.folder_format(source):
+        if name := find_layout(
+            lambda row: bool(row.parts) and all((source / part).is_file() for part in row.parts)
+        ):
             return name
         raise _unknown(source, "a folder that is neither a bag nor one of .npy files known here")
     binary = {
@@ -186,7 +189,7 @@ def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
         return next(name for name, fits in binary.items() if fits)
     if with_map:
         return "csv" if head.is_text else "arrays"
-    if name := layouts.detect_marked(head.data):
+    if name := find_layout(lambda row: row.is_marked(head.data)):
         return name
     if not head.is_text:
         raise _unknown(source, "not text and of no known binary layout")
@@ -204,9 +207,10 @@ def _detect_text(source: Path, head: Head) -> str:
     count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
     if count in ravens:
         return f"raven_csv_{count}"
-    if name := layouts.detect_fields(count):
+    if name := find_layout(lambda row: row.fields == count and not row.mark):
         return name
-    counts = ", ".join(map(str, (*ravens, *layouts.known_counts())))
+    unmarked = [r.fields for rows in layouts().values() for r in rows if r.fields and not r.mark]
+    counts = ", ".join(map(str, (*ravens, *unmarked)))
     raise _unknown(
         source, f"{count} columns without a header, expected {counts}; {mapped.MAP_ADVICE}"
     )

@@ -19,7 +19,7 @@ from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
 from truejoint.errors import RecordingError, words
 from truejoint.files import reason
 from truejoint.recordings.bounded_file import MAX_VALUES, require_file
-from truejoint.recordings.table.header import (
+from truejoint.recordings.table.parquet import (
     KEY,
     check_version,
     is_unchanged,

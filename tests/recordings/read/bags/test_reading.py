@@ -33,7 +33,8 @@ from truejoint.recordings import (
     write_bag,
 )
 from truejoint.recordings.datasets.store import data_folders
-from truejoint.recordings.read.bags import assembling, container, wiring
+from truejoint.recordings.read.bags import assembling, container
+from truejoint.recordings.read.bags.assembling import find_wiring
 from truejoint.recordings.read.bags.container import (
     CUT_SHORT,
     DAMAGED,
@@ -43,7 +44,6 @@ from truejoint.recordings.read.bags.container import (
     read_batches,
 )
 from truejoint.recordings.read.bags.fields import full_name, typesys
-from truejoint.recordings.read.bags.wiring import find_wiring
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.robots import get_robot
 
@@ -129,11 +129,11 @@ def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
 
 
 def test_of_many_topics_a_message_lists_thirty():
-    assert wiring.listed({}) == "there are none"
+    assert assembling.listed({}) == "there are none"
     topics = {f"/{k:02}": ("std_msgs/String", k) for k in range(31)}
-    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
+    assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
     topics.pop("/30")
-    assert wiring.listed(topics).endswith("/29 (std_msgs/String, 29)")
+    assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29)")
 
 
 def test_any_command_reads_a_bag(bag, session):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.read.bags import series
-from truejoint.recordings.read.bags.series import Series
+from truejoint.recordings.read.bags import fields
+from truejoint.recordings.read.bags.fields import Series
 
 
 def test_lots_become_columns() -> None:
@@ -43,7 +43,7 @@ def test_lots_of_other_layouts_are_put_in_order() -> None:
 
 
 def test_too_many_values_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(series, "MAX_VALUES", 5)
+    monkeypatch.setattr(fields, "MAX_VALUES", 5)
     taken = Series()
     taken.add(np.arange(2), np.arange(2), {"a": np.zeros(2)})
     with pytest.raises(RecordingError, match="more than 5 values; extract fewer bags"):

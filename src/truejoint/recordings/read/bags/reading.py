@@ -14,18 +14,18 @@ from numpy.typing import NDArray
 
 from truejoint.crtk.messages import ARMS, RAVEN_FIELDS, USUAL_QUANTITIES, message_type
 from truejoint.errors import RecordingError, unknown
-from truejoint.recordings.read.bags.assembling import assemble
-from truejoint.recordings.read.bags.container import list_topics
-from truejoint.recordings.read.bags.series import Series, lots_of
-from truejoint.recordings.read.bags.wiring import (
+from truejoint.recordings.read.bags.assembling import (
     RAVEN_TYPE,
     Topics,
     Wiring,
+    assemble,
     find_wiring,
     require_topic,
     robot_of,
     wanted_fields,
 )
+from truejoint.recordings.read.bags.container import list_topics
+from truejoint.recordings.read.bags.fields import Series, lots_of
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Robot, get_robot
 
