@@ -56,7 +56,8 @@ from truejoint.tip import (
     zero_by_touch,
 )
 from truejoint.tip.guide import Guide, choose_touches, learning
-from truejoint.tip.touch import known_kinematics, tip_rows, zero_prior
+from truejoint.tip.rows import known_kinematics
+from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]
 FEW = 6  # touches that re-zero

@@ -19,8 +19,9 @@ import truejoint
 from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
-from truejoint.tip import Touches, read_block, write_block
-from truejoint.tip.guide import Guide, design_pose, finding_block
+from truejoint.tip import Touches, read_block
+from truejoint.tip.files import block_text
+from truejoint.tip.guide import Guide, design_pose, of_model
 
 
 def kept(made: Touched, path: Path) -> None:
@@ -35,7 +36,7 @@ def folder(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("block")
     first = touched(24)
     truejoint.write_calibration(fitted(), folder / "model.safetensors")
-    write_block(first.block, folder / "block.toml")
+    (folder / "block.toml").write_text(block_text(first.block))
     kept(first, folder / "first.csv")
     kept(touched(6, 4, offset=(0.0, 0.006, 0.0), block=first.block, homing_id="2"),
          folder / "today.csv")  # fmt: skip
@@ -149,7 +150,7 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
 ):
     plate = read_block(folder / "block.toml")
     pose = design_pose(plate, ROBOT)
-    guide = Guide(finding_block(fitted(), pose), 4)
+    guide = Guide(of_model(fitted(), pose, finds_block=True), 4)
     made, seated, early = [], [], 0.1 if is_early else 0.0
     if not is_early:
         fail = Mock(side_effect=CalibrationError("do not fit"))
@@ -195,7 +196,7 @@ def rests(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("rests")
     recording, touches, plate, _ = from_nothing()
     kept(Touched(without_truth(recording), touches, plate, np.zeros(3)), folder / "t.csv")
-    write_block(plate, folder / "block.toml")
+    (folder / "block.toml").write_text(block_text(plate))
     rows = zip(touches.t, 1e3 * plate.at(touches.dimple), strict=True)
     lines = [f"{t!r},{x!r},{y!r},{z!r}" for t, (x, y, z) in ((t, p.tolist()) for t, p in rows)]
     (folder / "shots.csv").write_text("\n".join(["t,x_mm,y_mm,z_mm", *lines]))

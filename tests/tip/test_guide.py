@@ -17,10 +17,9 @@ from truejoint.tip.guide import (
     Stop,
     Verdict,
     design_pose,
-    finding_block,
     learning,
+    of_model,
     reachable,
-    rezeroing,
 )
 
 
@@ -41,7 +40,7 @@ def block(first: Touched) -> Block:
 
 def finding(model: Calibration, block: Block, count: int) -> Guide:
     pose = design_pose(block, ROBOT)
-    return Guide(finding_block(model, pose), count)
+    return Guide(of_model(model, pose, finds_block=True), count)
 
 
 def run(guide: Guide, block: Block, wrong: int = -1) -> tuple[list[Stop], list[Verdict]]:
@@ -62,7 +61,7 @@ def test_the_stated_error_falls_touch_by_touch(model, first, block, finds_block)
     if not finds_block:  # the block has been found
         known = {"translation": first.translation, "covariance": 1e-8 * np.eye(6)}
         pose = replace(pose, joint_sd=np.array([1e-3, 1e-3, 1e-4]), **known)
-    task = finding_block(model, pose) if finds_block else rezeroing(model, pose)
+    task = of_model(model, pose, finds_block=finds_block)
     guide = Guide(task, 10)
     stops, verdicts = run(guide, block)
     assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 10
@@ -122,10 +121,10 @@ def test_a_plate_or_a_model_of_another_robot_is_refused(model, block):
         design_pose(replace(block, robot="forceps"), ROBOT)
     pose = replace(design_pose(block, ROBOT), arm="right")
     with pytest.raises(CalibrationError, match="the model is of"):
-        rezeroing(model, pose)
+        of_model(model, pose, finds_block=False)
     pose = replace(design_pose(block, ROBOT), model_sha256="other")
     with pytest.raises(CalibrationError, match="with another calibration"):
-        rezeroing(model, pose)
+        of_model(model, pose, finds_block=False)
     with pytest.raises(CalibrationError, match="30 touches of 24 dimples"):
         finding(model, block, 30)
 

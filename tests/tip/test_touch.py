@@ -13,7 +13,7 @@ from tests.tip.touched_arm import recorded as record
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.tip import Block, BlockPose, Touches, find_block, read_touches, zero_by_touch
-from truejoint.tip.touch import touched_zero, with_estimated_errors
+from truejoint.tip.touch import with_estimated_errors
 
 HOMING = (0.002, 0.006, -3e-4)
 
@@ -75,7 +75,7 @@ def test_what_it_states_of_the_zero_holds(model, pose, first):
     squares, runs = np.zeros(3), 20
     for seed in range(runs):
         today = touched(6, seed, offset=HOMING, noise=2e-4, block=first.block)
-        found = touched_zero(model, today.recording, today.touches, pose)
+        _, found = zero_by_touch(model, today.recording, today.touches, pose)
         squares += ((found.state.coefficients - HOMING) / found.sd[:3]) ** 2
     assert (squares < 2.2 * runs).all()  # chi2 of 20 exceeds this once in 2500
 
@@ -114,7 +114,7 @@ def test_a_block_that_has_moved_is_refused(model, pose, first, shift):
     with pytest.raises(
         CalibrationError, match=r"do not (fit|settle)|has the block moved|leave open"
     ):
-        touched_zero(model, today.recording, today.touches, there)
+        zero_by_touch(model, today.recording, today.touches, there)
 
 
 @pytest.mark.parametrize(
@@ -126,30 +126,30 @@ def test_a_block_that_has_moved_is_refused(model, pose, first, shift):
 )
 def test_the_pose_of_another_arm_or_model_is_refused(model, pose, first, change, said):
     with pytest.raises(CalibrationError, match=said):
-        touched_zero(model, first.recording, first.touches, replace(pose, **change))
+        zero_by_touch(model, first.recording, first.touches, replace(pose, **change))
 
 
 def test_touches_that_cannot_be_are_refused(model, pose, first):
     few = touched(2, block=first.block)
     with pytest.raises(CalibrationError, match="2 different dimples"):
-        touched_zero(model, few.recording, few.touches, pose)
+        zero_by_touch(model, few.recording, few.touches, pose)
     with pytest.raises(CalibrationError, match="takes 6 or more"):
         find_block(model, few.recording, few.touches, first.block)
     strange = replace(first.touches, dimple=("99", *first.touches.dimple[1:]))
     with pytest.raises(CalibrationError, match="has no dimple '99'"):
-        touched_zero(model, first.recording, strange, pose)
+        zero_by_touch(model, first.recording, strange, pose)
     late = replace(first.touches, t=tuple(t + 100.0 for t in first.touches.t))
     with pytest.raises(CalibrationError, match="is it their recording"):
-        touched_zero(model, first.recording, late, pose)
+        zero_by_touch(model, first.recording, late, pose)
     early = replace(first.touches, t=tuple(t + 0.3 for t in first.touches.t[:-1]),
                     dimple=first.touches.dimple[:-1])  # fmt: skip
     with pytest.raises(CalibrationError, match=r"moves by .* while dimple"):
-        touched_zero(model, first.recording, early, pose)
+        zero_by_touch(model, first.recording, early, pose)
     bare = replace(model, effort_baseline=None)
     with pytest.raises(CalibrationError, match="how large its errors are"):
-        touched_zero(bare, first.recording, first.touches, pose)
+        zero_by_touch(bare, first.recording, first.touches, pose)
     with pytest.raises(CalibrationError, match="above 0"):
-        touched_zero(model, first.recording, first.touches, pose, touch_sd=0.0)
+        zero_by_touch(model, first.recording, first.touches, pose, touch_sd=0.0)
 
 
 @pytest.mark.parametrize(

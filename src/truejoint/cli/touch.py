@@ -46,12 +46,7 @@ class Aim:
     def task(self, arm: str, model: Path | None) -> Task:
         """Task of the touches; refuse what does not go together."""
         from truejoint.tip.files import read_block, read_pose
-        from truejoint.tip.guide import (
-            design_pose,
-            finding_block,
-            learning,
-            rezeroing,
-        )
+        from truejoint.tip.guide import design_pose, learning, of_model
 
         if model is None:
             if self.block is None or self.bolted is not None:
@@ -71,8 +66,9 @@ class Aim:
         calibration = truejoint.read_calibration(model)
         robot = calibration.machine
         if self.bolted is not None:
-            return rezeroing(calibration, read_pose(self.bolted))
-        return finding_block(calibration, design_pose(read_block(self.block or Path()), robot))
+            return of_model(calibration, read_pose(self.bolted), finds_block=False)
+        meant = design_pose(read_block(self.block or Path()), robot)
+        return of_model(calibration, meant, finds_block=True)
 
     def following(self, arm: str, model: Path | None, output: Path) -> str:
         """Command that takes what was touched."""

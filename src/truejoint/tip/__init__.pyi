@@ -9,7 +9,6 @@ from .files import read_pose as read_pose
 from .files import read_registration as read_registration
 from .files import read_shots as read_shots
 from .files import read_touches as read_touches
-from .files import write_block as write_block
 from .files import write_pose as write_pose
 from .registration import Registered as Registered
 from .registration import Registration as Registration

@@ -68,14 +68,13 @@ class Block:
     )
 
     def __post_init__(self) -> None:
-        if not isinstance(self.points, Mapping) or not self.points:
+        stated = self.points
+        if not isinstance(stated, Mapping) or not stated:
             raise CalibrationError(f"block {self.name}: it has no dimples; give its points by name")
-        points = {
-            name: floats(point, f"dimple {name}", CalibrationError)
-            for name, point in self.points.items()
-        }
+        points: dict[str, Array] = {}
         object.__setattr__(self, "points", points)
-        for number, point in points.items():
+        for number, values in stated.items():
+            points[number] = point = floats(values, f"dimple {number}", CalibrationError)
             if point.shape != (3,) or not (np.abs(point) < _LARGEST).all():
                 raise CalibrationError(
                     f"block {self.name}: dimple {number} is at {point.tolist()} m; want three "

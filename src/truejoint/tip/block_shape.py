@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import product
 from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import Delaunay
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
@@ -24,7 +25,7 @@ LOWEST_STEP: Final = 1e-3
 """Of a workspace that is hardly deep [m]: one plane would leave a turn open."""
 BASE: Final = 10e-3  # below the lowest step [m]
 CONE: Final = 2e-3  # radius and depth of a dimple [m]
-_ROUND: Final = 24  # points of a dimple's rim; a multiple of 4
+_ROUND: Final = 24  # points of a dimple's rim
 _INSIDE: Final = 0.05  # of the workspace that dimples keep from its ends, for what cables lose
 _GRID: Final = 7
 _MM: Final = 1e3
@@ -103,35 +104,33 @@ def design_block(robot: Robot) -> BlockShape:
             f"{robot.title}: a block takes known kinematics and a workspace; give its robot file "
             "the tables [kinematics] and [workspace]"
         )
-    columns = robot.index(space.joints)
-    pose = robot.home.copy()
+    columns, pose = robot.index(space.joints), robot.home.copy()
     pose[columns] = space.centre
-    axes = [np.linspace(a, b, _GRID) for a, b in zip(*_box(robot), strict=True)]
-    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(columns))
-    joint = np.tile(pose, (len(grid), 1))
-    joint[:, columns] = grid
+    ends = space.lower + _INSIDE * space.extent, space.upper - _INSIDE * space.extent
+    joint = np.tile(pose, (_GRID ** len(columns), 1))
+    joint[:, columns] = list(product(*np.linspace(*ends, _GRID).T))
     tip = chain.forward(joint)[:, :3, 3]
     rotation = _frame(robot, chain, pose, tip)
-    points = tip @ rotation
-    low, high = np.percentile(points, [2.0, 98.0], axis=0)
+    low, high = np.percentile(tip @ rotation, [2.0, 98.0], axis=0)
     count = np.clip(np.floor((high - low)[:2] / PITCH).astype(int), 2, MOST)
-    x, y = np.meshgrid(np.arange(count[0]), np.arange(count[1]), indexing="ij")
+    x, y = np.indices(count)
     top = (count - 1) * [0.35, 0.6]
     level = np.round(np.maximum(np.abs(x - top[0]), np.abs(y - top[1]))).astype(np.int64)
     deep = np.floor(_MM * (high - low)[2] / level.max()) / _MM
     step = float(np.clip(deep, LOWEST_STEP, HIGHEST_STEP))
     middle = chain.forward(pose)[:3, 3]
-    best = BlockShape(robot, level, step, np.ones(level.shape, dtype=np.bool_), rotation, middle)
-    shape = None
+    everywhere = np.ones(level.shape, dtype=np.bool_)
+    whole = BlockShape(robot, level, step, everywhere, rotation, middle)
+    bottoms, shapes = whole.tops.reshape(-1, 3) - [0, 0, CONE], []
     # Stairs reach further down than up from the middle of a workspace that is a shell: try.
     for down in np.linspace(0.2, 0.8, 7):
-        height = BASE + level.max() * step * down
-        shift = rotation @ np.array([*(0.5 * count * PITCH), height])
-        stands = middle - shift
-        reached = _reached(robot, best.tops.reshape(-1, 3) - [0, 0, CONE], rotation, stands, pose)
-        if shape is None or reached.sum() > shape.reached.sum():
-            shape = BlockShape(robot, level, step, reached.reshape(level.shape), rotation, stands)
-    assert shape is not None  # noqa: S101  # seven were tried
+        shift = rotation @ np.array([*(0.5 * count * PITCH), BASE + level.max() * step * down])
+        there, is_near = reach(robot, bottoms @ rotation.T + middle - shift, pose, space.joints)
+        moved = there[:, columns]
+        reached = is_near & ((moved >= ends[0]) & (moved <= ends[1])).all(axis=1)
+        at = reached.reshape(level.shape)
+        shapes.append(replace(whole, reached=at, translation=middle - shift))
+    shape = max(shapes, key=lambda each: each.reached.sum())
     if shape.reached.sum() < 12:
         raise CalibrationError(
             f"{robot.title}: only {shape.reached.sum()} dimples of a block can be reached within "
@@ -167,49 +166,34 @@ def block_svg(shape: BlockShape) -> str:
     >>> block_svg(design_block(truejoint.get_robot("raven2"))).startswith("<svg")
     True
     """
-    n_x, n_y = shape.level.shape
-    side, tops = PITCH * _MM, shape.tops * _MM
-    numbers = iter(range(1, shape.level.size + 1))
-    parts = []
-    for i in range(n_x):
-        for j in range(n_y):
-            x, y = i * side, (n_y - 1 - j) * side
-            grey = 235 - 22 * int(shape.level[i, j])
+    side, height = PITCH * _MM, shape.size[1] * _MM
+    numbers, parts = iter(range(1, shape.level.size + 1)), list[str]()
+    for (i, j), level in np.ndenumerate(shape.level):
+        x, y, grey = i * side, height - (j + 1) * side, 235 - 22 * int(level)
+        parts.append(
+            f'<rect x="{x:g}" y="{y:g}" width="{side:g}" height="{side:g}" '
+            f'fill="rgb({grey},{grey},{grey})" stroke="#444" stroke-width="0.2"/>'
+        )
+        if shape.reached[i, j]:
+            ink, middle = "#000" if grey > 150 else "#fff", x + side / 2
             parts.append(
-                f'<rect x="{x:g}" y="{y:g}" width="{side:g}" height="{side:g}" '
-                f'fill="rgb({grey},{grey},{grey})" stroke="#444" stroke-width="0.2"/>'
-            )
-            if not shape.reached[i, j]:
-                continue
-            middle = x + side / 2, y + side / 2
-            radius = CONE * _MM
-            ink = "#000" if grey > 150 else "#fff"
-            parts.append(
-                f'<circle cx="{middle[0]:g}" cy="{middle[1]:g}" r="{radius:g}" fill="none" '
-                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle[0]:g}" y="{y + 2.6:g}" '
+                f'<circle cx="{middle:g}" cy="{y + side / 2:g}" r="{CONE * _MM:g}" fill="none" '
+                f'stroke="{ink}" stroke-width="0.2"/><text x="{middle:g}" y="{y + 2.6:g}" '
                 f'font-size="2.4" fill="{ink}" text-anchor="middle">{next(numbers)}</text>'
             )
-    low, high = float(tops[..., 2].min()), float(tops[..., 2].max())
-    wide, deep = n_x * side, n_y * side
+    low, high, wide = BASE * _MM, shape.size[2] * _MM, shape.size[0] * _MM
     words = (
         f"{shape.block().name}, numbers as in the block's file",
         f"x to the right, {wide:g} mm: measure it",
         f"tops from {low:g} (dark) to {high:g} mm (light)",
     )
     for k, line in enumerate(words):
-        parts.append(f'<text x="0" y="{deep + 4.5 + 4 * k:g}" font-size="3">{line}</text>')
+        parts.append(f'<text x="0" y="{height + 4.5 + 4 * k:g}" font-size="3">{line}</text>')
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{wide + 4:g}mm" '
-        f'height="{deep + 18:g}mm" viewBox="-2 -2 {wide + 4:g} {deep + 18:g}" '
+        f'height="{height + 18:g}mm" viewBox="-2 -2 {wide + 4:g} {height + 18:g}" '
         'font-family="sans-serif">\n' + "\n".join(parts) + "\n</svg>\n"
     )
-
-
-def _box(robot: Robot) -> tuple[Array, Array]:
-    """Give the ends of the workspace that dimples keep to (n_joints,) [rad or m]."""
-    space = robot.workspace
-    assert space is not None  # noqa: S101  # looked for by `design_block`
-    return space.lower + _INSIDE * space.extent, space.upper - _INSIDE * space.extent
 
 
 def _frame(robot: Robot, chain: Kinematics, pose: Array, tip: Array) -> Array:
@@ -224,17 +208,7 @@ def _frame(robot: Robot, chain: Kinematics, pose: Array, tip: Array) -> Array:
     return np.column_stack([x, np.cross(z, x), z])
 
 
-def _reached(robot: Robot, points: Array, rotation: Array, stands: Array, pose: Array) -> Mask:
-    """Which points (m, 3) of the block the tip reaches within the workspace."""
-    space = robot.workspace
-    assert space is not None  # noqa: S101  # looked for by `design_block`
-    joint, there = reach(robot, points @ rotation.T + stands, pose, space.joints)
-    low, high = _box(robot)
-    moved = joint[:, robot.index(space.joints)]
-    return np.asarray(there & ((moved >= low) & (moved <= high)).all(axis=1))
-
-
-def _facets(shape: BlockShape) -> list[list[Array]]:
+def _facets(shape: BlockShape) -> list[Array]:
     """Triangles [m], corners counter-clockwise from outside.
 
     The block is a grid of boxes, cut at every step's height, so that facets meet along whole edges.
@@ -242,40 +216,27 @@ def _facets(shape: BlockShape) -> list[list[Array]]:
     steps = shape.level.max() - shape.level
     heights = np.concatenate([[0.0], BASE + shape.step * np.arange(steps.max() + 1)])
     solid = np.pad(np.arange(steps.max() + 1) <= steps[..., None], 1)
-    axes, facets = np.eye(3, dtype=np.int64), []
+    axes, facets = np.eye(3, dtype=np.int64), list[Array]()
     for axis, sign in product(range(3), (1, -1)):
         outside = ~np.roll(solid, -sign, axis)
         across, along = axes[(axis + 1) % 3], axes[(axis + 2) % 3]
         edges = (across, across + along, along) if sign > 0 else (along, across + along, across)
         for i, j, k in np.argwhere(solid & outside) - 1:
             if axis == 2 and sign > 0 and shape.reached[i, j]:
-                facets += _dimple(i, j, heights[k + 1])
+                facets.extend(_dimple(i, j, heights[k + 1]))
                 continue
             first = np.array([i, j, k]) + (sign > 0) * axes[axis]
-            a, b, c, d = (
-                np.array([x * PITCH, y * PITCH, heights[z]])
-                for x, y, z in (first, *(first + edge for edge in edges))
-            )
-            facets += [[a, b, c], [a, c, d]]
+            x, y, z = np.array([first, *(first + edge for edge in edges)]).T
+            corners = np.column_stack([x * PITCH, y * PITCH, heights[z]])
+            facets += [corners[[0, 1, 2]], corners[[0, 2, 3]]]
     return facets
 
 
-def _dimple(i: int, j: int, z: float) -> list[list[Array]]:
-    """Top of a cell with a conical dimple."""
-    corners = [
-        np.array([(i + a) * PITCH, (j + b) * PITCH, z]) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))
-    ]
-    middle = np.array([(i + 0.5) * PITCH, (j + 0.5) * PITCH, z])
-    # The rim begins towards the first corner.
-    angle = -0.75 * np.pi + 2 * np.pi * np.arange(_ROUND) / _ROUND
-    rim = middle + CONE * np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    tip, facets, quarter = middle - [0.0, 0.0, CONE], [], _ROUND // 4
-    for k in range(_ROUND):
-        a, b = rim[k], rim[(k + 1) % _ROUND]
-        facets.append([a, b, tip])
-        side, along = divmod(k, quarter)
-        near = corners[side] if 2 * along < quarter else corners[(side + 1) % 4]
-        facets.append([near, b, a])
-        if 2 * along == quarter - 2 + quarter % 2:
-            facets.append([corners[side], corners[(side + 1) % 4], b])
-    return facets
+def _dimple(i: int, j: int, z: float) -> Array:
+    """Triangles of the top of a cell with a conical dimple, whose bottom is its middle."""
+    angle = 2 * np.pi * np.arange(_ROUND) / _ROUND
+    rim = [0.5, 0.5] + CONE / PITCH * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    flat = np.vstack([[(0, 0), (1, 0), (1, 1), (0, 1)], rim, [0.5, 0.5]])
+    points = np.column_stack([(flat + np.array([i, j])) * PITCH, np.full(len(flat), z)])
+    points[-1, 2] -= CONE
+    return np.asarray(points[Delaunay(flat).simplices])

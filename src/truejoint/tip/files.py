@@ -6,7 +6,7 @@ import csv
 import json
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Final, NamedTuple
@@ -43,22 +43,13 @@ def read_block(path: str | os.PathLike[str]) -> Block:
 
     Examples
     --------
-    >>> write_block(Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08), Path("p.toml"))
+    >>> text = block_text(Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08))
+    >>> _ = Path("p.toml").write_text(text)
     >>> read_block(Path("p.toml")).calliper
     0.08
     """
     values = read_toml(Path(path), CalibrationError)
     return schema.read(Block, values, str(path), CalibrationError)
-
-
-def write_block(block: Block, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
-    """Write a block file; raises CalibrationError if that fails.
-
-    Examples
-    --------
-    >>> write_block(Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08), Path("p.toml"))
-    """
-    _write(Path(path), block_text(block), overwrite)
 
 
 def block_text(block: Block) -> str:
@@ -90,29 +81,22 @@ def write_pose(pose: BlockPose, path: str | os.PathLike[str], *, overwrite: bool
     >>> where = np.eye(3), np.zeros(3), np.eye(6)
     >>> write_pose(BlockPose(block, "raven2", "left", *where, 1.0, 0.001), Path("pose.toml"))
     """
-    _write(Path(path), _toml(schema.plain(pose)), overwrite)
-
-
-def _write(path: Path, text: str, overwrite: bool) -> None:
-    write = partial(Path.write_text, data=text, encoding="utf-8")
-    write_atomically(path, write, overwrite=overwrite, error=CalibrationError)
+    write = partial(Path.write_text, data=_toml(schema.plain(pose)), encoding="utf-8")
+    write_atomically(Path(path), write, overwrite=overwrite, error=CalibrationError)
 
 
 def _toml(values: Mapping[str, Any], name: str = "", digits: int | None = None) -> str:
     """Plain values as TOML, tables last; numbers of keys in mm are rounded to `digits`."""
     text, tables = "", ""
-    in_mm = name.endswith("_mm")
     for key, value in values.items():
         comment = f"# {_COMMENTS[key]}\n" if key in _COMMENTS else ""
         if isinstance(value, Mapping):
-            path = f"{name}.{key}" if name else key
+            path = f"{name}.{key}".lstrip(".")
             tables += f"\n{comment}[{path}]\n{_toml(value, path, digits)}"
             continue
-        if digits is not None and (in_mm or key.endswith("_mm")):
-            written = json.dumps(np.round(value, digits).tolist())
-        else:
-            written = json.dumps(value)
-        text += f"{comment}{json.dumps(key) if in_mm else key} = {written}\n"
+        is_rounded = digits is not None and (name + key).endswith("_mm")
+        written = json.dumps(np.round(value, digits).tolist() if is_rounded else value)
+        text += f"{comment}{json.dumps(key) if name.endswith('_mm') else key} = {written}\n"
     return text + tables
 
 
@@ -127,7 +111,7 @@ def read_touches(path: str | os.PathLike[str]) -> Touches:
     >>> read_touches(Path("touches.csv")).dimple
     ('3', '17')
     """
-    rows = _read_rows(Path(path), ("t", "dimple"), "touches", "a time [s] and a dimple", 1)
+    rows = _read_rows(Path(path), ("t", "dimple"), "touches", "a time [s] and a dimple")
     return Touches(tuple(float(t) for t, _ in rows), tuple(name for _, name in rows), str(path))
 
 
@@ -144,17 +128,15 @@ def read_shots(path: str | os.PathLike[str]) -> tuple[Touches, Block]:
     array([0.001, 0.003, 0.8  ])
     """
     columns = ("t", "x_mm", "y_mm", "z_mm")
-    rows = _read_rows(Path(path), columns, "shots", "a time [s] and three numbers", 4)
-    table = np.array([[float(text) for text in row] for row in rows]).reshape(-1, 4)
+    rows = _read_rows(Path(path), columns, "shots", "a time [s] and three numbers")
+    table = np.array(rows, dtype=np.float64).reshape(-1, 4)
     points = {str(k): point / 1e3 for k, point in enumerate(table[:, 1:], 1)}
     touches = Touches(tuple(table[:, 0].tolist()), tuple(points), str(path))
     return touches, Block(str(path)[-200:], "", points, _TRACKER, _TRACKER)
 
 
-def _read_rows(
-    path: Path, names: tuple[str, ...], content: str, want: str, numbers: int
-) -> list[tuple[str, ...]]:
-    """Columns of a CSV file by name, a row each; the first `numbers` of them are numbers.
+def _read_rows(path: Path, names: Sequence[str], content: str, want: str) -> list[list[str]]:
+    """Columns of a CSV file by name, a row each; all but ``dimple`` are numbers.
 
     `content` is what the file holds, and `want` what a line is to give, for the errors. Raises
     CalibrationError naming line and value.
@@ -170,32 +152,32 @@ def _read_rows(
         raise CalibrationError(f"{path}: its first line names {header!r:.60}; want {listed}")
     rows = []
     for number, line in enumerate(lines[1:], 2):
-        fields = dict(zip(header, line, strict=False))
         try:
-            values = tuple(fields[name].strip() for name in names) if line else ()
-            [float(value) for value in values[:numbers]]
-        except (KeyError, ValueError):
+            if line:
+                rows.append([line[header.index(name)].strip() for name in names])
+                [float(value) for value in rows[-1][: len(names) - ("dimple" in names)]]
+        except (IndexError, ValueError):
             raise CalibrationError(
                 f"{path}, line {number}: {','.join(line)!r:.60}; want {want}"
             ) from None
-        rows += [values] if line else []
     return rows
 
 
 _Point = Annotated[Array, Shape((3,))]
+_Above = Bounds(0.0, above=True)
 
 
 class _Base(NamedTuple):
     position: Annotated[_Point, Key("position_mm", 1e-3)]
     quaternion: Annotated[Array, Shape((4,))]
-    sd: Annotated[float, Bounds(0.0, above=True), Key("sd_mm", 1e-3)]
-    turn_sd: Annotated[float, Bounds(0.0, above=True), Key("sd_deg", math.pi / 180.0)]
+    sd: Annotated[float, _Above, Key("sd_mm", 1e-3)]
+    turn_sd: Annotated[float, _Above, Key("sd_deg", math.pi / 180.0)]
 
 
 class _Marker(NamedTuple):
     link: str = ""
     position: Annotated[Array | None, Shape((3,)), Key("position_mm", 1e-3)] = None
-    sd: Annotated[float | None, Bounds(0.0, above=True), Key("sd_mm", 1e-3)] = None
+    sd: Annotated[float | None, _Above, Key("sd_mm", 1e-3)] = None
 
 
 class _Touched(NamedTuple):
@@ -210,13 +192,11 @@ class _Stop(NamedTuple):
     sd: Positive
 
 
-class _Stated(NamedTuple):
-    """File of a registration."""
-
+class _File(NamedTuple):
     base: _Base | None = None
     marker: _Marker = _Marker()
     touched: tuple[_Touched, ...] = ()
-    touched_sd: Annotated[float | None, Bounds(0.0, above=True), Key("touched_sd_mm", 1e-3)] = None
+    touched_sd: Annotated[float | None, _Above, Key("touched_sd_mm", 1e-3)] = None
     stops: tuple[_Stop, ...] = ()
 
 
@@ -234,12 +214,20 @@ def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registratio
     array([0.   , 0.   , 0.008])
     """
     values = read_toml(Path(path), CalibrationError)
-    file = schema.read(_Stated, values, str(path), CalibrationError)
+    file = schema.read(_File, values, str(path), CalibrationError)
     stated: dict[str, Any] = {"link": file.marker.link}
     if file.marker.link:
         robot.joint(file.marker.link)
     if file.base is not None:
-        stated["base"] = _pose(path, file.base)
+        length = np.linalg.norm(file.base.quaternion)
+        if not abs(length - 1.0) < 1e-2:
+            raise CalibrationError(
+                f"{path}: base.quaternion is of length {length:.3g}; give x, y, z, w of a unit "
+                "quaternion"
+            )
+        stated["base"] = np.eye(4)
+        stated["base"][:3, :3] = Rotation.from_quat(file.base.quaternion).as_matrix()
+        stated["base"][:3, 3] = file.base.position
         stated["base_sd"] = np.repeat([file.base.turn_sd, file.base.sd], 3)
     if file.marker.position is not None:
         if file.marker.sd is None:
@@ -261,17 +249,3 @@ def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registratio
         scale = display_unit(joint.unit).scale
         stops[joint.name] = stop.measured / scale, stop.true / scale, stop.sd / scale
     return Registration(**stated, stops=stops)
-
-
-def _pose(path: str | os.PathLike[str], base: _Base) -> Array:
-    """Pose (4, 4) [m] of a base as it is stated."""
-    length = np.linalg.norm(base.quaternion)
-    if not abs(length - 1.0) < 1e-2:
-        raise CalibrationError(
-            f"{path}: base.quaternion is of length {length:.3g}; give x, y, z, w of a unit "
-            "quaternion"
-        )
-    pose = np.eye(4)
-    pose[:3, :3] = Rotation.from_quat(base.quaternion).as_matrix()
-    pose[:3, 3] = base.position
-    return pose

@@ -60,11 +60,12 @@ class Whitened(NamedTuple):
     weight: Array  # (m,)
 
     @classmethod
-    def of(cls, equations: Equations, whitening: Array) -> Whitened:
-        """Whiten equations; all weigh 1."""
+    def of(cls, equations: Equations, whitening: Array, weight: Array | None = None) -> Whitened:
+        """Whiten equations; without a `weight` (m,) Huber's of the residuals' lengths."""
         residual = np.einsum("mij,mj->mi", whitening, equations.residual)
-        jacobian = whitening @ equations.by_parameter
-        return cls(equations, whitening, residual, jacobian, np.ones(len(residual)))
+        if weight is None:
+            weight = huber(np.linalg.norm(residual, axis=1))
+        return cls(equations, whitening, residual, whitening @ equations.by_parameter, weight)
 
 
 class Settled(NamedTuple):
@@ -150,8 +151,6 @@ def fit_rows(
         or if more than a fifth of the points, and more than one, are outliers: among few points,
         the two that are dropped may be the good ones.
     """
-    if len(prior.free) != len(prior.state) or rows.basis.shape[2] != len(prior.state.coefficients):
-        raise CalibrationError("the prior is not one of the terms of these rows")
     inlier = np.ones(len(rows), dtype=np.bool_)
     state = prior.state
     if start is not None:
@@ -159,8 +158,8 @@ def fit_rows(
     while True:
         fit = _fit_inliers(rows, prior, state, inlier)
         distance = np.where(inlier, fit.distance, 0.0)
-        worst = int(np.argmax(distance)) if len(distance) else 0
-        if not (len(distance) and distance[worst] > gate):
+        worst = int(np.argmax(distance))
+        if not distance[worst] > gate:
             break
         inlier[worst] = False
         if (~inlier).sum() > max(1, len(rows) // 5):
@@ -175,11 +174,10 @@ def fit_rows(
 
 
 def _whiten(rows: TipRows, inlier: Mask, state: TipState) -> Whitened:
-    """Equations in deviations that the rows state, with Huber's weights; 0 for outliers."""
+    """Equations in deviations that the rows state; outliers weigh nothing."""
     equations = rows.equations(state)
-    whitening = equations.whitening(rows.joint_sd, np.array(rows.point_sd))
-    white = Whitened.of(equations, whitening)
-    return white._replace(weight=huber(np.linalg.norm(white.residual, axis=1)) * inlier)
+    white = Whitened.of(equations, equations.whitening(rows.joint_sd, np.array(rows.point_sd)))
+    return white._replace(weight=white.weight * inlier)
 
 
 def huber(distance: Array) -> Array:

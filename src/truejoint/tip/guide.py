@@ -14,7 +14,7 @@ from truejoint.errors import CalibrationError
 from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import TipFit, fit_rows
+from truejoint.tip.fit import TipFit
 from truejoint.tip.rows import TipPrior, TipRows
 from truejoint.tip.terms import LEFT, Terms, check_priors, wide_priors
 from truejoint.tip.touch import (
@@ -23,7 +23,7 @@ from truejoint.tip.touch import (
     Touches,
     check_pose,
     fit_block,
-    known_kinematics,
+    fit_zero,
     resting,
     tip_rows,
     zero_prior,
@@ -86,55 +86,30 @@ class Task:
         return float(np.sqrt(np.einsum("mii->m", spread).mean()))
 
 
-def rezeroing(calibration: Calibration, pose: BlockPose) -> Task:
-    """Touches that find the zeros of a calibration, by a block whose pose is known."""
+def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) -> Task:
+    """Touches that find the zeros of a calibration, by a block whose `pose` is known.
+
+    Where they find the block, that is where it is meant to stand. Raises CalibrationError if it is
+    the pose of another arm, or another calibration found it.
+    """
+    check_pose(calibration, pose)
+    robot, n = calibration.machine, len(calibration.joints)
+    homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
+    left = pose.joint_sd if len(pose.joint_sd) == n else homing / 10.0
+
+    def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
+        basis = np.tile(np.eye(n), (len(joint), 1, 1))
+        rows = TipRows.of(robot, joint, calibration.joints, basis, point, TOUCH_SD, left)
+        return rows, zero_prior(pose, homing)
 
     def fit(recording: Recording, touches: Touches) -> TipFit:
-        rows = tip_rows(calibration, recording, touches, pose.block)
-        homing = _homing_sd(calibration)
-        if len(pose.joint_sd) == len(homing):
-            rows = rows.with_joint_sd(pose.joint_sd)
-        return fit_rows(rows, zero_prior(pose, homing))
-
-    return _of_model(calibration, pose, FEWEST, fit, is_zero_alone=True)
-
-
-def finding_block(calibration: Calibration, pose: BlockPose) -> Task:
-    """Touches that find where a block stands, which is meant to stand at `pose`."""
-
-    def fit(recording: Recording, touches: Touches) -> TipFit:
+        if not finds_block:
+            return fit_zero(calibration, recording, touches, pose, homing)
         rows = tip_rows(calibration, recording, touches, pose.block, offsets=False)
         return fit_block(rows, pose.block)[0]
 
-    return _of_model(calibration, pose, FEWEST_OF_BLOCK, fit, is_zero_alone=False)
-
-
-def _homing_sd(calibration: Calibration) -> Array:
-    robot = calibration.machine
-    return np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
-
-
-def _of_model(
-    calibration: Calibration,
-    pose: BlockPose,
-    fewest: int,
-    fit: Callable[[Recording, Touches], TipFit],
-    *,
-    is_zero_alone: bool,
-) -> Task:
-    """Task whose unknowns are an offset of each joint that a calibration corrects, and the pose."""
-    check_pose(calibration, pose)
-    robot, homing = calibration.machine, _homing_sd(calibration)
-
-    def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
-        columns = tuple(robot.index(calibration.joints))
-        basis = np.tile(np.eye(len(homing)), (len(joint), 1, 1))
-        nothing = np.zeros(joint.shape[1])
-        rows = TipRows(known_kinematics(robot), joint, columns, basis, point, TOUCH_SD, nothing)
-        joint_sd = pose.joint_sd if len(pose.joint_sd) == len(homing) else homing / 10.0
-        return rows.with_joint_sd(joint_sd), zero_prior(pose, homing)
-
-    return Task(robot, pose, fewest, unknowns, fit, is_zero_alone)
+    fewest = FEWEST_OF_BLOCK if finds_block else FEWEST
+    return Task(robot, pose, fewest, unknowns, fit, is_zero_alone=not finds_block)
 
 
 def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) -> Task:
@@ -147,18 +122,10 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
 
     def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
         """Take all terms; no play has been gone through yet."""
-        columns = tuple(robot.index(terms.joints))
-        corrected = joint[:, columns]
-        plays = np.zeros((len(joint), *terms.widths.shape))
-        rows = TipRows(
-            known_kinematics(robot),
-            joint,
-            columns,
-            terms.basis(terms.normalised(corrected), plays),
-            point,
-            TOUCH_SD,
-            np.zeros(joint.shape[1]),
-        ).with_joint_sd(LEFT * terms.scale)
+        shared = terms.normalised(joint[:, robot.index(terms.joints)])
+        basis = terms.basis(shared, np.zeros((len(joint), *terms.widths.shape)))
+        left = LEFT * terms.scale
+        rows = TipRows.of(robot, joint, terms.joints, basis, point, TOUCH_SD, left)
         return rows, terms_prior(rows, block, *wide_priors(terms)[0])
 
     def fit(recording: Recording, touches: Touches) -> TipFit:

@@ -9,6 +9,7 @@ more. The Jacobian of the tip is the kinematics' own.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Final, NamedTuple
 
@@ -18,6 +19,7 @@ from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
+from truejoint.robots import Robot
 from truejoint.robots.parts import Kinematics
 
 POSE: Final = ("turn x", "turn y", "turn z", "shift x", "shift y", "shift z")
@@ -97,21 +99,11 @@ class TipPrior:
 
         A deviation is infinite where nothing is known, and 0 where the parameter is held.
         `pose_precision` (6, 6) is the inverse covariance of a pose that is known, in place of
-        `pose`. Raises CalibrationError unless there is a deviation for each parameter.
+        `pose`.
         """
         sizes = len(state.coefficients), 6, 3, 1, 3
-        try:
-            parts = zip((terms, pose, marker, scale, 0.0), sizes, strict=True)
-            sd = np.concatenate(
-                [np.broadcast_to(np.asarray(part, np.float64), n) for part, n in parts]
-            )
-        except ValueError:
-            sd = np.array([-1.0])
-        if not (sd >= 0.0).all():
-            raise CalibrationError(
-                "a prior must hold a standard deviation of 0 or more for each of "
-                f"{len(state)} parameters"
-            )
+        parts = zip((terms, pose, marker, scale, 0.0), sizes, strict=True)
+        sd = np.concatenate([np.broadcast_to(np.asarray(part, np.float64), n) for part, n in parts])
         free = sd > 0.0
         precision = np.diag(np.where(free, 1.0 / np.where(free, sd, 1.0) ** 2, 0.0))
         if pose_precision is not None:
@@ -147,10 +139,7 @@ class Equations(NamedTuple):
 class TipRows:
     """Points of a tool, a row each.
 
-    Raises
-    ------
-    CalibrationError
-        If a shape does not fit the others, or a number is not finite.
+    Raises CalibrationError if a number is not finite, or a deviation not above 0.
     """
 
     kinematics: Kinematics
@@ -167,22 +156,36 @@ class TipRows:
     orientation: Array | None = None  # (m, 3, 3), of the marker in the frame
 
     def __post_init__(self) -> None:
-        m, n = self.joint.shape
-        shapes = {
-            "basis": (self.basis, (m, len(self.columns), self.basis.shape[-1])),
-            "point": (self.point, (m, 3)),
-            "joint_sd": (self.joint_sd, (n,)),
-        }
-        for name, (array, shape) in shapes.items():
-            if array.shape != shape:
-                raise CalibrationError(f"{name} of shape {array.shape} must have shape {shape}")
-        arrays = [self.joint, *(array for array, _ in shapes.values())]
+        arrays = self.joint, self.basis, self.point, self.joint_sd
         if not all(np.isfinite(array).all() for array in arrays):
             raise CalibrationError(
                 "positions and points of the tool must be finite; leave out rows"
             )
-        if not (0.0 < self.point_sd < np.inf and (self.joint_sd >= 0.0).all()):
-            raise CalibrationError("points need a standard deviation above 0, joints 0 or more")
+        if not 0.0 < self.point_sd < np.inf:
+            raise CalibrationError(
+                f"points are within {self.point_sd} m of where they are stated; give a deviation "
+                "above 0"
+            )
+
+    @classmethod
+    def of(
+        cls,
+        robot: Robot,
+        joint: Array,
+        corrected: Sequence[str],
+        basis: Array,
+        point: Array,
+        point_sd: float,
+        corrected_sd: Array,
+    ) -> TipRows:
+        """Rows of a robot's tool, where deviations `corrected_sd` stay of the joints `corrected`.
+
+        Raises CalibrationError where its kinematics are not known.
+        """
+        columns, joint_sd = robot.index(corrected), np.zeros(joint.shape[1])
+        joint_sd[columns] = corrected_sd
+        chain = known_kinematics(robot)
+        return cls(chain, joint, tuple(columns), basis, point, point_sd, joint_sd)
 
     def __len__(self) -> int:
         return len(self.joint)
@@ -255,6 +258,16 @@ class TipRows:
             np.concatenate([by_parameter, by_turn], axis=1),
             np.concatenate([by_joint, turns], axis=1),
         )
+
+
+def known_kinematics(robot: Robot) -> Kinematics:
+    """Kinematics of a robot; raises CalibrationError where they are not known."""
+    if robot.kinematics is None:
+        raise CalibrationError(
+            f"the kinematics of {robot.title} are not known, so a point of its tool says nothing "
+            "of its joints; give its robot file a table [kinematics] (docs/robots.md)"
+        )
+    return robot.kinematics
 
 
 def align(tip: Array, point: Array) -> tuple[Array, Array]:

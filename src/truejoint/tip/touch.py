@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Final
@@ -12,7 +13,6 @@ from truejoint.array_types import Array, floats
 from truejoint.calibration.compatibility import check_columns, source_of
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, other_kind
-from truejoint.robots.parts import Kinematics
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipFit, fit_rows
@@ -127,16 +127,6 @@ def check_count(touches: Touches, fewest: int, what: str) -> None:
         )
 
 
-def known_kinematics(robot: Robot) -> Kinematics:
-    """Kinematics of a robot; raises CalibrationError where they are not known."""
-    if robot.kinematics is None:
-        raise CalibrationError(
-            f"the kinematics of {robot.title} are not known, so a point of its tool says nothing "
-            "of its joints; give its robot file a table [kinematics] (docs/robots.md)"
-        )
-    return robot.kinematics
-
-
 def tip_rows(
     calibration: Calibration,
     recording: Recording,
@@ -152,23 +142,22 @@ def tip_rows(
     CalibrationError if the robot's kinematics are not known, columns are missing, or touches and
     recording do not go together.
     """
-    if not (np.isfinite(touch_sd) and touch_sd > 0.0):
-        raise CalibrationError(f"touches rest within {touch_sd} m; give a number above 0")
     if calibration.effort_baseline is None:
         raise CalibrationError(
             f"the calibration of {calibration.title} does not say how large its errors are; "
             "calibrate it again"
         )
-    kinematics, robot = known_kinematics(recording.robot), recording.robot
-    check_columns(recording, [f"measured/{n}" for n in robot.joint_names], "tip's place takes")
+    robot, n = recording.robot, len(calibration.joints)
+    check_columns(
+        recording, [f"measured/{name}" for name in robot.joint_names], "tip's place takes"
+    )
     joint = recording.columns("measured", robot.joint_names)
-    columns = tuple(robot.index(calibration.joints))
-    joint[:, columns] = calibration.correct(recording)
-    m, n = len(touches), len(columns)
-    basis = np.tile(np.eye(n), (m, 1, 1)) if offsets else np.zeros((m, n, 0))
-    place, nothing = at_rest(recording, touches, joint), np.zeros(joint.shape[1])
-    rows = TipRows(kinematics, place, columns, basis, block.at(touches.dimple), touch_sd, nothing)
-    return rows.with_joint_sd(calibration.effort_baseline.residual)
+    joint[:, robot.index(calibration.joints)] = calibration.correct(recording)
+    basis = np.tile(np.eye(n) if offsets else np.zeros((n, 0)), (len(touches), 1, 1))
+    return TipRows.of(
+        robot, at_rest(recording, touches, joint), calibration.joints, basis,
+        block.at(touches.dimple), touch_sd, calibration.effort_baseline.residual,
+    )  # fmt: skip
 
 
 def find_block(
@@ -255,43 +244,6 @@ def zero_prior(pose: BlockPose, offset_sd: Array) -> TipPrior:
     return TipPrior.of(start, offset_sd, scale=pose.scale_sd, pose_precision=precision)
 
 
-def touched_zero(
-    calibration: Calibration,
-    recording: Recording,
-    touches: Touches,
-    pose: BlockPose,
-    *,
-    touch_sd: float = TOUCH_SD,
-) -> TipFit:
-    """Fit the offset of each joint to touches of a block whose pose is known.
-
-    The pose keeps its own uncertainty. What the calibration leaves of each joint, by the touches
-    of the pose, counts by what it does to the tip.
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer than three touches, robot or arm are not those of the pose, or the
-        touches fit neither offset nor pose.
-    """
-    check_count(touches, FEWEST, "re-zero")
-    check_pose(calibration, pose)
-    rows = tip_rows(calibration, recording, touches, pose.block, touch_sd=touch_sd)
-    if len(pose.joint_sd) == len(rows.columns):
-        rows = rows.with_joint_sd(pose.joint_sd)
-    fit = fit_rows(rows, zero_prior(pose, np.full(len(rows.columns), np.inf)))
-    _check_misfit(fit, touches)
-    for joint, offset in zip(calibration.joints, fit.state.coefficients.tolist(), strict=True):
-        unit = recording.robot.joint(joint).unit
-        if abs(offset) > _FARTHEST[unit]:
-            raise CalibrationError(
-                f"{touches.source}: the zero of {joint} would move by {shown(offset, unit)}, more "
-                "than a homing does; has the block moved since its pose was found, or is the model "
-                "of another arm?"
-            )
-    return fit
-
-
 def zero_by_touch(
     calibration: Calibration,
     recording: Recording,
@@ -302,7 +254,15 @@ def zero_by_touch(
 ) -> tuple[Zero, TipFit]:
     """Zero of a calibration by touches, for `Calibration.at`, and the fit that it is of.
 
-    The baselines move by the same offset. Raises CalibrationError as `touched_zero`.
+    An offset of each joint is fitted to touches of a block whose pose is known, with its own
+    uncertainty. What the calibration leaves of each joint, by the touches of the pose, counts by
+    what it does to the tip. The baselines move by the same offset.
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than three touches, robot or arm are not those of the pose, or the
+        touches fit neither offset nor pose.
 
     Examples
     --------
@@ -310,15 +270,18 @@ def zero_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
+    check_count(touches, FEWEST, "re-zero")
+    check_pose(calibration, pose)
     rezeroed = calibration.for_rezeroing
     before = rezeroed.offset
     for _ in range(_ROUNDS):
-        fit = touched_zero(rezeroed, recording, touches, pose, touch_sd=touch_sd)
-        rezeroed = rezeroed.shifted(fit.state.coefficients)
+        fit = fit_zero(rezeroed, recording, touches, pose, np.inf, touch_sd)
+        _check_misfit(fit, touches)
+        moved = fit.state.coefficients
+        _check_offsets(recording.robot, dict(zip(calibration.joints, moved, strict=True)), touches)
+        rezeroed = rezeroed.shifted(moved)
         # Outputs whose inputs are moved go about as far, but not just as far.
-        if rezeroed.moves is None or (
-            (np.abs(fit.state.coefficients) < 0.1 * fit.sd[: len(rezeroed.joints)]).all()
-        ):
+        if rezeroed.moves is None or (np.abs(moved) < 0.1 * fit.sd[: len(moved)]).all():
             break
     offset = rezeroed.offset - before
     zero = Zero(
@@ -336,6 +299,37 @@ def zero_by_touch(
         },
     )
     return zero, fit
+
+
+def fit_zero(
+    calibration: Calibration,
+    recording: Recording,
+    touches: Touches,
+    pose: BlockPose,
+    offset_sd: Array | float,
+    touch_sd: float = TOUCH_SD,
+) -> TipFit:
+    """Fit the offset of each joint, expected within `offset_sd` [rad or m], to touches of a block.
+
+    Raises as `tip_rows` and `fit_rows`.
+    """
+    rows = tip_rows(calibration, recording, touches, pose.block, touch_sd=touch_sd)
+    n = len(rows.columns)
+    if len(pose.joint_sd) == n:
+        rows = rows.with_joint_sd(pose.joint_sd)
+    return fit_rows(rows, zero_prior(pose, np.broadcast_to(offset_sd, n)))
+
+
+def _check_offsets(robot: Robot, offsets: Mapping[str, float], touches: Touches) -> None:
+    """Refuse offsets [rad or m] by joint that no homing makes."""
+    for joint, offset in offsets.items():
+        unit = robot.joint(joint).unit
+        if abs(offset) > _FARTHEST[unit]:
+            raise CalibrationError(
+                f"{touches.source}: the zero of {joint} would move by {shown(offset, unit)}, more "
+                "than a homing does; has the block moved since its pose was found, or is the model "
+                "of another arm?"
+            )
 
 
 def check_pose(calibration: Calibration, pose: BlockPose) -> None:

@@ -34,7 +34,6 @@ from truejoint.tip.touch import (
     Touches,
     at_rest,
     check_count,
-    known_kinematics,
     likelihood,
     with_estimated_errors,
 )
@@ -237,15 +236,11 @@ def fit_terms(
     robot = recording.robot
     check_priors(priors, robot)
     measured = recording.columns("measured", robot.joint_names)
-    rows = TipRows(
-        known_kinematics(robot),
-        at_rest(recording, touches, measured),
-        tuple(robot.index(terms.joints)),
+    rows = TipRows.of(
+        robot, at_rest(recording, touches, measured), terms.joints,
         at_rest(recording, touches, terms.basis(*terms.columns(features))),
-        block.at(touches.dimple),
-        touch_sd,
-        np.zeros(measured.shape[1]),
-    ).with_joint_sd(LEFT * terms.scale)
+        block.at(touches.dimple), touch_sd, LEFT * terms.scale,
+    )  # fmt: skip
     learned = learned_priors(terms, priors, recording) if priors else []
     candidates = [
         terms_prior(rows, block, *expected) for expected in [*learned, *wide_priors(terms)]

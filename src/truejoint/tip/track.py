@@ -31,8 +31,7 @@ from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
 from truejoint.tip.fit import GATE
 from truejoint.tip.registration import Registered, Registration, Stretch
-from truejoint.tip.rows import MARKER, POSE, TipRows
-from truejoint.tip.touch import known_kinematics
+from truejoint.tip.rows import MARKER, POSE, TipRows, known_kinematics
 from truejoint.tip.track_fit import NORM_MEDIAN, TrackedMotion, TrackFit, TrackStart, fit_track
 
 _UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it

@@ -303,9 +303,8 @@ def _whiten(rows: TipRows, alike: Array, gate: float, state: TipState) -> Whiten
     noise = _noise(equations.residual)
     distance = (_lengths(equations.residual) / noise).max(axis=1)
     sd = np.repeat(noise * np.sqrt(alike), 3)
-    whitening = equations.whitening(rows.joint_sd, sd)
-    white = Whitened.of(equations, whitening)
-    return white._replace(weight=huber(distance) * (distance <= gate))
+    weight = huber(distance) * (distance <= gate)
+    return Whitened.of(equations, equations.whitening(rows.joint_sd, sd), weight)
 
 
 def _alike(residual: Array, noise: Array) -> Array:
