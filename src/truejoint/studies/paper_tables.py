@@ -14,11 +14,6 @@ from truejoint.tables import fixed
 _KEY: Final = ("source", "table", "condition", "method", "quantity")
 
 
-def degrees_text(value: float | None, decimals: int = 3) -> str:
-    """Degrees of an angle [rad]; a dash for None or NaN."""
-    return fixed(math.nan if value is None else math.degrees(value), decimals)
-
-
 def reported_text(value: float | None, decimals: int = 2) -> str:
     """Text of a number as a paper prints it; a dash for None."""
     return fixed(math.nan if value is None else value, decimals)

@@ -1,18 +1,17 @@
-"""Tidy rows of a study: which of them, and a table for a reader with a cell for each.
-
-`truejoint.tables.pivot` lays one value out; `table_of` serves where several stand side by side.
-"""
+"""Tidy rows of a study: which of them, tables of them for a reader, and a figure for all."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+import math
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.tables import Table, median_text
+from truejoint.drawing import Figure, ecdf
+from truejoint.tables import Table, fixed, median_text
 
 Cell = Callable[[DataFrame], str]
 """Text of the rows that a cell of a table stands for."""
@@ -100,3 +99,42 @@ def table_of(
         body.append((name, *(cell(own) for cell in cells.values())))
     header = (head or ", ".join(keys), *(name.strip() for name in cells))
     return Table(title, header, tuple(body), tuple(notes))
+
+
+def frame_table(
+    title: str, frame: DataFrame, notes: Iterable[str] = (), *, decimals: int = 3, head: str = ""
+) -> Table:
+    """Table of a frame whose index names the rows: texts as they are, numbers with `decimals`.
+
+    >>> frame = DataFrame({"rms": [1.0, math.nan], "worst": ["2.0 deg", ""]}, ["a", "b"])
+    >>> frame_table("RMS", frame.fillna(0.0), decimals=1).rows
+    (('a', '1.0', '2.0 deg'), ('b', '0.0', ''))
+    """
+    body = [
+        (str(name), *(v if isinstance(v, str) else fixed(float(v), decimals) for v in row))
+        for name, *row in frame.itertuples()
+    ]
+    return Table(title, (head, *map(str, frame.columns)), tuple(body), tuple(notes))
+
+
+def ecdf_figure(
+    title: str,
+    rows: DataFrame,
+    by: str,
+    panels: str,
+    caption: str,
+    *,
+    colours: Mapping[Any, str] | None = None,
+) -> Figure:
+    """Figure of the share of rows whose ``rms`` [rad] is at most so large.
+
+    A curve for each value of the column `by`, a panel for each of the column `panels`.
+    """
+    drawn = [
+        ecdf(
+            group, "rms", by, scale=math.degrees(1.0), colours=colours, x="RMS error [deg]",
+            y="share of cases [%]", title=str(name), log="x",
+        )
+        for name, group in groups(rows.dropna(subset="rms"), panels)
+    ]  # fmt: skip
+    return Figure(title, (drawn,), caption, height=4.6, legend=True)

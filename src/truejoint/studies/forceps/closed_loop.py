@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from itertools import pairwise
+from collections.abc import Mapping, Sequence
+from itertools import pairwise, product
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, concat
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
-from truejoint.drawing import Figure, by_condition, ecdf
 from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -26,9 +25,9 @@ from truejoint.simulation.twin import glide, hold
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, title_of
 from truejoint.studies.loop import TwinSignals, homed_arm
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import ecdf_figure, frame_table, select, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.tables import Table, fixed
+from truejoint.tables import Table
 
 OPEN: Final = "open"
 """Stands for no method: the motor is sent where the jaw should be."""
@@ -49,45 +48,45 @@ _A_PERIOD: Final = 22.0  # [s] of (28), enough on the specimens of a population
 _STEPS: Final = (0.0, 0.35, -0.2, 0.0)  # [rad] where the jaw stands still in turn
 _STANDS: Final = 2.0  # [s]
 _AT_REST: Final = 0.5  # [s] of them, the last
+_TITLES: Final = {key: method.title for key, method in m.METHODS.items()}
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a load and method on the specimen, and two a specimen of the population."""
-    seconds = settings["seconds"]
-    how = {"rate": settings["rate_hz"], "gain": settings["gain"]}
+    mass, how = settings["mass_g"] / 1e3, {"rate": settings["rate_hz"], "gain": settings["gain"]}
     common = m.common_arguments(settings)
-    plants = population(settings["count"], settings.seed, settings["prior"])
-    for plant in (built(common["forceps"]), *plants):
+    forceps, methods, seed = common["forceps"], common["methods"], common["seed"]
+    plants = population(settings["count"], seed, settings["prior"])
+    for plant in (built(forceps), *plants):
         check_rate(how["rate"], lag(plant), how["gain"])
-    loads = _loads(settings)
-    found = []
-    for number, load in enumerate(loads.values()):
-        for method in (OPEN, *common["methods"]):
-            case = {"method": method, "load": load, "seconds": seconds, **how}
-            labels = {"number": number, "load": list(loads)[number], "method": method}
-            found.append(Part(f"{number}-{method}", track_28, {**common, **case}, labels))
-    motion = {"methods": common["methods"], "mass": settings["mass_g"] / 1e3, **how}
-    for n, plant in enumerate(plants):
-        group = {"forceps": plant.to_dict(), "number": n}
-        some = {**group, **motion, "seconds": min(seconds, _A_PERIOD)}
-        found.append(Part(f"specimen-{n:05d}", track_specimen, some, {"specimen": n}))
-        rests = {**group, **how, "method": common["methods"][-1]}
-        found.append(Part(f"margin-{n:05d}", try_margins, rests))
-    return found
-
-
-def _loads(settings: Settings) -> dict[str, tuple[float, float, bool]]:
-    """Arguments of `SwingingLoad` by the name of a load on the specimen; refuses what cannot be."""
-    mass = settings["mass_g"] / 1e3
-    loads = {
+    loads: dict[str, tuple[float, float, bool]] = {  # arguments of `SwingingLoad`
         "none": (0.0, 0.0, False),
         "steady, shutting": (mass, 0.0, False),
         "steady, opening": (mass, 0.0, True),
         **{f"{f:g} Hz, shutting": (mass, f, False) for f in settings["swings_hz"]},
     }
     for load in loads.values():
-        SwingingLoad(*load)
-    return loads
+        SwingingLoad(*load)  # refuses what cannot be
+    case = {"methods": methods, "seconds": settings["seconds"], **how}
+    one = {"forceps": forceps, "number": seed, **case}
+    found = [
+        Part(
+            f"{n}-{method}", track, {**one, "follows": [method], "loads": {name: load}}, {"case": n}
+        )
+        for n, (name, load) in enumerate(loads.items())
+        for method in (OPEN, *methods)
+    ]
+    case |= {"follows": [OPEN, *methods], "seconds": min(settings["seconds"], _A_PERIOD)}
+    for n, plant in enumerate(plants):
+        group = {"forceps": plant.to_dict(), "number": n}
+        # The load shuts the jaw of every other specimen, and opens that of the others.
+        hung = {"none": (0.0, 0.0, False), "steady": (mass, 0.0, bool(n % 2))}
+        found.append(
+            Part(f"specimen-{n:05d}", track, {**group, **case, "loads": hung}, {"specimen": n})
+        )
+        rests = {**group, **how, "method": methods[-1]}
+        found.append(Part(f"margin-{n:05d}", try_margins, rests))
+    return found
 
 
 def lag(plant: ForcepsParameters) -> float:
@@ -141,15 +140,6 @@ def follow_jaw(
     return signals.values("truth/jaw")[1:], signals.values("truth_exact/jaw")[1:], status
 
 
-def errors(wanted: Array, followed: tuple[Array, Array, Integers]) -> dict[str, float]:
-    """RMS error [rad] once settled, to the reference and exactly, and the share corrected."""
-    *angles, status = followed
-    first, rows = round(m.SETTLED / SETPOINT_DT), len(angles[0])
-    rms = [float(np.sqrt(np.mean((a - wanted[:rows])[first:] ** 2))) for a in angles]
-    corrected = float(np.mean(status & ~int(KNOWN) == 0)) if len(status) else 0.0
-    return {"rms": rms[0], "exact_rms": rms[1], "corrected": corrected}
-
-
 def tracked(
     plant: ForcepsParameters,
     model: Calibration | None,
@@ -157,130 +147,114 @@ def tracked(
     load: SwingingLoad,
     **how: Any,
 ) -> dict[str, Any]:
-    """Errors of a specimen that follows angles `wanted` (n,) [rad], as `follow_jaw` takes it.
+    """RMS error [rad] once settled, to the reference and exactly, and the share corrected.
 
-    All None where no set-point takes the jaw there, and the loop says so.
+    Of a specimen that follows angles `wanted` (n,) [rad], as `follow_jaw` takes it. All are None
+    where no set-point takes the jaw there, and the loop says so.
     """
     try:
-        return {**errors(wanted, follow_jaw(plant, model, wanted, load, **how))}
+        *angles, status = follow_jaw(plant, model, wanted, load, **how)
     except CommandRefused:
         return dict.fromkeys(("rms", "exact_rms", "corrected"))
+    first, rows = round(m.SETTLED / SETPOINT_DT), len(angles[0])
+    rms, exact_rms = (m.rms((angle - wanted[:rows])[first:]) for angle in angles)
+    corrected = float(np.mean(status & ~int(KNOWN) == 0)) if len(status) else 0.0
+    return {"rms": rms, "exact_rms": exact_rms, "corrected": corrected}
 
 
-def wanted_angles(seconds: float) -> Array:
-    """Jaw angles of (28) (n,) [rad] at 1 kHz, up to `seconds` [s]."""
-    return verification_trajectory().positions[: round(seconds / SETPOINT_DT) + 1, 0]
-
-
-def track_28(
+def track(
     forceps: Plain,
     methods: Sequence[str],
-    seed: int,
-    method: str,
-    load: tuple[float, float, bool],
-    rate: float,
-    gain: float,
-    seconds: float,
-) -> Rows:
-    """Track the first `seconds` of (28) with one method in the loop under one load."""
-    plant, wanted = built(forceps), wanted_angles(seconds)
-    model = None if method == OPEN else m.calibrated(plant, tuple(methods), seed)[method]
-    how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * seed + 1}
-    followed = follow_jaw(plant, model, wanted, SwingingLoad(*load), **how)
-    return [errors(wanted, followed)]
-
-
-def track_specimen(
-    forceps: Plain,
-    methods: Sequence[str],
-    mass: float,
-    rate: float,
-    gain: float,
-    seconds: float,
+    follows: Sequence[str],
+    loads: Mapping[str, tuple[float, float, bool]],
     number: int,
+    seconds: float,
+    **how: float,
 ) -> Rows:
-    """Track the first `seconds` of (28) on one specimen, unloaded and loaded.
-
-    The load shuts the jaw of every other specimen, and opens that of the others.
-    """
+    """Track the first `seconds` of (28) with each of some methods in the loop under each load."""
     plant = built(forceps)
-    wanted = wanted_angles(seconds)
-    models = {OPEN: None, **m.calibrated(plant, tuple(methods), number)}
-    how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * number + 1}
-    loads = {"none": SwingingLoad(0.0), "steady": SwingingLoad(mass, opens=bool(number % 2))}
-    return [
-        {"load": name, "method": key, **tracked(plant, model, wanted, load, **how)}
-        for name, load in loads.items()
-        for key, model in models.items()
-    ]
+    wanted = verification_trajectory().positions[: round(seconds / SETPOINT_DT) + 1, 0]
+    rows: Rows = []
+    for (name, load), method in product(loads.items(), follows):
+        model = None if method == OPEN else m.calibrated(plant, tuple(methods), number)[method]
+        found = tracked(plant, model, wanted, SwingingLoad(*load), seed=2 * number + 1, **how)
+        rows.append({"load": name, "method": method, **found})
+    return rows
 
 
-def try_margins(forceps: Plain, method: str, rate: float, gain: float, number: int) -> Rows:
+def try_margins(forceps: Plain, method: str, number: int, **how: float) -> Rows:
     """Try whether the jaw of one specimen comes to rest, at each of `MARGINS` times the gain."""
     plant = built(forceps)
     model = m.calibrated(plant, (method,), number)[method]
-    how: dict[str, Any] = {"rate": rate, "gain": gain, "seed": 2 * number + 1}
-    return [{"margin": x, "stable": is_stable(plant, model, margin=x, **how)} for x in MARGINS]
-
-
-def is_stable(plant: ForcepsParameters, model: Calibration | None, **how: Any) -> bool:
-    """Whether the jaw comes to rest where it is wanted, in a loop as `follow_jaw` takes it."""
     corners = np.array(_STEPS)[:, None]
     pieces = [hold(corners[0], _STANDS)]
     for before, after in pairwise(corners):
         pieces += [glide(before, after, 0.5), hold(after, _STANDS)]
     wanted = np.concatenate(pieces)[:, 0]
-    exact = follow_jaw(plant, model, wanted, SwingingLoad(0.0), **how)[1]
-    still = round(_AT_REST / SETPOINT_DT)
-    ends = np.cumsum([len(piece) for piece in pieces])[::2]
-    rests = [exact[end - still : end] - wanted[end - 1] for end in ends]
-    return all(rest.std() < SWING and abs(rest.mean()) < _ASTRAY for rest in rests)
+    still, ends = round(_AT_REST / SETPOINT_DT), np.cumsum([len(piece) for piece in pieces])[::2]
+    rows: Rows = []
+    for margin in MARGINS:
+        jaw = follow_jaw(
+            plant, model, wanted, SwingingLoad(0.0), seed=2 * number + 1, margin=margin, **how
+        )[1]
+        rests = [jaw[end - still : end] - wanted[end - 1] for end in ends]
+        stable = all(rest.std() < SWING and abs(rest.mean()) < _ASTRAY for rest in rests)
+        rows.append({"margin": margin, "stable": stable})
+    return rows
 
 
 def summarise(results: Results) -> Summary:
     """Errors by load and method, their spread over the population, and the margin of stability."""
     settings, rows = results.settings, results.rows
-    methods, name = [OPEN, *settings["methods"]], title_of(settings["specimen"])
-    group, every, margins = (
-        rows[rows[column].notna()] for column in ("number", "specimen", "margin")
-    )
-
-    def pair(key: str) -> Cell:
-        def cell(of_load: DataFrame) -> str:
-            row = select(of_load, method=key)
-            return f"{m.degrees(row)} ({m.degrees(row, 'exact_rms')})"
-
-        return cell
-
-    notes = (
+    rows = rows.assign(name=rows.method.map({OPEN: "open loop", **_TITLES}))
+    group, every, margins = (rows[rows[key].notna()] for key in ("case", "specimen", "margin"))
+    specimen = f"specimen {title_of(settings['specimen'])}"
+    degrees = np.degrees(group[["rms", "exact_rms"]].astype(float)).map("{:.3f}".format)
+    pairs = group.assign(text=degrees.rms + " (" + degrees.exact_rms + ")")
+    pairs = pairs.pivot_table("text", "load", "name", "first", sort=False)
+    note = (
         "RMS error in degrees on (28) against the reference encoder that the estimators were "
         "calibrated on, and in brackets against the jaw itself, which the encoder's own error is "
-        "part of. Loads are of "
-        f"{settings['mass_g']:g} g; the loop runs at {settings['rate_hz']:g} Hz.",
+        f"part of. Loads are of {settings['mass_g']:g} g; the loop runs at "
+        f"{settings['rate_hz']:g} Hz."
     )
-    cells = {_title(key): pair(key) for key in methods}
+    stable = (100 * margins.groupby("margin").stable.mean()).map("{:.0f} %".format).to_frame()
+    last = _TITLES[settings["methods"][-1]]
+    rest = (
+        f"Specimens of the population on which {last} in the loop bring "
+        f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "
+        f"less than {math.degrees(SWING):g} deg RMS, after steps of up to 30 deg."
+    )
     tables = (
-        table_of(f"Tracking (28), specimen {name}", group, "load", cells, notes),
+        frame_table(f"Tracking (28), {specimen}", pairs, (note,), head="load"),
         _spread(settings, every),
-        _stability(settings, margins),
+        frame_table("Margin of stability", stable.rename("{:g} x".format), (rest,), head="gain"),
     )
-    return Summary(tables, {"forceps-closed-loop": _figure(settings, group, every, methods)})
-
-
-def _title(method: str) -> str:
-    return "open loop" if method == OPEN else m.title(method)
+    drawn = concat(
+        [group.assign(on=specimen), select(every, load="steady").assign(on="population")]
+    )
+    caption = "Error against the reference encoder, over loads and on every specimen under one."
+    figure = ecdf_figure(
+        "The jaw in a closed loop", drawn, "name", "on", caption, colours=m.COLOURS
+    )
+    return Summary(tables, {"forceps-closed-loop": figure})
 
 
 def _spread(settings: Settings, every: DataFrame) -> Table:
-    every = every.assign(bar=every.load.map(BARS))
     loads = {"none": "none", "steady": f"{settings['mass_g']:g} g"}
-
-    def quantile(q: float) -> Cell:
-        return lambda group: fixed(math.degrees(group.rms.quantile(q)), 3)
-
-    cells: dict[str, Cell] = {"median": quantile(0.5), "95 %": quantile(0.95)}
-    cells["worst"] = quantile(1.0)
-    cells["within"] = lambda group: f"{100 * np.mean(np.degrees(group.rms) <= group.bar):.0f} %"
+    every = every.sort_values("load", kind="stable")
+    every = every.assign(
+        row=every.load.map(loads) + ": " + every["name"],
+        rms=np.degrees(every.rms),
+        within=np.degrees(every.rms) <= every.load.map(BARS),
+    )
+    by_row = every.groupby("row", sort=False)
+    table = (
+        by_row.rms.quantile([0.5, 0.95, 1.0])
+        .unstack()
+        .set_axis(["median", "95 %", "worst"], axis=1)
+    )
+    table = table.assign(within=(100 * by_row.within.mean()).map("{:.0f} %".format))
     notes = (
         "RMS error in degrees against the reference encoder on the first "
         f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {every.specimen.nunique()} specimens "
@@ -289,46 +263,5 @@ def _spread(settings: Settings, every: DataFrame) -> Table:
         f"Refused, since no set-point takes the jaw where it is wanted: {every.rms.isna().sum()}; "
         "not within.",
     )
-    return table_of(
-        "Tracking over the population", every.sort_values("load", kind="stable"),
-        ["load", "method"], cells, notes,
-        names=lambda load, method: f"{loads[load]}: {_title(method)}", head="load: loop",
-    )  # fmt: skip
-
-
-def _stability(settings: Settings, margins: DataFrame) -> Table:
-    notes = (
-        f"Specimens of the population on which {_title(settings['methods'][-1])} in the loop bring "
-        f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "
-        f"less than {math.degrees(SWING):g} deg RMS, after steps of up to 30 deg.",
-    )
-    cells: dict[str, Cell] = {"stable": lambda group: f"{100 * group.stable.mean():.0f} %"}
-    return table_of("Margin of stability", margins, "margin", cells, notes,
-                    names="{:g} x".format, head="gain")  # fmt: skip
-
-
-def _figure(
-    settings: Settings, group: DataFrame, every: DataFrame, methods: Sequence[str]
-) -> Figure:
-    colours = {OPEN: "0.6", **{key: m.METHODS[key].colour or "0.7" for key in methods[1:]}}
-    titles = {_title(key): colour for key, colour in colours.items()}
-
-    first = group.number.nunique() - len(settings["swings_hz"])
-    rates = dict(enumerate(settings["swings_hz"], first))
-    swinging, steady = (
-        rows.assign(name=rows.method.map(_title), rate=rows.number.map(rates))
-        for rows in (select(group, number=rates), select(every, load="steady").dropna(subset="rms"))
-    )
-    look: dict[str, Any] = {"scale": np.degrees(1.0), "colours": titles}
-    panels = (
-        by_condition(
-            swinging, "rate", "rms", "name", x="load swings at [Hz]", y="RMS error [deg]",
-            title=f"specimen {title_of(settings['specimen'])}", log="xy", **look,
-        ),
-        ecdf(
-            steady, "rms", "name", x="RMS error [deg]", y="share of specimens [%]",
-            title=f"population, {settings['mass_g']:g} g", log="x", **look,
-        ),
-    )  # fmt: skip
-    caption = "Error against the reference encoder under a load that swings, and on every specimen."
-    return Figure("The jaw in a closed loop", (panels,), caption, height=4.4, legend=True)
+    table = table.loc[unique(every, "row")]
+    return frame_table("Tracking over the population", table, notes, head="load: loop")

@@ -21,9 +21,9 @@ from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
 from truejoint.studies.forceps.loaded import cases, load_test
-from truejoint.studies.forceps.methods import settled, within
+from truejoint.studies.forceps.methods import rms, settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
-from truejoint.studies.rows import Cell, each, select, table_of
+from truejoint.studies.rows import each, frame_table, groups, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -33,8 +33,7 @@ CALIBRATION_WEIGHTS: Final = (0.1, 0.2, 0.25)
 ROCK: Final = math.radians(10.0)
 """By how much the jaw goes back and forth under each of them."""
 _CYCLES: Final = 3
-LEVEL: Final = 1.645
-"""Deviations on either side that hold 90 % of a normal distribution."""
+_NINETY: Final = 1.645  # deviations on either side that hold 90 % of a normal distribution
 _ESTIMATES: Final = {"assumed": "K_d assumed", "identified": "K_d identified"}
 UNLOADED, SLACK, PAPER = "unloaded", "slack", "paper"
 """Cases beside the weights: none, one that slackens the drive cable, and the paper's filter."""
@@ -128,11 +127,11 @@ def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, An
             rows.append({**labels, "case": SLACK})
             continue
         tried = assumed.states(*signals(run)).load[still]
-        judged = {"case": case["direction"], "assumed": float(tried.mean())}
-        rows.append({**labels, **judged, **_judged(identified, run, still)})
+        labels |= {"case": case["direction"], "assumed": float(tried.mean())}
+        rows.append({**labels, **_judged(identified, run, still)})
     run = settled(record(plant, "verification", seed=2 * seed + 1))
-    judged = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
-    rows.append({**common, "case": UNLOADED, **judged})
+    states = _judged(identified, run, np.isfinite(run.column("truth/jaw")))
+    rows.append({**common, "case": UNLOADED, **states})
     rows.append({**common, "case": PAPER, **_paper_filter(plant, seed, motion, run)})
     return rows
 
@@ -149,8 +148,7 @@ def _paper_filter(
     error = (model.evaluate(X, dt)[:, 0] - run.column("truth/jaw"))[has_truth]
     ratio = error / np.sqrt(states.P[has_truth, 0, 0])
     return {
-        "angle_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
-        "angle_nees": float(np.mean(ratio**2)),
+        **_coverage("angle", ratio),
         "nis": float(np.nanmean(states.nis[has_truth])) / 2.0,  # of two measurements
     }
 
@@ -160,34 +158,44 @@ def _judged(model: FrictionFilter, run: Recording, chosen: Mask) -> dict[str, fl
     states = model.states(*signals(run))
     load = states.load - run.column("truth_load/jaw")
     angle = states.angle - run.column("truth/jaw")
-    pairs = {"load": (load, states.load_deviation), "angle": (angle, states.angle_deviation)}
-    found = {
+    return {
         "torque": float(run.column("truth_load/jaw")[chosen].mean()),
         "identified": float(states.load[chosen].mean()),
-        "stated": LEVEL * float(states.load_deviation[chosen].mean()),
+        "stated": _NINETY * float(states.load_deviation[chosen].mean()),
+        "load_rms": rms(load[chosen]),
+        **_coverage("load", (load / states.load_deviation)[chosen]),
+        "angle_rms": rms(angle[chosen]),
+        **_coverage("angle", (angle / states.angle_deviation)[chosen]),
     }
-    for name, (error, deviation) in pairs.items():
-        ratio = (error / deviation)[chosen]
-        found |= {
-            f"{name}_rms": float(np.sqrt(np.mean(error[chosen] ** 2))),
-            f"{name}_inside": float(np.mean(np.abs(ratio) <= LEVEL)),
-            f"{name}_nees": float(np.mean(ratio**2)),
-        }
-    return found
+
+
+def _coverage(name: str, ratio: Array) -> dict[str, float]:
+    """Share of errors (n,) in stated deviations within 90 %, and their mean square (NEES)."""
+    inside = float(np.mean(np.abs(ratio) <= _NINETY))
+    return {f"{name}_inside": inside, f"{name}_nees": float(np.mean(ratio**2))}
 
 
 def summarise(results: Results) -> Summary:
     """List the loads of the first specimen, and errors and coverage over all."""
     rows = results.rows
+    rows = rows.assign(grams=1e3 / (GRAVITY * rows.arm))  # at the tip of the jaw, for each Nm
     weighed = select(rows, case=("along", "opposing"))
     first = rows.specimen.iloc[0]
     tables = (_weights(select(rows, specimen=first)), _population(results.settings, rows, weighed))
-    return Summary(tables, {"forceps-load": _figure(weighed)})
-
-
-def grams(rows: Any, torque: Any) -> Any:
-    """Weight [g] at the tip of a specimen's jaw that has a torque [Nm]."""
-    return 1e3 * torque / (GRAVITY * rows.arm)
+    weighed = weighed.assign(load="load " + weighed.direction)
+    panels = []
+    for way, group in groups(weighed, "load"):
+        true = group.grams * group.torque
+        curves = [Curve(np.sort(true), np.sort(true), "as it is", "k")]
+        for key, label in _ESTIMATES.items():
+            curves.append(Curve(true, group.grams * group[key], label, style="."))
+        panels.append(Panel(curves, "true load [g]", "estimate [g]", way))
+    caption = (
+        "Each weight while it hangs still. Against the motion the jaw's friction hides part of it, "
+        "which no estimate sees."
+    )
+    figure = Figure("External load", (panels,), caption, height=4.4, legend=True)
+    return Summary(tables, {"forceps-load": figure})
 
 
 def _weights(rows: DataFrame) -> Table:
@@ -195,20 +203,25 @@ def _weights(rows: DataFrame) -> Table:
     weighed, slack = select(rows, case=("along", "opposing")), select(rows, case=SLACK)
     one = rows.iloc[0]
 
-    def torque(column: str) -> Cell:
-        return lambda group: _torque(group.iloc[0], group[column].iloc[0])
+    def torque(column: str) -> list[str]:
+        values = weighed[column]
+        return [f"{fixed(1e3 * value, 1)} ({fixed(one.grams * value, 0)})" for value in values]
 
-    cells: dict[str, Cell] = {
-        "true": torque("torque"),
-        **{title: torque(key) for key, title in _ESTIMATES.items()},
-        "stated 90 %": torque("stated"),
-        "inside": lambda group: f"{100 * group.load_inside.iloc[0]:.0f} %",
-    }
+    table = DataFrame(
+        {
+            "true": torque("torque"),
+            **{title: torque(key) for key, title in _ESTIMATES.items()},
+            "stated 90 %": torque("stated"),
+            "inside": [f"{100 * inside:.0f} %" for inside in weighed.load_inside],
+        },
+        (1e3 * weighed.mass).map("{:.0f} g ".format) + weighed.direction,
+    )
     friction, true_friction = (
-        f"{1e3 * value:.1f} mNm ({grams(one, value):.0f} g)"
+        f"{1e3 * value:.1f} mNm ({one.grams * value:.0f} g)"
         for value in (2.0 * one.friction, 2.0 * one.true_friction)
     )
-    notes = [
+    names = ", ".join(f"{1e3 * row.mass:.0f} g {row.direction}" for row in each(slack))
+    notes = (
         f"Torque in mNm (grams at {1e3 * one.arm:.1f} mm), still under the weight. Identified"
         f" with {', '.join(f'{1e3 * mass:.0f}' for mass in CALIBRATION_WEIGHTS)} g each way, "
         "but where the drive cable is slack: "
@@ -217,22 +230,15 @@ def _weights(rows: DataFrame) -> Table:
         f"{one.true_stiffness / 1e3:.1f}.",
         f"Dead band: up to {friction} against the last motion may not show, since the jaw's "
         f"friction holds them; in truth {true_friction}.",
-    ]
-    if len(slack):
-        names = ", ".join(f"{1e3 * row.mass:.0f} g {row.direction}" for row in each(slack))
-        notes.append(f"Left out, since the drive cable is slack under it: {names}.")
-    named = weighed.assign(load=(1e3 * weighed.mass).map("{:.0f} g ".format) + weighed.direction)
-    return table_of(f"External load, {one.specimen}", named, "load", cells, notes)
-
-
-def _torque(row: Any, torque: float) -> str:
-    return f"{fixed(1e3 * torque, 1)} ({fixed(grams(row, torque), 0)})"
+        *([f"Left out, since the drive cable is slack under it: {names}."] if names else ()),
+    )
+    return frame_table(f"External load, {one.specimen}", table, notes, head="load")
 
 
 def errors_in_grams(weighed: DataFrame, way: str) -> Array:
     """RMS [g] of what the mean estimate is off by, over the weights one way, by specimen."""
     group = select(weighed, direction=way)
-    square = grams(group, group.identified - group.torque) ** 2
+    square = (group.grams * (group.identified - group.torque)) ** 2
     return np.asarray(np.sqrt(square.groupby(group.specimen, sort=False).mean().to_numpy()))
 
 
@@ -241,7 +247,7 @@ def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Tabl
     one = rows.drop_duplicates("specimen")
     stiffness = 100.0 * np.abs(one.drive_stiffness / one.true_stiffness - 1.0)
     # Of an estimate that sees all but what friction may hide: 0 to twice its size.
-    floor = grams(one, 2.0 * one.true_friction) / math.sqrt(3.0)
+    floor = one.grams * 2.0 * one.true_friction / math.sqrt(3.0)
     opposing = errors_in_grams(weighed, "opposing")
     measures = {
         "stiffness off by [%]": stiffness,
@@ -249,22 +255,21 @@ def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Tabl
         "load opposing, RMS [g]": opposing,
         "its floor by friction [g]": floor,
     }
-    body = []
-    for label, values in measures.items():
-        quantiles = np.quantile(values, [0.5, 0.95, 1.0]) if len(values) else [math.nan] * 3
-        body.append((label, *(fixed(float(value), 1) for value in quantiles), ""))
+    body: dict[str, list[Any]] = {
+        label: [*(np.quantile(values, [0.5, 0.95, 1.0]) if len(values) else [math.nan] * 3), ""]
+        for label, values in measures.items()
+    }
     for kind, case in product(("load", "angle"), (UNLOADED, "along", "opposing")):
         group = select(rows, case=case)
         if len(group):
             inside, nees = 100.0 * group[f"{kind}_inside"].mean(), group[f"{kind}_nees"].mean()
             stated = f"{inside:.0f} % inside, NEES {nees:.2f}"
-            body.append((f"stated 90 % of the {kind}, {case}", "", "", "", stated))
+            body[f"stated 90 % of the {kind}, {case}"] = ["", "", "", stated]
     paper = select(rows, case=PAPER)
-    text = (
+    body["the same of the paper's filter (26), unloaded"] = ["", "", "",
         f"{100 * paper.angle_inside.mean():.0f} % inside, NEES {paper.angle_nees.mean():.1f}, "
         f"NIS per measurement {paper.nis.median():.1f} (median)"
-    )
-    body.append(("the same of the paper's filter (26), unloaded", "", "", "", text))
+    ]  # fmt: skip
     below = np.mean(opposing <= floor.to_numpy()) if len(opposing) == len(floor) else math.nan
     notes = (
         f"{len(one)} specimens of seed {settings.seed}. Weights "
@@ -275,23 +280,5 @@ def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Tabl
         f"Left out, since the drive cable is slack under it: {len(select(rows, case=SLACK))} "
         "weights.",
     )
-    header = ("", "median", "95 %", "worst", "stated")
-    return Table("External load over the specimens", header, tuple(body), notes)
-
-
-def _figure(weighed: DataFrame) -> Figure:
-    panels = []
-    for way in ("opposing", "along"):
-        group = select(weighed, direction=way)
-        if not len(group):
-            continue
-        true = grams(group, group.torque)
-        curves = [Curve(np.sort(true), np.sort(true), "as it is", "k")]
-        for key, label in _ESTIMATES.items():
-            curves.append(Curve(true, grams(group, group[key]), label, style="."))
-        panels.append(Panel(curves, "true load [g]", "estimate [g]", f"load {way}"))
-    caption = (
-        "Each weight while it hangs still. Against the motion the jaw's friction hides part of it, "
-        "which no estimate sees."
-    )
-    return Figure("External load", (panels,), caption, height=4.4, legend=True)
+    table = DataFrame.from_dict(body, "index", columns=["median", "95 %", "worst", "stated"])
+    return frame_table("External load over the specimens", table, notes, decimals=1)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, Final, cast
 
 import numpy as np
@@ -15,7 +15,7 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import Cell, of, select, table_of, unique
+from truejoint.studies.rows import Cell, each, groups, of, select, table_of, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import fixed
 
@@ -28,27 +28,29 @@ _AVERAGE: Final = 0.25  # [s]
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a weight, direction and draw of the hand; a study without draws has one of them."""
-    common, found = m.common_arguments(settings), []
-    draws = int(cast("int", settings.options.get("draws", 1)))
+    common, draws = m.common_arguments(settings), int(cast("int", settings.options.get("draws", 1)))
     if not 1 <= draws <= MAX_DRAWS:
         raise StudyError(f"draws={draws}; it must be 1 to {MAX_DRAWS}")
-    for draw in range(draws):
-        for key, case in cases(settings).items():
-            labels = {"mass": case["mass"], "direction": case["direction"], "draw": draw}
-            drawn = {**common, **case, "hand": case["hand"] + 100 * draw}
-            found.append(Part(f"{key}-{draw}" if draw else key, hang, drawn, labels))
-    return found
+    return [
+        Part(
+            f"{key}-{draw}" if draw else key, hang,
+            {**common, **case, "hand": case["hand"] + 100 * draw},
+            {"mass": case["mass"], "direction": case["direction"], "draw": draw},
+        )
+        for draw in range(draws)
+        for key, case in cases(settings).items()
+    ]  # fmt: skip
 
 
 def cases(settings: Settings) -> dict[str, dict[str, Any]]:
     """Weight [kg], direction and seed of the hand's wobble of each load test, by a part's key."""
-    pairs = [(g / 1e3, d) for d in settings["directions"] for g in settings["masses_g"]]
-    found = {}
-    for number, (mass, direction) in enumerate(pairs, 1):
-        load_test(mass, direction)  # refuses what cannot be
-        hand = 100 * settings.seed + number
-        found[f"{1e3 * mass:g}g-{direction}"] = {"mass": mass, "direction": direction, "hand": hand}
-    return found
+    tests = [load_test(g / 1e3, d) for d in settings["directions"] for g in settings["masses_g"]]
+    return {
+        f"{1e3 * test.mass:g}g-{test.direction}": {
+            "mass": test.mass, "direction": test.direction, "hand": 100 * settings.seed + number
+        }
+        for number, test in enumerate(tests, 1)
+    }  # fmt: skip
 
 
 def hang(
@@ -107,13 +109,8 @@ def summarise(results: Results) -> Summary:
             {"paper": _paper_extremes, **by_method(_extremes)},
         ),
     )  # fmt: skip
-    shown = [part for part in unique(rows, "part") if (rows[rows.part == part].draw == 0).all()]
-    figures = {
-        "forceps-loaded-angles": _angles(results, shown, methods[0], name),
-        "forceps-loaded": _figure(results, shown, methods, name),
-    }
     claims = list(_claims(rows)) if m.PAPERS_BEST in methods else []
-    return Summary(tables, figures, claims)
+    return Summary(tables, _figures(results, methods, name), claims)
 
 
 def _paper(metric: str) -> Cell:
@@ -146,84 +143,66 @@ def worst(rows: DataFrame, method: str, phase: str, *directions: str) -> float:
 
 
 def _claims(rows: DataFrame) -> Iterator[Claim]:
-    ways = unique(rows, "direction")
-    for phase, limit in (("I", 0.2), ("II", 0.2), ("IV", 0.5)):
-        text = f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight"
-        found = {way: worst(rows, m.PAPERS_BEST, phase, way) for way in ways}
-        yield _claim(text, "yan2020, IV-D and Table 3", limit, found)
+    """Judge the largest angle of each direction: the paper does not say which way it loaded."""
+    limits: list[tuple[str, str, float, DataFrame]] = [
+        (
+            f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight",
+            "yan2020, IV-D and Table 3",
+            limit,
+            select(rows, method=m.PAPERS_BEST, phase=phase).assign(angle=lambda own: own.rms),
+        )
+        for phase, limit in (("I", 0.2), ("II", 0.2), ("IV", 0.5))
+    ]
     light = rows[rows.mass < 0.05]
     if len(light):
         text = "a weight below 50 g hardly turns the jaw: less than 0.5 deg"
-        turns = light.assign(turn=light.turn.abs()).groupby("direction").turn.max().sort_values()
-        yield _claim(text, "yan2020, IV-D", 0.5, dict(turns))
+        limits.append((text, "yan2020, IV-D", 0.5, light.assign(angle=light.turn.abs())))
+    for text, source, limit, judged in limits:
+        angles = np.degrees(judged.groupby("direction", sort=False).angle.max())
+        within = set(angles <= limit)
+        numbers = ", ".join(f"{angle:.2f} deg {way}" for way, angle in angles.items())
+        holds = bool(within.pop()) if len(within) == 1 else None
+        yield Claim(text, source, holds, f"worst {numbers}")
 
 
-def _claim(text: str, source: str, limit: float, found: Mapping[str, float]) -> Claim:
-    """Judge angles [rad] by direction: the paper does not say which way it loaded."""
-    degrees = {direction: float(np.degrees(value)) for direction, value in found.items()}
-    within = {value <= limit for value in degrees.values()}
-    numbers = ", ".join(f"{value:.2f} deg {d}" for d, value in degrees.items())
-    return Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
+def _figures(results: Results, methods: Sequence[str], name: str) -> dict[str, Figure]:
+    """Draw figure 9: angles by the encoder and one method, and the errors of each method."""
+    first = select(results.rows, draw=0).drop_duplicates("part")
+    ways = [(f"load {way}", group) for way, group in groups(first, "direction")]
 
-
-def _angles(results: Results, parts: Sequence[str], method: str, name: str) -> Figure:
-    """Draw figure 9(a), the paper's filter, or the first method, beside the encoder."""
-    panels = []
-    for way, group in _by_direction(results.rows, parts).items():
+    def panel(group: DataFrame, title: str, *keys: str, step: float = 0.0) -> Panel:
         curves = []
-        for place, (part, label) in enumerate(group.items()):
-            arrays = results.arrays[part]
-            for key, style, text in (("truth", "-", label), (method, ":", "")):
-                angle = _averaged(arrays["t"], np.degrees(arrays[key]) + SHIFT * place)
-                curves.append(Curve(arrays["t"], angle, text, f"C{place}", style, width=1.4))
-        title, shade = f"load {way}", _released(results, group)
-        panels.append(Panel(curves, "time [s]", "jaw [deg]", title, shade=shade))
-    caption = (
-        f"Jaw by the reference encoder and, dotted, by {m.title(method)}; each weight "
-        f"{SHIFT:g} deg above the one before. Grey: the hand lets go."
-    )
-    title = f"yan2020 figure 9(a), specimen {name}"
-    return Figure(title, (panels,), caption, height=4.8, legend=True)
-
-
-def _figure(results: Results, parts: Sequence[str], methods: Sequence[str], name: str) -> Figure:
-    """Draw figure 9(b): the errors of each method by direction."""
-    panels = []
-    for method in methods:
-        line = []
-        for way, group in _by_direction(results.rows, parts).items():
-            curves = []
-            for part, label in group.items():
-                arrays = results.arrays[part]
+        for place, row in enumerate(each(group)):
+            arrays = results.arrays[row.part]
+            for key, style in zip(keys, ("-", ":"), strict=False):
+                values = arrays[key] if step else arrays[key] - arrays["truth"]
                 # The encoder's steps of 0.088 deg would hide everything else.
-                error = _averaged(arrays["t"], np.degrees(arrays[method] - arrays["truth"]))
-                curves.append(Curve(arrays["t"], error, label))
-            title = f"{m.title(method)}, load {way}"
-            shade = _released(results, group)
-            line.append(Panel(curves, "time [s]", "error [deg]", title, shade=shade))
-        panels.append(line)
-    caption = (
+                shown = _averaged(arrays["t"], np.degrees(values) + step * place)
+                label = f"{1e3 * row.mass:g} g" if key == keys[0] else ""
+                curves.append(Curve(arrays["t"], shown, label, f"C{place}", style))
+        unit, shade = "jaw [deg]" if step else "error [deg]", tuple(arrays["released"])
+        return Panel(curves, "time [s]", unit, title, shade=shade)
+
+    angles = [panel(group, way, "truth", methods[0], step=SHIFT) for way, group in ways]
+    errors = [
+        [panel(group, f"{m.title(method)}, {way}", method) for way, group in ways]
+        for method in methods
+    ]
+    captions = (
+        f"Jaw by the reference encoder and, dotted, by {m.title(methods[0])}; each weight "
+        f"{SHIFT:g} deg above the one before. Grey: the hand lets go.",
         f"Errors while weights are hung on the jaw, means over {_AVERAGE:g} s, each panel with a "
-        "scale of its own; grey: the hand lets go."
+        "scale of its own; grey: the hand lets go.",
     )
-    title, height = f"yan2020 figure 9(b), specimen {name}", 2.3 * len(panels) + 1.0
-    return Figure(title, panels, caption, height=height, legend=True)
-
-
-def _by_direction(rows: DataFrame, parts: Sequence[str]) -> dict[str, dict[str, str]]:
-    """Weights by part, of each direction."""
-    one = select(rows, part=parts).drop_duplicates("part")
+    title, height = "yan2020 figure 9({}), specimen " + name, 2.3 * len(errors) + 1.0
     return {
-        str(way): {
-            part: f"{1e3 * mass:g} g" for part, mass in zip(group.part, group.mass, strict=True)
-        }
-        for way, group in one.groupby("direction", sort=False)
+        "forceps-loaded-angles": Figure(
+            title.format("a"), (angles,), captions[0], height=4.8, legend=True
+        ),
+        "forceps-loaded": Figure(
+            title.format("b"), errors, captions[1], height=height, legend=True
+        ),
     }
-
-
-def _released(results: Results, parts: Mapping[str, str]) -> tuple[float, float]:
-    first, last = results.arrays[next(iter(parts))]["released"]
-    return float(first), float(last)
 
 
 def _averaged(t: Array, values: Array) -> Array:

@@ -19,7 +19,7 @@ from truejoint.evaluation import evaluate
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record
-from truejoint.studies.study import Row, Rows, Settings
+from truejoint.studies.study import Rows, Settings
 from truejoint.tables import fixed
 
 SETTLED: Final = 2.2
@@ -32,18 +32,16 @@ class Method:
 
     title: str
     inputs: tuple[str, ...]
-    colour: str | None = None
+    colour: str = "0.7"
     estimator: str = ""  # where that is not the method's key
 
     @property
     def cables(self) -> tuple[str, ...]:
-        """Cables on which a sensor must sit: ``x1`` on the drive cable, ``x2`` on the reset one."""
-        return tuple(x for name, x in ((DRIVE, "x1"), (RESET, "x2")) if name in self.inputs)
+        """Cables on which a sensor must sit: ``x1`` on the drive cable, ``x2`` on the reset one.
 
-    @property
-    def strategy(self) -> int:
-        """Of yan2020, II-B: 1 no sensor on a cable, 2 one, 3 both, as (29) and (30) need."""
-        return 1 + len(self.cables)
+        Their number and 1 is the strategy of yan2020, II-B: (29) and (30) need both.
+        """
+        return tuple(x for name, x in ((DRIVE, "x1"), (RESET, "x2")) if name in self.inputs)
 
 
 METHODS: Final[Mapping[str, Method]] = {
@@ -67,6 +65,8 @@ METHODS: Final[Mapping[str, Method]] = {
     "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
 }
 """By the key that stands in options and numbers, in the order of the tables."""
+COLOURS: Final = {method.title: method.colour for method in METHODS.values()}
+"""By the title of a method."""
 
 BEST: Final = "play_gated"
 """What to calibrate a forceps with: of ours that stay right under a load, the most exact."""
@@ -97,15 +97,16 @@ def calibrated(
     Methods whose sensor is not installed are left out; raises StudyError when none is left.
     """
     recording = settled(record(forceps, motion, seed=2 * seed))
-    models = {}
-    for key, method in ((key, METHODS[key]) for key in methods):
-        if set(method.inputs) <= set(recording.units):
-            models[key] = calibrate(
-                recording,
-                method.estimator or key,
-                features=method.inputs,
-                target="error" if key == "rigid" else "position",
-            )
+    models = {
+        key: calibrate(
+            recording,
+            METHODS[key].estimator or key,
+            features=METHODS[key].inputs,
+            target="error" if key == "rigid" else "position",
+        )
+        for key in methods
+        if set(METHODS[key].inputs) <= set(recording.units)
+    }
     if not models:
         raise StudyError(f"no sensors for {', '.join(methods)}; install one, or choose others")
     return models
@@ -126,25 +127,23 @@ class Judged:
         ``rms``, ``largest`` and ``smallest`` are against the reference encoder; ``exact_rms`` is
         against the jaw itself, so it holds the encoder's own error [rad].
         """
-        chosen, rows = within(self.t, first, last), list[Row]()
+        chosen, rows = within(self.t, first, last), Rows()
         for key, estimate in self.estimates.items():
             error, exact = (estimate - self.truth)[chosen], (estimate - self.exact)[chosen]
-            rows.append(
-                {
-                    **labels,
-                    "method": key,
-                    "rms": float(np.sqrt(np.mean(error**2))),
-                    "largest": float(error.max()),
-                    "smallest": float(error.min()),
-                    "exact_rms": float(np.sqrt(np.mean(exact**2))),
-                }
-            )
+            sizes = {"rms": rms(error), "largest": float(error.max())}
+            sizes |= {"smallest": float(error.min()), "exact_rms": rms(exact)}
+            rows.append({**labels, "method": key, **sizes})
         return rows
 
     def arrays(self, prefix: str = "") -> dict[str, Array]:
         """Time, truth and estimates by name, for figures."""
         named = {"t": self.t, "truth": self.truth, **self.estimates}
         return {prefix + name: values for name, values in named.items()}
+
+
+def rms(errors: Any) -> float:
+    """Root mean square of errors (n,)."""
+    return float(np.sqrt(np.mean(np.square(errors))))
 
 
 def within(t: Array, first: float, last: float) -> Mask:
@@ -162,7 +161,7 @@ def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
 
 def note_left_out(settings: Settings, rows: DataFrame) -> tuple[str, ...]:
     """Note on the methods that were asked for and have no rows, if there are any."""
-    names = [METHODS[key].title for key in settings["methods"] if key not in set(rows.method)]
+    names = [title(key) for key in settings["methods"] if key not in set(rows.method)]
     return (f"Left out, since a sensor is not installed: {', '.join(names)}.",) if names else ()
 
 
@@ -174,8 +173,3 @@ def title(key: str) -> str:
 def degrees(rows: DataFrame, column: str = "rms", decimals: int = 3) -> str:
     """Median of a column of angles [rad] in degrees: the only one, where there is one row."""
     return fixed(math.degrees(rows[column].median()), decimals)
-
-
-TITLES: Final = {key: method.title for key, method in METHODS.items()}
-COLOURS: Final = {m.title: m.colour or "0.7" for m in METHODS.values()}
-"""By the title of a method."""

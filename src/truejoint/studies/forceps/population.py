@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import pairwise, product
 from typing import Any, Final, cast
 
@@ -13,7 +12,6 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration
-from truejoint.drawing import Curve, Figure, Panel, ecdf
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
@@ -23,9 +21,8 @@ from truejoint.simulation.forceps.sensors import ZeroShift, reference_error
 from truejoint.simulation.forceps.specimens import population
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record
-from truejoint.studies.rows import Cell, select, table_of, values
+from truejoint.studies.rows import ecdf_figure, frame_table, groups, select, unique
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
-from truejoint.tables import fixed
 
 ORDERINGS: Final = (
     m.PAPERS,
@@ -39,13 +36,10 @@ ORDERINGS: Final = (
 LEVEL: Final = 0.9
 """Stated share of rows within the half-width."""
 UNLOADED: Final = "unloaded"
-_HELD: Final = math.radians(0.15)
-"""Error under a weight that counts as held [rad]."""
+_HELD: Final = 0.15
+"""Error under a weight that counts as held [deg]."""
 _BEFORE: Final = 0.5
 """Time before the hand comes that tells where the jaw stood without a weight [s]."""
-_QUANTILES: Final = {
-    "5 %": 0.05, "25 %": 0.25, "median": 0.5, "75 %": 0.75, "95 %": 0.95, "worst": 1.0
-}  # fmt: skip
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -125,9 +119,8 @@ def unseen_turn(plant: ForcepsParameters, recording: Recording, test: LoadTest) 
 
     0 where the reset encoder moves by as much as it resolves.
     """
-    first, last = test.phases["IV"]
     before = m.within(recording.t, test.loaded_from - _BEFORE, test.loaded_from)
-    after = m.within(recording.t, first, last)
+    after = m.within(recording.t, *test.phases["IV"])
     turned, moved = (
         abs(float(values[after].mean() - values[before].mean()))
         for values in map(recording.column, ("truth_exact/jaw", RESET))
@@ -150,16 +143,23 @@ def covered(models: Mapping[str, Calibration], recording: Recording, first: floa
 def summarise(results: Results) -> Summary:
     """Distribution of each method's errors, unloaded and in phase IV, and how they compare."""
     settings, rows = results.settings, results.rows
+    rows = rows.assign(name=rows.method.map(m.title), deg=np.degrees(rows.rms))
     unloaded, loaded = (rows[chosen] for chosen in (rows.load == UNLOADED, rows.load != UNLOADED))
-    rms = {str(key): group.rms.to_numpy() for key, group in unloaded.groupby("method", sort=False)}
+    rms = {str(key): group.deg.to_numpy() for key, group in groups(unloaded, "method")}
     shares = {order: share(rms, *order) for order in ORDERINGS if set(order) <= set(rms)}
-    cells: dict[str, Cell] = {name: _quantile(q) for name, q in _QUANTILES.items()}
-    cells["beats the UKF in"] = lambda group: against_paper(rms, group.method.iloc[0])[0]
-    cells["median UKF / method"] = lambda group: against_paper(rms, group.method.iloc[0])[1]
+    table = quantiles(unloaded, {"5 %": 0.05, "25 %": 0.25, "median": 0.5, "75 %": 0.75,
+                                 "95 %": 0.95, "worst": 1.0})  # fmt: skip
+    paper = rms.get(m.PAPERS_BEST)
+    beats, ratios = ["" for _ in rms], ["" for _ in rms]
+    for n, (method, errors) in enumerate(rms.items()):
+        if paper is not None and method != m.PAPERS_BEST:
+            beats[n] = f"{100 * share(rms, m.PAPERS_BEST, method):.0f} %"
+            ratios[n] = f"{np.median(paper / errors):.2f}"
+    table = table.assign(**{"beats the UKF in": beats, "median UKF / method": ratios})
     if len(loaded):
-        for name, q in (("IV median", 0.5), ("IV 90 %", 0.9), ("IV worst", 1.0)):
-            cells[name] = partial(_of_method, loaded, _quantile(q))
-        cells["IV within 0.15 deg"] = partial(_of_method, loaded, _held)
+        held = loaded.groupby("name").deg.agg(lambda deg: f"{100 * np.mean(deg <= _HELD):.0f} %")
+        under = quantiles(loaded, {"IV median": 0.5, "IV 90 %": 0.9, "IV worst": 1.0})
+        table = table.join(under).join(held.rename(f"IV within {_HELD:g} deg"))
     hung = (
         "; IV hung still, every weight and direction of every specimen a case (at twice the speed "
         "of IV-D)"
@@ -170,42 +170,32 @@ def summarise(results: Results) -> Summary:
         f"{settings['homing_um']:g} um, calibrated on the motion {settings['motion']}: unloaded on "
         f"(28){hung * bool(len(loaded))}.",
         *(f"{_titles(order)}: {100 * value:.0f} % of specimens" for order, value in shares.items()),
-        *(_floors(unloaded, loaded, rms) if len(loaded) else ()),
-        *(_stated(unloaded, loaded) if len(loaded) else ()),
+        *(_limits(unloaded, loaded, rms) if len(loaded) and m.BEST in rms else ()),
         *m.note_left_out(settings, rows),
     )
-    table = table_of("Population of virtual forceps", unloaded, "method", cells, notes,
-                     names=m.title)  # fmt: skip
-    paper = [] if len(loaded) else [order for order in shares if set(order) <= set(m.PAPERS)]
-    claims = [_claim(order, shares[order]) for order in paper]
+    title = "Population of virtual forceps"
+    claims = [] if len(loaded) else [o for o in shares if set(o) <= set(m.PAPERS)]
     name = "forceps-mixed" if len(loaded) else "forceps-population"
-    return Summary((table,), {name: _figure(unloaded, loaded, rms)}, claims)
+    caption = "Share of specimens, and of weights on specimens, with a smaller error, by method."
+    drawn = rows.assign(case=np.where(rows.load == UNLOADED, "unloaded, (28)", "phase IV"))
+    figure = ecdf_figure(title, drawn, "name", "case", caption, colours=m.COLOURS)
+    return Summary(
+        (frame_table(title, table, notes, head="method"),),
+        {name: figure},
+        [_claim(order, shares[order]) for order in claims],
+    )
+
+
+def quantiles(rows: DataFrame, shares: Mapping[str, float]) -> DataFrame:
+    """Quantiles [deg] of the errors by the name of a method, in the order of the rows."""
+    found = rows.groupby("name", sort=False).deg.quantile(list(shares.values())).unstack()
+    return found.set_axis(list(shares), axis=1).loc[unique(rows, "name")]
 
 
 def share(errors: Mapping[str, Array], *methods: str) -> float:
     """Share of specimens in which each method's error (n,) is larger than the next one's."""
     larger = [errors[one] > errors[other] for one, other in pairwise(methods)]
     return float(np.mean(np.all(larger, axis=0)))
-
-
-def _quantile(q: float) -> Cell:
-    return lambda group: fixed(math.degrees(group.rms.quantile(q)), 3)
-
-
-def _held(group: DataFrame) -> str:
-    return f"{100 * np.mean(group.rms <= _HELD):.0f} %"
-
-
-def _of_method(rows: DataFrame, cell: Cell, group: DataFrame) -> str:
-    return cell(select(rows, method=group.method.iloc[0]))
-
-
-def against_paper(rms: Mapping[str, Array], method: str) -> tuple[str, str]:
-    """In how many specimens a method beats the paper's filter, and the median ratio of errors."""
-    if m.PAPERS_BEST not in rms or method == m.PAPERS_BEST:
-        return "", ""
-    ratio = float(np.median(rms[m.PAPERS_BEST] / rms[method]))
-    return f"{100 * share(rms, m.PAPERS_BEST, method):.0f} %", f"{ratio:.2f}"
 
 
 def _titles(order: Sequence[str]) -> str:
@@ -219,62 +209,27 @@ def _claim(order: Sequence[str], value: float) -> Claim:
     return Claim(f"error of {_titles(order)}", "yan2020, Table 2", holds, found)
 
 
-def _floors(unloaded: DataFrame, loaded: DataFrame, rms: Mapping[str, Array]) -> tuple[str, ...]:
-    """State what no estimate can pass: the reference encoder's noise, and turns without a sign."""
-    if not {m.BEST, m.PAPERS_BEST} <= set(rms):
-        return ()
-    floor = values(unloaded, "floor", method=m.BEST)
-    paper, ours = rms[m.PAPERS_BEST], rms[m.BEST]
-    beyond = np.sqrt(np.maximum([paper**2 - floor**2, ours**2 - floor**2], 1e-12))
-    cases = select(loaded, method=m.BEST)
-    unseen = cases.unseen > _HELD
-    visible = np.where(unseen, 0.0, cases.rms)
-    return (
-        "The reference encoder's noise and counts alone are "
-        f"{fixed(math.degrees(np.median(floor)), 3)} deg: without any error an estimate would have "
-        f"a median ratio of {np.median(paper / floor):.2f}. Of what exceeds them, ours has one of "
-        f"{np.median(beyond[0] / beyond[1]):.2f}.",
-        f"In {100 * np.mean(unseen):.1f} % of the cases in phase IV the weight turned the jaw by "
-        f"more than {math.degrees(_HELD):g} deg and neither motor nor x2 moved; but for these ours "
-        f"holds {100 * np.mean(visible <= _HELD):.0f} % within that, the worst "
-        f"{fixed(math.degrees(visible.max()), 3)} deg.",
-    )
-
-
-def _stated(unloaded: DataFrame, loaded: DataFrame) -> tuple[str, ...]:
-    """State how often our default stays within its half-width, if it was there."""
-    without, under = (values(rows, "inside", method=m.BEST) for rows in (unloaded, loaded))
-    if not len(without):
-        return ()
-    return (
+def _limits(unloaded: DataFrame, loaded: DataFrame, rms: Mapping[str, Array]) -> Iterator[str]:
+    """State what no estimate can pass, and how often our default stays within its half-width."""
+    alone, cases = select(unloaded, method=m.BEST), select(loaded, method=m.BEST)
+    if m.PAPERS_BEST in rms:
+        floor, paper, ours = np.degrees(alone.floor), rms[m.PAPERS_BEST], rms[m.BEST]
+        beyond = np.sqrt(np.maximum([paper**2 - floor**2, ours**2 - floor**2], 1e-9))
+        unseen = np.degrees(cases.unseen) > _HELD
+        visible = np.where(unseen, 0.0, cases.deg)
+        yield (
+            f"The reference encoder's noise and counts alone are {floor.median():.3f} deg: without "
+            f"any error an estimate would have a median ratio of {np.median(paper / floor):.2f}. "
+            f"Of what exceeds them, ours has one of {np.median(beyond[0] / beyond[1]):.2f}."
+        )
+        yield (
+            f"In {100 * np.mean(unseen):.1f} % of the cases in phase IV the weight turned the jaw "
+            f"by more than {_HELD:g} deg and neither motor nor x2 moved; but for these ours holds "
+            f"{100 * np.mean(visible <= _HELD):.0f} % within that, the worst {visible.max():.3f} "
+            "deg."
+        )
+    yield (
         f"{m.title(m.BEST)}: a stated {100 * LEVEL:.0f} % holds in "
-        f"{100 * np.mean(without):.0f} % of rows unloaded (worst specimen "
-        f"{100 * min(without):.0f} %), in {100 * np.mean(under):.0f} % in phase IV.",
+        f"{100 * alone.inside.mean():.0f} % of rows unloaded (worst specimen "
+        f"{100 * alone.inside.min():.0f} %), in {100 * cases.inside.mean():.0f} % in phase IV."
     )
-
-
-def _figure(unloaded: DataFrame, loaded: DataFrame, rms: Mapping[str, Array]) -> Figure:
-    look = {"scale": np.degrees(1.0), "colours": m.COLOURS, "x": "RMS error [deg]", "log": "x"}
-
-    def shares(rows: DataFrame, title: str) -> Panel:
-        named = rows.assign(name=rows.method.map(m.TITLES))
-        return ecdf(named, "rms", "name", title=title, y="share of cases [%]", **look)
-
-    panels = [shares(unloaded, "unloaded, (28)")]
-    if len(loaded):
-        panels.append(shares(loaded, "under a weight, phase IV"))
-    elif (paper := rms.get(m.PAPERS_BEST)) is not None:
-        # The paper's filter against itself gives the line of equal errors.
-        points = [
-            Curve(np.degrees(paper), np.degrees(rms[key]), "", m.METHODS[key].colour,
-                  "-" if key == m.PAPERS_BEST else ".")
-            for key in rms
-            if m.METHODS[key].colour
-        ]  # fmt: skip
-        panels.append(Panel(points, f"{m.title(m.PAPERS_BEST)} [deg]", "method [deg]", log="xy"))
-    caption = (
-        "Share of specimens, and of weights on specimens, with a smaller error, by method; or each "
-        "method against the paper's filter, a point a specimen, below the line where it is better."
-    )
-    title = "Virtual forceps drawn at random, against the encoder"
-    return Figure(title, (panels,), caption, width=12.0, height=5.6, legend=True)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.drawing import Curve, Figure, Panel, by_condition
+from truejoint.drawing import Figure, by_condition
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.encoder_zero import find_encoder_zero
 from truejoint.motion.forceps_trajectories import RAMP
@@ -16,7 +16,7 @@ from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.load import signals, unloaded_filter
 from truejoint.studies.forceps.motions import Plain, built, changed, drawn_specimens, record
-from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.rows import frame_table, groups, select, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import fixed
 
@@ -64,73 +64,47 @@ def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Row
 
 def summarise(results: Results) -> Summary:
     """RMS error of each method before and after re-zeroing, by zero: medians over the specimens."""
-    settings = results.settings
     rows = results.rows.sort_values("shift", kind="stable")
-    count = len(results.arrays)
-    methods = [key for key in unique(rows, "method") if len(select(rows, method=key)) == 2 * count]
-
-    def rms_of(key: str) -> Cell:
-        return lambda group: " -> ".join(
-            m.degrees(select(group, method=key, when=when)) for when in (BEFORE, AFTER)
-        )
-
-    cells: dict[str, Cell] = {
-        "found": lambda group: f"{_micro(group.estimate.median())} um",
-        "off, RMS": lambda group: (
-            f"{_micro(_rms(group.estimate - group['shift']))} "
-            f"(stated {_micro(group.deviation.median())})"
-        ),
-        "taken off": lambda group: f"{(group.taken_off != 0.0).sum()} of {len(group)}",
-    }
+    rows = rows.assign(
+        name=rows.method.map(m.title), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
+    )
     cases = rows.drop_duplicates("part")
-    first = {
-        name: (lambda group, cell=cell: cell(group.drop_duplicates("part")))
-        for name, cell in cells.items()
-    }
+    cases = cases.assign(off=cases.estimate - cases["shift"])
+    table = DataFrame(
+        {
+            zero: {
+                "found": f"{_micro(group.estimate.median())} um",
+                "off, RMS": f"{_micro(m.rms(group.off))} "
+                f"(stated {_micro(group.deviation.median())})",
+                "taken off": f"{(group.taken_off != 0.0).sum()} of {len(group)}",
+            }
+            for zero, group in groups(cases, "zero")
+        }
+    ).T
+    medians = rows.groupby(["zero", "name", "when"], sort=False).rms.median().unstack()
+    text = np.degrees(medians).map("{:.3f}".format)
+    table = table.join((text[BEFORE] + " -> " + text[AFTER]).unstack()[unique(rows, "name")])
     grown = select(rows, when=AFTER).rms.to_numpy() - select(rows, when=BEFORE).rms.to_numpy()
-    ratio = (cases.estimate - cases["shift"]) / cases.deviation
-    shifts = unique(rows, "shift")
     notes = (
-        f"{len(cases) // len(shifts)} specimens; RMS error in degrees on (28), before -> after "
+        f"{len(cases) // len(table)} specimens; RMS error in degrees on (28), before -> after "
         "re-zeroing from one unloaded cycle of (27) with no sensor at the jaw; medians. A shift "
         "within two of its stated deviations is left alone.",
-        f"Off by {_rms(ratio):.2f} stated deviations RMS. Worse afterwards by more than "
-        f"{fixed(np.degrees(_HARM), 3)} deg: {(grown > _HARM).sum()} of {len(grown)}.",
-        *m.note_left_out(settings, rows),
+        f"Off by {m.rms(cases.off / cases.deviation):.2f} stated deviations RMS. Worse afterwards "
+        f"by more than {np.degrees(_HARM):.3f} deg: {(grown > _HARM).sum()} of {len(grown)}.",
+        *m.note_left_out(results.settings, rows),
     )
-    table = table_of(
-        "Re-zeroing after homing", rows, "shift",
-        first | {m.title(key): rms_of(key) for key in methods}, notes,
-        names=lambda shift: f"{_micro(shift, 0)} um", head="zero off by",
+    title = "Re-zeroing after homing"
+    rows = rows.assign(um=1e6 * rows["shift"], name=rows["name"] + ", " + rows.when)
+    panel = by_condition(
+        rows, "um", "rms", "name", scale=np.degrees(1.0), x="zero off by [um]",
+        y="RMS error on (28) [deg]",
     )  # fmt: skip
-    return Summary((table,), {"forceps-rezero": _figure(rows, cases, methods)})
-
-
-def _micro(metres: Any, decimals: int = 1) -> str:
-    return fixed(1e6 * float(metres), decimals)
-
-
-def _rms(values: Any) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))
-
-
-def _figure(rows: DataFrame, cases: DataFrame, methods: Sequence[str]) -> Figure:
-    rows = select(rows, method=methods)
-    rows = rows.assign(um=1e6 * rows["shift"], name=rows.method.map(m.title) + ", " + rows.when)
-    shifts = [min(rows.um), max(rows.um)]
-    zeros = [
-        Curve(shifts, shifts, colour="k"),
-        Curve(1e6 * cases["shift"], 1e6 * cases.estimate, style="."),
-    ]
-    panels = (
-        by_condition(
-            rows, "um", "rms", "name", scale=np.degrees(1.0), x="zero off by [um]",
-            y="RMS error on (28) [deg]", title="before and after",
-        ),
-        Panel(zeros, "zero off by [um]", "found [um]", "the zero found"),
-    )  # fmt: skip
-    caption = (
-        "Left: what a wrong zero of x2 costs each method, and what re-zeroing leaves; medians "
-        "over the specimens. Right: the zero that one unloaded cycle tells, and the true line."
+    caption = "What a wrong zero of x2 costs each method, and what re-zeroing leaves; medians."
+    return Summary(
+        (frame_table(title, table, notes, head="zero off by"),),
+        {"forceps-rezero": Figure(title, ((panel,),), caption, height=4.4, legend=True)},
     )
-    return Figure("Re-zeroing after homing", (panels,), caption, height=4.4, legend=True)
+
+
+def _micro(metres: float) -> str:
+    return fixed(1e6 * float(metres), 1)

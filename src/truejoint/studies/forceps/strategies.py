@@ -5,16 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, concat
 
-from truejoint.drawing import Curve, Figure, Panel
 from truejoint.studies.forceps import loaded, unloaded
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import title_of
-from truejoint.studies.paper_tables import degrees_text
-from truejoint.studies.rows import Cell, each, select, table_of, unique
+from truejoint.studies.rows import Cell, each, ecdf_figure, select, table_of
 from truejoint.studies.study import Claim, Part, Results, Settings, Summary
+from truejoint.tables import fixed
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -28,12 +26,12 @@ def summarise(results: Results) -> Summary:
     verified, ways = select(rows, motion="verification"), settings["directions"]
 
     def worst(*directions: str) -> Cell:
-        return lambda group: degrees_text(
-            loaded.worst(rows, group.method.iloc[0], "IV", *directions)
+        return lambda group: fixed(
+            math.degrees(loaded.worst(rows, group.method.iloc[0], "IV", *directions)), 3
         )
 
     cells: dict[str, Cell] = {
-        "strategy": lambda group: str(m.METHODS[group.method.iloc[0]].strategy),
+        "strategy": lambda group: str(1 + len(m.METHODS[group.method.iloc[0]].cables)),
         "sensors": lambda group: ", ".join(("motor", *m.METHODS[group.method.iloc[0]].cables)),
         "RMS unloaded": m.degrees,
         **{f"worst IV {way}": worst(way) for way in ways},
@@ -45,19 +43,10 @@ def summarise(results: Results) -> Summary:
     )
     title = f"Sensor strategies, specimen {title_of(settings['specimen'])}"
     table = table_of(title, verified, "method", cells, notes, names=m.title)
-    keys = unique(verified, "method")
-    points = {
-        "unloaded, (28)": verified.rms,
-        "still under a load, worst": [loaded.worst(rows, key, "IV", *ways) for key in keys],
-    }
-    place = np.arange(len(keys))
-    curves = [
-        Curve(np.degrees(np.array(values)), place, k, style="o") for k, values in points.items()
-    ]
-    names = [f"{m.title(key)}  [{m.METHODS[key].strategy}]" for key in keys]
-    panel = Panel(curves, "RMS error [deg]", log="x", rows=names, legend=True)
-    caption = "RMS error of each method without a load and still under the worst; [strategy]."
-    figure = Figure(title, ((panel,),), caption, width=9.0, height=4.8)
+    cases = concat([verified.assign(case="unloaded, (28)"), select(rows, phase="IV")])
+    cases = cases.fillna({"case": "still under a load"}).assign(name=cases.method.map(m.title))
+    caption = "Share of the weights under which a method errs by less, and its error without one."
+    figure = ecdf_figure(title, cases, "name", "case", caption, colours=m.COLOURS)
     return Summary((table,), {"forceps-strategies": figure}, _claims(verified))
 
 

@@ -8,12 +8,11 @@ from itertools import product
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame, concat
+from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.drawing import Curve, Figure, Panel, by_condition
+from truejoint.drawing import PALETTE, Curve, Figure, Panel
 from truejoint.errors import StudyError
-from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.jaw_load.gated_plays import GatedPlays
 from truejoint.estimators.plays.jaw_plays import JawPlays
@@ -23,11 +22,10 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.sensors import ZeroShift, quantised
 from truejoint.simulation.forceps.specimens import population
-from truejoint.studies.forceps.methods import settled, within
+from truejoint.studies.forceps.methods import settled
 from truejoint.studies.forceps.motions import Plain, built, changed, record
-from truejoint.studies.rows import Cell, each, groups, select, table_of
+from truejoint.studies.rows import each, frame_table, groups, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.tables import Table, fixed, median_text
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
     "motor": (MOTOR,),
@@ -39,19 +37,13 @@ LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
 """What the estimate is made of, by name; the motor's encoder is there anyhow."""
 NOISE: Final = 0.1
 """Jitter of a cable's encoder, in its resolutions, as the nominal one has it."""
-_COLOURS: Final = dict(
-    zip(LAYOUTS, ("0.5", "tab:orange", "tab:olive", "tab:green", "tab:blue"), strict=True)
-)
 _FRICTIONS: Final = (
     "jaw_friction.constant", "jaw_friction.tension_share",
     "slider_friction.constant", "slider_friction.tension_share",
 )  # fmt: skip
 _WEIGHT: Final = {"speed": math.radians(10.0), "start": 1.0, "loaded_from": 5.0, "loaded_to": 7.0}
 _LOADED_END: Final = 10.5  # [s]
-
-
-_DESIGN: Final = ["layout", "resolution", "stiffness", "friction", "homing"]
-"""Columns that make a design: lengths [m], stiffness [N/m], friction in that of the specimens."""
+_LOADS: Final = ["unloaded", "loaded"]
 
 
 def encoders(layout: str) -> int:
@@ -130,6 +122,7 @@ def measure(
     plant, rate, rows = built(forceps), {"log_rate": 100.0}, Rows()
     ways: tuple[Any, ...] = ("opposing", "along")
     tests = [LoadTest(mass, way, end=_LOADED_END, **_WEIGHT) for way in ways]
+    still = [test.phases["IV"][0] for test in tests]
     taught = settled(record(plant, "calibration", seed=4 * number, **rate))
     verified = settled(record(plant, "verification", seed=4 * number + 1, **rate))
     hung = [record(plant, t, seed=4 * number + 2 + i, **rate) for i, t in enumerate(tests)]
@@ -137,36 +130,24 @@ def measure(
         if not encoders(layout) and (resolution, homing) != (resolutions[0], homings[0]):
             continue  # nothing that these change
         zero = ZeroShift.drawn(homing, number)
-        estimator = fitted(layout, sensed(taught, resolution, ZeroShift(), number))
-        unloaded = rms(estimator, layout, sensed(verified, resolution, zero, number), -math.inf)
-        loaded = [
-            rms(estimator, layout, sensed(one, resolution, zero, number), test.phases["IV"][0])
-            for one, test in zip(hung, tests, strict=True)
-        ]
+        estimator: Any = JawPlays(signals=LAYOUTS[layout])
+        X, dt = signals(layout, sensed(taught, resolution, ZeroShift(), number))
+        estimator = GatedPlays() if layout == "motor+x2" else estimator
+        estimator.fit(X, taught.column("truth/jaw"), dt=dt)
+        errors = []
+        for run, first in ((verified, -math.inf), *zip(hung, still, strict=True)):
+            X, dt = signals(layout, sensed(run, resolution, zero, number))
+            error = np.ravel(estimator.predict(X, dt)) - run.column("truth/jaw")
+            errors.append(float(np.sqrt(np.nanmean(error[run.t >= first] ** 2))))
         design = {"layout": layout, "resolution": resolution, "homing": homing}
-        rows.append({**design, "unloaded": unloaded, "loaded": max(loaded)})
+        rows.append({**design, "unloaded": errors[0], "loaded": max(errors[1:])})
     return rows
 
 
-def fitted(layout: str, recording: Recording) -> JointRegressor:
-    """Plays on what a layout measures, fitted to the rows of a recording with a truth."""
-    gated = layout == "motor+x2"
-    X, dt = rows(layout, recording)
-    estimator = GatedPlays() if gated else JawPlays(signals=LAYOUTS[layout])
-    return estimator.fit(X, recording.column("truth/jaw"), dt=dt)
-
-
-def rows(layout: str, recording: Recording) -> tuple[Array, Array]:
+def signals(layout: str, recording: Recording) -> tuple[Array, Array]:
     """Features (n, k) of a layout, and time since the row before (n,) [s]."""
     X = np.column_stack([recording.column(name) for name in LAYOUTS[layout]])
     return X, time_steps(recording.t, np.inf)
-
-
-def rms(estimator: JointRegressor, layout: str, recording: Recording, first: float) -> float:
-    """RMS error [rad] of an estimate where there is a truth, from `first` [s] on."""
-    X, dt = rows(layout, recording)
-    error = np.ravel(estimator.predict(X, dt)) - recording.column("truth/jaw")
-    return float(np.sqrt(np.nanmean(error[within(recording.t, first, np.inf)] ** 2)))
 
 
 def summarise(results: Results) -> Summary:
@@ -174,44 +155,57 @@ def summarise(results: Results) -> Summary:
     settings, rows = results.settings, results.rows
     prices = dict(zip(settings["resolutions_um"], settings["prices"], strict=True))
     unit = (1e6 * rows.resolution).round(6).map(prices)
-    rows = rows.assign(price=rows.layout.map(encoders) * unit, name=[*map(named, each(rows))])
-    by_name, loads = rows.groupby("name", sort=False), ["unloaded", "loaded"]
-    medians = by_name[loads].median()
-    designs = by_name[[*_DESIGN, "price"]].first().join(medians)
-    designs = designs.assign(typical=medians.max(axis=1), worst=by_name[loads].max().max(axis=1))
+    rows = rows.assign(
+        price=rows.layout.map(encoders) * unit,
+        sensors=[sensors(row) for row in each(rows)],
+        cables=(rows.stiffness / 1e3).map("{:g} kN/m".format),
+        **np.degrees(rows[_LOADS]),
+    )
+    rows = rows.assign(name=rows.sensors + ", " + rows.cables)
+    by_name = rows.groupby("name", sort=False)
+    medians, most = by_name[_LOADS].median(), by_name[_LOADS].max()
+    designs = by_name[["layout", "price"]].first()
+    designs = designs.assign(typical=medians.max(axis=1), worst=most.max(axis=1))
     best = front(designs)
-    reach = designs[designs.worst <= math.radians(settings["target_deg"])]
+    reach = designs[designs.worst <= settings["target_deg"]]
     reach = reach.sort_values(["price", "worst"], kind="stable")
     answer = f"{reach.index[0]}, price {reach.price.iloc[0]:g}" if len(reach) else "no design does"
+    under = f"under {settings['mass_g']:g} g"
     notes = (
         "RMS error in degrees against the reference encoder, median (worst) of "
         f"{settings['count']} specimens of seed {settings.seed}, prior {settings['prior']}, each "
-        f"homed anew: on (28), and still under {settings['mass_g']:g} g, the worse of both "
-        "directions.",
+        f"homed anew: on (28), and still {under}, the worse of both directions.",
         f"Cheapest design that keeps {settings['target_deg']:g} deg on every specimen, loaded and "
         f"unloaded: {answer}. Prices are assumed; --set prices=... takes yours.",
     )
-    under = f"under {settings['mass_g']:g} g"
-    chosen = concat([select(rows, name=name) for name in best.index])
-    cells: dict[str, Cell] = {
-        "price": lambda group: f"{group.price.iloc[0]:g}",
-        "unloaded": lambda group: median_text(np.degrees(group.unloaded), 3),
-        under: lambda group: median_text(np.degrees(group.loaded), 3),
-    }
-    title = "Designs that no cheaper one beats"
+    cells = medians.map("{:.3f}".format) + " (" + most.map("{:.3f}".format) + ")"
+    cells = cells.rename(columns={"loaded": under}).loc[best.index]
+    cells.insert(0, "price", best.price.map("{:g}".format))
+    grid = rows.groupby(["sensors", "cables"], sort=False)[_LOADS].median().map("{:.3f}".format)
+    grid = (grid.unloaded + "/" + grid.loaded).unstack()
+    grid = grid.loc[unique(rows, "sensors"), unique(rows, "cables")]
+    note = f"Median RMS error in degrees, unloaded/{under}."
     tables = (
-        table_of(title, chosen, "name", cells, notes, head="design"),
-        _grid(settings, rows),
+        frame_table("Designs that no cheaper one beats", cells, notes, head="design"),
+        frame_table("Every design", grid, (note,), head="sensors"),
     )
-    return Summary(tables, {"forceps-sweep": _figure(settings, designs, best)})
+    points = [
+        Curve(group.price, group.typical, layout, colour, "o")
+        for (layout, group), colour in zip(groups(designs, "layout"), PALETTE, strict=False)
+    ]
+    points.append(Curve(best.price, best.typical, "", "k", "--o"))
+    panel = Panel(points, "price of the cables' encoders", "median RMS error [deg]", log="y")
+    caption = "The worse of loaded and unloaded; the line joins designs that none beats for less."
+    figure = Figure("What accuracy costs", ((panel,),), caption, legend=True)
+    return Summary(tables, {"forceps-sweep": figure})
 
 
-def named(design: Any) -> str:
-    """Name a design, a row with the columns of one, in a person's units."""
+def sensors(design: Any) -> str:
+    """Name all of a design but its cables' stiffness, in a person's units."""
     homed = f", homed to {1e6 * design.homing:g} um"
-    sensors = f" at {1e6 * design.resolution:g} um{homed}" if encoders(design.layout) else " only"
+    at = f" at {1e6 * design.resolution:g} um{homed}" if encoders(design.layout) else " only"
     rubs = "" if design.friction == 1.0 else f", friction x {design.friction:g}"
-    return f"{design.layout}{sensors}, {design.stiffness / 1e3:g} kN/m{rubs}"
+    return design.layout + at + rubs
 
 
 def front(designs: DataFrame) -> DataFrame:
@@ -219,54 +213,3 @@ def front(designs: DataFrame) -> DataFrame:
     ordered = designs.sort_values(["price", "typical"], kind="stable")
     least = ordered.typical.cummin().shift(fill_value=math.inf)
     return ordered[ordered.typical < least]
-
-
-def _grid(settings: Settings, rows: DataFrame) -> Table:
-    """Medians of every design, a row for what does not change the cables' stiffness."""
-    names = [
-        name.replace(f", {k / 1e3:g} kN/m", "")
-        for name, k in zip(rows.name, rows.stiffness, strict=True)
-    ]
-
-    def cell(stiffness: float) -> Cell:
-        return lambda group: "/".join(
-            fixed(math.degrees(select(group, stiffness=stiffness)[load].median()), 3)
-            for load in ("unloaded", "loaded")
-        )
-
-    cells = {f"{k:g} kN/m": cell(1e3 * k) for k in settings["stiffnesses_kNm"]}
-    note = f"Median RMS error in degrees, unloaded/under {settings['mass_g']:g} g."
-    return table_of("Every design", rows.assign(sensors=names), "sensors", cells, (note,))
-
-
-def _figure(settings: Settings, designs: DataFrame, best: DataFrame) -> Figure:
-    finest, usual = designs.resolution.min(), designs.homing.min()
-    middle = sorted(settings["stiffnesses_kNm"])[len(settings["stiffnesses_kNm"]) // 2]
-    plain = select(designs, homing=usual, friction=settings["frictions"][0])
-    sensors = plain.layout.map(encoders) > 0
-    stiff = plain[(plain.resolution == finest) | ~sensors]
-    fine = plain[sensors & (plain.stiffness == 1e3 * middle)]
-    look: dict[str, Any] = {"by": "layout", "scale": math.degrees(1.0), "colours": _COLOURS}
-    look["y"] = "median RMS error [deg]"
-    costs = [
-        Curve(group.price, np.degrees(group.typical), layout, _COLOURS[layout], "o")
-        for layout, group in groups(designs, "layout")
-    ]
-    costs.append(Curve(best.price, np.degrees(best.typical), "", "k", "--o"))
-    mass, none = f"under {settings['mass_g']:g} g", "the worse of both; line: none better for less"
-    panels = (
-        by_condition(
-            stiff.assign(kNm=stiff.stiffness / 1e3), "kNm", "loaded", log="xy",
-            x="cable stiffness [kN/m]", title=f"{mass}, at {1e6 * finest:g} um", **look,
-        ),
-        by_condition(
-            fine.assign(um=1e6 * fine.resolution), "um", "unloaded", log="xy",
-            x="resolution of the cables' encoders [um]", title=f"unloaded, {middle:g} kN/m", **look,
-        ),
-        Panel(costs, "price of the cables' encoders", look["y"], none, "y"),
-    )  # fmt: skip
-    caption = (
-        "Median over the specimens: what stiffness and resolution buy, and every design against "
-        "the price of its encoders; the line joins those that none beats for less."
-    )
-    return Figure("What accuracy costs", (panels,), caption, width=13.0, legend=True)

@@ -70,7 +70,7 @@ def summarise(results: Results) -> Summary:
     )
     title = f"yan2020 Table 2 and figure 6, specimen {name}"
     table = table_of(title, verified, "method", cells, notes, names=m.title)
-    figure = _figure(rows, results.arrays["unloaded"], name)
+    figure = _figure(results.arrays["unloaded"], name)
     return Summary((table,), {"forceps-unloaded": figure}, [*_claims(verified)])
 
 
@@ -98,7 +98,7 @@ def _claims(verified: DataFrame) -> Iterator[Claim]:
         yield Claim(text, "yan2020, IV-C", bool(0.44 <= saved <= 0.64), found)
 
 
-def _figure(rows: DataFrame, arrays: Mapping[str, Array], name: str) -> Figure:
+def _figure(arrays: Mapping[str, Array], name: str) -> Figure:
     panels: list[list[Panel]] = [[], [], []]
     for run, motion in _RUNS.items():
         signals = {k.removeprefix(f"{run}/"): v for k, v in arrays.items() if run in k}
@@ -109,14 +109,11 @@ def _figure(rows: DataFrame, arrays: Mapping[str, Array], name: str) -> Figure:
             curves.append(Curve(t, estimate, m.title(m.PAPERS_BEST), style="--"))
         panels[0].append(Panel(curves, y=f"jaw on {motion} [deg]", legend=True))
         for line, keys in zip(panels[1:], (m.PAPERS, _OURS), strict=True):
-            errors = []
-            for key in (key for key in keys if key in signals):
-                label = f"{m.title(key)}: {m.degrees(select(rows, motion=run, method=key))}"
-                error = np.degrees(signals[key] - truth)
-                errors.append(Curve(t, error, label, m.METHODS[key].colour, width=0.7))
+            errors = [
+                Curve(t, np.degrees(signals[key] - truth), m.title(key), m.METHODS[key].colour)
+                for key in keys
+                if key in signals
+            ]
             line.append(Panel(errors, "time [s]", "error [deg]", legend=bool(errors)))
-    caption = (
-        "Angles and errors on both motions: the paper's methods in the middle, ours below; the "
-        "legends give RMS errors in degrees."
-    )
+    caption = "Angles and errors on both motions: the paper's methods in the middle, ours below."
     return Figure(f"yan2020 figures 6 and 7, specimen {name}", panels, caption, height=8.0)
