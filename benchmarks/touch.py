@@ -56,7 +56,7 @@ from truejoint.tip import (
     zero_by_touch,
 )
 from truejoint.tip.guide import Guide, choose_touches, learning
-from truejoint.tip.rows import known_kinematics
+from truejoint.tip.fit import known_kinematics
 from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]

@@ -11,8 +11,7 @@ from scipy.stats import chi2
 
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
-from truejoint.tip.fit import fit_rows
-from truejoint.tip.rows import TipPrior, TipRows, TipState, align
+from truejoint.tip.fit import TipPrior, TipRows, TipState, align, fit_rows
 
 ROBOT = get_robot("raven2", "left")
 COLUMNS = (0, 1, 2)

@@ -10,11 +10,11 @@ from .files import read_registration as read_registration
 from .files import read_shots as read_shots
 from .files import read_touches as read_touches
 from .files import write_pose as write_pose
-from .registration import Registered as Registered
-from .registration import Registration as Registration
 from .touch import Touches as Touches
 from .touch import find_block as find_block
 from .touch import zero_by_touch as zero_by_touch
 from .touch_calibration import TouchReport as TouchReport
 from .touch_calibration import calibrate_by_touch as calibrate_by_touch
+from .track import Registered as Registered
 from .track import tracked_truth as tracked_truth
+from .track_fit import Registration as Registration

@@ -21,8 +21,8 @@ from truejoint.files import read_small, write_atomically
 from truejoint.robots import Robot
 from truejoint.schema import Bounds, Key, Positive, Shape
 from truejoint.tip.block import Block, BlockPose
-from truejoint.tip.registration import Registration
 from truejoint.tip.touch import Touches
+from truejoint.tip.track_fit import Registration
 from truejoint.toml_file import read_toml
 from truejoint.units import display_unit
 

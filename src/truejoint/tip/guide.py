@@ -14,8 +14,7 @@ from truejoint.errors import CalibrationError
 from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import TipFit
-from truejoint.tip.rows import TipPrior, TipRows
+from truejoint.tip.fit import TipFit, TipPrior, TipRows
 from truejoint.tip.terms import LEFT, Terms, check_priors, wide_priors
 from truejoint.tip.touch import (
     FEWEST,

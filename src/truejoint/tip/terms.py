@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
@@ -132,8 +133,8 @@ class Terms:
     def tracked_sds(self, robot: Robot) -> Array:
         """Give the standard deviations (k,) of the coefficients for a tracker."""
         sd = self.sds({"zero": 0.0, **TRACKED})
-        unit = [robot.joint(joint).unit for joint in self.joints]
-        sd[self.zeros] = np.array([TRACKED_ZERO[name] for name in unit]) / self.scale
+        zeros = [TRACKED_ZERO[robot.joint(joint).unit] for joint in self.joints]
+        sd[self.zeros] = np.array(zeros) / self.scale
         return sd
 
     def of_calibration(self, calibration: Calibration, recording: Recording) -> Array:
@@ -162,22 +163,21 @@ class Terms:
         """Arrays of a polynomial of degree 2 in the features, of the coefficients (k,)."""
         n, widths = self.widths.shape
         k = n + n * widths
-        factors = polynomial_factors(k, 2).tolist()
-        place = {tuple(factor): i for i, factor in enumerate(factors)}
-        coef, intercept = np.zeros((len(factors), n)), np.zeros(n)
-        half = np.concatenate([self.half, np.repeat(self.half, widths)])
-        centre = np.concatenate([self.centre, np.repeat(self.centre, widths)])
-        pairs = [(i, j) for i in range(n) for j in range(i, n)]
-        for joint, values in enumerate(coefficients.reshape(n, -1) * self.scale[:, None]):
-            intercept[joint] = values[0]
-            for i in range(n):
-                coef[place[i, k], joint] += values[1 + i]
-            for value, (i, j) in zip(values[1 + n :], pairs, strict=False):
-                coef[place[i, j], joint] = value
-            for w, value in enumerate(values[1 + n + len(pairs) :]):
-                per = value * self.half[joint] / self.widths[joint, w]  # (p - q) / width
-                coef[place[n + joint * widths + w, k], joint] += per
-                coef[place[joint, k], joint] -= per
+        place = {tuple(pair): i for i, pair in enumerate(polynomial_factors(k, 2).tolist())}
+        values = coefficients.reshape(n, -1) * self.scale[:, None]
+        coef = np.zeros((len(place), n))
+        coef[[place[i, k] for i in range(n)]] = values[:, 1 : 1 + n].T
+        pairs = [place[i, j] for i in range(n) for j in range(i, n)]
+        coef[pairs] = values[:, 1 + n : 1 + n + len(pairs)].T
+        for joint, w in product(range(n), range(widths)):
+            # Of (play - position) / width.
+            per = values[joint, 1 + n + len(pairs) + w] * self.half[joint] / self.widths[joint, w]
+            coef[place[n + joint * widths + w, k], joint] += per
+            coef[place[joint, k], joint] -= per
+        half, centre = (
+            np.concatenate([ends, np.repeat(ends, widths)]) for ends in (self.half, self.centre)
+        )
+        intercept = values[:, 0].copy()
         return {"mean": centre, "inverse_scale": 1.0 / half, "coef": coef, "intercept": intercept}
 
 
@@ -190,12 +190,11 @@ class TermsPrior(NamedTuple):
 
 def wide_priors(terms: Terms) -> list[TermsPrior]:
     """Expect little of any arm, with squares and plays smaller from one prior to the next."""
-    nothing = np.zeros(len(terms.kinds))
-    shares = [{"square": share, "play": share} for share in _SHARES]
-    kinds = [
-        {kind: sd * share_of.get(kind, 1.0) for kind, sd in WIDE.items()} for share_of in shares
-    ]
-    return [TermsPrior(nothing, terms.sds(by_kind)) for by_kind in kinds]
+    nothing, by_kind = (
+        np.zeros(len(terms.kinds)),
+        [WIDE | {kind: share * WIDE[kind] for kind in ("square", "play")} for share in _SHARES],
+    )
+    return [TermsPrior(nothing, terms.sds(sds)) for sds in by_kind]
 
 
 def learned_priors(

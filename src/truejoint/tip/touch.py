@@ -15,8 +15,7 @@ from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, other_kind
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import TipFit, fit_rows
-from truejoint.tip.rows import TipPrior, TipRows, TipState, align
+from truejoint.tip.fit import TipFit, TipPrior, TipRows, TipState, align, fit_rows
 from truejoint.units import shown
 
 if TYPE_CHECKING:

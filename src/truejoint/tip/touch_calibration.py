@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -20,8 +20,7 @@ from truejoint.estimators.polynomial.run import of_degree
 from truejoint.features.feature_set import default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.tip.block import TOUCH_SD, Block
-from truejoint.tip.fit import TipFit, fit_rows
-from truejoint.tip.rows import SCALE, TipPrior, TipRows, TipState, align
+from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
 from truejoint.tip.terms import (
     LEFT,
     SPREAD,
@@ -157,10 +156,9 @@ def calibrate_by_touch(
     _check_spread(recording, touches, block, terms, features, is_flat_fine=bool(priors))
     terms_fit = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
     report = _report(touches, block, terms_fit, terms, has_priors=bool(priors))
-    coefficients = terms_fit.fit.state.coefficients
-    correction = terms.basis(*terms.columns(features)) @ coefficients
-    table: dict[str, Array] = {"t": recording.t}
-    table |= {c: recording.column(c) for c in recording.units}
+    state = terms_fit.fit.state
+    correction = terms.basis(*terms.columns(features)) @ state.coefficients
+    table = {"t": recording.t} | {c: recording.column(c) for c in recording.units}
     for k, joint in enumerate(terms.joints):
         table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
     whole = Recording.from_columns(
@@ -170,10 +168,9 @@ def calibrate_by_touch(
     fitted = calibrate(
         [whole], "linear", features=terms.features, joints=terms.joints, redundant=[]
     )
-    data = EstimatorData("polynomial", of_degree(2), terms.arrays(coefficients))
+    data = EstimatorData("polynomial", of_degree(2), terms.arrays(state.coefficients))
     model = Polynomial.from_data(data, len(terms.features), len(terms.joints))
-    baseline = fitted.effort_baseline
-    if baseline is not None:
+    if (baseline := fitted.effort_baseline) is not None:
         residual = np.hypot(terms_fit.rows.corrected_sd, report.zero_sd)
         baseline = replace(baseline, residual=residual)
     calibration = replace(
@@ -185,30 +182,21 @@ def calibrate_by_touch(
     ).with_metadata(
         settings=" ".join(repr(model).split()),
         truth="touch",
-        touch=_facts(terms_fit, report, priors),
+        touch={
+            "touches": len(touches),
+            "prior": [prior.title for prior in priors] if terms_fit.is_learned else [],
+            "left_out": [touches.dimple[i] for i in np.flatnonzero(terms_fit.fit.left_out)],
+            "left_out_error": report.left_out_error,
+            "left_out_sd": report.left_out_sd,
+            "zero_sd": report.zero_sd.tolist(),
+            "joint_sd": terms_fit.rows.corrected_sd.tolist(),
+            "scale": state.scale,
+            "rotation": state.rotation.tolist(),
+            "translation": state.translation.tolist(),
+            "not_seen": list(report.not_seen),
+        },
     )
     return calibration, report
-
-
-def _facts(
-    terms_fit: TermsFit, report: TouchReport, priors: Sequence[Calibration]
-) -> dict[str, Any]:
-    """Plain values about the touches for the model file."""
-    fit = terms_fit.fit
-    state = fit.state
-    return {
-        "touches": len(report.touches),
-        "prior": [prior.title for prior in priors] if terms_fit.is_learned else [],
-        "left_out": [report.touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
-        "left_out_error": report.left_out_error,
-        "left_out_sd": report.left_out_sd,
-        "zero_sd": report.zero_sd.tolist(),
-        "joint_sd": terms_fit.rows.corrected_sd.tolist(),
-        "scale": state.scale,
-        "rotation": state.rotation.tolist(),
-        "translation": state.translation.tolist(),
-        "not_seen": list(report.not_seen),
-    }
 
 
 def features_of(recording: Recording, terms: Terms) -> Array:
@@ -242,9 +230,7 @@ def fit_terms(
         block.at(touches.dimple), touch_sd, LEFT * terms.scale,
     )  # fmt: skip
     learned = learned_priors(terms, priors, recording) if priors else []
-    candidates = [
-        terms_prior(rows, block, *expected) for expected in [*learned, *wide_priors(terms)]
-    ]
+    candidates = [terms_prior(rows, block, *each) for each in [*learned, *wide_priors(terms)]]
     first = fit_rows(rows, candidates[len(learned)])
     best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
     rows = with_estimated_errors(rows, candidates[best])

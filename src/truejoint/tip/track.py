@@ -10,10 +10,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.signal import medfilt
+from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import CalibrationError, RecordingError, other_kind
@@ -29,10 +30,17 @@ from truejoint.recordings.table.stream import Stream
 from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
-from truejoint.tip.fit import GATE
-from truejoint.tip.registration import Registered, Registration, Stretch
-from truejoint.tip.rows import MARKER, POSE, TipRows, known_kinematics
-from truejoint.tip.track_fit import NORM_MEDIAN, TrackedMotion, TrackFit, TrackStart, fit_track
+from truejoint.summary import Summarised, json_values
+from truejoint.tip.fit import GATE, MARKER, POSE, TipRows, known_kinematics
+from truejoint.tip.track_fit import (
+    NORM_MEDIAN,
+    Registration,
+    TrackedMotion,
+    TrackFit,
+    TrackStart,
+    fit_track,
+)
+from truejoint.units import display_unit
 
 _UNSEEN: Final = 0.3  # share of a zero's prior deviation, above which the motion did not show it
 _SOLVES: Final = 3  # Newton steps from a corrected position to that of a point
@@ -45,6 +53,117 @@ _SHOWN: Final = 3  # stretches or jumps in a message
 _JUMP: Final = 10.0  # deviations of a single reading, by which the next ones are elsewhere
 _SMOOTH: Final = 2.0  # times that deviation, by which they are off where a fit is no good
 _LIKE: Final = 30.0  # the tool's way and the points' are at most this many times each other
+
+
+class Stretch(NamedTuple):
+    """A time [s] in which most readings are off, by a distance in the median [m], all left out."""
+
+    begin: float
+    end: float
+    readings: int
+    distance: float
+    alike: bool  # Whether all are off by the same on the marker's link, as another marker would be
+
+    def __str__(self) -> str:
+        what = "all alike: another marker" if self.alike else "each otherwise"
+        return (
+            f"{self.begin:.1f} to {self.end:.1f} s: {self.readings} readings "
+            f"{1e3 * self.distance:.1f} mm off, {what}"
+        )
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Registered(Summarised):
+    """Where a tracker stands, what it sees, and how sure that is.
+
+    Attributes
+    ----------
+    base_from_tracker : ndarray, shape (4, 4)
+        Pose of the tracker's frame in the robot's base [m].
+    base_sd : ndarray, shape (6,)
+        Standard deviations of the turn about and the shift along the base's axes at its origin
+        [rad, then m].
+    link : str
+        Joint whose link carries the marker.
+    link_from_marker : ndarray, shape (4, 4)
+        Pose of the marker on it [m]; its turn is the identity for points.
+    marker_sd : ndarray, shape (3,)
+        [m].
+    clock : ClockOffset
+        What to add to the tracker's stamps to have the robot's; its delay is part of it.
+    noise : float
+        Standard deviation per axis of the points about the fit [m].
+    joints : tuple of str
+        Whose truth was found.
+    noise_deviation : ndarray, shape (n_joints,)
+        What that noise makes of a single truth, root mean square over the motion [rad or m].
+    pose_deviation : ndarray, shape (n_joints,)
+        What all truths may be off by together, as the transforms are known no better [rad or m].
+    readings, strays : int
+        Readings that fit, and those that were left out one by one as they do not.
+    stretches : tuple of Stretch
+        Times that were left out whole.
+
+    Examples
+    --------
+    >>> one, place = np.ones(1), np.eye(4)
+    >>> known = place, np.ones(6), "roll", place, np.ones(3), truejoint.recordings.ClockOffset(0.0)
+    >>> Registered(*known, 3e-4, ("elbow",), ("rad",), one, one, 90, 2).summary()["readings"]
+    '90, 2 strays left out, noise 0.3 mm per axis'
+    """
+
+    base_from_tracker: Array
+    base_sd: Array
+    link: str
+    link_from_marker: Array
+    marker_sd: Array
+    clock: ClockOffset
+    noise: float
+    joints: tuple[str, ...]
+    units: tuple[str, ...]
+    noise_deviation: Array
+    pose_deviation: Array
+    readings: int
+    strays: int
+    stretches: tuple[Stretch, ...] = ()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain values for JSON."""
+        clock = {"seconds": self.clock.seconds, "sd": self.clock.sd}
+        stretches = [stretch._asdict() for stretch in self.stretches]
+        plain: dict[str, Any] = json_values(vars(self) | {"clock": clock, "stretches": stretches})
+        return plain
+
+    def summary(self) -> dict[str, str]:
+        """Give transforms with their deviations, delay, noise, and the deviation of each truth."""
+        turn = Rotation.from_matrix(self.base_from_tracker[:3, :3]).as_rotvec(degrees=True)
+        rows = zip(self.joints, self.units, self.noise_deviation, self.pose_deviation, strict=True)
+        deviations = [
+            f"{joint} {noise * shown.scale:.2g} and {pose * shown.scale:.2g} {shown.name}"
+            for joint, unit, noise, pose in rows
+            for shown in [display_unit(unit)]
+        ]
+        return {
+            "tracker": f"at {_in_mm(self.base_from_tracker[:3, 3], '.2f')} mm of the base, turned "
+            f"{_listed(turn, '.3f')} deg",
+            "± (1 sd)": f"{_in_mm(self.base_sd[3:], '.2g')} mm, "
+            f"{_listed(np.rad2deg(self.base_sd[:3]), '.2g')} deg",
+            "marker": f"at {_in_mm(self.link_from_marker[:3, 3], '.2f')} mm ± "
+            f"{_in_mm(self.marker_sd, '.2g')} mm of the link that {self.link} moves",
+            "clock": repr(self.clock).partition("(")[2].removesuffix(")"),
+            "readings": f"{self.readings}, {self.strays} strays left out, noise "
+            f"{1e3 * self.noise:.2g} mm per axis",
+            **({"left out": "; ".join(map(str, self.stretches))} if self.stretches else {}),
+            "truth ±": "; ".join(deviations) + " (of one reading, and of all together)",
+        }
+
+
+def _in_mm(values: Array, form: str) -> str:
+    return _listed(1e3 * values, form)
+
+
+def _listed(values: Array, form: str) -> str:
+    return f"({', '.join(format(float(v), form) for v in values)})"
 
 
 def tracked_truth(
@@ -113,7 +232,13 @@ def tracked_truth(
     if not isinstance(track, Track):
         raise RecordingError(other_kind(track, "Track", "read_track(path) reads one"))
     chain, link = carrier(robot, registration.link)
-    names = _checked_joints(track.source, robot, joints)
+    names = tuple(joints) or robot.positioning[:3]
+    robot.index(names)
+    if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
+        raise CalibrationError(
+            f"{track.source}: the place of a marker tells 1 to 3 joints, each named once, not "
+            f"{', '.join(names)}"
+        )
     motion = TrackedMotion.of(recording, chain, names)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
     about = _coarse_offset(motion, track, near, begins) if offset is None else offset - begins
@@ -121,26 +246,24 @@ def tracked_truth(
     fit = fit_track(motion, track, start)
     _check_seen(track.source, fit, motion)
     readings = _judge(motion, track, start, fit)
-    truth, deviations = _solve(readings.rows, fit)
+    truth, noise_sd, pose_sd = _solve(readings.rows, fit)
     columns = {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
     sd, by = (math.nan, ()) if offset is not None else (float(fit.sds("delay")[0]), ("the tool",))
     clock = ClockOffset(fit.offset + begins, sd, by)
     joined, _ = join_truth(recording, Stream(track.t[readings.inlier], columns), clock.seconds)
-    base, marker = np.eye(4), np.eye(4)
-    base[:3, :3], base[:3, 3] = fit.state.rotation, fit.state.translation
-    marker[:3, :3], marker[:3, 3] = fit.state.turn, fit.state.marker
     registered = Registered(
-        base_from_tracker=base @ start.base_from_tracker,
+        base_from_tracker=_pose(fit.state.rotation, fit.state.translation)
+        @ start.base_from_tracker,
         base_sd=fit.sds(*POSE),
         link=link,
-        link_from_marker=marker,
+        link_from_marker=_pose(fit.state.turn, fit.state.marker),
         marker_sd=fit.sds(*MARKER),
         clock=clock,
         noise=fit.noise,
         joints=names,
         units=tuple(robot.joint(name).unit for name in names),
-        noise_deviation=deviations[0],
-        pose_deviation=deviations[1],
+        noise_deviation=noise_sd,
+        pose_deviation=pose_sd,
         readings=int(readings.inlier.sum()),
         strays=readings.strays,
         stretches=readings.stretches,
@@ -161,32 +284,24 @@ def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
     return kinematics.up_to(robot.index([link])[0]), link
 
 
-def _checked_joints(source: str, robot: Robot, joints: Sequence[str]) -> tuple[str, ...]:
-    """Joints whose truth is sought; refuses more than a point can tell."""
-    names = tuple(joints) or robot.positioning[:3]
-    robot.index(names)
-    if not 1 <= len(names) <= 3 or len(set(names)) < len(names):
-        raise CalibrationError(
-            f"{source}: the place of a marker tells 1 to 3 joints, each named once, not "
-            f"{', '.join(names)}"
-        )
-    return names
+def _pose(rotation: Array, translation: Array) -> Array:
+    return np.block([[rotation, translation[:, None]], [np.zeros(3), 1.0]])
 
 
 def _described(joined: Recording, registered: Registered, track: Track) -> Recording:
     """Note in a recording's provenance where its truth is from, and what was dropped."""
-    about = registered.summary()
+    about, stretches = registered.summary(), registered.stretches
     notes = [
         joined.provenance.notes,
         f"truth of a tracker, {track.source}: registered {about['± (1 sd)']}; truth ± "
         f"{about['truth ±']}",
-        *(f"left out: {stretch}" for stretch in registered.stretches),
+        *(f"left out: {stretch}" for stretch in stretches),
     ]
     dropped = {
         **joined.provenance.dropped,
         **track.dropped,
         "tracker: strays": registered.strays,
-        "tracker: off for a while": sum(stretch.readings for stretch in registered.stretches),
+        "tracker: off for a while": sum(stretch.readings for stretch in stretches),
     }
     text = "; ".join(filter(None, notes))
     return replace(joined, provenance=replace(joined.provenance, notes=text, dropped=dropped))
@@ -211,14 +326,19 @@ def _coarse_offset(motion: TrackedMotion, track: Track, near: float | None, begi
     return find_path_offset(motion.t, path, track.t, medfilt(points, (5, 1)), about)
 
 
+_WORDS: Final = {
+    **{f"turn {axis}": f"a turn of the base about its {axis} axis" for axis in "xyz"},
+    **{f"shift {axis}": f"a shift of the base along {axis}" for axis in "xyz"},
+    **{f"marker {axis}": f"the marker's place along {axis} of its link" for axis in "xyz"},
+}
+
+
 def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
     """Refuse a motion that leaves the zero of a joint open; say what it is mixed up with."""
-    zeros, state = motion.terms.zeros, fit.state
-    sds = np.sqrt(np.diag(fit.covariance))
-    open_ = []
-    for name, zero in zip(motion.terms.joints, zeros, strict=True):
+    sds, open_ = np.sqrt(np.diag(fit.covariance)), []
+    places = [fit.state.names.index(parameter) for parameter in _WORDS]
+    for name, zero in zip(motion.terms.joints, motion.terms.zeros, strict=True):
         if sds[zero] > _UNSEEN * motion.sd[zero]:
-            places = [state.names.index(parameter) for parameter in _WORDS]
             scale = np.maximum(sds[zero] * sds[places], 1e-300)
             alike = int(np.argmax(np.abs(fit.covariance[zero, places]) / scale))
             open_.append(f"the zero of {name} from {list(_WORDS.values())[alike]}")
@@ -230,34 +350,19 @@ def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
         )
 
 
-_WORDS: Final = {
-    **{f"turn {axis}": f"a turn of the base about its {axis} axis" for axis in "xyz"},
-    **{f"shift {axis}": f"a shift of the base along {axis}" for axis in "xyz"},
-    **{f"marker {axis}": f"the marker's place along {axis} of its link" for axis in "xyz"},
-}
-
-
-@dataclass(frozen=True, eq=False)
-class _Readings:
+class _Readings(NamedTuple):
     """Which readings fit, and what the others are."""
 
     rows: TipRows  # inliers
     inlier: Mask  # (n,)
     strays: int  # outliers one by one
     stretches: tuple[Stretch, ...]
-    jumps: Array  # (k,) times at which the inliers jump elsewhere [s]
-
-    @property
-    def share(self) -> float:
-        """Share of the outliers."""
-        out = self.strays + sum(stretch.readings for stretch in self.stretches)
-        return out / (out + int(self.inlier.sum()))
 
 
 def _judge(motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit) -> _Readings:
     """Tell inliers from strays, and from stretches of time in which most readings stray.
 
-    Refuses points that do not follow the tool.
+    Refuses points that do not follow the tool, and says when they leave it.
     """
     stamps, noise = track.t + fit.offset, max(fit.noise, _FINEST)
     rows, state = motion.rows(stamps, start.point), fit.without_delay
@@ -270,9 +375,21 @@ def _judge(motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit
     inlier = inside & ~stray & ~within
     jumps = _jumps(stamps[inlier], on_link[inlier], noise)
     strays = int((stray & ~within).sum())
-    readings = _Readings(rows.rows(inlier), inlier, strays, stretches, jumps)
-    _check_followed(track.source, readings, fit, motion)
-    return readings
+    out = strays + sum(stretch.readings for stretch in stretches)
+    share = out / (out + int(inlier.sum()))
+    way = float(np.linalg.norm(np.std(motion.path, axis=0)))
+    if share > _MOST_STRAYS or fit.noise > _MOST_NOISE * way or len(jumps):
+        words = [str(stretch) for stretch in stretches[:_SHOWN]]
+        if len(jumps):
+            words.append(f"they jump at {', '.join(f'{t:.1f}' for t in jumps[:_SHOWN])} s")
+        when = f" ({'; '.join(words)})" if words else ""
+        raise CalibrationError(
+            f"{track.source}: the points follow the tool, which moves {1e3 * way:.0f} mm, to no "
+            f"better than {1e3 * fit.noise:.1f} mm, and {100 * share:.0f} % are further off than "
+            f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
+            "motion? Look at them, and leave such stretches out"
+        )
+    return _Readings(rows.rows(inlier), inlier, strays, stretches)
 
 
 def _jumps(t: Array, shift: Array, noise: float) -> Array:
@@ -300,72 +417,42 @@ def _stretches(
     `shift` (n, 3) [m] on the marker's link, another marker is seen. Two such stretches that follow
     each other are one, even if a fit that bends to them has no outlier between.
     """
-    merged: list[_Off] = []
+    parts: list[Integers] = []
     most = medfilt(stray.astype(np.float64), _RUN)
     for first, end in runs(np.convolve(most, np.ones(_RUN), "same") > 0.0):
-        off = _Off.of(first + np.flatnonzero(stray[first:end]), shift, noise)
-        if merged and off.is_as(merged[-1]):
-            off = _Off.of(np.concatenate([merged.pop().rows, off.rows]), shift, noise)
-        merged.append(off)
+        rows = first + np.flatnonzero(stray[first:end])
+        if parts and _is_one(parts[-1], rows, shift, noise):
+            rows = np.concatenate([parts.pop(), rows])
+        parts.append(rows)
     within, stretches = np.zeros(len(t), dtype=np.bool_), []
-    for off in merged:
-        begin, end = off.rows[0], off.rows[-1]
-        within[begin : end + 1] = True
-        count = int(inside[begin : end + 1].sum())
-        times = float(t[begin]), float(t[end])
-        stretches.append(Stretch(*times, count, off.distance, alike=off.is_alike))
+    for rows in parts:
+        whole = slice(rows[0], rows[-1] + 1)
+        within[whole] = True
+        times, count = t[rows[[0, -1]]].tolist(), int(inside[whole].sum())
+        _, distance, is_alike = _off(shift[rows], noise)
+        stretches.append(Stretch(*times, count, distance, is_alike))
     return tuple(stretches), within
 
 
-@dataclass(frozen=True, eq=False)
-class _Off:
-    """Readings of a stretch that stray."""
-
-    rows: Integers
-    middle: Array  # (3,) of their shift on the marker's link [m]
-    distance: float  # [m]
-    spread: float  # of the shift about its middle, in the median [m]
-    limit: float  # within which two shifts are the same [m]
-
-    @classmethod
-    def of(cls, rows: Integers, shift: Array, noise: float) -> _Off:
-        middle = np.median(shift[rows], axis=0)
-        distance, spread = (
-            float(np.median(np.linalg.norm(off, axis=1)))
-            for off in (shift[rows], shift[rows] - middle)
-        )
-        return cls(rows, middle, distance, spread, max(GATE * noise, _ALIKE * distance))
-
-    @property
-    def is_alike(self) -> bool:
-        return self.spread < self.limit
-
-    def is_as(self, before: _Off) -> bool:
-        """Whether this and another one, not long before, are off by the same."""
-        between = self.rows[0] - before.rows[-1]
-        near = between < max(np.ptp(self.rows), np.ptp(before.rows))
-        distance = float(np.linalg.norm(self.middle - before.middle))
-        return bool(near and self.is_alike and before.is_alike and distance < self.limit)
+def _off(shift: Array, noise: float) -> tuple[Array, float, bool]:
+    """Median (3,) of shifts (n, 3) [m], their median length, and whether all are alike."""
+    middle = np.median(shift, axis=0)
+    distance, spread = (
+        float(np.median(np.linalg.norm(off, axis=1))) for off in (shift, shift - middle)
+    )
+    return middle, distance, spread < max(GATE * noise, _ALIKE * distance)
 
 
-def _check_followed(source: str, readings: _Readings, fit: TrackFit, motion: TrackedMotion) -> None:
-    """Refuse points that do not follow the tool, and say when they leave it."""
-    way = float(np.linalg.norm(np.std(motion.path, axis=0)))
-    share, jumps = readings.share, readings.jumps
-    if share > _MOST_STRAYS or fit.noise > _MOST_NOISE * way or len(jumps):
-        words = [str(stretch) for stretch in readings.stretches[:_SHOWN]]
-        if len(jumps):
-            words.append(f"they jump at {', '.join(f'{t:.1f}' for t in jumps[:_SHOWN])} s")
-        when = f" ({'; '.join(words)})" if words else ""
-        raise CalibrationError(
-            f"{source}: the points follow the tool, which moves {1e3 * way:.0f} mm, to no better "
-            f"than {1e3 * fit.noise:.1f} mm, and {100 * share:.0f} % are further off than "
-            f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
-            "motion? Look at them, and leave such stretches out"
-        )
+def _is_one(before: Integers, rows: Integers, shift: Array, noise: float) -> bool:
+    """Whether two stretches, the second not long after the first, are off by the same."""
+    first, second = _off(shift[before], noise), _off(shift[rows], noise)
+    is_near = rows[0] - before[-1] < max(np.ptp(rows), np.ptp(before))
+    between = np.linalg.norm(second[0] - first[0])
+    is_same = between < max(GATE * noise, _ALIKE * second[1])
+    return bool(is_near and first[2] and second[2] and is_same)
 
 
-def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, tuple[Array, Array]]:
+def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, Array, Array]:
     """Joints (n, n_joints) at every inlier, and their deviations by noise and by the transforms.
 
     From the point alone, which tells more than an orientation.
@@ -381,5 +468,5 @@ def _solve(rows: TipRows, fit: TrackFit) -> tuple[Array, tuple[Array, Array]]:
     moved = back @ equations.by_parameter[:, :, k:]
     together = np.einsum("mia,ab,mib->mi", moved, fit.covariance[k:, k:], moved)
     single = fit.noise**2 * (back**2).sum(axis=2)
-    deviations = [np.sqrt(variance.mean(axis=0)) for variance in (single, together)]
-    return joint[:, columns], (deviations[0], deviations[1])
+    sds = [np.sqrt(variance.mean(axis=0)) for variance in (single, together)]
+    return joint[:, columns], sds[0], sds[1]

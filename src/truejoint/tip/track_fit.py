@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
 from typing import Final
@@ -18,9 +18,19 @@ from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.signals import GAP_STEPS
 from truejoint.robots.parts import Kinematics
-from truejoint.tip.fit import GATE, Settled, Whitened, gauss_newton, huber, inverted
-from truejoint.tip.registration import Registration
-from truejoint.tip.rows import TipPrior, TipRows, TipState, align
+from truejoint.tip.fit import (
+    GATE,
+    Settled,
+    TipPrior,
+    TipRows,
+    TipState,
+    Whitened,
+    align,
+    cross_matrix,
+    gauss_newton,
+    huber,
+    inverted,
+)
 from truejoint.tip.terms import Terms
 
 # A joint that moves less is held: its motor shows its cable, and no motion of the tool.
@@ -34,7 +44,76 @@ NORM_MEDIAN: Final = 1.538
 _STEPS: Final = 40
 _SETTLED: Final = 1e-2  # of a parameter's standard deviation
 _STRETCHES: Final = 20  # of the motion, whose differences give the covariance
+_MARKER_SD: Final = 0.05  # m, of a marker of which nothing is stated
 _MIRROR: Final = 0.25  # share of the residual that is left when the points are mirrored
+
+
+@dataclass(frozen=True, eq=False)
+class Registration:
+    """What a person knows of a tracker beside a robot.
+
+    Attributes
+    ----------
+    base : ndarray, shape (4, 4), optional
+        Pose of the robot's base frame in the tracker's [m]; None where it is to be found.
+    base_sd : ndarray, shape (6,)
+        Standard deviations of it about and along the axes of the base [rad, then m].
+    touched : ndarray, shape (n, 2, 3)
+        Points of the base that the tracker has seen, in the base's frame and in the tracker's [m].
+    touched_sd : float
+        Per axis [m].
+    link : str
+        Joint whose link carries the marker; empty for the tool behind the last one.
+    marker : ndarray, shape (3,), optional
+        Place of the marker in the frame of that link [m].
+    marker_sd : ndarray, shape (3,)
+        [m].
+    stops : mapping
+        By joint, its measured and its true position where that is known, at a hard stop or in a
+        fixture, and the standard deviation [rad or m].
+
+    Examples
+    --------
+    >>> Registration(marker=np.zeros(3), stops={"shoulder": (0.01, 0.0, 0.001)}).base is None
+    True
+    """
+
+    base: Array | None = None
+    base_sd: Array = field(default_factory=lambda: np.full(6, np.inf))
+    touched: Array = field(default_factory=lambda: np.empty((0, 2, 3)))
+    touched_sd: float = 1e-3
+    link: str = ""
+    marker: Array | None = None
+    marker_sd: Array = field(default_factory=lambda: np.full(3, _MARKER_SD))
+    stops: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        shapes = {"base": (4, 4), "base_sd": (6,), "marker": (3,), "marker_sd": (3,)}
+        for name, shape in shapes.items():
+            if (value := getattr(self, name)) is not None and np.shape(value) != shape:
+                raise CalibrationError(
+                    f"registration: {name} is of shape {np.shape(value)}; it must be {shape}"
+                )
+        if len(self.touched) and self.base is not None:
+            raise CalibrationError(
+                "registration: it states the base's pose and touched points; leave one of them out"
+            )
+
+    def known_base(self) -> tuple[Array | None, Array]:
+        """Pose (4, 4) of the tracker in the robot's base [m], None where nothing says it.
+
+        And what is known of it, the inverse covariance (6, 6) of a turn about and a shift along the
+        axes of the base. Raises CalibrationError if touched points lie in a line.
+        """
+        if self.base is not None:
+            return np.asarray(np.linalg.inv(self.base)), np.diag(self.base_sd**-2.0)
+        if not len(self.touched):
+            return None, np.zeros((6, 6))
+        ours, theirs = self.touched[:, 0], self.touched[:, 1]
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = align(ours, theirs)
+        rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
+        return pose, np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,12 +125,9 @@ class TrackedMotion:
     terms: Terms
     columns: tuple[int, ...]  # Joints whose truth is sought
     joint: Array  # (n, n_joints), all joints [rad or m]
-    # Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s]
-    shared: Array
-    # Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s]
-    plays: Array
-    # Columns of the terms, and the velocity of the joints that are sought [rad/s or m/s]
-    velocity: Array
+    shared: Array  # Columns of the terms
+    plays: Array  # Columns of the terms
+    velocity: Array  # Of the joints that are sought [rad/s or m/s]
     sd: Array  # (k + 1,), prior deviations of the terms' coefficients, and of the delay [s]
     # (n_joints,), errors of the joints that are not sought [rad or m]; 0 of the others
     joint_sd: Array
@@ -180,8 +256,9 @@ def _check_hand(source: str, tip: Array, point: Array) -> None:
     sizes = np.linalg.svd(ours.T @ theirs, compute_uv=False)
     side = np.sign(np.linalg.det(ours.T @ theirs))
     total = float(np.sum(ours**2) + np.sum(theirs**2))
-    as_it_is = total - 2.0 * (sizes[0] + sizes[1] + side * sizes[2])
-    mirrored = total - 2.0 * (sizes[0] + sizes[1] - side * sizes[2])
+    as_it_is, mirrored = (
+        total - 2.0 * (sizes[0] + sizes[1] + sign * side * sizes[2]) for sign in (1.0, -1.0)
+    )
     if mirrored < _MIRROR * as_it_is:
         raise CalibrationError(
             f"{source}: the points fit the tool only when mirrored: the tracker's frame is "
@@ -229,11 +306,7 @@ class TrackFit:
     @property
     def without_delay(self) -> TipState:
         """State whose delay is in the stamps."""
-        return _at_delay(self.state, 0.0)
-
-
-def _at_delay(state: TipState, delay: float) -> TipState:
-    return replace(state, coefficients=np.append(state.coefficients[:-1], delay))
+        return replace(self.state, coefficients=np.append(self.state.coefficients[:-1], 0.0))
 
 
 def fit_track(motion: TrackedMotion, track: Track, start: TrackStart) -> TrackFit:
@@ -263,15 +336,9 @@ def _fit(motion: TrackedMotion, rows: TipRows, prior: TipPrior, state: TipState)
     """
     alike = np.ones(1 if rows.orientation is None else 2)
     for gate in (math.inf, GATE, GATE):
-        settled = gauss_newton(
-            prior,
-            state,
-            partial(_whiten, rows, alike, gate),
-            most_steps=_STEPS,
-            tolerance=_SETTLED,
-        )
-        state = settled.state
-        residual = settled.whitened.equations.residual
+        whiten = partial(_whiten, rows, alike, gate)
+        settled = gauss_newton(prior, state, whiten, most_steps=_STEPS, tolerance=_SETTLED)
+        state, residual = settled.state, settled.whitened.equations.residual
         noise = _noise(residual)
         alike = _alike(residual, noise)
     covariance = _covariance(settled, prior)
