@@ -55,8 +55,8 @@ from truejoint.tip import (
     find_block,
     zero_by_touch,
 )
-from truejoint.tip.guide import Guide, choose_touches, learning
 from truejoint.tip.fit import known_kinematics
+from truejoint.tip.guide import Guide, choose_touches, learning
 from truejoint.tip.touch import tip_rows, zero_prior
 
 Row = dict[str, Any]
