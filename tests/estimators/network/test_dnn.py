@@ -13,9 +13,12 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork
-from truejoint.estimators.network.adam import EPSILON
-from truejoint.estimators.network.layers import Layers, loss_and_gradient
-from truejoint.estimators.network.learn import effective_batch
+from truejoint.estimators.network.learn import (
+    EPSILON,
+    Layers,
+    effective_batch,
+    loss_and_gradient,
+)
 
 SIZES = (4, 6, 5, 3)
 
@@ -126,7 +129,7 @@ class _InOrder(np.random.RandomState):
 
 def _train(layers, X, y, batch, decay, epochs):
     network = NeuralNetwork(weight_decay=decay, learning_rate=1e-2, batch_size=batch)
-    network.train(layers, X, y, epochs, _InOrder(0), lambda _fraction: None)
+    list(network.train(layers, X, y, epochs, _InOrder(0)))
 
 
 def test_network_predicts_its_own_layers_in_double_precision():

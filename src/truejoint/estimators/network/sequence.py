@@ -19,9 +19,9 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.family import Family
 from truejoint.estimators.network import gru, tcn
-from truejoint.estimators.network.adam import check_loss
+from truejoint.estimators.network.learn import check_loss
 from truejoint.estimators.network.gru import is_update
-from truejoint.estimators.network.layers import Floats
+from truejoint.estimators.network.learn import Floats
 from truejoint.estimators.network.learn import BATCHES_PER_EPOCH
 from truejoint.extras import require
 
