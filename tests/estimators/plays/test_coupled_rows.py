@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from truejoint.estimators.plays.coupled_rows import SETTLED, coupled_play, coupled_play_rows
+from truejoint.estimators.plays.run import SETTLED, coupled_play, coupled_play_rows
 from truejoint.features.kernels import play
 
 REACHES = np.array([0.1, 0.3, 0.05])

@@ -19,10 +19,8 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.family import Family
 from truejoint.estimators.network import gru, tcn
-from truejoint.estimators.network.learn import check_loss
 from truejoint.estimators.network.gru import is_update
-from truejoint.estimators.network.learn import Floats
-from truejoint.estimators.network.learn import BATCHES_PER_EPOCH
+from truejoint.estimators.network.learn import BATCHES_PER_EPOCH, Floats, check_loss
 from truejoint.extras import require
 
 FLOOR: Final = 1e-6  # added to the mean squared error of targets of variance 1

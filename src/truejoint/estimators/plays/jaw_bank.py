@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Final
 
-from truejoint.array_types import Array
-from truejoint.estimators.family import Params, Rule, Shape, only_joint
+from truejoint.estimators.family import Params, Rule, only_joint
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.plays import run as plays
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
-from truejoint.layout import Memory
 
 WIDTHS: Final = (
     0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.14, 0.19, 0.26,
@@ -47,14 +44,6 @@ def _bank(params: Params) -> Params:
     return bank(tuple(params["plays"]), len(params["signals"]))
 
 
-def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    return only_joint("plays.jaw_bank", plays.shapes(_bank(params), n_features, 1), n_outputs)
-
-
-def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n_outputs: int) -> Memory:
-    return plays.pack(_bank(params), arrays, n_features, 1)
-
-
 def _are_signals(value: object) -> bool:
     return (
         isinstance(value, (tuple, list))
@@ -72,8 +61,10 @@ FAMILY: Final = replace(
         "signals": Rule(_are_signals, f"one or two of {', '.join(_SIGNALS)}, in this order"),
         "plays": WIDTHS_RULE,
     },
-    shapes=_shapes,
-    pack=_pack,
+    shapes=lambda params, k, n_outputs: only_joint(
+        "plays.jaw_bank", plays.shapes(_bank(params), k, 1), n_outputs
+    ),
+    pack=lambda params, arrays, k, _n_outputs: plays.pack(_bank(params), arrays, k, 1),
     inputs=lambda params: tuple(params["signals"]),
     targets=("position", "error"),
     bears_load=lambda params: tuple(params["signals"]) == (RESET,),

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
+from scipy.optimize import least_squares
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, constant_columns
@@ -19,12 +20,12 @@ from truejoint.estimators.family import (
     Rule,
     check_rules,
     integer,
+    one_of,
     optional,
     random_state,
 )
 from truejoint.estimators.gp.learn import GaussianProcess
 from truejoint.estimators.plays import run as play_bank
-from truejoint.estimators.plays.coupling import identify_coupling
 from truejoint.estimators.polynomial.learn import MOST_PRODUCTS, Polynomial, polynomial_design
 from truejoint.estimators.polynomial.run import interaction_factors
 from truejoint.estimators.ridge import BLOCKS
@@ -34,6 +35,15 @@ from truejoint.estimators.stack.run import members
 if TYPE_CHECKING:
     from truejoint.robots import Robot
 
+_FIRST_REACH: Final = 0.1  # half-width of each play where the search starts, in half ranges
+_REACHES: Final = (0.002, 1.5)  # least and largest
+_STRONGEST: Final = 0.98  # pull of the others on a joint over its own stiffness, along any motion
+_STIFFNESS: Final = 2.0  # logarithm of a joint's stiffness over another's, at most
+_PRIOR: Final = 0.02  # weight of joints that do not pull at each other and are equally stiff
+_RIDGE: Final = 1e-3  # on plays of variance 1
+_TRIALS: Final = 12
+_STEP: Final = 0.02  # of a parameter, for a slope
+_LEARNERS: Final = {"polynomial": "ridge", "stack": "trees", "gp": "gaussian_process"}
 _LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of more joints has trees
 _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
 _FEWER_TREES: Final = 70
@@ -58,7 +68,7 @@ class Plays(JointRegressor):
     the tension of a cable). Where joints are coupled, plays of all their positions together stand
     in place of the plays of each feature: the cables of one joint pull at the others, as in a
     wrist. Stiffness and friction are found first, see
-    `truejoint.estimators.plays.coupling.identify_coupling`. Where capstans turn, what errs once in
+    `truejoint.estimators.plays.learn.identify_coupling`. Where capstans turn, what errs once in
     each turn of one, as an eccentric one does, is seen by the cosine and sine of its angle.
 
     Parameters
@@ -122,6 +132,8 @@ class Plays(JointRegressor):
     family: ClassVar[Family] = play_bank.FAMILY
     least_rows: ClassVar[int] = 300
     training: ClassVar[Mapping[str, Rule]] = {
+        "learner": one_of(*_LEARNERS.values()),
+        **dict.fromkeys(("couple", "turn"), one_of(False, True)),
         "positions": optional(
             Rule(lambda value: isinstance(value, tuple | list), "places of features")
         ),
@@ -148,18 +160,16 @@ class Plays(JointRegressor):
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose pairs, positions and turns are those of the features called so."""
         usual = () if self.turn or self.learner == "gaussian_process" else loaded_pairs(names)
-        pairs = usual if self.pairs is None else self.pairs
-        positions = self.positions
-        if self.couple and positions is None:
-            positions = tuple(i for i, name in enumerate(names) if name.startswith("measured/"))
-        turns = self.turns
-        if self.turn and turns is None:
-            turns = capstan_turns(names, robot, joints)
-        return self.with_params(pairs=pairs, positions=positions, turns=turns)
+        changed: dict[str, Any] = {"pairs": usual if self.pairs is None else self.pairs}
+        if self.couple and self.positions is None:
+            changed["positions"] = tuple(_places(names, "measured/").values())
+        if self.turn and self.turns is None:
+            changed["turns"] = capstan_turns(names, robot, joints)
+        return self.with_params(**changed)
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as what sees the plays needs; those that grow are left out where they harm."""
-        n_inputs = play_bank.n_constant(self._params(n_features), n_features)
+        n_inputs = play_bank.n_seen(self._asked(n_features), n_features, growing=False)
         return max(self.least_rows, Polynomial(ridge=True).minimum_rows(n_inputs))
 
     def check_params(self) -> None:
@@ -174,47 +184,45 @@ class Plays(JointRegressor):
             value = getattr(self, name)
             if value and value != getattr(Plays, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
-        asked: dict[str, Any] = {"pairs": self._asked(), "coupled": ()}
         if self.couple and self.positions is not None:
             self._check_count(self.positions)
-            asked["coupled"] = self.positions
-        self.family.check_params({**self.model_params(), **asked})
+        self.family.check_params(self._asked(0))
 
     def model_params(self) -> Params:
         """Parameters of the family: its own, and the model's once there is one."""
-        return self._params(int(vars(self).get("n_features_in_", 0)))
+        params, fitted = self._asked(int(vars(self).get("n_features_in_", 0))), vars(self)
+        names = (name for name in ("pairs", "coupled", "members") if f"{name}_" in fitted)
+        return {**params, **{name: fitted[f"{name}_"] for name in names}}
 
-    def _params(self, n_features: int) -> Params:
-        """Those for so many features."""
-        names = ("learner", "couple", "growing", "shares", "turn")
-        plays, times = self._usual()
+    def _asked(self, n_features: int) -> Params:
+        """Parameters of the family for so many features, before it is fitted."""
+        is_process = self.learner == "gaussian_process"
+        plays = () if is_process or self.couple else _PLAYS[: _NARROW if self.turn else None]
+        times = _SHORT if is_process else () if self.turn else _TIME_CONSTANTS
+        coupled = tuple(range(n_features) if self.positions is None else self.positions)
         return {
-            **{name: getattr(self, name) for name in names},
             "plays": plays if self.plays is None else self.plays,
             "time_constants": times if self.time_constants is None else self.time_constants,
-            "pairs": vars(self).get("pairs_", self._asked()),
-            "coupled": vars(self).get("coupled_", self._joined(n_features)),
+            "growing": self.growing,
+            "pairs": () if self.pairs is None else self.pairs,
+            "coupled": coupled if self.couple else (),
+            "shares": self.shares,
             "turns": self.turns or () if self.turn else (),
-            "members": vars(self).get("members_", _UNFITTED),
+            "members": ((Polynomial.family.name, Polynomial(0).model_params(), ()),),
         }
-
-    def _usual(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
-        """Half-widths of plays and time constants of low-passes where none are given."""
-        if self.learner == "gaussian_process":
-            return (), _SHORT
-        if self.turn:
-            return (() if self.couple else _PLAYS[:_NARROW]), ()
-        return (() if self.couple else _PLAYS), _TIME_CONSTANTS
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters; the model among them is to be run only."""
-        parameters = {
-            name: value for name, value in params.items() if name not in ("members", "coupled")
-        }
-        made = cls(**parameters, positions=params["coupled"] or None)
-        made.members_, made.pairs_ = params["members"], params["pairs"]
-        made.coupled_ = params["coupled"]
+        fitted = {name: params[name] for name in ("pairs", "coupled", "members")}
+        made = cls(
+            learner=_LEARNERS.get(params["members"][0][0], "ridge"),
+            couple=bool(params["coupled"]),
+            positions=params["coupled"] or None,
+            turn=bool(params["turns"]),
+            **{name: params[name] for name in params if name not in ("members", "coupled")},
+        )
+        vars(made).update({f"{name}_": value for name, value in fitted.items()})
         return made
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
@@ -222,17 +230,15 @@ class Plays(JointRegressor):
 
         And where one joint alone, or more than there may be, would be coupled.
         """
-        play_bank.check_places("pairs", self._asked(), n_features)
-        joined = self._joined(n_features)
-        play_bank.check_places("positions", [joined], n_features)
+        params = self._asked(n_features)
+        play_bank.check_features(params, n_features)
         if self.couple:
-            self._check_count(joined)
+            self._check_count(params["coupled"])
         if self.turn and not self.turns:
             raise CalibrationError(
                 f"{self.name} must know how capstans turn; take a robot whose transmission is in "
                 "its file, and the measured positions of its joints as features, or give turns"
             )
-        play_bank.check_turns(self.turns or (), n_features)
 
     def _check_count(self, joined: Sequence[int]) -> None:
         if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
@@ -241,27 +247,17 @@ class Plays(JointRegressor):
                 f"{play_bank.MAX_COUPLED}: give other features, or do not couple them"
             )
 
-    def _joined(self, n_features: int) -> tuple[int, ...]:
-        """Places of the features that are coupled; all where they have no names."""
-        if not self.couple:
-            return ()
-        return tuple(range(n_features)) if self.positions is None else tuple(self.positions)
-
-    def _asked(self) -> tuple[tuple[int, int], ...]:
-        """Give the pairs that are asked for; none where features have no names."""
-        return () if self.pairs is None else self.pairs
-
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         with_truth = np.flatnonzero(self._known(y))
         chosen = np.zeros(len(X), dtype=bool)
         chosen[with_truth[:: -(-len(with_truth) // int(self.rows))]] = True
         arrays = feature_scales(X[with_truth])
-        self.pairs_, self.coupled_ = self._asked(), self._joined(X.shape[1])
-        params = self.model_params()
+        params = self._asked(X.shape[1])
+        self.pairs_, self.coupled_ = params["pairs"], params["coupled"]
         if self.coupled_:
-            arrays |= self._coupling(X, y, dt, arrays)
+            arrays |= self._coupling(X, y, dt, params, arrays)
         inputs = play_bank.expand_rows(params, arrays, X, dt, chosen)
-        crossed = play_bank.n_constant(params, X.shape[1])
+        crossed = play_bank.n_seen(params, X.shape[1], growing=False)
         history = np.cumsum(dt == 0.0)
         starts = np.where(np.diff(history[chosen], prepend=0) > 0, 0.0, 1.0)
         if self.learner != "gaussian_process" and history[-1] >= BLOCKS:
@@ -273,33 +269,33 @@ class Plays(JointRegressor):
         self.members_ = ((self.model_.family.name, self.model_.model_params(), ()),)
         return arrays | {f"0/{name}": array for name, array in self.model_.arrays_.items()}
 
-    def _coupling(self, X: Array, y: Array, dt: Array, arrays: Arrays) -> Arrays:
+    def _coupling(self, X: Array, y: Array, dt: Array, params: Params, arrays: Arrays) -> Arrays:
         """Coupling of joints, on some of the rows: the first of each history among them."""
         with_truth, fresh = self._known(y), dt == 0.0
         used = fresh.copy()
         for rows in (np.arange(len(X)), np.flatnonzero(with_truth)):
             used[rows[:: -(-len(rows) // _IDENTIFIED)]] = True
-        alone = {**self.model_params(), "plays": (), "pairs": (), "coupled": ()}
+        alone = {**params, "plays": (), "pairs": (), "coupled": ()}
         inputs = play_bank.expand_rows(alone, arrays, X, dt, used)
-        places, has_target = list(self.coupled_), with_truth[used]
+        places, has_target = list(params["coupled"]), with_truth[used]
         positions = np.ascontiguousarray(inputs[:, places])
         products = interaction_factors(*3 * [len(places)])[len(places) :]
         explained = np.hstack([inputs, polynomial_design(positions, products)])[has_target]
-        coupling = identify_coupling(
-            positions, fresh[used], has_target, explained, y[used][has_target]
+        targets = y[used][has_target]
+        coupling, reaches = identify_coupling(
+            positions, fresh[used], has_target, explained, targets
         )
-        return vars(coupling)
+        return {"coupling": coupling, "reaches": reaches}
 
     def _gains(self, inputs: Array, crossed: int, n_features: int, y: Array, dt: Array) -> bool:
         """Whether a ridge regression errs less with what is `inputs` beyond the first `crossed`."""
         products = self._products(n_features, crossed)
-        log_errors = [
-            np.log(
-                np.maximum(Polynomial(2, True, *products).fit(rows, y, dt=dt).errors_, 1e-12)
-            ).mean()
+        fits = (
+            Polynomial(2, True, *products).fit(rows, y, dt=dt)
             for rows in (inputs, inputs[:, :crossed])
-        ]
-        return bool(log_errors[0] < log_errors[1] + math.log1p(-_GAIN))
+        )
+        growing, alone = (np.log(np.maximum(fit.errors_, 1e-12)).mean() for fit in fits)
+        return bool(growing < alone + math.log1p(-_GAIN))
 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
         """Fitted copy, as `JointRegressor.adapted` says; of the ridge regression alone."""
@@ -365,10 +361,7 @@ def loaded_pairs(names: Sequence[str]) -> tuple[tuple[int, int], ...]:
     Of its own joint or, where that has none, of the channels that are no measured joint, as the
     wires of a sheath. None where these are too many.
     """
-    effort = {name.removeprefix("effort/"): i for i, name in enumerate(names)
-              if name.startswith("effort/")}  # fmt: skip
-    measured = {name.removeprefix("measured/"): i for i, name in enumerate(names)
-                if name.startswith("measured/")}  # fmt: skip
+    effort, measured = _places(names, "effort/"), _places(names, "measured/")
     cables = [i for joint, i in effort.items() if joint not in measured]
     pairs = [
         (i, other)
@@ -389,8 +382,7 @@ def capstan_turns(
     if robot.transmission is None:
         return ()
     by_joint = robot.transmission.capstan_matrix[robot.index(joints)]
-    place = {name.removeprefix("measured/"): i for i, name in enumerate(names)
-             if name.startswith("measured/")}  # fmt: skip
+    place = _places(names, "measured/")
     by_capstan = []
     for row in by_joint:
         used = {joint: turn for joint, turn in zip(robot.joint_names, row, strict=True) if turn}
@@ -401,4 +393,82 @@ def capstan_turns(
     return tuple(by_capstan)
 
 
-_UNFITTED: Final[tuple[Any, ...]] = ((Polynomial.family.name, Polynomial(0).model_params(), ()),)
+def _places(names: Sequence[str], quantity: str) -> dict[str, int]:
+    """Places of the features whose names begin so, by what follows."""
+    return {n.removeprefix(quantity): i for i, n in enumerate(names) if n.startswith(quantity)}
+
+
+def identify_coupling(
+    positions: Array, fresh: Mask, has_target: Mask, explained: Array, targets: Array
+) -> tuple[Array, Array]:
+    """Find the coupling whose plays explain most of the targets: variable projection.
+
+    Stiffness (k, k) and half-widths (k,), in units of the positions, are given as
+    `truejoint.estimators.plays.run.coupled_play` takes them. Stiffness is symmetric and positive,
+    so that a few pulls settle all joints. What is linear in what is given besides, and in the
+    plays, is solved for at every trial.
+
+    Parameters
+    ----------
+    positions : ndarray, shape (n, k)
+        Where motors want the joints, in half ranges, in the order of time.
+    fresh, has_target : ndarray of bool, shape (n,)
+        Rows in which a history starts, and those with targets.
+    explained : ndarray, shape (n_targets, m)
+        What else may explain the targets.
+    targets : ndarray, shape (n_targets, n_outputs)
+
+    Examples
+    --------
+    >>> t = np.arange(0.0, 60.0, 0.05)
+    >>> wanted = np.column_stack([np.sin(t), np.cos(0.37 * t)])
+    >>> truly = np.array([[0.0, 0.6], [0.6, 0.0]]), np.array([0.1, 0.2])
+    >>> left = np.empty_like(wanted)
+    >>> play_bank.coupled_play_rows(*truly, t == 0.0, wanted, np.zeros(2), left)
+    >>> coupling, reaches = identify_coupling(wanted, t == 0.0, t >= 0.0, wanted, left)
+    >>> bool(abs(coupling[0, 1] - 0.6) < 0.1)
+    True
+    """
+    k = positions.shape[1]
+    pairs = np.triu_indices(k, 1)
+    n_pairs = len(pairs[0])
+    basis, _ = np.linalg.qr(np.column_stack([np.ones(len(explained)), _scaled(explained)]))
+    residual = _scaled(targets - basis @ (basis.T @ targets), targets.std(axis=0))
+    plays, last = np.empty_like(positions), np.empty(k)
+
+    def coupling(parameters: Array) -> tuple[Array, Array]:
+        shared, stiffness, reaches = np.split(parameters - 1.0, [n_pairs, n_pairs + k])
+        pulls = np.zeros((k, k))
+        pulls[pairs] = shared
+        pulls += pulls.T
+        pulls *= min(1.0, _STRONGEST / max(-float(np.linalg.eigvalsh(pulls)[0]), 1e-9))
+        root = np.exp(0.5 * stiffness)
+        return pulls * root / root[:, None], _FIRST_REACH * np.exp(reaches)
+
+    def residuals(parameters: Array) -> Array:
+        play_bank.coupled_play_rows(*coupling(parameters), fresh, positions, last, plays)
+        columns = plays[has_target]
+        columns = _scaled(columns - basis @ (basis.T @ columns))
+        inner = columns.T @ columns / len(columns) + _RIDGE * np.eye(k)
+        weights = np.linalg.solve(inner, columns.T @ residual / len(columns))
+        misfit = (residual - columns @ weights) / np.sqrt(len(columns))
+        return np.concatenate([misfit.ravel(), _PRIOR * (parameters[: n_pairs + k] - 1.0)])
+
+    # About 1, as steps are shares of a parameter and some are 0 where the search starts.
+    widest = np.log(np.array(_REACHES) / _FIRST_REACH)
+    low, high = (
+        1.0 + np.repeat([sign, sign * _STIFFNESS, end], [n_pairs, k, k])
+        for sign, end in zip((-1.0, 1.0), widest, strict=True)
+    )
+    start = np.ones(n_pairs + 2 * k)
+    search = least_squares(
+        residuals, start, bounds=(low, high), diff_step=np.full_like(start, _STEP), x_scale=0.3,
+        max_nfev=_TRIALS,
+    )  # fmt: skip
+    return coupling(search.x)
+
+
+def _scaled(columns: Array, sizes: Array | None = None) -> Array:
+    """Columns (n, m) over their `sizes` (m,), by default their deviations; 0 where that is 0."""
+    sizes = columns.std(axis=0) if sizes is None else sizes
+    return np.divide(columns, sizes, out=np.zeros_like(columns), where=sizes > 1e-12)

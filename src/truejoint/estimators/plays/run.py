@@ -5,14 +5,18 @@ low-pass. A sum of plays of many widths is a Prandtl-Ishlinskii operator (Kuhnen
 of Control 9(4), 2003), which comes as near as one likes to hysteresis that forgets nothing but by
 larger swings. Friction grows with the tension of a cable, so that there may be plays of one feature
 whose widths go up, or down, with another; and cables that pull at several joints make plays of all
-these together. What is eccentric, as a capstan may be, errs once in each of its turns.
+these together: behind elastic cables each joint stands where its own friction holds it, and moves
+when the pull of the cables, the stiffness of all joints times how far each is from where its motor
+wants it, is larger. That is Moreau's sweeping process (Journal of Differential Equations 26, 1977)
+in several dimensions; of one joint it is a play. What is eccentric, as a capstan may be, errs once
+in each of its turns.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Final
+from collections.abc import Callable, Mapping
+from typing import Any, Final
 
 import numpy as np
 
@@ -30,21 +34,20 @@ from truejoint.estimators.family import (
     is_integer,
     is_number,
     numbers,
-    one_of,
 )
-from truejoint.estimators.plays.coupled_rows import coupled_play
 from truejoint.estimators.products import standardise
 from truejoint.estimators.stack.run import are_members, members
 from truejoint.features.feature_set import MAX_TIME_CONSTANT
 from truejoint.features.kernels import lowpass, play
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
-LEARNERS: Final = ("ridge", "trees", "gaussian_process")
 MAX_PLAYS: Final = 32
 MAX_LOWPASSES: Final = 8
 MAX_PAIRS: Final = 32
 MAX_COUPLED: Final = 12
 MAX_TURNING: Final = 16
+SWEEPS: Final = 20  # over the joints, at most; four to seven are usual
+SETTLED: Final = 1e-4  # by how much no joint moves any more in a sweep, in half ranges
 LEAST: Final = 0.1
 """Share of its largest half-width that a growing play has where the other feature is least."""
 
@@ -78,6 +81,54 @@ MODEL: Final = LAYOUT.part("model", "of what is seen")
 
 
 @compiled
+def coupled_play(
+    coupling: Array,
+    half_widths: Array,
+    share: float,
+    fresh: bool,
+    values: Array,
+    last: Array,
+    deflections: Array,
+) -> None:
+    """Find how far the joints (k,) are from `values` (k,), where their motors want them.
+
+    In `coupling` (k, k), row i is the stiffness between joint i and the others over its own, 0 on
+    the diagonal; `half_widths` (k,), times `share`, are friction over that stiffness. `last` (k,)
+    is where the joints are, and is brought up to date; a fresh start puts them where they are
+    wanted. Joint after joint is moved as far as its friction lets the cables pull it
+    (Gauss and Seidel), until none moves.
+    """
+    k = values.shape[0]
+    for i in range(k):
+        if fresh:
+            last[i] = values[i]
+        deflections[i] = last[i] - values[i]
+    for _sweep in range(SWEEPS):
+        largest = 0.0
+        for i in range(k):
+            centre = 0.0
+            for j in range(k):
+                centre -= coupling[i, j] * deflections[j]
+            reach = share * half_widths[i]
+            moved = min(max(last[i] - values[i], centre - reach), centre + reach)
+            largest = max(largest, abs(moved - deflections[i]))
+            deflections[i] = moved
+        if largest < SETTLED:
+            break
+    for i in range(k):
+        last[i] = values[i] + deflections[i]
+
+
+@compiled
+def coupled_play_rows(
+    coupling: Array, half_widths: Array, fresh: Mask, values: Array, last: Array, out: Array
+) -> None:
+    """Deflections `out` (n, k) of rows `values` (n, k); a history starts where `fresh` (n,)."""
+    for i in range(values.shape[0]):
+        coupled_play(coupling, half_widths, 1.0, fresh[i], values[i], last, out[i])
+
+
+@compiled
 def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array) -> None:
     """Scale features `x` (k,) to -1 to 1, add how far plays and low-passes are from them.
 
@@ -86,12 +137,8 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array)
     """
     k, n_plays, n_lowpasses = x.shape[0], numbers[N_PLAYS], numbers[N_LOWPASSES]
     fresh = dt == 0.0
-    standardise(
-        x,
-        vector(memory, numbers[CENTRE], k),
-        vector(memory, numbers[INVERSE_HALF_RANGE], k),
-        inputs,
-    )
+    centre, inverse = (numbers[CENTRE], numbers[INVERSE_HALF_RANGE])
+    standardise(x, vector(memory, centre, k), vector(memory, inverse, k), inputs)
     half_widths = vector(memory, numbers[HALF_WIDTHS], n_plays)
     outputs = vector(memory, numbers[OUTPUTS], k * n_plays)
     time_constants = vector(memory, numbers[TIME_CONSTANTS], n_lowpasses)
@@ -172,15 +219,8 @@ def play_bank_row(
     n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
     inputs = vector(memory, numbers[SEEN], n)
     expand(numbers, memory, dt, x, inputs)
-    call_row(
-        numbers[ROW],
-        part_numbers(numbers, MODEL),
-        part_memory(numbers, memory, MODEL),
-        dt,
-        inputs,
-        out,
-        half_width,
-    )
+    model = part_memory(numbers, memory, MODEL)
+    call_row(numbers[ROW], part_numbers(numbers, MODEL), model, dt, inputs, out, half_width)
 
 
 @compiled
@@ -224,31 +264,24 @@ BARE: Final[Params] = {
 """Parameters of a bank of plays alone."""
 
 
-def n_seen(params: Params, n_features: int) -> int:
-    """Count what the model sees."""
-    growing = 2 * len(params["pairs"]) * len(params["growing"])
-    return n_constant(params, n_features) + growing
-
-
-def n_constant(params: Params, n_features: int) -> int:
-    """Count what comes before the plays that grow."""
+def n_seen(params: Params, n_features: int, *, growing: bool = True) -> int:
+    """Count what the model sees, the last of it the plays that grow, which may be left out."""
     alone = n_features * (1 + len(params["plays"]) + len(params["time_constants"]))
-    return alone + len(params["coupled"]) * len(params["shares"]) + 2 * len(params["turns"])
+    alone += len(params["coupled"]) * len(params["shares"]) + 2 * len(params["turns"])
+    return alone + (2 * len(params["pairs"]) * len(params["growing"]) if growing else 0)
 
 
-def check_places(name: str, places: Sequence[Sequence[int]], n_features: int) -> None:
-    """Raise CalibrationError, with the parameter's name, for a feature that is not there."""
-    if any(place >= n_features for some in places for place in some):
+def check_features(params: Params, n_features: int) -> None:
+    """Raise CalibrationError for a feature that is not there, or turns by other features."""
+    for name, places in (("pairs", params["pairs"]), ("positions", [params["coupled"]])):
+        if any(place >= n_features for some in places for place in some):
+            raise CalibrationError(
+                f"play_bank has {name} {places}; it must be of features 0 to {n_features - 1}"
+            )
+    if any(len(row) != n_features for row in params["turns"]):
         raise CalibrationError(
-            f"play_bank has {name} {places}; it must be of features 0 to {n_features - 1}"
-        )
-
-
-def check_turns(turns: Sequence[Sequence[float]], n_features: int) -> None:
-    """Raise CalibrationError unless there is a turn by each feature."""
-    if any(len(row) != n_features for row in turns):
-        raise CalibrationError(
-            f"play_bank has turns by {len(turns[0])} features; it must be by each of {n_features}"
+            f"play_bank has turns by {len(params['turns'][0])} features; it must be by each of "
+            f"{n_features}"
         )
 
 
@@ -262,18 +295,11 @@ def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
             f"play_bank has a model {data.family!r}; it must be one without a memory, for any "
             "features"
         )
-    check_places("pairs", params["pairs"], n_features)
-    check_places("coupled", [params["coupled"]], n_features)
-    check_turns(params["turns"], n_features)
+    check_features(params, n_features)
     n_coupled = len(params["coupled"])
     joined = {"coupling": (n_coupled, n_coupled), "reaches": (n_coupled,)} if n_coupled else {}
-    model_shapes = family.shapes(data.params, k, n_outputs)
-    return {
-        "centre": (n_features,),
-        "inverse_half_range": (n_features,),
-        **joined,
-        **{f"0/{name}": shape for name, shape in model_shapes.items()},
-    }
+    model = {f"0/{name}": s for name, s in family.shapes(data.params, k, n_outputs).items()}
+    return {"centre": (n_features,), "inverse_half_range": (n_features,), **joined, **model}
 
 
 def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
@@ -327,47 +353,41 @@ def packed(
     )
 
 
-def _are_pairs(value: object) -> bool:
+def _rows(value: object, most: int, holds: Callable[[Any], bool]) -> bool:
+    """Whether `value` is at most so many rows of one length, of which each number holds."""
     return (
         isinstance(value, (tuple, list))
-        and len(value) <= MAX_PAIRS
-        and all(isinstance(pair, (tuple, list)) and len(pair) == 2 for pair in value)
-        and all(is_integer(place, 0, 10**6) for pair in value for place in pair)
-    )
-
-
-def _are_places(value: object) -> bool:
-    return (
-        isinstance(value, (tuple, list))
-        and len(value) <= MAX_COUPLED
-        and len(value) == len(set(map(repr, value))) != 1
-        and all(is_integer(place, 0, 10**6) for place in value)
-    )
-
-
-def _are_turns(value: object) -> bool:
-    return (
-        isinstance(value, (tuple, list))
-        and len(value) <= MAX_TURNING
+        and len(value) <= most
         and all(isinstance(row, (tuple, list)) and len(row) == len(value[0]) for row in value)
-        and all(is_number(turn, -LARGEST, LARGEST) for row in value for turn in row)
+        and all(holds(number) for row in value for number in row)
     )
+
+
+def _are_places(value: object, most: int) -> bool:
+    return _rows(value, most, lambda place: is_integer(place, 0, 10**6))
 
 
 FAMILY: Final = Family(
     "plays",
     rules={
-        "learner": one_of(*LEARNERS),
         "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),
         "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]", least=0),
         "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),
-        "pairs": Rule(_are_pairs, f"up to {MAX_PAIRS} pairs of features by their places"),
-        "couple": Rule(lambda value: isinstance(value, bool), "True or False"),
-        "coupled": Rule(_are_places, f"no features, or 2 to {MAX_COUPLED} by their places"),
+        "pairs": Rule(
+            lambda value: _are_places(value, MAX_PAIRS) and all(len(pair) == 2 for pair in value),
+            f"up to {MAX_PAIRS} pairs of features by their places",
+        ),
+        "coupled": Rule(
+            lambda value: (
+                _are_places([value], 1)
+                and len(value) <= MAX_COUPLED
+                and len(value) == len(set(value)) != 1
+            ),
+            f"no features, or 2 to {MAX_COUPLED} by their places",
+        ),
         "shares": numbers(MAX_PLAYS, 1e-3, 1e3, "shares of a half-width"),
-        "turn": Rule(lambda value: isinstance(value, bool), "True or False"),
         "turns": Rule(
-            _are_turns,
+            lambda value: _rows(value, MAX_TURNING, lambda n: is_number(n, -LARGEST, LARGEST)),
             f"rows of up to {MAX_TURNING} capstans: angle by each feature [rad over its unit]",
         ),
         "members": Rule(
