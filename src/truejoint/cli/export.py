@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -54,8 +53,16 @@ def export(
     check_folder(output, error=ExportError)
     calibration = truejoint.read_calibration(name)
     if compensate:
-        options_of_loop["compensator"] = _compensator(calibration)
-    paths = _written(calibration, kind, output, prefix, precision, options_of_loop, overwrite=force)
+        corrector = truejoint.runtime.Corrector(calibration.without_redundant())
+        options_of_loop["compensator"] = truejoint.runtime.Compensator(
+            corrector, calibration.machine
+        )
+    write = {
+        "c": truejoint.export.export_c, "ros": truejoint.export.export_ros, "onnx": _write_graph,
+    }[kind]  # fmt: skip
+    paths = write(
+        calibration, output, prefix=prefix, precision=precision, overwrite=force, **options_of_loop
+    )
     if as_json:
         result_json({"files": [str(path) for path in paths]})
         return
@@ -79,41 +86,12 @@ def _write_bag(
     out.print(f"{output}: {len(recording)} rows as {topics}")
 
 
-def _compensator(calibration: truejoint.calibration.Calibration) -> truejoint.runtime.Compensator:
-    robot = calibration.machine
-    corrector = truejoint.runtime.Corrector(calibration.without_redundant())
-    return truejoint.runtime.Compensator(corrector, robot)
-
-
-def _written(
-    calibration: truejoint.calibration.Calibration,
-    kind: Literal["c", "onnx", "ros"],
-    folder: Path,
-    prefix: str | None,
-    precision: Literal["double", "float"],
-    options_of_loop: dict[str, Any],
-    *,
-    overwrite: bool,
-) -> Sequence[Path]:
-    """Files that were written; `given` is what `export_c` and `export_ros` take besides."""
+def _write_graph(
+    calibration: truejoint.Calibration, folder: Path, *, prefix: str | None, **how: Any
+) -> tuple[Path, ...]:
+    """Write an ONNX graph, named as the C source would be."""
     from truejoint.export.c_source import check_prefix
 
-    if kind == "onnx":
-        name = check_prefix(
-            truejoint.export.default_prefix(calibration) if prefix is None else prefix
-        )
-        path = folder / f"{name}.onnx"
-        return (
-            truejoint.export.export_onnx(
-                calibration, path, precision=precision, overwrite=overwrite
-            ),
-        )
-    write = truejoint.export.export_c if kind == "c" else truejoint.export.export_ros
-    return write(
-        calibration,
-        folder,
-        prefix=prefix,
-        precision=precision,
-        overwrite=overwrite,
-        **options_of_loop,
-    )
+    stem = truejoint.export.default_prefix(calibration) if prefix is None else prefix
+    path = folder / f"{check_prefix(stem)}.onnx"
+    return (truejoint.export.export_onnx(calibration, path, **how),)

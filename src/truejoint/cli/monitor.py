@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
 
@@ -40,7 +39,10 @@ def monitor(
         if recording is not None:
             if follow is not None or twin is not None or seed is not None:
                 raise TruejointError("--follow, --twin and --seed are for a simulated arm")
-            _show_recording(recording, calibration, files, host, port)
+            shown = files.one(recording, model=calibration)
+            with truejoint.monitor.RecordingPage(shown, calibration, host=host, port=port) as page:
+                out.print(f"Open {page.url} in a browser; Ctrl-C ends.")
+                threading.Event().wait()
         else:
             if files != Files(robot=files.robot):
                 raise TruejointError("--columns and --metadata need a recording")
@@ -51,19 +53,6 @@ def monitor(
             _show_arm(made, motions, calibration, host, port)
     except KeyboardInterrupt:
         say("stopped")
-
-
-def _show_recording(
-    name: str,
-    calibration: truejoint.Calibration | None,
-    files: Files,
-    host: str,
-    port: int,
-) -> None:
-    shown = files.one(name, model=calibration)
-    with truejoint.monitor.RecordingPage(shown, calibration, host=host, port=port) as page:
-        _tell(page.url)
-        _wait()
 
 
 def _show_arm(
@@ -78,25 +67,17 @@ def _show_arm(
         arm = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(twin)))
         page = truejoint.monitor.ArmPage(arm, calibration, host=host, port=port)
         stack.enter_context(page)
-        _tell(page.url)
+        out.print(f"Open {page.url} in a browser; Ctrl-C ends.")
         say(f"Homing {arm.robot.title}, simulated in real time ...")
         try:
             arm.enable()
             arm.home()
-            for motion in _random_motions(arm.robot) if motions is None else motions:
+            endless = (
+                truejoint.motion.random_motion(arm.robot, _PIECE, seed)
+                for seed in itertools.count()
+            )
+            for motion in motions or endless:
                 truejoint.motion.follow(arm, motion, resume_within=_DAY)
         except TruejointError as error:
             say(str(error))  # the page shows where it stands
-        _wait()
-
-
-def _random_motions(robot: truejoint.robots.Robot) -> Iterator[truejoint.motion.Trajectory]:
-    return (truejoint.motion.random_motion(robot, _PIECE, seed) for seed in itertools.count())
-
-
-def _tell(url: str) -> None:
-    out.print(f"Open {url} in a browser; Ctrl-C ends.")
-
-
-def _wait() -> None:
-    threading.Event().wait()
+        threading.Event().wait()

@@ -10,9 +10,9 @@ from typing import Any
 import truejoint
 from truejoint import schema
 from truejoint.cli import options
-from truejoint.cli.bolt import say_left_out, touch_facts
 from truejoint.cli.console import out, print_table, progress, result_json
 from truejoint.cli.recording_options import Files, check_model_target
+from truejoint.cli.touch import say_left_out, touch_facts
 from truejoint.errors import CalibrationError
 from truejoint.summary import json_values
 from truejoint.units import with_unit

@@ -49,6 +49,7 @@ def teleop(
 
     Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends.
     """
+    from truejoint.motion.gamepad import Gamepad
     from truejoint.motion.teleoperation import Teleoperation
 
     for target in (record, save_keys):
@@ -73,7 +74,7 @@ def teleop(
             stack.enter_context(recorder)
         jog = stack.enter_context(truejoint.motion.Jog(device))
         operator = Teleoperation(jog)
-        pad = stack.enter_context(_pad(operator)) if gamepad else None
+        pad = stack.enter_context(Gamepad(operator)) if gamepad else None
         events = (
             _replay(operator, events_of_file)
             if events_of_file is not None
@@ -88,26 +89,17 @@ def teleop(
 def _replay(operator: Teleoperation, events: Events) -> Events:
     """Tell the keys of a file at their times."""
     start = time.monotonic()
+    tells_release = any(event == "release" for _, _, event in events)
     for t, name, event in [*events, (events[-1][0] + 1.0 if events else 0.0, "9", "press")]:
         while (remaining_s := start + t - time.monotonic()) > 0.0:
             time.sleep(min(remaining_s, _PERIOD))
-            operator.pass_time(time.monotonic() - start, tells_release=_tells(events))
+            operator.pass_time(time.monotonic() - start, tells_release=tells_release)
             if not operator.jog.motion.is_busy():
                 operator.jog.motion.wait()  # says what ended it
         operator.tell(name, event, t)
         if operator.is_over:
             break
     return events
-
-
-def _tells(events: Events) -> bool:
-    return any(event == "release" for _, _, event in events)
-
-
-def _pad(operator: Teleoperation) -> Gamepad:
-    from truejoint.motion.gamepad import Gamepad
-
-    return Gamepad(operator)
 
 
 def _from_terminal(operator: Teleoperation, pad: Gamepad | None) -> Events:
@@ -186,11 +178,8 @@ def _raw_terminal() -> Iterator[Any]:
         # The other end is gone: as if the key to leave had been pressed.
         return typed.decode("utf-8", errors="replace") if typed else "\x04"
 
-    def end(number: int, _: object) -> None:
-        signals.append(number)
-
     ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    old = {number: signal.signal(number, end) for number in ends}
+    old = {n: signal.signal(n, lambda number, _: signals.append(number)) for n in ends}
     try:
         tty.setcbreak(descriptor)
         sys.stdout.write(_ASK)
@@ -210,12 +199,9 @@ def _write_keys(path: Path, events: Events) -> None:
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow(_HEADER)
-        writer.writerows((f"{t:.4f}", _spelt(name), event) for t, name, event in events)
-
-
-def _spelt(name: str) -> str:
-    """Key as text: what cannot be seen by its number, such as U+0020."""
-    return name if name.isprintable() and name != " " else f"U+{ord(name):04X}"
+        for t, name, event in events:  # what cannot be seen by its number, such as U+0020
+            is_seen = name.isprintable() and name != " "
+            writer.writerow((f"{t:.4f}", name if is_seen else f"U+{ord(name):04X}", event))
 
 
 def _read_keys(path: Path) -> Events:

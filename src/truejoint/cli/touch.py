@@ -1,10 +1,10 @@
-"""`truejoint touch run`: take an arm's tip into the dimples of a block that tell most."""
+"""`truejoint touch`: a block with dimples, taking the tip into them, what touches calibrate."""
 
 from __future__ import annotations
 
 import shlex
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -16,23 +16,63 @@ import typer
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.collect import home
-from truejoint.cli.console import command_line, out, print_table, say
+from truejoint.cli.console import command_line, out, print_table, progress, result_json, say
 from truejoint.cli.options import takes
+from truejoint.cli.recording_options import Files, check_model_target, check_page_target
 from truejoint.cli.show import is_model
-from truejoint.cli.touch_calibrate import prior_calibrations
 from truejoint.errors import CalibrationError, CommandRefused
-from truejoint.files import check_target, write_atomically
-from truejoint.units import shown
+from truejoint.files import check_target, write_all_atomically, write_atomically
+from truejoint.units import shown, with_unit
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recorder
     from truejoint.tip import BlockPose, Touches
+    from truejoint.tip.fit import TipFit
     from truejoint.tip.guide import Guide, Stop, Task
 
     Seat = Callable[[Stop], float]
 
 _MANY, _FEW = 30, 6  # touches that calibrate or find a block, and that re-zero a model by it
 _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
+
+
+def block(
+    robot: str,
+    output: Path = Path(),
+    force: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
+    from truejoint.tip.files import block_text
+
+    shape = truejoint.tip.design_block(options.get_robot(robot))
+    made = shape.block()
+    output.mkdir(parents=True, exist_ok=True)
+    files = {
+        output / "block.stl": partial(Path.write_bytes, data=truejoint.tip.block_stl(shape)),
+        output / "block.svg": partial(
+            Path.write_text, data=truejoint.tip.block_svg(shape), encoding="utf-8"
+        ),
+        output / "block.toml": partial(Path.write_text, data=block_text(made), encoding="utf-8"),
+    }
+    write_all_atomically(files, overwrite=force, error=CalibrationError)
+    reached, cells = int(shape.reached.sum()), shape.level.size
+    if as_json:
+        places = {"rotation": shape.rotation.tolist(), "translation": shape.translation.tolist()}
+        result_json({"files": [str(path) for path in files], "dimples": reached, **places})
+        return
+    size = " x ".join(f"{1e3 * v:g}" for v in shape.size)
+    out.print(f"{output}: {made.name}, {size} mm, {reached} of {cells} dimples in reach")
+    stands = []
+    for number in (1, reached):
+        place = shape.rotation @ made.points[str(number)] + shape.translation
+        x, y, z = (1e3 * place).tolist()
+        stands.append(f"dimple {number} is about ({x:.0f}, {y:.0f}, {z:.0f}) mm")
+    out.print(
+        f"Stand it so that {' and '.join(stands)} from the base's origin, the dimples looking "
+        "against the tool's way in."
+    )
+    say("print it at 100 %, measure along x, and enter measured_mm in block.toml")
 
 
 @dataclass(frozen=True)
@@ -105,46 +145,35 @@ def run(
     From the fourth touch on each is compared with what the others say, and one that does not fit is
     asked for once more.
     """
+    from truejoint.tip.guide import Guide
+
     name = Path(options.robot_and_arm(arm)[0])
     is_robot = name.suffix in {"", ".toml"} and not is_model(Path(arm))
     model = None if is_robot else Path(arm)
     task = aim.task(arm, model)
-    guide = _guide(task, touches or (_MANY if aim.bolted is None else _FEW), seed)
+    count = touches or (_MANY if aim.bolted is None else _FEW)
+    if count < task.fewest:
+        raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
+    guide = Guide(task, count, seed=seed)
     if output is None:
         _print_plan(guide)
         return
-    _check_output(output, overwrite=force)
+    if output.suffix != ".csv":
+        raise CommandRefused(f"{output}: touches are written as .csv; name it so")
+    path = output.with_suffix(".parquet")
+    for target in (output, path):
+        check_target(target, overwrite=force)
     opened = _by_hand(task.robot, namespace, ros) if by_hand else _simulated(task.pose, twin, seed)
-    with opened as (device, seat), _recorder(device, output, overwrite=force) as recorder:
+    about: dict[str, Any] = {"session": output.stem, "command": command_line()}
+    with (
+        opened as (device, seat),
+        truejoint.recordings.Recorder(device, path=path, overwrite=force, **about) as recorder,
+    ):
         made = follow_guide(
             guide, recorder, seat, output, until_mm / 1e3, fewest=task.fewest, goes_on=by_hand
         )
     out.print(f"{output}: {len(made)} touches of {task.pose.block.name}")
     say(f"next: truejoint {aim.following(arm, model, output)} -o ...")
-
-
-def _guide(task: Task, count: int, seed: int) -> Guide:
-    """Plan so many touches; refuses fewer than the task takes."""
-    from truejoint.tip.guide import Guide
-
-    if count < task.fewest:
-        raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
-    return Guide(task, count, seed=seed)
-
-
-def _check_output(output: Path, *, overwrite: bool) -> None:
-    if output.suffix != ".csv":
-        raise CommandRefused(f"{output}: touches are written as .csv; name it so")
-    for path in (output, output.with_suffix(".parquet")):
-        check_target(path, overwrite=overwrite)
-
-
-def _recorder(device: truejoint.crtk.Arm, output: Path, *, overwrite: bool) -> Recorder:
-    """Record what the arm does while it touches, beside the file of the touches."""
-    path, command = output.with_suffix(".parquet"), command_line()
-    return truejoint.recordings.Recorder(
-        device, path=path, overwrite=overwrite, session=output.stem, command=command
-    )
 
 
 def follow_guide(
@@ -241,3 +270,164 @@ def prompted(device: truejoint.crtk.Arm, stop: Stop, **how: Any) -> float:
     t = float(device.measured_js().t)
     threading.Event().wait(_AFTER)
     return t
+
+
+@dataclass(frozen=True)
+class Touching:
+    """Touches, and what the arm did meanwhile, an option each."""
+
+    touches: Path
+    touch_sd_mm: float = 0.2
+
+    def read(
+        self, model: Path, recording: str | None, files: Files
+    ) -> tuple[truejoint.Calibration, truejoint.Recording, truejoint.tip.Touches]:
+        """Read the model, the recording beside the touches unless one is named, the touches."""
+        calibration, touches = (
+            truejoint.read_calibration(model),
+            truejoint.tip.read_touches(self.touches),
+        )
+        name = recording or str(self.touches.with_suffix(".parquet"))
+        return calibration, files.one(name, model=calibration), touches
+
+
+@takes(files=Files, touching=Touching)
+def bolt(
+    model: Path,
+    recording: str | None = None,
+    *,
+    block: Path,
+    touching: Touching,
+    output: Path,
+    force: bool = False,
+    as_json: bool = False,
+    files: Files,
+) -> None:
+    """Find where a bolted block stands, on the day of the full calibration."""
+    check_target(output, overwrite=force)
+    shape = truejoint.tip.read_block(block)
+    calibration, whole, touches = touching.read(model, recording, files)
+    sd = touching.touch_sd_mm / 1e3
+    pose, fit = truejoint.tip.find_block(calibration, whole, touches, shape, touch_sd=sd)
+    truejoint.tip.write_pose(pose, output, overwrite=force)
+    facts = {
+        "turn_sd": fit.sd[:3].tolist(), "shift_sd": fit.sd[3:6].tolist(), "scale": pose.scale,
+        "scale_sd": pose.scale_sd, **touch_facts(fit, touches),
+    }  # fmt: skip
+    if as_json:
+        result_json({"pose": str(output), **facts})
+        return
+    turn, shift = (
+        with_unit(float(fit.sd[part].max()), unit)
+        for part, unit in ((slice(0, 3), "rad"), (slice(3, 6), "m"))
+    )
+    out.print(f"{output}: {pose.title}, within {turn} and {shift} (one standard deviation)")
+    if abs(pose.scale / shape.scale - 1.0) > 3.0 * pose.scale_sd:
+        off = 100.0 * (pose.scale / shape.scale - 1.0)
+        say(f"the print is {off:+.2f} % of what its file says: measure it, and enter measured_mm")
+    say_left_out(fit, touches)
+
+
+def touch_facts(fit: TipFit, touches: truejoint.tip.Touches) -> dict[str, Any]:
+    """State how well touches fit, as plain values."""
+    rms = (fit.residual[~fit.left_out] ** 2).sum(axis=1).mean() ** 0.5
+    outliers = [touches.dimple[i] for i in fit.left_out.nonzero()[0]]
+    return {"touches": len(touches), "left_out": outliers, "residual_rms": float(rms)}
+
+
+def say_left_out(fit: TipFit, touches: truejoint.tip.Touches) -> None:
+    """Print how well touches fit, and which were left out as outliers."""
+    facts = touch_facts(fit, touches)
+    out.print(f"{len(touches)} touches, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
+    for i in fit.left_out.nonzero()[0]:
+        off = with_unit(float((fit.residual[i] ** 2).sum() ** 0.5), "m")
+        say(
+            f"left out: dimple {touches.dimple[i]} at {touches.t[i]:.1f} s, {off} off: badly "
+            "seated, or another number?"
+        )
+
+
+@dataclass(frozen=True)
+class Sightings:
+    """What was touched or shot, an option each."""
+
+    touches: Path | None = None
+    block: Path | None = None
+    points: Path | None = None
+    touch_sd_mm: float | None = None
+
+    def __post_init__(self) -> None:
+        if (self.touches is None) == (self.points is None):
+            raise CalibrationError("give --touches with --block, or --points; one of the two")
+        if (self.touches is None) != (self.block is None):
+            raise CalibrationError("--touches and --block belong together: give both, or neither")
+
+
+@takes(sightings=Sightings, files=Files)
+def calibrate(
+    recording: str,
+    output: Path,
+    *,
+    sightings: Sightings,
+    prior: Path | None = None,
+    report: Path | None = None,
+    files: Files,
+    force: bool = False,
+    as_json: bool = False,
+) -> None:
+    """Calibrate an arm without joint sensors, and say what the touches could not determine."""
+    from truejoint.evaluation.report.touch_page import write_touch_report
+
+    check_model_target(output, force)
+    check_page_target(report, force)
+    fit = _fitting(sightings, [] if prior is None else prior_calibrations(prior))
+    whole = files.one(recording)
+    with progress("Fitting joints and frame"):
+        fitted, touch_report = fit(whole)
+    command = command_line()
+    fitted = fitted.with_metadata(command=command)
+    truejoint.write_calibration(fitted, output, overwrite=force)
+    if report is not None:
+        write_touch_report(fitted, touch_report, report, command=command, overwrite=force)
+    if as_json:
+        result_json({"model": str(output), "metadata": fitted.metadata})
+        return
+    say_left_out(touch_report.fit, touch_report.touches)
+    near = with_unit(touch_report.left_out_error, "m")
+    sd = with_unit(touch_report.left_out_sd, "m")
+    out.print(
+        f"{output}: the tip is within {near} ± {sd} (RMS) in the block's frame, by touches "
+        "left out in turn",
+        soft_wrap=True,
+    )
+    for text in touch_report.not_seen:
+        out.print(f"  {text}", soft_wrap=True)
+
+
+def prior_calibrations(prior: Path) -> list[truejoint.Calibration]:
+    """Read the model file, or all those in a folder; raises CalibrationError if there are none."""
+    if not prior.is_dir():
+        return [truejoint.read_calibration(prior)]
+    paths = [path for path in sorted(prior.iterdir()) if is_model(path)]
+    if not paths:
+        raise CalibrationError(f"{prior}: no model file is in this folder; `calibrate` writes them")
+    for path in paths:
+        say(f"  prior: {path.name}")
+    return [truejoint.read_calibration(path) for path in paths]
+
+
+def _fitting(
+    sightings: Sightings, priors: Sequence[truejoint.Calibration]
+) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, truejoint.tip.TouchReport]]:
+    """Read what was touched or shot, and give what fits a recording to it."""
+    from truejoint.tip.block import TOUCH_SD
+    from truejoint.tip.files import SHOT_SD
+
+    tip = truejoint.tip
+    if sightings.touches is not None and sightings.block is not None:
+        touches, block = tip.read_touches(sightings.touches), tip.read_block(sightings.block)
+        default = TOUCH_SD
+    else:
+        (touches, block), default = tip.read_shots(sightings.points or Path()), SHOT_SD
+    sd = default if sightings.touch_sd_mm is None else sightings.touch_sd_mm / 1e3
+    return lambda whole: tip.calibrate_by_touch(whole, touches, block, touch_sd=sd, priors=priors)

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import truejoint
 from truejoint.cli import options
@@ -28,38 +27,27 @@ def parse_sparsity(text: str) -> float:
     return sparsity
 
 
-class _Kind(NamedTuple):
-    """How a kind of trajectory is made, and its options with their defaults."""
-
-    make: Callable[[truejoint.robots.Robot, Mapping[str, Any]], truejoint.motion.Trajectory]
-    defaults: Mapping[str, Any]
-
-
-def _zigzag(robot: truejoint.robots.Robot, how: Mapping[str, Any]) -> truejoint.motion.Trajectory:
-    sparsity = parse_sparsity(how["sparsity"])
-    return truejoint.motion.zigzag(robot, how["direction"], sparsity, published=how["published"])
-
-
-def _random(robot: truejoint.robots.Robot, how: Mapping[str, Any]) -> truejoint.motion.Trajectory:
-    return truejoint.motion.random_motion(
-        robot, duration=60.0 * how["minutes"], seed=how["seed"], profile=how["profile"]
-    )
-
-
-def _designed(robot: truejoint.robots.Robot, how: Mapping[str, Any]) -> truejoint.motion.Trajectory:
-    return truejoint.motion.designed_motion(robot, 60.0 * how["minutes"], how["seed"])
-
-
-def _nested(robot: truejoint.robots.Robot, how: Mapping[str, Any]) -> truejoint.motion.Trajectory:
-    return truejoint.motion.nested_motion(robot, 60.0 * how["minutes"])
-
-
-KINDS: Final = {
-    "zigzag": _Kind(_zigzag, {"direction": "J2-J3", "sparsity": "1/4", "published": False}),
-    "random": _Kind(_random, {"minutes": 20.0, "seed": 0, "profile": "cosine"}),
-    "designed": _Kind(_designed, {"minutes": 2.5, "seed": 0}),
-    "nested": _Kind(_nested, {"minutes": 65.0 / 60.0}),
+# Options of each kind with their defaults.
+KINDS: Final[dict[str, dict[str, Any]]] = {
+    "zigzag": {"direction": "J2-J3", "sparsity": "1/4", "published": False},
+    "random": {"minutes": 20.0, "seed": 0, "profile": "cosine"},
+    "designed": {"minutes": 2.5, "seed": 0},
+    "nested": {"minutes": 65.0 / 60.0},
 }
+
+
+def _make(
+    kind: str, robot: truejoint.robots.Robot, how: dict[str, Any]
+) -> truejoint.motion.Trajectory:
+    """Make a trajectory by its options."""
+    motion = truejoint.motion
+    if kind == "zigzag":
+        return motion.zigzag(robot, sparsity=parse_sparsity(how.pop("sparsity")), **how)
+    duration = 60.0 * how.pop("minutes")
+    if kind == "random":
+        return motion.random_motion(robot, duration, **how)
+    make = motion.designed_motion if kind == "designed" else motion.nested_motion
+    return make(robot, duration, **how)
 
 
 def trajectory(
@@ -85,11 +73,11 @@ def trajectory(
     }  # fmt: skip
     stated_options = {name: value for name, value in stated.items() if value is not None}
     for name in stated_options:
-        if name not in KINDS[kind].defaults:
-            takes = ", ".join(f"--{option}" for option in KINDS[kind].defaults)
+        if name not in KINDS[kind]:
+            takes = ", ".join(f"--{option}" for option in KINDS[kind])
             raise TrajectoryError(f"--{name}: a {kind} motion takes {takes}; leave it out")
     arm = options.get_robot(robot or ("forceps" if kind == "nested" else DEFAULT))
-    made = KINDS[kind].make(arm, {**KINDS[kind].defaults, **stated_options})
+    made = _make(kind, arm, KINDS[kind] | stated_options)
     for path in filter(None, (output, plot)):
         check_target(path, overwrite=force)
     truejoint.motion.write_trajectory(made, output, overwrite=force)
