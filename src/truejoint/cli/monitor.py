@@ -42,7 +42,7 @@ def monitor(
             shown = files.one(recording, model=calibration)
             with truejoint.monitor.RecordingPage(shown, calibration, host=host, port=port) as page:
                 out.print(f"Open {page.url} in a browser; Ctrl-C ends.")
-                threading.Event().wait()
+                _wait()
         else:
             if files != Files(robot=files.robot):
                 raise TruejointError("--columns and --metadata need a recording")
@@ -80,4 +80,8 @@ def _show_arm(
                 truejoint.motion.follow(arm, motion, resume_within=_DAY)
         except TruejointError as error:
             say(str(error))  # the page shows where it stands
-        threading.Event().wait()
+        _wait()
+
+
+def _wait() -> None:
+    threading.Event().wait()
