@@ -487,7 +487,7 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
 def test_rows_that_are_left_out_do_not_move_what_is_judged(monkeypatch):
     tried = [Polynomial(2)]
     every = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
-    monkeypatch.setattr("truejoint.calibration.candidates.MOST_ROWS", 400)
+    monkeypatch.setattr("truejoint.calibration.choose.MOST_ROWS", 400)
     few = told(choose(0.2, tried))["poly2"]["rmse"]["jaw"]
     counting = [*tried, GRU(epochs=1, units=2)]  # of rows that are one step apart
     assert told(choose(0.2, counting))["poly2"]["rmse"]["jaw"] == every

@@ -26,12 +26,11 @@ from truejoint.calibration.conformal import (
     exchangeable_units,
     trajectory_scores,
 )
-from truejoint.calibration.container import encode_arrays
 from truejoint.calibration.interval import (
-    decode_interval,
     inverse_span,
     range_excesses,
 )
+from truejoint.calibration.model_file import decode, encode, encode_arrays
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.recordings import Recording
 
@@ -303,10 +302,11 @@ def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_
     ],
 )
 def test_an_edited_interval_is_refused(calibration, motions, name, change):
-    arrays = encode_arrays(with_interval(calibration, motions).interval)
-    arrays[name] = change(arrays.get(name, np.zeros(1)))
+    description, arrays = encode(with_interval(calibration, motions))
+    path = f"interval/{name}"
+    arrays[path] = change(arrays.get(path, np.zeros(1)))
     with pytest.raises(ModelFileError, match="interval"):
-        decode_interval(arrays, 3)
+        decode(description, arrays)
 
 
 def test_two_calibrations_that_differ_by_more_than_they_state_are_found(

@@ -10,15 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from truejoint.calibration import calibrate, read_calibration, residuals, write_calibration
-from truejoint.calibration.container import encode_arrays
 from truejoint.calibration.efforts import (
     MAX_JOINTS,
     count_effort_terms,
-    decode_effort_baseline,
     effort_steps,
     effort_terms,
     has_baseline,
 )
+from truejoint.calibration.model_file import decode, encode, encode_arrays
 from truejoint.calibration.residuals import residual_statistics
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
@@ -188,17 +187,18 @@ def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
         ("scale", lambda a: a * 0),
         ("coef", lambda a: a[:, 1:]),
         ("coef", lambda a: a * np.nan),
-        ("monitored", lambda a: a * 0.5),
+        ("monitored", lambda a: a - 2),
         ("upper", lambda a: a - 10),
         ("residual", lambda a: -a),
         ("extra", lambda a: a),
     ],
 )
 def test_an_edited_effort_baseline_is_refused(calibration, name, change):
-    arrays = encode_arrays(calibration.effort_baseline)
-    arrays[name] = change(arrays.get(name, np.zeros(3)))
+    description, arrays = encode(calibration)
+    path = f"effort_baseline/{name}"
+    arrays[path] = change(arrays.get(path, np.zeros(3)))
     with pytest.raises(ModelFileError, match="baseline"):
-        decode_effort_baseline(arrays, 3)
+        decode(description, arrays)
 
 
 def test_the_public_robots_have_joints_enough():

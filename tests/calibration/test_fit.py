@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, reseeded
+from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError, RobotError
 from truejoint.estimators import NeuralNetwork
 from truejoint.features import FeatureSet
@@ -45,22 +45,6 @@ def test_polynomial_finds_the_error_of_a_recording_that_it_never_saw(build, targ
         calibration.predict_error(test),
         calibration.correct(test) - test.columns("measured", JOINTS),
     )
-
-
-def test_networks_of_other_seeds_are_those_that_calibrate_makes(build):
-    training, test = [build(1500, 0), build(1500, 1)], build(200, 2)
-    network = NeuralNetwork(hidden_layer_sizes=(4,), epochs=1)
-    for fit_rate in (None, 10.0):
-        first = calibrate(training, network, random_state=3, fit_rate=fit_rate)
-        other = calibrate(training, network, random_state=4, fit_rate=fit_rate)
-        (again,) = reseeded(first, training, [4], fit_rate=fit_rate)
-        assert np.array_equal(again.correct(test), other.correct(test))
-        assert not np.array_equal(again.correct(test), first.correct(test))
-        assert again.metadata["settings"] == other.metadata["settings"]
-        assert again.fitted_baselines.keys() == other.fitted_baselines.keys()
-    zeros = calibrate(training, "linear", zero="recording")
-    with pytest.raises(CalibrationError, match="`calibrate` each seed by itself"):
-        reseeded(zeros, training, [4])
 
 
 def test_gross_outliers_of_the_truth_are_left_out_and_counted(build):

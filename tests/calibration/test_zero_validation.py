@@ -17,10 +17,10 @@ from truejoint.calibration import (
     read_calibration,
     write_calibration,
 )
+from truejoint.calibration.choose import validate_zeros
 from truejoint.calibration.folds import FOLDS, Fold, Part
-from truejoint.calibration.training_zeros import zero_groups
+from truejoint.calibration.training_rows import zero_groups
 from truejoint.calibration.zero import judged_error
-from truejoint.calibration.zero_validation import validate_zeros
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording

@@ -14,6 +14,7 @@ from truejoint.estimators.base import JointRegressor
 from truejoint.estimators.family import EstimatorData
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
+from truejoint.robots import get_robot
 
 PLAIN = ("measured/elbow", "effort/elbow", "effort/roll", "measured/insertion")
 HISTORY = (
@@ -74,8 +75,7 @@ def calibration(
         error = error - training.columns("measured", joints)
     widths = np.sort(rng.uniform(0.001, 0.01, (2, len(joints))), axis=0)
     return Calibration(
-        robot="raven2",
-        arm="left",
+        machine=get_robot("raven2", "left"),
         joints=tuple(joints),
         feature_set=feature_set,
         target=target,

@@ -84,7 +84,7 @@ def adapted(
     robot = common_robot(recordings)
     _check_prior(prior, robot)
     before = prior.for_rezeroing
-    after = replace(before, arm=robot.arm, robot_values=robot.to_dict())
+    after = replace(before, machine=robot)
     parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
     check_row_count(sum(int(part.known.sum()) for part in parts))
     reference_rows = _rows(before, reference, 1) if reference else []

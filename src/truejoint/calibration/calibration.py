@@ -7,7 +7,6 @@ scikit-learn and pandas.
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -15,7 +14,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from truejoint import schema
 from truejoint.array_types import Array
@@ -30,12 +28,10 @@ from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.estimators.family import EstimatorData, Family, Target, evaluate
 from truejoint.features.feature_set import (
     FeatureSet,
-    FeatureState,
     check_history,
     check_sample_dt,
 )
 from truejoint.layout import Memory
-from truejoint.robots.catalogue import get_robot, robot_of
 from truejoint.robots.robot import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
@@ -48,31 +44,6 @@ if TYPE_CHECKING:  # a control loop corrects without them
     from truejoint.recordings import Recording
 
 Recorded = TypeVar("Recorded")
-
-
-@dataclass
-class OnlineState:
-    """What a calibration remembers between samples; made by `Calibration.start`.
-
-    Attributes
-    ----------
-    features : FeatureState
-    row : ndarray, shape (k,)
-        Features of the last sample.
-    memory : Memory
-        What the estimator remembers itself.
-
-    Examples
-    --------
-    >>> state = model.start()
-    >>> sample = [test.column(name)[0] for name in model.signals]
-    >>> model.step(state, 0.0, sample).tolist() == model.correct(test)[0].tolist()
-    True
-    """
-
-    features: FeatureState
-    row: Array
-    memory: Memory
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +93,7 @@ class Calibration(Summarised):
     ['t', 'corrected/jaw', 'half_width/jaw']
     """
 
-    robot: str
-    arm: str
+    machine: Robot  # and its arm
     joints: tuple[str, ...]  # that it corrects
     feature_set: FeatureSet  # inputs of the model, in order
     target: Target  # of the model: truth minus measured (peng2024, II-J), or the position itself
@@ -148,14 +118,21 @@ class Calibration(Summarised):
     one of the measured positions, as after a homing. None: it is added to the output."""
     zero: Zero | None = None  # that was set last, by `at`
     learnt: JointRegressor | None = None  # the estimator as it was fitted; no file holds it
-    robot_values: Mapping[str, Any] | None = None  # `Robot.to_dict`; None: that of the name
 
-    @cached_property
-    def machine(self) -> Robot:
-        """The robot's arm that it was made for."""
-        if self.robot_values is None:
-            return get_robot(self.robot, self.arm)
-        return robot_of(self.robot_values, f"the calibration of {self.title}")
+    @property
+    def robot(self) -> str:
+        """Name of the robot."""
+        return self.machine.name
+
+    @property
+    def arm(self) -> str:
+        """Arm of the robot, empty if it has one."""
+        return self.machine.arm
+
+    @property
+    def title(self) -> str:
+        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
+        return self.machine.title
 
     @property
     def estimator(self) -> str:
@@ -180,11 +157,6 @@ class Calibration(Summarised):
         class_of = import_module("truejoint.estimators.wrapped").class_of
         shape = len(self.feature_set), len(self.joints)
         return cast("JointRegressor", class_of(self.fitted.family).from_data(self.fitted, *shape))
-
-    @property
-    def title(self) -> str:
-        """Robot and arm for a person, for instance ``"raven2 (left arm)"``."""
-        return Robot(self.robot, (), self.arm).title
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
@@ -413,44 +385,6 @@ class Calibration(Summarised):
         excess = np.empty(len(X))
         range_excesses(X, self.lower, self.upper, inverse_span(self.lower, self.upper), excess)
         return excess
-
-    def start(self) -> OnlineState:
-        """State before the first sample, for `step`."""
-        return OnlineState(
-            self.feature_set.start(), np.empty(len(self.feature_set)), self._memory()
-        )
-
-    def step(self, state: OnlineState, t: float, sample: ArrayLike) -> Array:
-        """Correct one sample; the same bits as `correct` gives for the whole recording.
-
-        `sample` (n_signals,) holds the values of `signals` at time `t` [s], later than the last;
-        `state` is changed in place. Gives the position of each of `joints` (n_joints,) [rad or m].
-        Raises CalibrationError if the sample has another length or is not finite, or time does not
-        advance; the state is then as before.
-        """
-        values = np.ascontiguousarray(sample, dtype=np.float64)
-        if values.shape != (len(self.signals),):
-            raise CalibrationError(
-                f"sample has shape {values.shape}; it must hold the {len(self.signals)} signals "
-                f"{', '.join(self.signals)}"
-            )
-        if not np.isfinite(values).all():
-            name = self.signals[int(np.argmin(np.isfinite(values)))]
-            raise CalibrationError(f"sample at {t!r} s: {name!r} is not finite; leave it out")
-        has_begun, last = state.features.clock
-        if not math.isfinite(t) or (has_begun and not t > last):
-            raise CalibrationError(f"sample at {t!r} s does not follow that at {last!r} s")
-        shifted = values + self.signal_shift
-        fresh = self.feature_set.step(state.features, t, shifted, self.gap_limit, state.row)
-        n, memory = len(self.joints), state.memory
-        predicted = np.empty(n)
-        dt = 0.0 if fresh else t - last
-        self.family.row(memory.numbers, memory.memory, dt, state.row, predicted, np.full(n, np.inf))
-        predicted = predicted + self.output_shift
-        if self.target == "position":
-            return predicted
-        measured = [self.signals.index(f"measured/{joint}") for joint in self.joints]
-        return np.asarray(values[measured] + predicted)
 
     def with_metadata(self, **items: Any) -> Self:
         """Add JSON values, such as ``held_out``, to the metadata of a copy.

@@ -3,35 +3,69 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+import time
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
+from truejoint.calibration.calibration import Calibration
+from truejoint.calibration.compatibility import (
+    chosen_features,
+    chosen_joints,
+    common_robot,
+    common_units,
+    in_all,
+)
 from truejoint.calibration.cross_validate import (
     GAIN,
+    MOST_ROWS,
     TRIED_ON,
     FoldErrors,
+    FoldRows,
     cross_validate,
     is_better,
     log_ratio,
+    share_of,
 )
-from truejoint.calibration.folds import Fold
+from truejoint.calibration.fit_task import unfitted
+from truejoint.calibration.folds import FEW, FOLDS, Fold, folds
+from truejoint.calibration.origin import distinct
+from truejoint.calibration.rows import Rows
+from truejoint.calibration.training_rows import outlying_values, stride_of, training_rows
+from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold
-from truejoint.estimators.family import Target
+from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.registry import LINEAR
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.wrapped import Regressor, candidates
-from truejoint.features.feature_set import FeatureSet
+from truejoint.features.feature_set import (
+    FeatureSet,
+    default_features,
+    default_gap_limit,
+    sample_dt,
+)
+from truejoint.recordings import Recording
+from truejoint.robots import Robot
 
 _FIRST_SHARE: Final = 0.8  # of the progress, where what was chosen is tried with more features
 
-Say = Callable[[int, str, int], None]
-"""Called with the number of a fold, the name of a candidate and its number."""
+_MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
+"""Quantities of which a choice tries all columns, where it chooses features."""
+_RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
+_RATE_DT: Final = 0.101  # [s] between rows, beyond which they show steps and no rates; 10 Hz do
+_REZERO: Final = 2.0  # [s] of truth that each recording is re-zeroed from to be judged,
+_SHARE: Final = 0.1  # or this share of the shortest one
+_ZEROS_TRIED_ON: Final = 3  # parts, after which zeros that are no better so far are given up
+
+
+Pair = Callable[[Sequence[int]], tuple[Calibration, Calibration]]
+"""Fits to the recordings of these indices: with one zero, and with one for each."""
+
 Extend = Callable[[FoldErrors, Collection[str]], FoldErrors | None]
 """Table of the candidates of these names with more features than in another table."""
 
@@ -148,80 +182,61 @@ def choose(
     tell, report = tell or (lambda _what: None), progress or untold
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
     share = _FIRST_SHARE if extended else 1.0
-    starts = np.cumsum([0, *(len(table.candidates) for table in tables)])
 
-    def say(start: int, number: int, name: str, candidate: int) -> None:
-        tell(f"Choosing: {name} without {left_out[number].name}")
-        report(share * (number + (start + candidate) / starts[-1]) / len(left_out))
+    def say(begin: float, part: float, fraction: float, what: str) -> None:
+        tell(f"Choosing: {what}")
+        report(begin + part * fraction)
 
-    judged, whole, behind = _validated(tables, left_out, [partial(say, at) for at in starts])
+    judged, whole, tried = _validated(tables, left_out, partial(say, 0.0, share))
+    tried = [*whole, *tried]
     chosen = _best([option for table in whole for option in _options(table)])
-    tried = [*whole, *behind]
     more = extended(chosen.table, chosen.names) if extended and len(judged) > 1 else None
     if more is not None:
-        m = len(more.candidates)
-
-        def say_more(number: int, name: str, candidate: int) -> None:
-            tell(f"Choosing: {name} without {judged[number].name}")
-            report(share + (1.0 - share) * (number + candidate / m) / len(judged))
-
-        more, is_whole = _validated_more(more, chosen, judged, say_more)
-        if is_whole:
-            chosen = _best([chosen, *_options(more)])
-        tried += [more] if more.products else []
+        _, whole, behind = _validated([more], judged, partial(say, share, 1.0 - share), chosen)
+        chosen = _best([chosen, *(option for table in whole for option in _options(table))])
+        tried += [*whole, *behind]
     tell("Fitting what was chosen")
     return _choice(chosen, tried, judged, joints)
 
 
 def _validated(
-    tables: Sequence[FoldErrors], left_out: Sequence[Fold], say: Sequence[Say]
+    tables: Sequence[FoldErrors],
+    left_out: Sequence[Fold],
+    say: Callable[[float, str], None],
+    rival: _Option | None = None,
 ) -> tuple[list[Fold], list[FoldErrors], list[FoldErrors]]:
     """Folds on which the first table could be filled, tables that were on all of these, and others.
 
-    Those are not so much better than the first on the first folds, and are given up.
+    Those are not so much better, on the first folds, than a `rival`, which is the first table's
+    where none is given, and are given up. A table that cannot be filled is left out; without a
+    rival it is the fold, where it is the first table.
     """
-    first, others = tables[0], list(zip(tables[1:], say[1:], strict=False))
-    judged, behind = list[Fold](), list[FoldErrors]()
+    tables, judged, behind = list(tables), list[Fold](), list[FoldErrors]()
     for number, fold in enumerate(left_out):
-        try:
-            first = cross_validate(first, fold, partial(say[0], number))
+        filled = list[FoldErrors]()
+        for place, table in enumerate(tables):
+
+            def fitting(name: str, k: int, table: FoldErrors = table, place: int = place) -> None:
+                done = (place + k / len(table.candidates)) / len(tables)  # noqa: B023
+                say((number + done) / len(left_out), f"{name} without {fold.name}")  # noqa: B023
+
+            try:
+                passed = table.passed_by(filled[0]) if filled else table
+                filled.append(cross_validate(passed, fold, fitting))
+            except CalibrationError:
+                if rival is None and place == 0:
+                    if fold is left_out[-1] and not judged:
+                        raise
+                    break
+        if filled or rival is not None:
+            tables = filled
             judged.append(fold)
-        except CalibrationError:
-            if fold is left_out[-1] and not judged:
-                raise
-            continue
-        filled = []
-        for table, say_of in others:
-            more = _filled(table.passed_by(first), fold, partial(say_of, number))
-            filled += [] if more is None else [(more, say_of)]
-        others = filled
-        if len(judged) == TRIED_ON:
-            usual = next(_options(first))
-            behind = [table.given_up() for table, _ in others if _is_behind(table, usual)]
-            others = [pair for pair in others if not _is_behind(pair[0], usual)]
-    return judged, [first, *(table for table, _ in others)], behind
-
-
-def _filled(table: FoldErrors, fold: Fold, say: Callable[[str, int], None]) -> FoldErrors | None:
-    """Table with one fold more; None where the linear model cannot be fitted."""
-    try:
-        return cross_validate(table, fold, say)
-    except CalibrationError:
-        return None
-
-
-def _validated_more(
-    table: FoldErrors, chosen: _Option, judged: Sequence[Fold], say: Say
-) -> tuple[FoldErrors, bool]:
-    """Fill a table, unless it does no better on the first folds; whether it was on all."""
-    for number, fold in enumerate(judged):
-        if number == TRIED_ON and _is_behind(table, chosen):
-            return table.given_up(), False
-        more = _filled(table, fold, partial(say, number))
-        if more is None:
-            return table, False
-        table = more
-    return table, True
+        if filled and len(judged) == TRIED_ON:
+            usual = rival or next(_options(tables[0]))
+            first = 0 if rival else 1
+            behind = [table for table in tables[first:] if _is_behind(table, usual)]
+            tables = [table for table in tables if table not in behind]
+    return judged, tables, [table.given_up() for table in behind]
 
 
 def _is_behind(table: FoldErrors, chosen: _Option) -> bool:
@@ -321,3 +336,194 @@ def _ratio(ratios: Array) -> dict[str, float]:
 def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
     """RMSE by joint, of the mean squares (n_folds, n_joints) of errors."""
     return dict(zip(joints, np.sqrt(np.mean(square, axis=0)).tolist(), strict=True))
+
+
+def choice_of(
+    recordings: Sequence[Recording],
+    automatic: Automatic,
+    features: FeatureSet | Iterable[str] | None,
+    joints: Sequence[str] | None,
+    target: Target | None,
+    fit_rate: float | None,
+    random_state: int | None,
+    progress: Progress,
+) -> Choice:
+    """Choose among the estimators that can predict the target, each with its features."""
+    robot = common_robot(recordings)
+    chosen = chosen_joints(robot, recordings, joints)
+    recordings = distinct(recordings)
+    named = dict.fromkeys(
+        name for recording in recordings for name in default_features(robot, recording).names
+    )
+    usual = FeatureSet.parse(in_all(recordings, named))
+    common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
+    models = [unfitted(model, None, random_state) for model in automatic.candidates]
+    by_features, targets = _with_their_features(
+        models, robot, recordings, usual if features is None else features, target
+    )
+    free = [m for models in by_features.values() for m in models if m.family.inputs is None]
+    if free and automatic.default_features and features is not None and len(recordings) >= FEW:
+        by_features.setdefault(usual, free)
+    for quantities in _MORE if features is None and free else ():
+        columns = [name for name in recordings[0].units if name.split("/")[0] in quantities]
+        more = FeatureSet.parse(in_all(recordings, columns))
+        if not any(set(more.names) == set(each.names) for each in by_features):
+            by_features[more] = free
+    for models in by_features.values():  # what learns a filter's residual, without the filter too
+        members = {name for model in models for name in _member_names(model)}
+        models += [m for m in free if m.name in members and m not in models]
+    grouped = partial(
+        _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
+        stride_of(fit_rate, sample_dt(recordings)),
+    )  # fmt: skip
+
+    def with_rates(table: FoldErrors, names: Collection[str]) -> FoldErrors | None:
+        """Give candidates of these names the rates of the table's measured positions as well."""
+        positions = [name for name in table.features.names if name.startswith("measured/")]
+        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
+        tried = [model for model in free if model.name in names]
+        more = FeatureSet.parse([*table.features.names, *rates])
+        return grouped(more, tried, table.rows.target) if rates else None
+
+    tables = [
+        grouped(feature_set, models, targets.get(feature_set, target or TARGETS[0]))
+        for feature_set, models in by_features.items()
+    ]
+    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
+    extended = with_rates if features is None and free and shows_rates else None
+    choice = choose(tables, folds(recordings), chosen, automatic.tell, progress, extended)
+    lacking = [] if features is not None else [name for name in named if name not in usual.names]
+    return replace(choice, evidence={**choice.evidence, "not_in_all": lacking})
+
+
+def _with_their_features(
+    models: Sequence[JointRegressor],
+    robot: Robot,
+    recordings: Sequence[Recording],
+    asked: FeatureSet | Iterable[str],
+    target: Target | None,
+) -> tuple[dict[FeatureSet, list[JointRegressor]], dict[FeatureSet, Target]]:
+    """Models that can be tried, by the features that they see, and what these then predict.
+
+    Features are those that are `asked` for, or the model's own.
+    """
+    by_features: dict[FeatureSet, list[JointRegressor]] = {}
+    targets: dict[FeatureSet, Target] = {}
+    for model in models:
+        has_inputs = model.family.inputs is not None
+        predicts = target or (model.family.targets if has_inputs else TARGETS)[0]
+        prepared = _prepared(model, recordings)
+        if predicts not in model.family.targets or prepared is None:
+            continue
+        inputs = chosen_features(prepared, robot, recordings, None if has_inputs else asked)
+        by_features.setdefault(inputs, []).append(prepared)
+        targets.setdefault(inputs, predicts)
+    if not by_features:
+        names = ", ".join(model.name for model in models)
+        raise CalibrationError(
+            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
+            f"{target or TARGETS[0]}; give other candidates"
+        )
+    return by_features, targets
+
+
+def _grouped(
+    recordings: Sequence[Recording],
+    outlying: Sequence[Mask],
+    robot: Robot,
+    joints: tuple[str, ...],
+    stride: int,
+    feature_set: FeatureSet,
+    candidates: Sequence[JointRegressor],
+    target: Target,
+) -> FoldErrors:
+    """Candidates with the rows of recordings, as many as serve a choice, that they see."""
+    gap_limit = default_gap_limit(recordings)
+    thinned = not any(model.family.counts_samples for model in candidates)
+    sizes = [len(recording) for recording in recordings]
+    most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
+    parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
+    models = [model.for_features(feature_set.names, robot, joints) for model in candidates]
+    return FoldErrors.of(FoldRows.of(parts, target, most), models)
+
+
+def _prepared(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
+    """Unfitted copy with what recordings say; None where they lack inputs that it insists on."""
+    inputs = model.family.inputs
+    if inputs is None:
+        return model.for_recordings(recordings)
+    try:
+        prepared = model.for_recordings(recordings)
+    except CalibrationError:
+        return None
+    signals = FeatureSet.parse(inputs(prepared.model_params())).signals
+    has_all = all(name in r.table.columns for r in recordings for name in signals)
+    return prepared if has_all else None
+
+
+def _member_names(model: JointRegressor) -> list[str]:
+    """Names of what learns the residual of a model with features of its own."""
+    members = getattr(model, "members", ()) if model.family.inputs is not None else ()
+    return [str(getattr(member, "name", member)) for member in members]
+
+
+def validate_zeros(
+    parts: Sequence[Rows],
+    left_out: Sequence[Fold],
+    fit: Pair,
+    say: Callable[[str, float], None],
+) -> tuple[bool, dict[str, Any]]:
+    """Whether a zero for each recording is better without doubt, and how that was found, as JSON.
+
+    Five of the folds at most, of whole recordings, are left out of a pair of fits each, and their
+    recordings are re-zeroed from the first seconds as `find_zero` gives it. A
+    zero for each is better where it beats one zero, by the rule of a choice, in a joint, and is no
+    worse on the average in any. `say` is told what is done and the share of it.
+    """
+    began = time.perf_counter()
+    stretch = min(_REZERO, _SHARE * min(part.recording.duration for part in parts))
+    judged, squares = list[str](), list[Array]()
+    left_out = left_out[:: -(-len(left_out) // FOLDS)]
+    for number, fold in enumerate(left_out):
+        out = sorted({part.recording for part in fold.parts})
+        training = [index for index in range(len(parts)) if index not in out]
+        if len(training) < 2:
+            continue
+        say(f"Judging a zero for each recording without {fold.name}", number / len(left_out))
+        testing = [parts[index] for index in out]
+        try:
+            pair = fit(training)
+            squares.append(np.array([_square(each, testing, stretch) for each in pair]))
+        except CalibrationError:  # as the choice itself passes such a fold over
+            continue
+        judged.append(fold.name)
+        means = _ratios(squares).mean(axis=0)
+        if len(judged) >= _ZEROS_TRIED_ON and (means.min() > GAIN or means.max() > 0.0):
+            break
+    if not squares:
+        return False, {"kept": False, "note": "no part can be left out for it"}
+    square, ratios = np.array(squares), _ratios(squares)
+    is_better_fit = any(map(is_better, ratios.T)) and bool((ratios.mean(axis=0) <= 0.0).all())
+    joints = pair[0].joints
+    return is_better_fit, {
+        "kept": is_better_fit,
+        "rezeroed_from": stretch,
+        "left_out": judged,
+        "shared": by_joint(joints, square[:, 0]),
+        "recording": by_joint(joints, square[:, 1]),
+        "ratio": math.exp(ratios.mean()),
+        "ratios": np.exp(ratios.mean(axis=1)).tolist(),
+        "seconds": round(time.perf_counter() - began, 3),
+    }
+
+
+def _ratios(squares: Sequence[Array]) -> Array:
+    """Logarithms (n_folds, n_joints) of the ratio of the errors of pairs (2, n_joints)."""
+    shared, each = np.moveaxis(np.array(squares), 1, 0)
+    return log_ratio(each, shared)
+
+
+def _square(calibration: Calibration, parts: Sequence[Rows], stretch: float) -> Array:
+    """Mean square (n_joints,) of the errors of recordings after their first seconds."""
+    errors = [judged_error(calibration, part, stretch)[0] for part in parts]
+    return np.asarray(np.mean(np.concatenate(errors) ** 2, axis=0))

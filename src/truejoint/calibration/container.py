@@ -9,9 +9,8 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any, Final, NoReturn, TypeVar
+from typing import Any, Final, NoReturn
 
 import numpy as np
 import safetensors
@@ -26,8 +25,6 @@ from truejoint.files import (
     read_small,
     write_atomically,
 )
-
-Value = TypeVar("Value")
 
 FORMAT_VERSION: Final = 6
 MAX_FILE_BYTES: Final = 256 * 2**20  # a forest of a hundred full trees takes half of it
@@ -140,34 +137,6 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
     if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
         raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
     return description, arrays
-
-
-def encode_arrays(value: Any) -> dict[str, Array]:
-    """Fields of a dataclass by name, numbers as arrays of one element."""
-    return {
-        field.name: np.atleast_1d(np.asarray(getattr(value, field.name), dtype=np.float64))
-        for field in fields(value)
-    }
-
-
-def decode_arrays(
-    kind: type[Value], what: str, arrays: Mapping[str, Array], shapes: Mapping[str, tuple[int, ...]]
-) -> Value:
-    """Inverse of `encode_arrays`; a field that `shapes` does not name is a number.
-
-    Raises ModelFileError, of `what`, when names or shapes are not these, or a number is not finite.
-    """
-    types = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
-    if {name: a.shape for name, a in arrays.items()} != {n: shapes.get(n, (1,)) for n in types}:
-        raise ModelFileError(f"the arrays of the {what} are not those of the model")
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise ModelFileError(f"the {what} is not finite")
-    values: dict[str, Any] = dict(arrays)
-    for name, of in types.items():
-        if of in ("float", "int"):
-            number = float(arrays[name][0])
-            values[name] = number if of == "float" else int(min(number, 1e9))
-    return kind(**values)
 
 
 def _arrays(data: bytes) -> dict[str, Array]:

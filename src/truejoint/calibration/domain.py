@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.container import decode_arrays
 from truejoint.compiled import compiled
-from truejoint.errors import ModelFileError
 from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
@@ -150,25 +148,6 @@ def partners(signals: Sequence[str]) -> Integers:
         order = [*range(i + 1, len(signals)), *range(i)]
         partner[i] = next((j for j in order if channels[j] == channel), -1)
     return partner
-
-
-def decode_training_domain(
-    arrays: Mapping[str, Array], n_signals: int, n_features: int, n_joints: int
-) -> TrainingDomain:
-    """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
-    shapes = {"feature_mean": (n_features,), "whitening": (n_features, n_features)}
-    for part, n in (("signal", n_signals), ("error", n_joints)):
-        shapes |= {f.name: (n,) for f in fields(TrainingDomain) if f.name.startswith(part)}
-    domain = decode_arrays(TrainingDomain, "training domain", arrays, shapes)
-    sizes = ("signal_step", "signal_bend", "signal_flicker", "signal_travel", "hold", "distance")
-    if (
-        any((arrays[name] < 0.0).any() for name in sizes)
-        or not 0.0 < domain.dt < 1e9
-        or (domain.signal_lower > domain.signal_upper).any()
-        or (domain.error_lower > domain.error_upper).any()
-    ):
-        raise ModelFileError("the training domain is inside out")
-    return domain
 
 
 @compiled

@@ -6,16 +6,14 @@ its sign when the motion turns carries gravity and load, the part that does not 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.container import decode_arrays
 from truejoint.compiled import compiled
-from truejoint.errors import ModelFileError
 
 if TYPE_CHECKING:
     from truejoint.calibration.residuals import Residuals
@@ -356,22 +354,3 @@ def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
         seen = largest_shifts(deviation, own[:, 2].copy(), own[:, 3].copy())
         shift, friction = max(shift, seen[0]), max(friction, seen[1])
     return shift, friction
-
-
-def decode_effort_baseline(arrays: Mapping[str, Array], n_joints: int) -> EffortBaseline:
-    """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
-    shapes = {field.name: (n_joints,) for field in fields(EffortBaseline)}
-    wanted = {
-        **shapes,
-        "coef": (n_joints, count_effort_terms(n_joints)),
-        "beginning": (len(BEGINNINGS), n_joints),
-    }
-    baseline = decode_arrays(EffortBaseline, "effort baseline", arrays, wanted)
-    positive = ("scale", "shift_limit", "friction_limit", "residual", "correlation", "beginning")
-    if (
-        not all((arrays[name] > 0.0).all() for name in positive)
-        or not (baseline.lower < baseline.upper).all()
-        or not np.isin(baseline.monitored, (0.0, 1.0)).all()
-    ):
-        raise ModelFileError("the effort baseline holds values that no recording gives")
-    return baseline

@@ -13,11 +13,9 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Integers
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration, RezeroedFit
-from truejoint.calibration.candidates import choice_of
-from truejoint.calibration.choose import Automatic, Choice
-from truejoint.calibration.compatibility import common_robot
+from truejoint.calibration.choose import Automatic, Choice, choice_of, validate_zeros
 from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, share_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import (
@@ -27,16 +25,19 @@ from truejoint.calibration.efforts import (
     has_baseline,
     position_range,
 )
-from truejoint.calibration.fit_task import FitTask, Fitted, data_of, fit_model, unfitted, within
-from truejoint.calibration.folds import FEW, Fold, folds, wholes, without
+from truejoint.calibration.fit_task import FitTask, Fitted, data_of, fit_model, within
+from truejoint.calibration.folds import FEW, FOLDS, Fold, blocks, dealt, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, TrainingZeros, ZeroOf, distinct
 from truejoint.calibration.redundancy import chosen_redundant, fit_parity_equations
 from truejoint.calibration.residuals import Residuals, residual_statistics
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.training_rows import fitted_rows, stride_of, training_rows
-from truejoint.calibration.training_zeros import signal_moves, take_off_zeros, zero_groups
-from truejoint.calibration.zero_validation import validate_zeros
-from truejoint.errors import CalibrationError
+from truejoint.calibration.training_rows import (
+    fitted_rows,
+    signal_moves,
+    stride_of,
+    take_off_zeros,
+    zero_groups,
+)
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.family import Target
 from truejoint.estimators.registry import AUTO, DEFAULT
@@ -44,6 +45,9 @@ from truejoint.estimators.wrapped import Regressor
 from truejoint.features.feature_set import FeatureSet, default_gap_limit
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
+
+ENOUGH: Final = 0.05
+"""Share of its error below which a calibration is hardly bettered: see `expected_gain`."""
 
 _CHOICE_SHARE: Final = 0.7  # of the progress bar, where there is a choice,
 _ZEROS_SHARE: Final = 0.2  # and of judging zeros then
@@ -168,9 +172,7 @@ def _assembled(
     identified = fitted.model.identified
     origin, facts = training_origin(parts)
     return Calibration(
-        robot=task.robot.name,
-        arm=task.robot.arm,
-        robot_values=task.robot.to_dict(),
+        machine=task.robot,
         joints=task.joints,
         feature_set=task.feature_set,
         target=task.target,
@@ -362,61 +364,6 @@ def cross_fit(
     return fits
 
 
-def reseeded(
-    fitted: Calibration,
-    recordings: Recording | Sequence[Recording],
-    seeds: Iterable[int],
-    *,
-    fit_rate: float | None = None,
-) -> list[Calibration]:
-    """Calibrations that differ from a fitted one by the estimator's seed alone.
-
-    As `calibrate` makes them, but what they share is computed once. Interval and baseline of the
-    efforts, which they do not share, are left out.
-
-    Parameters
-    ----------
-    fitted : Calibration
-        With one zero for all recordings.
-    recordings : Recording or sequence of Recording
-        Those that it was fitted to.
-    seeds : iterable of int
-        One for each calibration that is wanted.
-    fit_rate : float, optional
-        As it was fitted at [Hz].
-
-    Raises
-    ------
-    CalibrationError
-        If each recording or homing has a zero of its own, or as `calibrate`.
-
-    Examples
-    --------
-    >>> first = calibrate(training, truejoint.estimators.get_estimator("dnn").set_params(epochs=1))
-    >>> len(reseeded(first, training, [1, 2]))
-    2
-    """
-    if fitted.rezeroed_fit is not None:
-        raise CalibrationError(
-            "the calibration has zeros of recordings or homings; `calibrate` each seed by itself"
-        )
-    recordings = as_recordings(recordings)
-    stride = stride_of(fit_rate, fitted.origin.sample_dt)
-    parts = training_rows(recordings, fitted.feature_set, fitted.joints, fitted.gap_limit, stride)
-    names, robot = fitted.feature_set.names, common_robot(recordings)
-    calibrations = []
-    for seed in seeds:
-        model = unfitted(fitted.model, fitted.target, seed)
-        model = model.for_features(names, robot, fitted.joints)
-        settings = " ".join(repr(model).split())
-        model = fit_model(model, parts, fitted.target)
-        other = replace(
-            fitted, fitted=data_of(model), learnt=model, interval=None, effort_baseline=None
-        )
-        calibrations.append(other.with_metadata(settings=settings))
-    return calibrations
-
-
 def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
     """Where the training rows come from: sessions and homings, and JSON values for people."""
     digest = hashlib.sha256()
@@ -445,3 +392,53 @@ def training_origin(parts: Sequence[Rows]) -> tuple[Origin, dict[str, Any]]:
         "data_sha256": digest.hexdigest(),
     }
     return Origin(sessions=tuple(sessions), homing_ids=tuple(homing_ids)), facts
+
+
+def expected_gain(
+    recordings: Recording | Sequence[Recording], estimator: str | Regressor = "linear", **how: Any
+) -> Array:
+    """Share (n_joints,) of its RMS error that a calibration would lose by twice the data.
+
+    Each of five blocks of time is left out of one fit. How far the fits' predictions differ from
+    that of the whole gives the variance of the whole's (delete-a-group jackknife: Efron and Stein,
+    The Annals of Statistics 9(3), 1981), which twice the data would halve; their errors on what
+    they left out give the error that it is a part of. What no data can better, such as curves that
+    a linear model cannot follow, stays. Below `ENOUGH` more of the same hardly pays.
+
+    Parameters
+    ----------
+    recordings : Recording or sequence of Recording
+    estimator : str or Regressor
+    **how
+        As `calibrate` takes it: features, joints.
+
+    Raises
+    ------
+    CalibrationError
+        As `calibrate` does, of the whole or of four fifths.
+
+    Examples
+    --------
+    >>> bool(expected_gain(training)[0] < 0.05)
+    True
+    """
+    recordings = as_recordings(recordings)
+    how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
+    whole = calibrate(recordings, estimator, **how)
+    rows = [whole.rows(recording) for recording in recordings]
+    predicted = [whole.correct(held_out) for held_out in rows]
+    parts = blocks(recordings, FOLDS)
+    left_out = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
+    differences, errors = [], []
+    fits = cross_fit(whole, recordings, left_out, fit_rate=how.get("fit_rate"))
+    for fit, fold in zip(fits, left_out, strict=True):
+        again = [fit.correct(held_out) for held_out in rows]
+        squares = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
+        differences.append(np.concatenate(squares).mean(axis=0))
+        for part in fold.parts:
+            error = (rows[part.recording].truth - again[part.recording])[part.first : part.end]
+            errors.append(error[np.isfinite(error).all(axis=1)] ** 2)
+    variance = (len(fits) - 1) / len(fits) * np.sum(differences, axis=0)
+    square = np.concatenate(errors).mean(axis=0)
+    gain = np.divide(variance / 2.0, square, out=np.zeros_like(square), where=square > 0.0)
+    return np.asarray(1.0 - np.sqrt(1.0 - np.minimum(gain, 1.0)))

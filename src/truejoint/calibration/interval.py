@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
 from typing import Final
@@ -11,9 +10,8 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.container import decode_arrays
 from truejoint.compiled import compiled
-from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.errors import CalibrationError
 
 LEVELS: Final = (0.8, 0.9, 0.95)
 LEVEL: Final = 0.9  # where none is asked for
@@ -179,24 +177,3 @@ def range_excesses(X: Array, lower: Array, upper: Array, per_span: Array, out: A
     """`range_excess` of every row of `X` (n, k), into `out` (n,)."""
     for row in range(X.shape[0]):
         out[row] = range_excess(X[row], lower, upper, per_span)
-
-
-def decode_interval(arrays: Mapping[str, Array], n_joints: int) -> Interval:
-    """Inverse of `encode_arrays`; raises ModelFileError when any part is not as it must be."""
-    n_levels = arrays.get("levels", np.empty(0)).size
-    widths = ("half_widths", "offset_half_widths", "raw_half_widths")
-    before_there_were_any = dict.fromkeys(("folds", "cut", "whole"), np.zeros(1))
-    arrays = {**before_there_were_any, **arrays}
-    shapes = {"levels": (n_levels,), **dict.fromkeys(widths, (n_levels, n_joints))}
-    interval = decode_arrays(Interval, "interval", arrays, shapes)
-    levels, count = interval.levels, arrays["trajectories"][0]
-    if not (
-        1 <= n_levels <= MAX_LEVELS
-        and (np.diff(levels) > 0.0).all()
-        and 0.0 < levels[0] <= levels[-1] < 1.0
-        and all((array >= 0.0).all() for array in arrays.values())
-        and all((np.diff(arrays[name], axis=0) >= 0.0).all() for name in widths)
-        and needed_trajectories(float(levels[-1])) <= count <= 1e9
-    ):
-        raise ModelFileError("the interval states levels or widths that no calibration gives")
-    return interval

@@ -3,47 +3,67 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from dataclasses import dataclass, field, fields, replace
+from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
 from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, RezeroedFit, as_calibration
-from truejoint.calibration.container import encode_arrays, read_model_file, write_model_file
-from truejoint.calibration.domain import decode_training_domain
-from truejoint.calibration.efforts import decode_effort_baseline
-from truejoint.calibration.interval import Interval, decode_interval
+from truejoint.calibration.container import read_model_file, write_model_file
+from truejoint.calibration.domain import TrainingDomain
+from truejoint.calibration.efforts import BEGINNINGS, EffortBaseline, count_effort_terms
+from truejoint.calibration.interval import MAX_LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Origin
-from truejoint.calibration.redundancy import decode_parity_equations
+from truejoint.calibration.redundancy import ParityEquations
 from truejoint.calibration.zero import Zero
-from truejoint.errors import CalibrationError, ModelFileError, RobotError, TruejointError
+from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
-from truejoint.robots.robot import Robot
+from truejoint.robots.catalogue import robot_of
 from truejoint.schema import Bounds, Length, Pattern
+
+_Part = TypeVar("_Part", TrainingDomain, EffortBaseline, ParityEquations, Interval)
 
 MAX_JOINTS: Final = 64
 
 _REZEROED: Final = "rezeroed_fit"
-_TAKEN: Final = frozenset(
-    {
-        "model",
-        "training_domain",
-        "effort_baseline",
-        "parity",
-        "interval",
-        "zero",
-        "moves",
-        _REZEROED,
-    }
-)  # names of parts, which no baseline may have
 
 _Name = Annotated[str, Pattern(r"\w{1,60}", "a name of up to 60 letters, digits and _")]
 _Unit = Annotated[str, Pattern(r"[^\x00-\x1f\x7f]{1,40}", "a text of 1 to 40 characters")]
 _Edge = Annotated[float, Bounds(-1e300, 1e300)]
+_Arrays = dict[str, dict[str, Array]]
+
+
+_AXES: Final[Mapping[type, Mapping[str, str]]] = {
+    TrainingDomain: {
+        **{f.name: "s" for f in fields(TrainingDomain) if f.name.startswith("signal_")},
+        "feature_mean": "f",
+        "whitening": "ff",
+        "error_lower": "j",
+        "error_upper": "j",
+    },
+    EffortBaseline: {
+        **{f.name: "j" for f in fields(EffortBaseline)},
+        "coef": "jt",
+        "beginning": "bj",
+    },
+    ParityEquations: {**{f.name: "e" for f in fields(ParityEquations)}, "matrix": "es"},
+    Interval: {"levels": "l", **{f.name: "lj" for f in fields(Interval) if "widths" in f.name}},
+}
+"""A letter for each axis of an array: s signals of the loop, f features, j joints, t terms of an
+effort, b beginnings; another one is of any length. A field that is not named is a number."""
+_PARTS: Final = {
+    "training_domain": TrainingDomain,
+    "effort_baseline": EffortBaseline,
+    "parity": ParityEquations,
+    "interval": Interval,
+}
+_POSITIVE: Final = re.compile(r"dt|scale|\w+_limit|residual|correlation|beginning")
+_SIGNED: Final = re.compile(r"feature_mean|whitening|coef|matrix|intercept|.*lower|.*upper")
 
 
 class _Estimator(NamedTuple):
@@ -83,8 +103,9 @@ class _Description:
         if len(set(self.joints)) < len(self.joints):
             raise ModelFileError(f"joints {', '.join(self.joints)} are not different names")
         fits = [self.fit] if self.rezeroed_fit is None else [self.fit, self.rezeroed_fit]
+        taken = {"model", "zero", "moves", _REZEROED, *_PARTS}  # names of parts
         for name in (name for fit in fits for name in fit.baselines):
-            if name in _TAKEN or not name.isidentifier():
+            if name in taken or not name.isidentifier():
                 raise ModelFileError(f"baselines: {name!r:.60} is no name of one")
         if any(low > high for low, high in self.ranges):
             raise ModelFileError("ranges: a lower bound is above its upper one")
@@ -137,11 +158,9 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
         calibration = decode(description, arrays)
         if calibration.counts_samples and not calibration.origin.sample_dt > 0.0:
             raise ModelFileError("the model counts samples, and the time step is not stated")
-        for fit in (calibration, calibration.for_rezeroing):
+        for fit in {id(fit): fit for fit in (calibration, calibration.for_rezeroing)}.values():
             for name, data in {**fit.fitted_baselines, "model": fit.fitted}.items():
                 _check(name, data, len(fit.feature_set), len(fit.joints))
-            if calibration.rezeroed_fit is None:
-                break
     except TruejointError as error:
         raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
     return calibration
@@ -163,7 +182,7 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
     c, again = calibration, calibration.rezeroed_fit
     description = {
         "kind": "calibration",
-        "robot": dict(c.robot_values or c.machine.to_dict()),
+        "robot": c.machine.to_dict(),
         "joints": list(c.joints),
         "target": c.target,
         "features": list(c.feature_set.names),
@@ -175,21 +194,16 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
         "metadata": dict(c.metadata),
         "redundant": dict(c.redundant),
     }
-    parts = _fit_arrays(c.fitted, c.fitted_baselines)
-    for name in ("training_domain", "effort_baseline", "parity", "interval"):
-        if getattr(c, name) is not None:
-            parts[name] = encode_arrays(getattr(c, name))
-    parts["zero"] = dict(c.offsets)
-    parts["moves"] = {} if c.moves is None else {"signals": c.moves}
+    parts = _fit_arrays(c, c.fitted_baselines) | {"zero": c.offsets}
+    for name in ("training_domain", "effort_baseline", "parity"):
+        parts[name] = encode_arrays(getattr(c, name))
     if c.zero is not None:
         description["zero"] = schema.plain(c.zero)
         if np.isnan(c.zero.deviation).any():
             del description["zero"]["deviation"]
     if again is not None:
         description[_REZEROED] = _fit_entry(again.fitted, again.baselines)
-        of_fit = _fit_arrays(again.fitted, again.baselines)
-        of_fit["moves"] = {} if again.moves is None else {"signals": again.moves}
-        of_fit["interval"] = {} if again.interval is None else encode_arrays(again.interval)
+        of_fit = _fit_arrays(again, again.baselines)
         parts |= {f"{_REZEROED}/{name}": arrays for name, arrays in of_fit.items()}
     arrays = {f"{part}/{name}": a for part, named in parts.items() for name, a in named.items()}
     return description, arrays
@@ -204,9 +218,22 @@ def _fit_entry(fitted: EstimatorData, baselines: Mapping[str, EstimatorData]) ->
 
 
 def _fit_arrays(
-    fitted: EstimatorData, baselines: Mapping[str, EstimatorData]
+    fit: Calibration | RezeroedFit, baselines: Mapping[str, EstimatorData]
 ) -> dict[str, Mapping[str, Array]]:
-    return {"model": fitted.arrays} | {name: data.arrays for name, data in baselines.items()}
+    return {
+        "model": fit.fitted.arrays,
+        **{name: data.arrays for name, data in baselines.items()},
+        "moves": {} if fit.moves is None else {"signals": fit.moves},
+        "interval": encode_arrays(fit.interval),
+    }
+
+
+def encode_arrays(value: Any) -> dict[str, Array]:
+    """Fields of a dataclass by name, numbers as arrays of one element; nothing of None."""
+    return {
+        field.name: np.atleast_1d(np.asarray(getattr(value, field.name), dtype=np.float64))
+        for field in (fields(value) if value is not None else ())
+    }
 
 
 def _plain(value: Any) -> Any:
@@ -234,26 +261,24 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     are not looked into: that is up to `Family.check`.
     """
     stated = schema.read(_Description, description, "the model description", ModelFileError)
-    parts: dict[str, dict[str, Array]] = {}
-    for name, array in arrays.items():
-        part, _, own = name.partition("/")
+    parts: _Arrays = {}
+    for path, array in arrays.items():
+        part, _, name = path.partition("/")
         if part == _REZEROED:
-            inner, _, own = own.partition("/")
+            inner, _, name = name.partition("/")
             part = f"{part}/{inner}"
-        parts.setdefault(part, {})[own] = array
+        parts.setdefault(part, {})[name] = array
     try:
         feature_set = FeatureSet.parse(stated.features)
-        Robot.from_dict(stated.robot, "the model file")  # refused here, if it is none
-    except (CalibrationError, RobotError) as error:
+        machine = robot_of(stated.robot, "the model file")
+    except TruejointError as error:
         raise ModelFileError(str(error)) from None
     if len(stated.ranges) != len(feature_set):
         raise ModelFileError("the training ranges are not those of the features")
     fitted, baselines = _fit(stated.fit, parts, "")
     lower, upper = np.array(stated.ranges, dtype=float).T.copy()
     bare = Calibration(
-        robot=str(stated.robot["name"]),
-        arm=str(stated.robot.get("arm", "")),
-        robot_values=stated.robot,
+        machine=machine,
         joints=stated.joints,
         feature_set=feature_set,
         target=stated.target,
@@ -267,6 +292,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
         metadata=stated.metadata,
         redundant=stated.redundant,
         zero=stated.zero,
+        offsets=parts.pop("zero", {}),
     )
     if set(bare.units) != set(bare.signals):
         raise ModelFileError("the units are not those of the columns that the model needs")
@@ -279,48 +305,95 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
 
 
 def _fit(
-    entry: _Fit, parts: dict[str, dict[str, Array]], prefix: str
+    entry: _Fit, parts: _Arrays, prefix: str
 ) -> tuple[EstimatorData, dict[str, EstimatorData]]:
     """Take the model and the baselines of a fit out of the parts."""
 
-    def data(name: str, own: _Estimator) -> EstimatorData:
-        return EstimatorData(own.family, _tuples(own.params), parts.pop(prefix + name, {}))
+    def data(name: str, stated: _Estimator) -> EstimatorData:
+        return EstimatorData(stated.family, _tuples(stated.params), parts.pop(prefix + name, {}))
 
-    baselines = {name: data(name, own) for name, own in entry.baselines.items()}
+    baselines = {name: data(name, stated) for name, stated in entry.baselines.items()}
     return data("model", entry.model), baselines
 
 
-def _with_parts(
-    bare: Calibration, parts: dict[str, dict[str, Array]], again: _Fit | None
-) -> Calibration:
+def _with_parts(bare: Calibration, parts: _Arrays, again: _Fit | None) -> Calibration:
     """Take what the calibration may have besides out of the parts: what checks, and zeros."""
-    n_joints, n_loop = len(bare.joints), len(bare.loop_signals)
-    own: dict[str, Any] = {"moves": _moves(bare, parts.pop("moves", None))}
-    own["interval"] = _interval(parts.pop("interval", None), n_joints)
-    if "training_domain" in parts:
-        shape = n_loop, len(bare.feature_set), n_joints
-        own["training_domain"] = decode_training_domain(parts.pop("training_domain"), *shape)
-    if "effort_baseline" in parts:
-        own["effort_baseline"] = decode_effort_baseline(parts.pop("effort_baseline"), n_joints)
-    if "parity" in parts:
-        own["parity"] = decode_parity_equations(parts.pop("parity"), n_loop, n_joints)
-    offsets = parts.pop("zero", {})
-    if not set(offsets) <= {"model", *bare.fitted_baselines}:
+    n_joints = len(bare.joints)
+    zeros = [] if bare.zero is None else [bare.zero.shift]
+    if not set(bare.offsets) <= {"model", *bare.fitted_baselines}:
         raise ModelFileError("the zero is of none of the models")
-    for offset in offsets.values():
+    for offset in (*bare.offsets.values(), *zeros):
         if offset.shape != (n_joints,) or not np.isfinite(offset).all():
             raise ModelFileError("the zero is not a finite number for each joint")
-    if bare.zero is not None and bare.zero.shift.shape != (n_joints,):
-        raise ModelFileError("the zero is not a number for each joint")
+    sizes = {"s": len(bare.loop_signals), "f": len(bare.feature_set), "j": n_joints}
+    sizes |= {"t": count_effort_terms(n_joints), "b": len(BEGINNINGS)}
+    taken: dict[str, Any] = {
+        name: decode_arrays(kind, parts.pop(name), sizes)
+        for name, kind in _PARTS.items()
+        if name in parts
+    }
+    parity = taken.get("parity")
+    if parity is not None and not np.isin(parity.joint, np.arange(n_joints)).all():
+        raise ModelFileError("the parity equations are of joints that there are not")
+    taken["moves"] = _moves(bare, parts.pop("moves", None))
     if again is not None:
         if set(again.baselines) != set(bare.fitted_baselines):
             raise ModelFileError("the models for re-zeroing are not those of the calibration")
-        prefix = f"{_REZEROED}/"
-        fitted, baselines = _fit(again, parts, prefix)
-        moves = _moves(bare, parts.pop(f"{prefix}moves", None))
-        interval = _interval(parts.pop(f"{prefix}interval", None), n_joints)
-        own[_REZEROED] = RezeroedFit(fitted, baselines, moves, interval)
-    return replace(bare, offsets=offsets, **own)
+        fit = RezeroedFit(*_fit(again, parts, f"{_REZEROED}/"))
+        moves = _moves(bare, parts.pop(f"{_REZEROED}/moves", None))
+        widths = parts.pop(f"{_REZEROED}/interval", None)
+        interval = None if widths is None else decode_arrays(Interval, widths, sizes)
+        taken[_REZEROED] = replace(fit, moves=moves, interval=interval)
+    return replace(bare, **taken)
+
+
+def decode_arrays(
+    kind: type[_Part], arrays: Mapping[str, Array], sizes: Mapping[str, int]
+) -> _Part:
+    """Inverse of `encode_arrays` for a part of a model, whose axes have these `sizes`.
+
+    Raises ModelFileError when names or shapes are not those of the part, or a number is not finite
+    or none that a calibration gives.
+    """
+    axes, title = _AXES[kind], re.sub(r"\B([A-Z])", r" \1", kind.__name__).lower()
+    lengths = {**sizes, "1": 1}
+    for name, letters in axes.items():
+        for letter, length in zip(letters, np.shape(arrays.get(name)), strict=False):
+            lengths.setdefault(letter, length)
+    types = {field.name: str(field.type) for field in fields(kind)}
+    shapes = {
+        name: tuple(lengths.get(letter, -1) for letter in axes.get(name, "1")) for name in types
+    }
+    if {name: array.shape for name, array in arrays.items()} != shapes:
+        raise ModelFileError(f"the arrays of the {title} are not those of the model")
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise ModelFileError(f"the {title} is not finite")
+    least = {name: array.min(initial=np.inf) for name, array in arrays.items()}
+    spans = [arrays[n.replace("lower", "upper")] - a for n, a in arrays.items() if "lower" in n]
+    if (
+        any(value < 0.0 for name, value in least.items() if not _SIGNED.fullmatch(name))
+        or any(not value > 0.0 for name, value in least.items() if _POSITIVE.fullmatch(name))
+        or any((span < 0.0).any() for span in spans)
+        or (kind is Interval and not _can_be_stated(arrays))
+    ):
+        raise ModelFileError(f"the {title} holds values that no calibration gives")
+    values: dict[str, Any] = {
+        name: array if name in axes else (int if types[name] == "int" else float)(array[0])
+        for name, array in arrays.items()
+    }
+    return kind(**values)
+
+
+def _can_be_stated(arrays: Mapping[str, Array]) -> bool:
+    """Whether levels of an interval ascend, as its widths do, and its trajectories are enough."""
+    levels = arrays["levels"]
+    return (
+        1 <= len(levels) <= MAX_LEVELS
+        and bool((np.diff(levels) > 0.0).all() and 0.0 < levels[0] <= levels[-1] < 1.0)
+        and all((np.diff(widths, axis=0) >= 0.0).all() for widths in arrays.values())
+        and needed_trajectories(float(levels[-1])) <= arrays["trajectories"][0]
+        and max(arrays[name][0] for name in ("trajectories", "homings")) <= 1e9
+    )
 
 
 def _moves(bare: Calibration, named: Mapping[str, Array] | None) -> Array | None:
@@ -330,7 +403,3 @@ def _moves(bare: Calibration, named: Mapping[str, Array] | None) -> Array | None
     if set(named) != {"signals"} or moves.shape != shape or not np.isfinite(moves).all():
         raise ModelFileError("what the zero moves is not a finite number for signals and joints")
     return moves
-
-
-def _interval(named: Mapping[str, Array] | None, n_joints: int) -> Interval | None:
-    return None if named is None else decode_interval(named, n_joints)

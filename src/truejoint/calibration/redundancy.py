@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration.container import decode_arrays
-from truejoint.errors import CalibrationError, ModelFileError
+from truejoint.errors import CalibrationError
 from truejoint.features.feature_set import is_signal
 
 if TYPE_CHECKING:
@@ -102,20 +101,6 @@ def fit_parity_equations(
     lower, upper = np.transpose([(r.min(), r.max()) for r in rest])
     equations = ParityEquations(matrix, np.array(intercept), lower, upper, np.array(joint, float))
     return equations, {name: columns[name] for name in names[len(signals) :]}
-
-
-def decode_parity_equations(
-    arrays: Mapping[str, Array], n_signals: int, n_joints: int
-) -> ParityEquations:
-    """Inverse of `encode_arrays`; raises ModelFileError when any part is wrong."""
-    n = len(arrays.get("intercept", ()))
-    shapes = dict.fromkeys(("intercept", "lower", "upper", "joint"), (n,))
-    shapes["matrix"] = (n, n_signals)  # type: ignore[assignment]
-    equations = decode_arrays(ParityEquations, "parity equations", arrays, shapes)
-    joints = np.isin(equations.joint, np.arange(n_joints)).all()
-    if not joints or (equations.lower > equations.upper).any():
-        raise ModelFileError("the parity equations are inside out")
-    return equations
 
 
 def _equations(

@@ -9,7 +9,7 @@ from typing import Any, Final, cast
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, calibrate, reseeded
+from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
 from truejoint.estimators import Regressor
@@ -186,15 +186,12 @@ def fitted(
 
     `how` is as `calibrate` takes it.
     """
-    first = model_of(training, "dnn" if networks else "linear", random_state=seed, **how)
-    others = {name: [model] for name, model in first.baselines.items()}
     if not networks:
-        return others
-    seeds = range(seed + 1, seed + networks)
-    return {
-        "dnn": [first, *reseeded(first, training, seeds, fit_rate=how.get("fit_rate"))],
-        **others,
-    }
+        baselines = model_of(training, "linear", **how).baselines
+        return {name: [model] for name, model in baselines.items()}
+    seeds = range(seed, seed + networks)
+    models = [model_of(training, "dnn", random_state=each, **how) for each in seeds]
+    return {"dnn": models} | {name: [model] for name, model in models[0].baselines.items()}
 
 
 def judged(models: Models, recording: Recording, **labels: Any) -> Rows:
