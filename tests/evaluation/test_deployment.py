@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from truejoint.evaluation.deployment import PLAIN, to_deploy
 from truejoint.evaluation.paired_test import compare
+from truejoint.evaluation.verdict import PLAIN, to_deploy
 
 NOISE = np.random.default_rng(0).normal(size=(5, 2, 800, 1))
 

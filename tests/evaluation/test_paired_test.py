@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from truejoint.evaluation.paired_test import compare, correlation_time, simplest
+from truejoint.evaluation.paired_test import compare, correlation_time
 
 
 def _slow(random: np.random.Generator, n: int, memory: float) -> np.ndarray:
@@ -55,12 +55,3 @@ def test_the_correlation_time_of_a_known_process(memory: float) -> None:
     rho = np.exp(-1.0 / memory)
     found = correlation_time([_slow(np.random.default_rng(3), 200_000, memory)])
     assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.15)
-
-
-def test_the_simplest_that_nothing_beats_is_deployed() -> None:
-    random = np.random.default_rng(4)
-    noise = [random.normal(size=(2000, 1)) for _ in range(3)]
-    models = {"offset": [3 * noise[0]], "linear": [noise[1]], "dnn": [0.99 * noise[2]]}
-    assert simplest(models) == "linear"
-    assert simplest(models | {"dnn": [0.5 * noise[2]]}) == "dnn"
-    assert simplest(models | {"offset": [0.2 * noise[0]]}) == "offset"

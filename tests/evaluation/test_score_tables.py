@@ -7,16 +7,15 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation import evaluate, plot_corrected, score_table, write_tables
+from truejoint.errors import RecordingError
+from truejoint.evaluation import evaluate, score_table, write_tables
 from truejoint.recordings import Recording
 from truejoint.units import display_unit
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])
-def test_the_table_and_the_picture_show_every_joint(
+def test_the_table_shows_every_joint(
     robot: str,
-    tmp_path: Path,
     recording_of: Callable[..., Recording],
     calibration_of: Callable[..., Any],
 ) -> None:
@@ -31,23 +30,6 @@ def test_the_table_and_the_picture_show_every_joint(
         percent = evaluation.score("dnn", joint).percent_of_offset
         assert f"{percent:.0f} %" in line
     assert ("tool [mm]" in text) == bool(evaluation.cartesian)
-    picture = plot_corrected(evaluation, tmp_path / "still.png", seconds=5)
-    assert picture.read_bytes().startswith(b"\x89PNG")
-    with pytest.raises(CalibrationError, match="no recording 1 was judged; choose 0 to 0"):
-        plot_corrected(evaluation, tmp_path / "other.png", recording=1)
-
-
-def test_a_picture_is_of_a_known_format_and_replaces_none(
-    tmp_path: Path, recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
-) -> None:
-    train, test = (recording_of("davinci_grasper", seed=seed) for seed in range(2))
-    evaluation = evaluate({"linear": [calibration_of([train])]}, [test])
-    with pytest.raises(RecordingError, match=r"no picture is \.xyz; choose one of"):
-        plot_corrected(evaluation, tmp_path / "still.xyz", seconds=1)
-    picture = plot_corrected(evaluation, tmp_path / "still.PNG", seconds=1)
-    with pytest.raises(RecordingError, match=r"still\.PNG"):
-        plot_corrected(evaluation, picture, seconds=1)
-    plot_corrected(evaluation, picture, seconds=1, overwrite=True)
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])

@@ -1,12 +1,10 @@
-from collections.abc import Callable
-
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.splits import part_by_time, split_by_file, split_by_time
+from truejoint.evaluation.splits import part_by_time, split_by_time
 from truejoint.recordings.table.recording import Provenance, Recording
 
 
@@ -61,35 +59,3 @@ def test_a_part_outside_the_recording_is_refused(begin: float, end: float) -> No
 def test_a_part_of_one_row_is_refused() -> None:
     with pytest.raises(RecordingError, match="longer part"):
         part_by_time(_ramp(n=10), 0.0, 0.05)
-
-
-def test_files_are_held_out_by_name_or_by_path() -> None:
-    recordings = [_ramp(source=s) for s in ("set/00.TXT", "set/30.TXT", "other/31.TXT")]
-    train, test = split_by_file(recordings, "3*.TXT")
-    assert [r.provenance.source for r in test] == ["set/30.TXT", "other/31.TXT"]
-    assert [r.provenance.source for r in train] == ["set/00.TXT"]
-    _, test = split_by_file(recordings, ["set/3*", "other/*"])
-    assert len(test) == 2
-
-
-@pytest.mark.parametrize(
-    ("patterns", "words"),
-    [("9*", "no recording matches '9\\*'"), ("*", "0 recordings for training"), ([], "0 for the")],
-)
-def test_holding_out_nothing_or_everything_is_refused(
-    patterns: str | list[str], words: str
-) -> None:
-    with pytest.raises(RecordingError, match=words):
-        split_by_file([_ramp(source="a.csv"), _ramp(source="b.csv")], patterns)
-
-
-def test_the_same_content_on_both_sides_is_refused() -> None:
-    recordings = [_ramp(source="a.csv", sha256="ab"), _ramp(source="copy.csv", sha256="ab")]
-    with pytest.raises(RecordingError, match=r"copy.csv: the same content"):
-        split_by_file(recordings, "copy*")
-
-
-def test_many_names_are_cut_short(recording_of: Callable[..., Recording]) -> None:
-    recordings = [_ramp(source=f"{i}.csv") for i in range(20)]
-    with pytest.raises(RecordingError, match="and 12 more"):
-        split_by_file(recordings, "nothing")

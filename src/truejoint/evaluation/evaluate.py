@@ -16,7 +16,6 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.errors import CalibrationError, RecordingError, other_kind, unknown
 from truejoint.evaluation import scoring
-from truejoint.evaluation.deployment import PLAIN, to_deploy
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.judge import (
     Corrects,
@@ -36,7 +35,14 @@ from truejoint.evaluation.results import (
     Evaluation,
     Trace,
 )
-from truejoint.evaluation.verdict import doubts_about, judge, objections_to, rezero_remark
+from truejoint.evaluation.verdict import (
+    PLAIN,
+    doubts_about,
+    judge,
+    objections_to,
+    rezero_remark,
+    to_deploy,
+)
 from truejoint.recordings import check_data
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.table.recording import Recording, as_recordings

@@ -34,28 +34,6 @@ def rmse(error: ArrayLike) -> Array:
     return np.asarray(np.sqrt(np.mean(np.square(_checked(error)), axis=0)))
 
 
-def max_abs(error: ArrayLike) -> Array:
-    """Largest absolute error over time, shape () or (n_joints,); see `rmse`.
-
-    Examples
-    --------
-    >>> print(max_abs([0.3, -0.4]))
-    0.4
-    """
-    return np.asarray(np.abs(_checked(error)).max(axis=0))
-
-
-def mean_error(error: ArrayLike) -> Array:
-    """Mean error over time (bias), shape () or (n_joints,); see `rmse`.
-
-    Examples
-    --------
-    >>> print(mean_error([0.3, -0.4]).round(3))
-    -0.05
-    """
-    return np.asarray(np.mean(_checked(error), axis=0))
-
-
 def percent_of(value: ArrayLike, whole: ArrayLike) -> Array:
     """`value` as a percentage of `whole`, as peng2024, Table I, states it; NaN of zero.
 

@@ -7,7 +7,7 @@ they are longer than the difference of the two models keeps its memory.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final, Literal
 
@@ -121,36 +121,6 @@ def _margin(parts: Sequence[Array], mean: float, shortest: float) -> tuple[float
     variance = float(np.sum(weights * deviations**2)) / max(alike - 1.0, 1e-9)
     quantile = float(stdtrit(len(stretches) - 1, 0.5 + 0.5 * _LEVEL))
     return quantile * math.sqrt(variance), len(stretches), longest
-
-
-def simplest(losses: Mapping[str, Sequence[Array]]) -> str:
-    """Name the simplest model that no other beats beyond chance.
-
-    Parameters
-    ----------
-    losses : mapping of str to sequence of ndarray, shape (n, k)
-        Errors of each model by recording, simplest first, in units that can be added.
-
-    Raises
-    ------
-    CalibrationError
-        If there is none.
-
-    Examples
-    --------
-    >>> noise = np.random.default_rng(0).normal(size=(1000, 1))
-    >>> simplest({"offset": [3 * noise], "linear": [noise], "network": [0.999 * noise[::-1]]})
-    'linear'
-    """
-    if not losses:
-        raise CalibrationError("there is no model to choose from; give the errors of at least one")
-    size = {k: sum(float(np.sum(np.square(e))) for e in errors) for k, errors in losses.items()}
-    best = min(size, key=lambda name: size[name])
-    return next(
-        name
-        for name, errors in losses.items()
-        if name == best or compare(losses[best], errors).outcome != "better"
-    )
 
 
 def correlation_time(parts: Sequence[Array]) -> float:

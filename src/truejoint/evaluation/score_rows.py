@@ -1,24 +1,18 @@
-"""Tables for the page and the terminal: text, in deg and mm, with sensible digits."""
+"""Rows of the page's tables: text, in deg and mm, with sensible digits."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import groupby
 from typing import Any, Final
 
 import numpy as np
-from rich import box
-from rich.table import Table
-from rich.text import Text
 
 from truejoint.array_types import Mask
 from truejoint.evaluation.results import (
     OFFSET,
-    RAW,
     Evaluation,
-    as_evaluation,
     estimator_phrase,
     estimator_title,
     known_loads,
@@ -146,19 +140,6 @@ def interval_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
             }
 
 
-def domain_rows(evaluation: Evaluation) -> Iterator[Row]:
-    """RMSE inside and outside the trained domain, by joint and estimator; empty if all inside."""
-    if evaluation.domain is None or evaluation.domain.inside == 1.0:
-        return
-    for _, joint, unit in evaluation.shown_joints():
-        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
-        pairs = [[unit.scale * v for v in (s.rmse_inside, s.rmse_outside)] for s in scores]
-        decimals = decimals_for(value for pair in pairs for value in pair)
-        for score, pair in zip(scores, pairs, strict=True):
-            cells = [estimator_title(score.estimator), *(fixed(v, decimals) for v in pair)]
-            yield Row(joint, cells, unit.name, score.estimator == evaluation.chosen)
-
-
 def comparison_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Tell what the chosen model is beside every other, by joint, and over how many stretches."""
     for comparison in evaluation.comparisons:
@@ -242,33 +223,6 @@ def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: -row["ratio"])
 
 
-def cartesian_rows(evaluation: Evaluation) -> Iterator[Row]:
-    """Tool position errors [mm] by estimator: x, y, z, distance, largest, percent."""
-    every = [1e3 * v for r in evaluation.cartesian if r.estimator != RAW for v in (r.x, r.y, r.z)]
-    decimals = decimals_for(every)
-    for row in evaluation.cartesian:
-        numbers = (row.x, row.y, row.z, row.rmse, row.max_abs)
-        cells = [fixed(1e3 * v, decimals) for v in numbers] + [percent_text(row.percent_of_offset)]
-        name = estimator_title(row.estimator)
-        yield Row(name, cells, chosen=row.estimator == evaluation.chosen)
-
-
-def bias_rows(evaluation: Evaluation) -> Iterator[Row]:
-    """Every score in full: RMSE, spread, largest, bias and percent by joint and estimator."""
-    for _, joint, unit in evaluation.shown_joints():
-        scores = [evaluation.score(name, joint) for name in evaluation.estimators]
-        decimals = decimals_for(unit.scale * score.rmse for score in scores)
-        for score in scores:
-            numbers = (score.rmse, score.spread, score.max_abs, score.mean)
-            cells = [
-                estimator_title(score.estimator),
-                *(fixed(unit.scale * value, decimals) for value in numbers),
-                percent_text(score.percent_of_offset),
-                score.seeds if score.estimator != RAW else "\N{EN DASH}",
-            ]
-            yield Row(joint, cells, unit.name, score.estimator == evaluation.chosen)
-
-
 def coverage_rows(coverage: Sequence[JointCoverage]) -> Iterator[Row]:
     """Coverage of each joint as text: range, travel, filled, directions, speed, effort, truth."""
     for row in coverage:
@@ -340,78 +294,3 @@ def _text(key: str, value: Any) -> str:
         plain = f"{value:,}" if isinstance(value, int) else f"{value:.6g}"
         return duration(float(value)) if key == "duration" else plain
     return str(value)
-
-
-def score_table(evaluation: Evaluation) -> Table:
-    """Joints (and the tool) by estimator: RMSE, spread over seeds; the smallest of a row is bold.
-
-    For the chosen estimator also the percentage of the fixed offset's.
-
-    Examples
-    --------
-    >>> score_table(evaluation).row_count
-    1
-    """
-    title = f"{as_evaluation(evaluation).title}: RMSE on the test (percent: of the fixed offset's)"
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
-    table.add_column("joint", overflow="fold")
-    for name in evaluation.estimators:
-        style = "cyan" if name == evaluation.chosen else ""
-        table.add_column(estimator_title(name), justify="right", style=style, overflow="fold")
-    for row in main_rows(evaluation):
-        if row.name == "tool position":
-            table.add_section()
-        cells = []
-        for cell in row.cells:
-            text = Text(cell["rmse"], style="bold" if cell["best"] else "")
-            percent = f"{cell['percent']:>6}" if cell["chosen"] else ""
-            for small in filter(None, (cell["spread"], percent)):
-                text.append(f" {small}", style="not bold dim")
-            cells.append(text)
-        table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)
-    return table
-
-
-def domain_table(evaluation: Evaluation) -> Table:
-    """RMSE inside and outside the trained domain; without a row where all lies inside.
-
-    Examples
-    --------
-    >>> domain_table(evaluation).row_count
-    0
-    """
-    title = "RMSE inside and outside the trained domain"
-    table = Table("joint", "estimator", title=title, box=box.SIMPLE_HEAD)
-    for name in ("inside", "outside"):
-        table.add_column(name, justify="right")
-    for row in domain_rows(evaluation):
-        style = "cyan" if row.chosen else ""
-        table.add_row(Text(f"{row.name} [{row.unit}]"), *row.cells, style=style)
-    return table
-
-
-def interval_table(evaluation: Evaluation) -> Table:
-    """Stated levels by joint: share of the test inside, and half-widths beside the offset's.
-
-    Examples
-    --------
-    >>> interval_table(evaluation).row_count
-    2
-    """
-    count = len(evaluation.interval_trajectories)
-    title = f"Stated interval, on {count} test {'trajectories' if count != 1 else 'trajectory'}"
-    table = Table("joint", title=title, box=box.SIMPLE_HEAD)
-    for name in ("stated", "found inside", "half-width", "fixed offset's"):
-        table.add_column(name, justify="right")
-    table.add_column("")
-    for joint, rows in groupby(interval_rows(evaluation), key=lambda row: row["joint"]):
-        for place, row in enumerate(rows):
-            table.add_row(
-                Text("" if place else f"{joint} [{row['unit']}]"),
-                row["level"],
-                row["coverage"],
-                *row["widths"],
-                Text(row["agreement"], style="yellow" if row["agreement"] != "agrees" else "dim"),
-            )
-        table.add_section()
-    return table

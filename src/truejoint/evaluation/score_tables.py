@@ -1,4 +1,4 @@
-"""A table for each joint and the tool, as CSV and LaTeX."""
+"""Scores as tables: on the page and in the terminal, and of each joint as CSV and LaTeX."""
 
 from __future__ import annotations
 
@@ -10,11 +10,15 @@ from pathlib import Path
 from typing import Any, Final
 
 import pandas as pd
+from rich import box
+from rich import table as rich_table
+from rich.text import Text
 
 from truejoint.errors import RecordingError
 from truejoint.evaluation.results import Evaluation, as_evaluation, estimator_title
+from truejoint.evaluation.score_rows import interval_rows, main_rows
 from truejoint.files import check_target, write_atomically
-from truejoint.tables import decimals_for
+from truejoint.tables import DASH, Table, decimals_for, fixed
 
 _COLUMNS: Final = {
     "RMSE": "rmse", "spread": "spread", "largest": "max_abs", "mean": "mean",
@@ -47,20 +51,23 @@ class ScoreTable:
         """Name for a file: letters, digits, dashes and underscores."""
         return re.sub(r"[^\w-]+", "_", self.name)
 
+    def texts(self, dash: str = DASH) -> pd.DataFrame:
+        """Cells with sensible digits, those of one unit with the same; `dash` where none is."""
+        text = self.data.astype(object)
+        lengths = [name for name in text.columns if f"[{self.unit}]" in name]
+        decimals = decimals_for(self.data[lengths[0]])
+        for name in text.columns[1:]:
+            digits = decimals if name in lengths else 0
+            text[name] = [dash if pd.isna(v) else fixed(v, digits) for v in self.data[name]]
+        return text
+
     def csv(self) -> str:
         """All digits, one row per estimator."""
         return self.data.to_csv(index=False, lineterminator="\n")
 
     def latex(self) -> str:
         """Table as `booktabs` draws it, with as many decimals as the page shows."""
-        text = self.data.copy()
-        lengths = [name for name in text.columns if f"[{self.unit}]" in name]
-        decimals = decimals_for(text[lengths[0]])
-        for name in text.columns[1:]:
-            digits = decimals if name in lengths else 0
-            text[name] = [
-                "--" if pd.isna(value) else f"{value:.{digits}f}" for value in self.data[name]
-            ]
+        text = self.texts("--").replace("\N{MINUS SIGN}", "-", regex=True)
         places = "l" + "r" * (text.shape[1] - 1)
         body = text.to_latex(index=False, escape=True, column_format=places)
         about = " ".join(f"{self.title}: {self.name}".split())
@@ -123,3 +130,79 @@ def write_tables(
         write = partial(Path.write_text, data=text, encoding="utf-8")
         write_atomically(path, write, overwrite=overwrite, error=RecordingError)
     return list(texts)
+
+
+def score_table(evaluation: Evaluation) -> rich_table.Table:
+    """Joints (and the tool) by estimator: RMSE, spread over seeds; the smallest of a row is bold.
+
+    For the chosen estimator also the percentage of the fixed offset's.
+
+    Examples
+    --------
+    >>> score_table(evaluation).row_count
+    1
+    """
+    title = f"{as_evaluation(evaluation).title}: RMSE on the test (percent: of the fixed offset's)"
+    table = rich_table.Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0))
+    table.add_column("joint", overflow="fold")
+    for name in evaluation.estimators:
+        style = "cyan" if name == evaluation.chosen else ""
+        table.add_column(estimator_title(name), justify="right", style=style, overflow="fold")
+    for row in main_rows(evaluation):
+        cells = []
+        for cell in row.cells:
+            text = Text(cell["rmse"], style="bold" if cell["best"] else "")
+            percent = f"{cell['percent']:>6}" if cell["chosen"] else ""
+            for small in filter(None, (cell["spread"], percent)):
+                text.append(f" {small}", style="not bold dim")
+            cells.append(text)
+        table.add_row(Text(f"{row.name.removesuffix(' position')} [{row.unit}]"), *cells)
+    return table
+
+
+def domain_table(evaluation: Evaluation) -> rich_table.Table:
+    """RMSE inside and outside the trained domain; without a row where all lies inside.
+
+    Examples
+    --------
+    >>> domain_table(evaluation).row_count
+    0
+    """
+    rows = []
+    for table in score_tables(evaluation):
+        text, pair = (
+            table.texts(),
+            [f"RMSE {side} [{table.unit}]" for side in ("inside", "outside")],
+        )
+        if pair[1] in text:
+            joint = f"{table.name} [{table.unit}]"
+            rows += [
+                (joint, *cells)
+                for cells in text.reindex(columns=["estimator", *pair], fill_value=DASH).to_numpy()
+            ]
+    header = ("joint", "estimator", "inside", "outside")
+    return Table("RMSE inside and outside the trained domain", header, tuple(rows)).rich()
+
+
+def interval_table(evaluation: Evaluation) -> rich_table.Table:
+    """Stated levels by joint: share of the test inside, and half-widths beside the offset's.
+
+    Examples
+    --------
+    >>> interval_table(evaluation).row_count
+    2
+    """
+    count = len(evaluation.interval_trajectories)
+    title = f"Stated interval, on {count} test {'trajectories' if count != 1 else 'trajectory'}"
+    header = ("joint", "stated", "found inside", "half-width", "fixed offset's", "")
+    rows = [
+        (
+            f"{row['joint']} [{row['unit']}]",
+            row["level"],
+            row["coverage"],
+            *row["widths"],
+            row["agreement"],
+        )
+        for row in interval_rows(evaluation)
+    ]
+    return Table(title, header, tuple(rows)).rich()

@@ -7,14 +7,12 @@ puts the copies on both sides and measures memory rather than accuracy.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from fnmatch import fnmatch
-from pathlib import PurePath
 
 import numpy as np
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.datasets import Dataset, HeldOut, read_dataset
-from truejoint.recordings.table.recording import Recording, as_recording, as_recordings
+from truejoint.recordings.table.recording import Recording, as_recording
 
 
 def split_by_time(
@@ -96,59 +94,6 @@ def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
     return recording.rows(rows)
 
 
-def split_by_file(
-    recordings: Sequence[Recording], held_out: str | Sequence[str]
-) -> tuple[list[Recording], list[Recording]]:
-    """Whole recordings for training and whole recordings for testing.
-
-    Parameters
-    ----------
-    recordings : sequence of Recording
-    held_out : str or sequence of str
-        Shell patterns, such as ``"3*.TXT"``, for the file names (or the whole source) of the
-        recordings that go to the test.
-
-    Raises
-    ------
-    RecordingError
-        If a pattern matches nothing, a part would be empty, or the same file stands on both
-        sides.
-
-    Examples
-    --------
-    >>> kept, held_out = split_by_file(training, "motion_1*")
-    >>> len(kept), len(held_out)
-    (1, 1)
-    """
-    patterns = [held_out] if isinstance(held_out, str) else list(held_out)
-    recordings = as_recordings(recordings)
-    sources = [recording.provenance.source for recording in recordings]
-    for pattern in patterns:
-        if not any(_matches(source, pattern) for source in sources):
-            names = [PurePath(source).name or "(unnamed)" for source in sources]
-            more = f" and {len(names) - 8} more" if len(names) > 8 else ""
-            shown = ", ".join(names[:8]) + more
-            raise RecordingError(f"no recording matches {pattern!r}; there are {shown}")
-    train: list[Recording] = []
-    test: list[Recording] = []
-    for recording, source in zip(recordings, sources, strict=True):
-        held = any(_matches(source, pattern) for pattern in patterns)
-        (test if held else train).append(recording)
-    if not train or not test:
-        raise RecordingError(
-            f"holding out {', '.join(patterns) or 'nothing'} leaves {len(train)} recordings for "
-            f"training and {len(test)} for the test; both need at least 1"
-        )
-    hashes = {r.provenance.sha256 for r in train} - {""}
-    for recording in test:
-        if recording.provenance.sha256 in hashes:
-            raise RecordingError(
-                f"{recording.provenance.source}: the same content stands in training and test "
-                "under two names; remove one of them"
-            )
-    return train, test
-
-
 def recommended_sides(dataset: Dataset, split: HeldOut) -> tuple[list[Recording], list[Recording]]:
     """Training and held-out recordings of a public data set, split as it recommends.
 
@@ -178,7 +123,3 @@ def split_sides(
         return [r for r, held in pairs if not held], [r for r, held in pairs if held]
     parts = [split_by_time(recording, 1.0 - split.test_fraction) for recording in recordings]
     return [train for train, _ in parts], [test for _, test in parts]
-
-
-def _matches(source: str, pattern: str) -> bool:
-    return fnmatch(source, pattern) or fnmatch(PurePath(source).name, pattern)

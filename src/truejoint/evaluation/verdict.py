@@ -1,19 +1,21 @@
-"""The verdict: is the chosen model good enough, and may the test be believed."""
+"""The verdict: is the chosen model good enough, may the test be believed, and what to deploy."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from numbers import Real
 from pathlib import PurePath
 from typing import Final
 
+import numpy as np
+
 from truejoint.array_types import Array
 from truejoint.calibration.origin import Origin
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, unknown
-from truejoint.evaluation.paired_test import Outcome
+from truejoint.evaluation.paired_test import Outcome, compare
 from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,
@@ -22,6 +24,7 @@ from truejoint.evaluation.results import (
     Domain,
     JointVerdict,
     Score,
+    Trace,
     Verdict,
     estimator_phrase,
 )
@@ -32,6 +35,9 @@ from truejoint.units import display_unit
 
 _FEW: Final = 0.02  # share of the rows that the loop refuses which is worth a word
 _MOST: Final = 0.5  # share of the rows that must be as in training for a verdict
+
+PLAIN: Final = frozenset({RAW, OFFSET, "linear"})
+"""What needs no proof that it is better than something simpler."""
 
 
 def judge(
@@ -304,6 +310,61 @@ def doubts_about(
                 "what is left of the offset shows only in other recordings."
             )
             return
+
+
+def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
+    """Name the best of the `plain` estimators, unless a richer one beats it beyond chance.
+
+    It does over all recordings together, or in each by itself: where one shows a larger difference
+    than another, that is no doubt of either. Counted are the rows that the loop would correct (all,
+    where there are none), each by its error as a multiple of the fixed offset's in that joint. Of
+    richer ones that do and cannot be told apart, the first named is the one.
+
+    Parameters
+    ----------
+    traces : sequence of Trace
+        Of one or more evaluations of the same estimators.
+    plain : collection of str
+        Estimators that need no proof.
+
+    Raises
+    ------
+    CalibrationError
+        If there are no traces.
+
+    Examples
+    --------
+    >>> to_deploy(evaluation.traces)
+    'linear'
+    """
+    if not traces:
+        raise CalibrationError("there is no evaluation to choose by; give the traces of one")
+    rows = [trace.inside for trace in traces]
+    if sum(map(np.sum, rows)) < 2:
+        rows = [np.ones(len(trace.t), dtype=bool) for trace in traces]
+    errors = {
+        name: [trace.error(name)[row] for trace, row in zip(traces, rows, strict=True)]
+        for name in traces[0].estimates
+    }
+    scale = np.sqrt(np.mean(np.concatenate(errors[OFFSET]) ** 2, axis=0))
+    scale[scale == 0.0] = 1.0
+    errors = {name: [error / scale for error in parts] for name, parts in errors.items()}
+    size = {name: sum(float(np.sum(e**2)) for e in parts) for name, parts in errors.items()}
+    best = min((name for name in errors if name in plain), key=size.__getitem__)
+    richer = [name for name in errors if name not in plain and _beats(errors[name], errors[best])]
+    closest = min(richer, key=size.__getitem__, default="")
+    for name in richer:
+        if name == closest or compare(errors[closest], errors[name]).outcome != "better":
+            return name
+    return best
+
+
+def _beats(errors: Sequence[Array], other: Sequence[Array]) -> bool:
+    """Whether errors are smaller beyond chance: of all recordings, or of each that has rows."""
+    pairs = [([a], [b]) for a, b in zip(errors, other, strict=True) if len(a)]
+    return compare(errors, other).outcome == "better" or all(
+        compare(*pair).outcome == "better" for pair in pairs
+    )
 
 
 def rezero_remark(

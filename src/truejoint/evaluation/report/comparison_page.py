@@ -13,10 +13,10 @@ import numpy as np
 from truejoint import drawing
 from truejoint.errors import CalibrationError
 from truejoint.evaluation.paired_test import compare
-from truejoint.evaluation.report.curves import error_shares
+from truejoint.evaluation.report.curves import distributions
 from truejoint.evaluation.report.page import facts, render_figures, write_page
 from truejoint.evaluation.report.plot import Figure
-from truejoint.evaluation.report.residuals import error_panels
+from truejoint.evaluation.report.residuals import POINTS, Panel, error_panels
 from truejoint.evaluation.results import Evaluation
 from truejoint.evaluation.score_rows import Row
 
@@ -72,11 +72,12 @@ def _render(together: Evaluation, alone: Mapping[str, Evaluation], command: str)
     deploy = together.verdict.deploy
     level = verdicts[deploy].level if deploy in verdicts else "warn"
     picked = replace(together, chosen=deploy) if deploy else together
+    colours = dict(zip(alone, cycle(drawing.PALETTE), strict=False))
     return render_figures(
         "comparison.html.j2",
         {
             "residuals": list(_residuals(together, list(alone))),
-            "distribution": [_distribution(together, list(alone))],
+            "distribution": [distributions(together, colours)],
         },
         evaluation=picked,
         verdicts=verdicts,
@@ -107,22 +108,15 @@ def _residuals(evaluation: Evaluation, names: list[str]) -> Iterator[Figure]:
     for column, joint, unit in evaluation.shown_joints():
         position = unit.scale * np.concatenate([t.truth[:, column] for t in evaluation.traces])
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
-        errors = {name: unit.scale * evaluation.error(name, column) for name in names}
-        spec = error_panels(position, errors, moves, unit)
+        title = f"position [{unit.name}]"
+        panels = [
+            Panel(f"{name}: {title}", position, unit.scale * evaluation.error(name, column))
+            for name in names
+        ]
+        spec = error_panels(panels, moves, unit, POINTS // len(names))
         caption = (
             f"{joint}: error [{unit.name}] against position, a panel a model on one scale. Dots "
             "are rows, blue while the joint moves up and orange while it moves down; lines are "
             "medians, bands hold the middle 90 %."
         )
         yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
-
-
-def _distribution(evaluation: Evaluation, names: list[str]) -> Figure:
-    """Share of the rows within an error, a curve a model and a panel a joint."""
-    shown = [
-        (joint, unit, {name: unit.scale * evaluation.error(name, column) for name in names})
-        for column, joint, unit in evaluation.shown_joints()
-    ]
-    spec = error_shares(shown, dict(zip(names, cycle(drawing.PALETTE), strict=False)))
-    caption = "Share of the test's rows within a given absolute error, a panel a joint."
-    return Figure("within", "Distribution of the error", caption, [spec])

@@ -1,19 +1,13 @@
-"""Figures over time and position: tracking, worst stretches, hysteresis loops, histograms.
-
-`plot_corrected` draws a still one for documents.
-"""
+"""Figures over time and position: tracking, worst stretches, hysteresis loops, distributions."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterator, Mapping
 from typing import Final
 
 import numpy as np
 
-from truejoint import drawing
-from truejoint.array_types import Array, Mask
-from truejoint.errors import CalibrationError
+from truejoint.array_types import Mask
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, Figure, Spec, colour_of
 from truejoint.evaluation.results import (
@@ -21,12 +15,11 @@ from truejoint.evaluation.results import (
     RAW,
     Evaluation,
     Trace,
-    as_evaluation,
     estimator_title,
 )
 from truejoint.recordings.table.signals import gaps
 from truejoint.tables import fixed, shown
-from truejoint.units import DisplayUnit, display_unit
+from truejoint.units import display_unit
 
 MENU: Final = 36  # curves over time that the page offers, of all joints; at most 12 recordings
 _BUDGET: Final = 600_000  # bytes that the time figures may take of the page
@@ -152,36 +145,22 @@ def loops(evaluation: Evaluation) -> Figure:
     return Figure("loops", "Hysteresis loops", caption, [plot.grid(panels, 300)])
 
 
-def distributions(evaluation: Evaluation) -> Figure:
-    """Draw the share of the test's rows within an error of each joint, and of the tool."""
+def distributions(evaluation: Evaluation, colours: Mapping[str, str]) -> Figure:
+    """Draw the share of the test's rows within an error, a curve for each estimator of `colours`.
+
+    A panel each for the joints, and for the tool where its paths are known.
+    """
     shown = [
-        (
-            joint,
-            unit,
-            {name: unit.scale * evaluation.error(name, column) for name in _pair(evaluation)},
-        )
+        (joint, unit, {name: unit.scale * evaluation.error(name, column) for name in colours})
         for column, joint, unit in evaluation.shown_joints()
     ]
-    if evaluation.cartesian:
+    if colours.keys() <= evaluation.traces[0].tool.keys():
         unit = display_unit("m")
         distances = {
             name: unit.scale * np.linalg.norm(evaluation.tool_error(name), axis=1)
-            for name in _pair(evaluation)
+            for name in colours
         }
         shown.append(("tool", unit, distances))
-    colours = {name: colour_of(name, evaluation) for name in _pair(evaluation)}
-    spec = error_shares(shown, colours)
-    caption = (
-        "Share of the test's rows within a given error: absolute error of each joint, and distance "
-        "of the tool from its true position where its kinematics are known."
-    )
-    return Figure("distribution", "Distribution of errors", caption, [spec])
-
-
-def error_shares(
-    shown: Sequence[tuple[str, DisplayUnit, Mapping[str, Array]]], colours: Mapping[str, str]
-) -> Spec:
-    """Cumulative distribution of absolute errors (n,) by estimator, a panel each of `shown`."""
     share = np.linspace(0.0, 1.0, 201)
     panels = []
     for i, (name, unit, errors) in enumerate(shown):
@@ -194,68 +173,8 @@ def error_shares(
         ]  # fmt: skip
         x = {"title": f"|error| of {name} [{unit.name}]", "rangemode": "tozero"}
         panels.append((x, {"title": "share of rows within [%]", "range": [0, 101]}, curves))
-    return plot.grid(panels, 280)
-
-
-def _pair(evaluation: Evaluation) -> Sequence[str]:
-    """Give the estimators of before and after: fixed offset and chosen one."""
-    return list(dict.fromkeys((OFFSET, evaluation.chosen)))
-
-
-def plot_corrected(
-    evaluation: Evaluation,
-    path: str | Path,
-    *,
-    recording: int = 0,
-    seconds: float = 60.0,
-    overwrite: bool = False,
-) -> Path:
-    """Draw corrected and true position, and the error, of the first seconds of a recording.
-
-    Parameters
-    ----------
-    evaluation : Evaluation
-    path : str or Path
-        Picture to write; its suffix tells the format.
-    recording : int
-        Index into `Evaluation.traces`.
-    seconds : float
-        How much of it to show [s].
-    overwrite : bool
-        Whether a file at `path` may be replaced.
-
-    Raises
-    ------
-    CalibrationError
-        If there is no such recording.
-    RecordingError
-        If the file exists and may not be replaced, cannot be written, or is of another format.
-
-    Examples
-    --------
-    >>> plot_corrected(evaluation, "jaw.png").name
-    'jaw.png'
-    """
-    if recording not in range(len(as_evaluation(evaluation).traces)):
-        raise CalibrationError(
-            f"no recording {recording!r:.20} was judged; choose 0 to {len(evaluation.traces) - 1}"
-        )
-    trace = evaluation.traces[recording]
-    rows = trace.t <= trace.t[0] + seconds
-    t, count = trace.t[rows], len(evaluation.joints)
-    panels: list[list[drawing.Panel]] = [[], []]
-    for column, joint, unit in evaluation.shown_joints():
-        truth = unit.scale * trace.truth[rows, column]
-        positions = [drawing.Curve(t, truth, "True", COLOURS["truth"], ":", 1.6)]
-        errors = []
-        for name in _pair(evaluation):
-            values, colour = (
-                unit.scale * trace.estimates[name][rows, column],
-                colour_of(name, evaluation),
-            )
-            positions.append(drawing.Curve(t, values, estimator_title(name), colour))
-            errors.append(drawing.Curve(t, values - truth, "", colour))
-        panels[0].append(drawing.Panel(positions, "", f"position [{unit.name}]", joint))
-        panels[1].append(drawing.Panel(errors, "time [s]", f"error [{unit.name}]"))
-    figure = drawing.Figure("", panels, width=4.2 * count, height=4.4, legend=True)
-    return drawing.write_figure(figure, path, overwrite=overwrite)
+    caption = (
+        "Share of the test's rows within a given error: absolute error of each joint, and distance "
+        "of the tool from its true position where its kinematics are known."
+    )
+    return Figure("distribution", "Distribution of errors", caption, [plot.grid(panels, 280)])

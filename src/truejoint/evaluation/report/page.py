@@ -19,6 +19,7 @@ from truejoint.errors import RecordingError
 from truejoint.evaluation import score_rows as view
 from truejoint.evaluation.report import curves, plot, residuals, space
 from truejoint.evaluation.results import (
+    OFFSET,
     Evaluation,
     as_evaluation,
     estimator_phrase,
@@ -109,7 +110,7 @@ def render_report(
     >>> render_report(evaluation).startswith("<!doctype html>")
     True
     """
-    as_evaluation(evaluation)
+    pair = {n: plot.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
     drawn = {
         "worst": list(curves.worst_stretches(evaluation)),
         "paths": [
@@ -120,12 +121,12 @@ def render_report(
         "time": curves.over_time(evaluation),
         "residuals": list(residuals.residuals(evaluation)),
         "loops": [curves.loops(evaluation)],
-        "distribution": [curves.distributions(evaluation)],
+        "distribution": [curves.distributions(evaluation, pair)],
         "intervals": residuals.stated_interval(evaluation),
     }
     seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
     several = f", {seeds} seeds" if seeds > 1 else ""
-    recordings = view.recording_rows(evaluation)
+    recordings, tables = view.recording_rows(evaluation), list(score_tables(evaluation))
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
     tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
@@ -140,9 +141,10 @@ def render_report(
         checks={"test": evaluation.check, **(checks or {})},
         facts=facts(evaluation, estimator_title(evaluation.chosen) + several),
         origin=view.origin(evaluation.training),
+        tables=tables,
         downloads=[
             (table.name, suffix, f"{table.stem}.{suffix}", _data_uri(text))
-            for table in score_tables(evaluation)
+            for table in tables
             for suffix, text in (("csv", table.csv()), ("tex", table.latex()))
         ],
         sources=used + tested,

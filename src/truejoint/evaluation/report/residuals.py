@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import cycle
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -18,7 +17,7 @@ from truejoint.evaluation.report.plot import Figure, Spec
 from truejoint.evaluation.results import Evaluation, estimator_phrase, known_loads
 from truejoint.units import DisplayUnit, display_unit
 
-_POINTS: Final = 3600  # of each direction in a panel of every joint together, at most 1200 of one
+POINTS: Final = 3600  # of each direction in a panel of every joint together, at most 1200 of one
 _BINS: Final = 24
 _FEW: Final = 8  # rows below which a bin has no median
 
@@ -27,12 +26,12 @@ _HEIGHT: Final = 320  # of the figures of the interval
 _EQUAL: Final = {"width": 1.0, "dash": "dash", "hoverinfo": "skip"}
 
 
-@dataclass(frozen=True)
-class _Panel:
-    """One cause: axis title, values (n,) in its unit, and those that it has where they are few."""
+class Panel(NamedTuple):
+    """Errors (n,) over one cause: axis title, its values (n,), and which it has if they are few."""
 
     title: str
     values: Array
+    error: Array
     steps: tuple[float, ...] = ()
 
 
@@ -41,7 +40,7 @@ def residuals(evaluation: Evaluation) -> Iterator[Figure]:
     for column, joint, unit in evaluation.shown_joints():
         error = unit.scale * evaluation.error(evaluation.chosen, column)
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
-        panels = _panels(evaluation, column, unit)
+        panels = list(_panels(evaluation, column, unit, error))
         causes = [panel.title.partition(" [")[0] for panel in panels]
         against = f"{', '.join(causes[:-1])} and {causes[-1]}"
         several = " (recordings end to end)" if len(evaluation.traces) > 1 else ""
@@ -50,24 +49,24 @@ def residuals(evaluation: Evaluation) -> Iterator[Figure]:
             f"{against}{several}. Dots are rows, blue while the joint moves up and orange while it "
             "moves down; lines are medians, bands hold the middle 90 %."
         )
-        most = min(1200, _POINTS // len(evaluation.joints))
-        spec = _spec(panels, error, moves, f"error [{unit.name}]", most)
+        most = min(1200, POINTS // len(evaluation.joints))
+        spec = error_panels(panels, moves, unit, most)
         yield Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
-def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Panel]:
+def _panels(
+    evaluation: Evaluation, column: int, unit: DisplayUnit, error: Array
+) -> Iterator[Panel]:
     joint, traces = evaluation.joints[column], evaluation.traces
     position = np.concatenate([trace.truth[:, column] for trace in traces])
     velocity = np.concatenate([trace.velocity[:, column] for trace in traces])
-    panels = [
-        _Panel(f"position [{unit.name}]", unit.scale * position),
-        _Panel(f"velocity [{unit.name}/s]", unit.scale * velocity),
-    ]
+    yield Panel(f"position [{unit.name}]", unit.scale * position, error)
+    yield Panel(f"velocity [{unit.name}/s]", unit.scale * velocity, error)
     if all(joint in trace.effort for trace in traces):
         effort = display_unit(traces[0].effort_unit[joint])
         values = np.concatenate([trace.effort[joint] for trace in traces])
         label = f" [{effort.name}]" if effort.name != "1" else " [no unit]"
-        panels.append(_Panel(f"effort{label}", effort.scale * values))
+        yield Panel(f"effort{label}", effort.scale * values, error)
     masses = known_loads(traces)
     if len(masses) > 1:
         loads = [trace.provenance.get("load") for trace in traces]
@@ -75,68 +74,40 @@ def _panels(evaluation: Evaluation, column: int, unit: DisplayUnit) -> list[_Pan
             [math.nan if load is None else 1e3 * load for load in loads],
             [len(trace.t) for trace in traces],
         )
-        panels.append(_Panel("hung mass [g]", values, tuple(1e3 * mass for mass in masses)))
+        yield Panel("hung mass [g]", values, error, tuple(1e3 * mass for mass in masses))
     times, start = [], 0.0
     for trace in traces:
         times.append(trace.t - trace.t[0] + start)
         start = float(times[-1][-1])
-    return [*panels, _Panel("time [s]", np.concatenate(times))]
+    yield Panel("time [s]", np.concatenate(times), error)
 
 
-def _spec(panels: list[_Panel], error: Array, moves: Array, title: str, most: int) -> Spec:
-    drawn = []
-    low, high = float(error.min()), float(error.max())
-    margin = 0.05 * (high - low) or 1e-9
-    domains = plot.columns(len(panels), 0.035)
-    for i, (panel, domain) in enumerate(zip(panels, domains, strict=True)):
-        ticks: Spec = {"nticks": 6}
-        extent = panel.steps[-1] - panel.steps[0] if panel.steps else 0.0
-        if panel.steps:
-            around = [panel.steps[0] - 0.2 * extent, panel.steps[-1] + 0.2 * extent]
-            ticks = {"tickvals": list(panel.steps), "range": around}
-        errors: Spec = {"title": "" if i else title, "range": [low - margin, high + margin]}
-        errors |= {"showticklabels": i == 0, "zeroline": True}
-        if panel.steps:
-            curves = [
-                _bars(panel.values[rows], error[rows], panel.steps, 0.04 * side * extent, *way)
-                for *way, side in _WAYS
-                if (rows := moves == side).any()
-            ]
-        else:
-            curves = _both_ways(panel.values, error, moves, most, legend=i == 0)
-        drawn.append(({"title": panel.title, "domain": domain, **ticks}, errors, curves))
-    return plot.panels(drawn, 270)
-
-
-def error_panels(
-    position: Array, errors: Mapping[str, Array], moves: Array, unit: DisplayUnit
-) -> Spec:
-    """Panels side by side of errors (n,) by title against the same `position` (n,), on one scale.
+def error_panels(panels: Sequence[Panel], moves: Array, unit: DisplayUnit, most: int) -> Spec:
+    """Panels side by side on one scale, with at most so many dots of each direction in one.
 
     `moves` (n,) is the direction of motion: 1, -1 or 0.
     """
-    every = np.concatenate(list(errors.values()))
-    low, high = np.quantile(every, [0.001, 0.999])
-    margin = 0.05 * (high - low) or 1e-9
     drawn = []
-    domains = plot.columns(len(errors), 0.035)
-    for i, ((name, error), domain) in enumerate(zip(errors.items(), domains, strict=True)):
-        across = {"title": f"{name}: position [{unit.name}]", "domain": domain, "nticks": 6}
+    every = np.concatenate([panel.error for panel in panels])
+    low, high = float(every.min()), float(every.max())
+    margin = 0.05 * (high - low) or 1e-9
+    domains = plot.columns(len(panels), 0.035)
+    for i, (panel, domain) in enumerate(zip(panels, domains, strict=True)):
+        across: Spec = {"title": panel.title, "domain": domain, "nticks": 6}
         up: Spec = {"title": "" if i else f"error [{unit.name}]", "zeroline": True}
         up |= {"range": [low - margin, high + margin], "showticklabels": i == 0}
-        curves = _both_ways(position, error, moves, _POINTS // len(errors), legend=i == 0)
+        curves: list[Spec] = []
+        for name, colour, side in _WAYS:
+            x, y = panel.values[moves == side], panel.error[moves == side]
+            if len(x) and panel.steps:
+                extent = panel.steps[-1] - panel.steps[0]
+                ends = [panel.steps[0] - 0.2 * extent, panel.steps[-1] + 0.2 * extent]
+                across |= {"tickvals": list(panel.steps), "range": ends}
+                curves.append(_bars(x, y, panel.steps, 0.04 * side * extent, name, colour))
+            elif len(x):
+                curves += _cloud(x, y, name, colour, most, legend=i == 0)
         drawn.append((across, up, curves))
     return plot.panels(drawn, 270)
-
-
-def _both_ways(x: Array, y: Array, moves: Array, most: int, *, legend: bool) -> list[Spec]:
-    """Clouds of `y` (n,) along `x` (n,) of either direction of motion."""
-    curves: list[Spec] = []
-    for name, colour, side in _WAYS:
-        rows = moves == side
-        if rows.any():
-            curves += _cloud(x[rows], y[rows], name, colour, most, legend=legend)
-    return curves
 
 
 def _cloud(

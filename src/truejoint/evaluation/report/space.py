@@ -6,8 +6,9 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 import numpy as np
+from scipy.stats import binned_statistic_2d
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.drawing import BLUE, GREY, INK, ORANGE
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import Figure, Spec
@@ -80,19 +81,23 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
     a, b = sorted(widest.tolist())
     # A cell that an even motion would cross in three times the rows that it needs.
     count = int(np.clip(np.sqrt(len(points) / (3 * _FEW)), *_CELLS))
-    edges = [np.linspace(*_ends(points[:, i]), count + 1) for i in (a, b)]
-    cells = [
-        np.clip(np.searchsorted(edge, points[:, i], side="right") - 1, 0, count - 1)
-        for i, edge in zip((a, b), edges, strict=True)
-    ]
-    cell = cells[0] * count + cells[1]
-    rows = np.bincount(cell, minlength=count**2)
-    visited = np.flatnonzero(rows >= _FEW)
+    plane = points[:, a], points[:, b]
+    crossed = binned_statistic_2d(*plane, None, "count", bins=count)
+    edges = [crossed.x_edge, crossed.y_edge]
+    visited = crossed.statistic >= _FEW
     middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
-    x, y = middle[0][visited // count], middle[1][visited % count]
+    x, y = (grid[visited] for grid in np.meshgrid(*middle, indexing="ij"))
+
+    def mean(values: Array) -> Array:
+        """Mean of `values` (n,) in each visited cell, 0 where none is finite."""
+        rows = np.isfinite(values)
+        places = [axis[rows] for axis in plane]
+        means = binned_statistic_2d(*places, values[rows], "mean", bins=edges).statistic
+        return np.nan_to_num(means[visited])
+
     for column, joint, unit in evaluation.shown_joints():
         square = np.square(unit.scale * evaluation.error(evaluation.chosen, column))
-        layers = [(f"RMSE [{unit.name}]", np.sqrt(_means(square, cell, rows)[visited]))]
+        layers = [(f"RMSE [{unit.name}]", np.sqrt(mean(square)))]
         bounds = [(t.lower, t.upper) for t in evaluation.traces]
         half = [
             0.5 * (high - low)[:, column]
@@ -100,19 +105,18 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
             if low is not None and high is not None
         ]
         if len(half) == len(bounds):
-            finite = np.isfinite(np.concatenate(half))
-            width = np.where(finite, unit.scale * np.concatenate(half), 0.0)
-            counts = np.bincount(cell, finite, minlength=count**2)
-            mean = _means(width, cell, np.maximum(counts, 1))[visited]
-            layers.append((f"half-width [{unit.name}]", mean))
+            layers.append((f"half-width [{unit.name}]", mean(unit.scale * np.concatenate(half))))
         panels: list[plot.Panel] = []
         for (title, values), domain in zip(layers, plot.columns(len(layers), 0.2), strict=True):
             highest = float(np.quantile(values, 0.95)) if len(values) else 1.0
             dots = plot.coloured({"x": x, "y": y}, values, title, highest, symbol="square")
             dots |= {"showlegend": False, "meta": {"cells": count}}  # for the size of the squares
-            bounded = {"domain": [0.9 * end for end in domain], "range": list(edges[0][[0, -1]])}
+            bounded = {
+                "domain": [0.9 * end for end in domain],
+                "range": [edges[0][0], edges[0][-1]],
+            }
             across = {"title": names[a], **bounded}
-            up = {"title": names[b], "range": list(edges[1][[0, -1]]), "zeroline": False}
+            up = {"title": names[b], "range": [edges[1][0], edges[1][-1]], "zeroline": False}
             panels.append((across | {"zeroline": False}, up, [dots]))
         said = " and the mean half-width that is stated" if len(layers) > 1 else ""
         caption = (
@@ -145,16 +149,6 @@ def _workspace(evaluation: Evaluation) -> tuple[Array, list[str], str]:
     speed = unit.scale * np.concatenate([trace.velocity for trace in traces])
     names.append(f"speed [{unit.name}/s]")
     return np.hstack((points, speed)), names, "position and speed"
-
-
-def _ends(values: Array) -> tuple[float, float]:
-    low, high = float(values.min()), float(values.max())
-    return (low, high) if high > low else (low - 0.5, low + 0.5)
-
-
-def _means(values: Array, cell: Integers, rows: Integers) -> Array:
-    """Mean of `values` (n,) in each cell, where there is a row."""
-    return np.bincount(cell, values, minlength=len(rows)) / np.maximum(rows, 1)
 
 
 def _space(
