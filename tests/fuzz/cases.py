@@ -72,7 +72,8 @@ def make_seeds(folder: Path) -> None:
     run("columns", folder / "table.csv", "--robot", "raven2", "-o", folder / "map.toml")
     robot = truejoint.get_robot("raven2")
     write_trajectory(zigzag(robot, "J2-J3", sparsity=0.5), folder / "zigzag.csv")
-    write_trajectory(zigzag(robot, "J2-J3", sparsity=0.5), folder / "lab.csv", layout="lab")
+    positions = zigzag(robot, "J2-J3", sparsity=0.5).positions
+    np.savetxt(folder / "lab.csv", positions, delimiter=",")
     for name in ("state.bag", "state.mcap"):
         write_bag(test.rows(test.t < test.t[0] + 2.0), folder / name)
     header = {"provenance": {"robot": "raven2"}, "robot": test.robot.to_dict(),

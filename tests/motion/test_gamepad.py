@@ -9,7 +9,7 @@ import pytest
 
 from truejoint.errors import CommandRefused
 from truejoint.motion import gamepad
-from truejoint.motion.gamepad import Gamepad, PadEvent
+from truejoint.motion.gamepad import Gamepad
 from truejoint.motion.teleoperation import TOOL_SPEED, Teleoperation
 from truejoint.robots import get_robot
 
@@ -39,49 +39,49 @@ def pad(robot="raven2"):
 
 def test_sticks_move_the_tool_in_proportion_and_rest_in_the_dead_zone():
     one, jog = pad()
-    one.tell(PadEvent("axis", gamepad.LEFT_Y, -1.0), 0.0)
+    one.tell("axis", gamepad.LEFT_Y, -1.0, 0.0)
     assert jog.told == ("tool", [0.0, TOOL_SPEED[1], 0.0, 0.0, 0.0, 0.0])
     half = 0.5 * (1 - gamepad.DEAD_ZONE) + gamepad.DEAD_ZONE
-    one.tell(PadEvent("axis", gamepad.LEFT_Y, -half), 0.1)
+    one.tell("axis", gamepad.LEFT_Y, -half, 0.1)
     assert jog.told[1][1] == pytest.approx(0.5 * TOOL_SPEED[1])
     for value in (-0.1, 0.1, float("nan")):
-        one.tell(PadEvent("axis", gamepad.LEFT_Y, value), 0.2)
+        one.tell("axis", gamepad.LEFT_Y, value, 0.2)
         assert jog.told == "stop"
 
 
 def test_triggers_rest_at_minus_one_and_shut_and_open():
     one, jog = pad()
-    one.tell(PadEvent("axis", gamepad.RIGHT_TRIGGER, -1.0), 0.0)
+    one.tell("axis", gamepad.RIGHT_TRIGGER, -1.0, 0.0)
     assert jog.told == "stop"
-    one.tell(PadEvent("axis", gamepad.RIGHT_TRIGGER, 1.0), 0.0)
+    one.tell("axis", gamepad.RIGHT_TRIGGER, 1.0, 0.0)
     assert jog.told == ("joints", [0.0] * 5 + [0.1, 0.1])
-    one.tell(PadEvent("axis", gamepad.LEFT_TRIGGER, 1.0), 0.0)
+    one.tell("axis", gamepad.LEFT_TRIGGER, 1.0, 0.0)
     assert jog.told == "stop"
 
 
 def test_buttons_change_the_speed_stop_and_leave():
     one, jog = pad()
-    one.tell(PadEvent("axis", gamepad.RIGHT_Y, 1.0), 0.0)
-    one.tell(PadEvent("button", 4, 1.0), 0.1)
-    one.tell(PadEvent("button", 4, 0.0), 0.2)
+    one.tell("axis", gamepad.RIGHT_Y, 1.0, 0.0)
+    one.tell("button", 4, 1.0, 0.1)
+    one.tell("button", 4, 0.0, 0.2)
     assert jog.told[1][2] == pytest.approx(-0.5 * TOOL_SPEED[2])
-    one.tell(PadEvent("button", 0, 1.0), 0.3)
+    one.tell("button", 0, 1.0, 0.3)
     assert jog.told == "stop"
     assert not one.operator.is_over
-    one.tell(PadEvent("axis", gamepad.RIGHT_Y, 0.99), 0.3)  # still held
+    one.tell("axis", gamepad.RIGHT_Y, 0.99, 0.3)  # still held
     assert jog.told == "stop"
-    one.tell(PadEvent("axis", gamepad.RIGHT_Y, 0.0), 0.3)
-    one.tell(PadEvent("axis", gamepad.RIGHT_Y, 1.0), 0.3)
+    one.tell("axis", gamepad.RIGHT_Y, 0.0, 0.3)
+    one.tell("axis", gamepad.RIGHT_Y, 1.0, 0.3)
     assert jog.told[0] == "tool"
-    one.tell(PadEvent("button", 30, 1.0), 0.4)
-    one.tell(PadEvent("axis", 9, 1.0), 0.4)
-    one.tell(PadEvent("button", 1, 1.0), 0.5)
+    one.tell("button", 30, 1.0, 0.4)
+    one.tell("axis", 9, 1.0, 0.4)
+    one.tell("button", 1, 1.0, 0.5)
     assert one.operator.is_over
 
 
 def test_a_robot_without_kinematics_is_moved_joint_by_joint():
     one, jog = pad("forceps")
-    one.tell(PadEvent("axis", gamepad.LEFT_X, -1.0), 0.0)
+    one.tell("axis", gamepad.LEFT_X, -1.0, 0.0)
     assert jog.told == ("joints", [-0.1])
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import TrajectoryError
-from truejoint.motion import Trajectory, zigzag
+from truejoint.motion import Trajectory
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2", "left")
@@ -51,30 +51,3 @@ def test_leaving_the_limits_is_refused_in_peoples_units(joint, row, side):
 def test_other_units_are_refused():
     with pytest.raises(TrajectoryError, match="insertion is in rad, but raven2"):
         Trajectory(JOINTS, ("rad",) * 3, INSIDE).check_within(ROBOT)
-
-
-@pytest.mark.parametrize("spacing", [1.0, 0.3, 0.01])
-def test_densified_keeps_corners_and_lines(spacing):
-    path = zigzag(ROBOT, "J1-J3", 1 / 3)
-    dense = path.densified(spacing)
-    steps = np.abs(np.diff(dense.positions, axis=0)) / np.ptp(path.positions, axis=0)
-    assert steps.max() <= spacing * (1 + 1e-9)
-    # Every corner is there, in order, and every other point lies on the line between two.
-    where = [
-        int(np.argmin(np.abs(dense.positions - corner).sum(axis=1))) for corner in path.positions
-    ]
-    assert np.abs(dense.positions[where] - path.positions).max() < 1e-12
-    assert where == sorted(where)
-    length = [np.linalg.norm(np.diff(t.positions, axis=0), axis=1).sum() for t in (path, dense)]
-    assert length[1] == pytest.approx(length[0], rel=1e-12)
-
-
-@pytest.mark.parametrize("spacing", [0.0, 2.0, np.nan])
-def test_densified_refuses_odd_spacings(spacing):
-    with pytest.raises(TrajectoryError, match="spacing"):
-        zigzag(ROBOT).densified(spacing)
-
-
-def test_densified_refuses_times():
-    with pytest.raises(TrajectoryError, match="has times"):
-        Trajectory(JOINTS, UNITS, INSIDE, np.array([0.0, 1.0])).densified(0.1)

@@ -83,6 +83,6 @@ def trajectory(
     truejoint.motion.write_trajectory(made, output, overwrite=force)
     say(f"wrote {output}")
     if plot is not None:
-        truejoint.motion.plot_trajectories([made], plot, overwrite=force)
+        truejoint.motion.plot_trajectory(made, plot, overwrite=force)
         say(f"wrote {plot}")
     tell_trajectory(made, arm, as_json=as_json)

@@ -11,6 +11,6 @@ from .follow import follow as follow
 from .follow import legs as legs
 from .follow import nominal_duration as nominal_duration
 from .jog import Jog as Jog
-from .plotting import plot_trajectories as plot_trajectories
+from .plotting import plot_trajectory as plot_trajectory
 from .trajectory import Trajectory as Trajectory
 from .trajectory import workspace_of as workspace_of

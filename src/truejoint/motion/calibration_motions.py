@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from importlib.metadata import version
 from numbers import Integral, Real
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -20,7 +18,6 @@ from truejoint.robots import Robot, Workspace
 
 _MOST_DIVISIONS: Final = 50
 LONGEST: Final = 24 * 3600.0  # [s]
-_HOUR: Final = 3600.0  # [s]
 
 _NESTED: Final = (
     -1.0, 1.0, -1.0, -0.2, -0.7, -0.4, -0.6, 0.3, -0.2, 0.1, -0.1, 0.8, 0.3, 0.6, 0.4, 1.0, -1.0,
@@ -99,8 +96,7 @@ def zigzag(
         )
     direction, divisions = direction.upper(), round(1.0 / sparsity)
     three = published and direction == DIRECTIONS[-1]
-    box = _published_box() if three else zigzag_box(direction)
-    shares = (_unit_snake(divisions) - 0.5) @ box.T
+    shares = (_unit_snake(divisions) - 0.5) @ zigzag_box(direction, published=published).T
     meta = {"kind": "zigzag", "direction": direction, "sparsity": 1.0 / divisions}
     if three:
         meta["published"] = True
@@ -153,13 +149,11 @@ def random_motion(
     >>> random_motion(truejoint.get_robot("raven2"), duration=10.0, seed=1).joints
     ('shoulder', 'elbow', 'insertion')
     """
-    if not 1.0 <= duration <= LONGEST:
-        raise TrajectoryError(f"duration {duration} s must be within [1, {LONGEST:.0f}] s")
+    times = _times(duration, rate, 1.0, LONGEST)
     check_seed(seed)
     if profile not in PROFILES:
         raise TrajectoryError(unknown("profile", profile, PROFILES))
     space = workspace_of(robot, workspace)
-    times = _times(duration, rate)
     streams = np.random.SeedSequence(seed).spawn(len(space.joints))
     bounds = np.column_stack([space.lower, space.upper, *space.swings])
     positions = [
@@ -212,14 +206,12 @@ def nested_motion(
             f"nested loops are for one joint; the workspace of {robot.title} has "
             f"{len(space.joints)}: use a zig-zag or a random motion"
         )
-    if not 10.0 <= duration <= _HOUR:
-        raise TrajectoryError(f"duration {duration} s must be within [10, {_HOUR:.0f}] s")
-    times = _times(duration, rate)
+    times = _times(duration, rate, 10.0, 3600.0)
     middle, half = (space.upper[0] + space.lower[0]) / 2, (space.upper[0] - space.lower[0]) / 2
     knots = [middle, *(middle + share * half for share in _NESTED)]
     ways = np.abs(np.diff(knots))
     peak = np.pi * ways.sum() / (2.0 * duration)
-    swings = [_Cosine(way, peak, 0.0) for way in ways]
+    swings = [_cosine(way, peak, 0.0) for way in ways]
     meta = {"kind": "nested", "duration": duration}
     positions = _travelled(times, knots, swings)[:, None]
     return generated(robot, space, positions, times, name=f"nested {duration:g} s", meta=meta)
@@ -231,14 +223,27 @@ def check_seed(seed: int) -> None:
         raise TrajectoryError(f"seed is {seed!r:.40}; give a whole number of 0 or more")
 
 
-def zigzag_box(direction: str) -> Array:
+def zigzag_box(direction: str, *, published: bool = False) -> Array:
     """Edges (3, 3) of the box that a zig-zag covers, as shares of the joints' ranges.
 
     A column each: along the strokes, along the strokes of a layer, along the layers.
     """
     moving = [int(part[1]) - 1 for part in direction.split("-")]
+    if len(moving) == 3 and published:
+        # The cube turned about z, x and y by 45 deg each; its rows are divided by sqrt(3), and the
+        # first and the third then stretched to range 1; the second keeps 0.986.
+        edges = Rotation.from_euler("zxy", [45.0, 45.0, 45.0], degrees=True).as_matrix() * _EDGE
+        edges[[0, 2]] /= np.abs(edges[[0, 2]]).sum(axis=1, keepdims=True)
+        return np.asarray(edges)
     if len(moving) == 3:
-        return _triple_box()
+        # Rows have absolute sum 1, the volume is 1/sqrt(27). Signed cyclic shifts of (a, a, b) with
+        # 2 a + b = 1 have the volume (a + b)^2 (2 a - b) = (1 - a)^2 (4 a - 1); the solution nearer
+        # to a cube is taken: of all such boxes its edges' inner products deviate least from a
+        # cube's.
+        roots = np.roots([4.0, -9.0, 6.0, -1.0 - 1.0 / np.sqrt(27.0)]).real
+        a = float(np.sort(roots)[0])
+        b = 1.0 - 2.0 * a
+        return np.array([[a, -b, a], [a, a, -b], [b, -a, -a]])
     if len(moving) == 1:
         # Joints in cyclic order from the one that moves: a turn of the whole cube.
         return np.asarray(np.roll(np.eye(3), moving[0], axis=0) * _EDGE)
@@ -247,31 +252,6 @@ def zigzag_box(direction: str) -> Array:
     box[moving, 1] = -_HALF_DIAGONAL, _HALF_DIAGONAL
     box[3 - sum(moving), 2] = _EDGE
     return box
-
-
-def _triple_box() -> Array:
-    """Edges (3, 3) whose rows have absolute sum 1 and whose volume is 1/sqrt(27).
-
-    Signed cyclic shifts of (a, a, b) with 2 a + b = 1 have the volume (a + b)^2 (2 a - b); the
-    solution nearer to a cube is taken. Of all such boxes its edges' inner products deviate least
-    from a cube's.
-    """
-    # (1 - a)^2 (4 a - 1) = 1 / sqrt(27)
-    roots = np.roots([4.0, -9.0, 6.0, -1.0 - 1.0 / np.sqrt(27.0)]).real
-    a = float(np.sort(roots)[0])
-    b = 1.0 - 2.0 * a
-    return np.array([[a, -b, a], [a, a, -b], [b, -a, -a]])
-
-
-def _published_box() -> Array:
-    """Edges (3, 3) of the laboratory's box: the cube turned about z, x and y by 45 deg each.
-
-    Its rows are divided by sqrt(3), and the first and the third then stretched to range 1; the
-    second keeps 0.986.
-    """
-    edges = Rotation.from_euler("zxy", [45.0, 45.0, 45.0], degrees=True).as_matrix() * _EDGE
-    edges[[0, 2]] /= np.abs(edges[[0, 2]]).sum(axis=1, keepdims=True)
-    return np.asarray(edges)
 
 
 def _unit_snake(divisions: int) -> Array:
@@ -288,8 +268,12 @@ def _unit_snake(divisions: int) -> Array:
     return np.column_stack([along, across])
 
 
-def _times(duration: float, rate: float) -> Array:
-    """Time stamps (n,) [s] of a motion, or refuse a rate."""
+def _times(duration: float, rate: float, shortest: float, longest: float) -> Array:
+    """Time stamps (n,) [s] of a motion, or refuse its duration or rate."""
+    if not shortest <= duration <= longest:
+        raise TrajectoryError(
+            f"duration {duration} s must be within [{shortest:g}, {longest:.0f}] s"
+        )
     if not 1.0 <= rate <= 1000.0:
         raise TrajectoryError(f"rate {rate} Hz must be within [1, 1000] Hz")
     return np.arange(round(duration * rate) + 1) / rate
@@ -298,14 +282,15 @@ def _times(duration: float, rate: float) -> Array:
 def _swings(
     times: Array,
     random: np.random.Generator,
-    profile: type[_Swing],
+    profile: Callable[[float, float, float], _Swing],
     lower: float,
     upper: float,
     *ranges: float,
 ) -> Array:
     """Positions (n,) at `times` (n,) of one joint that starts at the centre."""
     widest, slowest, fastest, crawl = ranges
-    end, knots, swings = 0.0, [(lower + upper) / 2], []
+    end, knots = 0.0, [(lower + upper) / 2]
+    swings: list[_Swing] = []
     upwards = bool(random.integers(2))
     while end <= times[-1]:
         margin = random.uniform(0.0, widest)
@@ -329,71 +314,43 @@ def _travelled(times: Array, knots: Sequence[float], swings: Sequence[_Swing]) -
     return positions
 
 
-@dataclass(frozen=True)
-class _Swing(ABC):
-    """Way of a joint from rest to rest over `distance` [rad or m], at most at speed `peak`."""
+class _Swing(NamedTuple):
+    """Way of a joint from rest to rest: its duration [s], and what is travelled after times [s]."""
 
-    distance: float
-    peak: float
-    crawl: float
-
-    @property
-    @abstractmethod
-    def duration(self) -> float:
-        """[s]."""
-
-    @abstractmethod
-    def travelled(self, t: Array) -> Array:
-        """Way (n,) [rad or m] after `t` (n,) [s] within the duration."""
+    duration: float
+    travelled: Callable[[Array], Array]
 
 
-class _Cosine(_Swing):
-    """Half a period of a cosine."""
-
-    @property
-    def duration(self) -> float:
-        return np.pi * self.distance / (2.0 * self.peak)
-
-    def travelled(self, t: Array) -> Array:
-        return self.distance * (1.0 - np.cos(np.pi * t / self.duration)) / 2.0
+def _cosine(distance: float, peak: float, _: float) -> _Swing:
+    """Half a period of a cosine over a `distance` [rad or m], at most at speed `peak`."""
+    duration = np.pi * distance / (2.0 * peak)
+    return _Swing(duration, lambda t: distance * (1.0 - np.cos(np.pi * t / duration)) / 2.0)
 
 
-class _Laboratory(_Swing):
+def _laboratory(distance: float, peak: float, crawl: float) -> _Swing:
     """Constant speed `peak` between a ramp and an approach in proportion to what is left.
 
     Without the ramp, what is left of the way is a straight line, an exponential and a straight
     line of time; the ramp, a speed that grows with time, is a parabola in that time.
     """
+    rest = min(distance, peak * _APPROACH)
+    slow = min(rest, crawl * _APPROACH)
+    first = (distance - rest) / peak
+    second = first + _APPROACH * np.log(rest / slow)
+    third = second + slow / crawl
+    late = third + _RAMP / 2.0
 
-    @property
-    def ends(self) -> tuple[float, float, float]:
-        """Ends of the three parts of the way without the ramp [s]."""
-        rest = min(self.distance, self.peak * _APPROACH)
-        slow = min(rest, self.crawl * _APPROACH)
-        first = (self.distance - rest) / self.peak
-        second = first + _APPROACH * np.log(rest / slow)
-        return first, second, second + slow / self.crawl
-
-    @property
-    def duration(self) -> float:
-        end = self.ends[2]
-        late = end + _RAMP / 2.0
-        return late if late > _RAMP else float(np.sqrt(2.0 * _RAMP * end))
-
-    def travelled(self, t: Array) -> Array:
-        first, second, third = self.ends
+    def travelled(t: Array) -> Array:
         now = np.where(t < _RAMP, t * t / (2.0 * _RAMP), t - _RAMP / 2.0)
-        line = self.distance - self.peak * now
-        rest = min(self.distance, self.peak * _APPROACH)
+        line = distance - peak * now
         curve = rest * np.exp((first - np.clip(now, first, second)) / _APPROACH)
-        return self.distance - np.select(
-            [now < first, now < second], [line, curve], self.crawl * (third - now)
-        )
+        rests = np.select([now < first, now < second], [line, curve], crawl * (third - now))
+        return distance - rests
+
+    return _Swing(late if late > _RAMP else float(np.sqrt(2.0 * _RAMP * third)), travelled)
 
 
-_SWINGS: Final[Mapping[str, type[_Swing]]] = dict(
-    zip(PROFILES, (_Cosine, _Laboratory), strict=True)
-)
+_SWINGS: Final = dict(zip(PROFILES, (_cosine, _laboratory), strict=True))
 
 
 def generated(

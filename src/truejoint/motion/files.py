@@ -7,7 +7,7 @@ import os
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Final, Literal, NamedTuple
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -29,39 +29,28 @@ _MARK: Final = "# truejoint trajectory "
 _FORMAT: Final = 2
 _LAB_JOINTS: Final = ("shoulder", "elbow", "insertion")
 _LAB_UNITS: Final = ("rad", "rad", "m")
-# A day at 50 Hz of seven joints is below both.
-_MAX_BYTES: Final = 1 << 30
-_MAX_ROWS: Final = 10_000_000
-_MAX_COLUMNS: Final = 65
+_MAX_BYTES: Final = 1 << 30  # a day at 50 Hz of seven joints is below
 _MAX_HEADER: Final = 1 << 16
 
 
 def write_trajectory(
-    trajectory: Trajectory,
-    path: str | os.PathLike[str],
-    *,
-    layout: Literal["own", "lab"] = "own",
-    overwrite: bool = False,
+    trajectory: Trajectory, path: str | os.PathLike[str], *, overwrite: bool = False
 ) -> None:
     """Write a trajectory as CSV, whole or not at all.
+
+    A ``#`` line of provenance stands first, then a header, then values in full precision.
 
     Parameters
     ----------
     trajectory : Trajectory
     path : path-like
-    layout : {"own", "lab"}
-        ``"own"``: one ``#`` line of provenance, a header, then values in full precision. ``"lab"``:
-        a path as the follower of uw-biorobotics/raven2_CRTK_Python_controller reads it, shoulder
-        [rad], elbow [rad] and insertion [m] without a header, points at most a thousandth of each
-        joint's range apart (traj_generator/snake_generator.py).
     overwrite : bool
         Whether a file that is there may be replaced.
 
     Raises
     ------
     TrajectoryError
-        If the file exists and `overwrite` is false, or cannot be written; for ``"lab"`` also if
-        the trajectory has times or other joints.
+        If the file exists and `overwrite` is false, or cannot be written.
 
     Examples
     --------
@@ -69,30 +58,9 @@ def write_trajectory(
     >>> write_trajectory(path, "zigzag.csv")  # doctest: +SKIP
     """
     trajectory, path = as_trajectory(trajectory), Path(path)
-    if layout not in ("own", "lab"):
-        raise TrajectoryError(f"layout {layout!r:.60}; write 'own' or 'lab'")
-    if layout == "lab":
-        if (trajectory.joints, trajectory.units) != (_LAB_JOINTS, _LAB_UNITS):
-            raise TrajectoryError(
-                f"{path}: the laboratory's files hold {', '.join(_LAB_JOINTS)} in rad, rad, m; "
-                f"{trajectory.name} has {', '.join(trajectory.joints)}"
-            )
-        first, table = "", pd.DataFrame(trajectory.densified(1e-3).positions)
-    else:
-        table = pd.DataFrame(trajectory.positions, columns=list(trajectory.joints))
-        if trajectory.times is not None:
-            table.insert(0, "t", trajectory.times)
-        first = _header(trajectory, table.to_numpy(), path)
-
-    def write(part: Path) -> None:
-        with part.open("w", encoding="utf-8", newline="") as file:
-            file.write(first)
-            table.to_csv(file, index=False, header=bool(first), lineterminator="\n")
-
-    write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
-
-
-def _header(trajectory: Trajectory, rows: Array, path: Path) -> str:
+    table = pd.DataFrame(trajectory.positions, columns=list(trajectory.joints))
+    if trajectory.times is not None:
+        table.insert(0, "t", trajectory.times)
     header: dict[str, Any] = {
         "format": _FORMAT,
         "name": trajectory.name,
@@ -101,16 +69,25 @@ def _header(trajectory: Trajectory, rows: Array, path: Path) -> str:
     }
     try:
         header = json.loads(json.dumps(header, allow_nan=False))  # as it will be read
-        text = json.dumps(header | {"sha256": content_hash(header, {"rows": rows})})
+        text = json.dumps(header | {"sha256": content_hash(header, {"rows": table.to_numpy()})})
     except (TypeError, ValueError) as error:
         raise TrajectoryError(f"{path}: meta cannot be written as JSON: {error}") from None
     if len(text) + len(_MARK) >= _MAX_HEADER:
         raise TrajectoryError(f"{path}: meta takes {len(text)} characters; keep it below 64 kB")
-    return f"{_MARK}{text}\n"
+
+    def write(part: Path) -> None:
+        with part.open("w", encoding="utf-8", newline="") as file:
+            file.write(f"{_MARK}{text}\n")
+            table.to_csv(file, index=False, lineterminator="\n")
+
+    write_atomically(path, write, overwrite=overwrite, error=TrajectoryError)
 
 
 def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
-    """Read a CSV of either layout of `write_trajectory`, found from its first line.
+    """Read a CSV of `write_trajectory`, or the laboratory's three columns without a header.
+
+    Those are shoulder [rad], elbow [rad] and insertion [m], as
+    uw-biorobotics/raven2_CRTK_Python_controller writes them.
 
     Raises
     ------
@@ -144,16 +121,17 @@ def read_trajectory(path: str | os.PathLike[str]) -> Trajectory:
 
 
 def _read_own(path: Path, first: str, second: str) -> Trajectory:
-    plain = _plain_header(first)
+    try:
+        plain = json.loads(first.removeprefix(_MARK))
+    except (ValueError, RecursionError):
+        raise TrajectoryError("its first line is damaged; get the file again") from None
     header = schema.read(_Header, plain, "its first line", TrajectoryError)
     columns = second.strip().split(",")
-    if len(columns) > _MAX_COLUMNS:
-        raise TrajectoryError(f"{len(columns)} columns; at most {_MAX_COLUMNS}")
-    timed = columns[0] == "t"
-    joints = tuple(columns[1:] if timed else columns)
+    joints = tuple(columns[columns[0] == "t" :])
     if joints != tuple(header.units):
         raise TrajectoryError(
-            f"columns {columns} do not match the joints {list(header.units)} of its first line"
+            f"columns {columns!s:.300} do not match the joints {list(header.units)!s:.300} of its "
+            "first line"
         )
     values, meta = _read_numbers(path, len(columns), skip=2), header.meta
     stated = {key: value for key, value in plain.items() if key != "sha256"}
@@ -165,8 +143,9 @@ def _read_own(path: Path, first: str, second: str) -> Trajectory:
             "its content does not match its hash; get the file again, or, if it was edited on "
             'purpose, take "sha256" out of its first line'
         )
+    units, timed = tuple(header.units.values()), len(joints) < len(columns)
     times, positions = (values[:, 0], values[:, 1:]) if timed else (None, values)
-    return Trajectory(joints, tuple(header.units.values()), positions, times, header.name, meta)
+    return Trajectory(joints, units, positions, times, header.name, meta)
 
 
 class _Header(NamedTuple):
@@ -177,13 +156,6 @@ class _Header(NamedTuple):
     units: Mapping[str, str]
     meta: Mapping[str, Any]
     sha256: str = ""
-
-
-def _plain_header(first: str) -> Any:
-    try:
-        return json.loads(first.removeprefix(_MARK))
-    except (ValueError, RecursionError):
-        raise TrajectoryError("its first line is damaged; get the file again") from None
 
 
 def _read_lab(path: Path, first: str) -> Trajectory:
@@ -209,15 +181,8 @@ def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
         with warnings.catch_warnings():
             # No rows is a warning of numpy's and an error of ours, below.
             warnings.simplefilter("ignore", UserWarning)
-            values = np.loadtxt(
-                path,
-                delimiter=",",
-                skiprows=skip,
-                max_rows=_MAX_ROWS + 1,
-                ndmin=2,
-                comments=None,
-                encoding="utf-8",
-            )
+            form: dict[str, Any] = {"delimiter": ",", "comments": None, "encoding": "utf-8"}
+            values = np.loadtxt(path, skiprows=skip, ndmin=2, **form)
     except (ValueError, OSError) as error:  # it unpacks what is called .gz
         raise TrajectoryError(
             f"a row is not {columns} numbers ({words(error)}); get the file again"
@@ -228,6 +193,4 @@ def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
         raise TrajectoryError(
             f"rows have {values.shape[1]} numbers, want {columns}; get the file again"
         )
-    if len(values) > _MAX_ROWS:
-        raise TrajectoryError(f"more than {_MAX_ROWS} rows; split it")
     return values

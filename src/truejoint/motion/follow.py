@@ -19,7 +19,8 @@ from truejoint.crtk import (
     StateBlock,
     TimeLaw,
     TruthBlock,
-)
+    time_law,
+)  # fmt: skip
 from truejoint.crtk.arm import as_arm
 from truejoint.crtk.states import check_ready
 from truejoint.errors import CommandRefused, MotionStopped, TrajectoryError
@@ -124,7 +125,6 @@ def follow(
     arm: Arm,
     trajectory: Trajectory,
     *,
-    speed_scale: float = 1.0,
     speed: ArrayLike | None = None,
     resume_within: float = 0.0,
     progress: Callable[[float], None] | None = None,
@@ -146,8 +146,6 @@ def follow(
     arm : Arm
         Enabled and homed.
     trajectory : Trajectory
-    speed_scale : float
-        In (0, 1]: share of the caps, or of the speed that the trajectory's times give.
     speed : array_like, shape (n_joints,), optional
         Speed caps along a path [rad/s or m/s]; by default those of `workspace_of(arm.robot)`.
         A trajectory with times needs none.
@@ -173,7 +171,7 @@ def follow(
     """
     check_ready(as_arm(arm).operating_state(), "follow")
     as_trajectory(trajectory).check_within(arm.robot)
-    law, caps = _timed(arm.robot, trajectory, speed_scale, speed)
+    law, caps = _timed(arm.robot, trajectory, speed)
     columns = arm.robot.index(trajectory.joints)
     pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
     pose[columns] = trajectory.positions[0]
@@ -184,7 +182,10 @@ def follow(
         try:
             run.go_on(arm)
         except MotionStopped:
-            if not _resumed(arm, resume_within):
+            end = time.monotonic() + resume_within
+            while (state := arm.operating_state().state) == "PAUSED" and time.monotonic() < end:
+                time.sleep(_POLL)
+            if state != "ENABLED":
                 raise
     if not tally.counts.all():
         raise CommandRefused("follow ended without a state message; is the robot reporting?")
@@ -201,23 +202,21 @@ def follow(
     )
 
 
+@dataclass(eq=False)
 class _Run:
     """One passage along a time law, however often it is stopped on the way."""
 
-    def __init__(
-        self,
-        law: TimeLaw,
-        pose: Array,
-        columns: list[int],
-        tally: _Tally,
-        progress: Callable[[float], None] | None,
-        steering: Steering | None,
-    ) -> None:
-        self._law, self._pose, self._columns, self._progress = law, pose, columns, progress
-        self._steering, self._tally = steering, tally
-        self._at = 0.0  # of the law [s]
-        self.is_over = False
-        self.setpoint_speed = np.zeros(len(columns))
+    _law: TimeLaw
+    _pose: Array
+    _columns: list[int]
+    _tally: _Tally
+    _progress: Callable[[float], None] | None
+    _steering: Steering | None
+    _at: float = 0.0  # of the law [s]
+    is_over: bool = False
+
+    def __post_init__(self) -> None:
+        self.setpoint_speed = np.zeros(len(self._columns))
 
     def approach(self, arm: Arm, pose: Array) -> None:
         """Go to where the trajectory is taken up."""
@@ -275,14 +274,6 @@ class _Run:
         return rows
 
 
-def _resumed(arm: Arm, within: float) -> bool:
-    """Whether a paused arm is resumed within some time [s, this computer's clock]."""
-    end = time.monotonic() + within
-    while (state := arm.operating_state().state) == "PAUSED" and time.monotonic() < end:
-        time.sleep(_POLL)
-    return state == "ENABLED"
-
-
 def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajectory]:
     """Cut a trajectory at points into legs of `duration` [s] or a little more; raises as `follow`.
 
@@ -292,7 +283,7 @@ def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajecto
     >>> len(legs(truejoint.motion.random_motion(robot, 100.0), robot, 30.0))
     4
     """
-    law = _timed(robot, trajectory, 1.0, None)[0]
+    law = _timed(robot, trajectory, None)[0]
     if not duration >= _SHORTEST_LEG:
         raise TrajectoryError(
             f"{trajectory.name}: legs of {duration:g} s; give {_SHORTEST_LEG:g} s or more"
@@ -305,7 +296,7 @@ def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajecto
     ]
 
 
-def nominal_duration(trajectory: Trajectory, robot: Robot, speed_scale: float = 1.0) -> float:
+def nominal_duration(trajectory: Trajectory, robot: Robot) -> float:
     """Time that `follow` will take from start to end [s]; raises as it does.
 
     Examples
@@ -314,52 +305,39 @@ def nominal_duration(trajectory: Trajectory, robot: Robot, speed_scale: float = 
     >>> nominal_duration(zigzag(robot, "J2", 1 / 2), robot) > 10.0
     True
     """
-    return _timed(robot, trajectory, speed_scale, None)[0].duration
+    return _timed(robot, trajectory, None)[0].duration
 
 
-def _timed(
-    robot: Robot, trajectory: Trajectory, speed_scale: float, speed: ArrayLike | None
-) -> tuple[TimeLaw, Array]:
+def _timed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> tuple[TimeLaw, Array]:
     """Time law of a trajectory, and the speed (n_joints,) that its set-points stay below."""
-    if not 0.0 < speed_scale <= 1.0:
-        raise TrajectoryError(f"{trajectory.name}: speed scale {speed_scale} must be in (0, 1]")
-    top = np.array([as_robot(robot).joint(j).max_speed for j in as_trajectory(trajectory).joints])
-    if trajectory.times is not None:
+    name, joints, times = as_trajectory(trajectory).name, trajectory.joints, trajectory.times
+    top = np.array([as_robot(robot).joint(joint).max_speed for joint in joints])
+    if times is not None:
         if speed is not None:
-            raise TrajectoryError(f"{trajectory.name}: has times; give no speed, or speed_scale")
-        slopes = np.abs(np.diff(trajectory.positions, axis=0)) / np.diff(trajectory.times)[:, None]
-        caps = slopes.max(axis=0) * speed_scale
-        law = TimeLaw((trajectory.times - trajectory.times[0]) / speed_scale, trajectory.positions)
+            raise TrajectoryError(f"{name}: has times; give no speed")
+        slopes = np.abs(np.diff(trajectory.positions, axis=0)) / np.diff(times)[:, None]
+        caps, law = slopes.max(axis=0), TimeLaw(times - times[0], trajectory.positions)
     else:
-        caps = _path_speed(robot, trajectory, speed) * speed_scale
-        law = trajectory.time_law(caps)
+        if speed is None:
+            space = workspace_of(robot)
+            if missing := ", ".join(joint for joint in joints if joint not in space.joints):
+                raise TrajectoryError(f"{name}: no speed cap is known for {missing}; give speed")
+            speed = space.speed[[space.joints.index(joint) for joint in joints]]
+        caps = np.asarray(speed, dtype=float)
+        if caps.shape != (len(joints),) or not (caps > 0.0).all():
+            raise TrajectoryError(
+                f"{name}: speed {caps.tolist()} must be {len(joints)} positive values"
+            )
+        law = time_law(trajectory.positions, caps)
     fast = ~((caps <= top) & np.isfinite(caps))
     if fast.any():
         k = int(np.argmax(fast))
         unit = display_unit(trajectory.units[k] + "/s")
         raise TrajectoryError(
-            f"{trajectory.name}: {trajectory.joints[k]} would move at {caps[k] * unit.scale:.4g} "
-            f"{unit.name}, above {top[k] * unit.scale:.4g}; lower the speed scale"
+            f"{name}: {joints[k]} would move at {caps[k] * unit.scale:.4g} {unit.name}, above "
+            f"{top[k] * unit.scale:.4g}; make it slower"
         )
     return law, caps
-
-
-def _path_speed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> Array:
-    """Speed caps (n_joints,) for a path, as given or of the robot's workspace."""
-    joints = trajectory.joints
-    if speed is None:
-        space = workspace_of(robot)
-        if missing := ", ".join(name for name in joints if name not in space.joints):
-            raise TrajectoryError(
-                f"{trajectory.name}: no speed cap is known for {missing}; give speed"
-            )
-        return space.speed[[space.joints.index(name) for name in joints]]
-    caps = np.asarray(speed, dtype=float)
-    if caps.shape != (len(joints),) or not (caps > 0.0).all():
-        raise TrajectoryError(
-            f"{trajectory.name}: speed {caps.tolist()} must be {len(joints)} positive values"
-        )
-    return caps
 
 
 class _Tally:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
-from typing import Any, Final, Literal, NamedTuple, Self
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 
@@ -21,14 +20,6 @@ LEFT_X, LEFT_Y, LEFT_TRIGGER, RIGHT_X, RIGHT_Y, RIGHT_TRIGGER = range(6)
 _TWIST: Final = ((LEFT_X, 0, 1.0), (LEFT_Y, 1, -1.0), (RIGHT_Y, 2, -1.0), (RIGHT_X, 5, 1.0))
 _JOINTS: Final = ((LEFT_X, 1.0), (LEFT_Y, -1.0), (RIGHT_X, 1.0), (RIGHT_Y, -1.0))
 _KEYS: Final = {0: HOLD, 1: LEAVE, 4: SLOWER, 5: FASTER, 7: LEAVE}
-
-
-class PadEvent(NamedTuple):
-    """A change that a gamepad tells: an axis [-1, 1], or a button (1 down, 0 up)."""
-
-    kind: Literal["axis", "button"]
-    number: int
-    value: float
 
 
 class Gamepad:
@@ -58,9 +49,9 @@ class Gamepad:
 
     Examples
     --------
-    >>> from truejoint.motion.gamepad import Gamepad, PadEvent
+    >>> from truejoint.motion.gamepad import Gamepad
     >>> pad = Gamepad(truejoint.motion.teleoperation.Teleoperation(truejoint.motion.Jog(arm)))
-    >>> pad.tell(PadEvent("axis", 0, 1.0), 0.0)
+    >>> pad.tell("axis", 0, 1.0, 0.0)
     """
 
     def __init__(self, operator: Teleoperation) -> None:
@@ -91,19 +82,28 @@ class Gamepad:
 
     def update(self, now: float) -> None:
         """Tell what has changed since the last time, at `now` [s]; a pad that is gone leaves."""
-        for event in self._events():
-            self.tell(event, now)
+        pygame = self._pygame
+        for event in pygame.event.get():
+            if event.type == pygame.JOYAXISMOTION:
+                self.tell("axis", event.axis, float(event.value), now)
+            elif event.type in (pygame.JOYBUTTONDOWN, pygame.JOYBUTTONUP):
+                self.tell("button", event.button, event.type == pygame.JOYBUTTONDOWN, now)
+            elif event.type == pygame.JOYDEVICEREMOVED and event.instance_id == self._pad_id:
+                self.is_gone = True
+                self.tell("button", 1, 1.0, now)  # as if it had been told to leave
 
-    def tell(self, event: PadEvent, now: float) -> None:
-        """Take in a change at `now` [s]; one without a meaning does nothing."""
-        if event.kind == "button":
-            if event.value and event.number in _KEYS:
-                self._is_stopped |= _KEYS[event.number] == HOLD
-                self.operator.tell(_KEYS[event.number], "press", now)
-            return
-        if event.number < len(self._axes) and math.isfinite(event.value):
-            rests = event.number in (LEFT_TRIGGER, RIGHT_TRIGGER)  # at -1
-            self._axes[event.number] = (event.value + 1.0) / 2.0 if rests else event.value
+    def tell(self, kind: Literal["axis", "button"], number: int, value: float, now: float) -> None:
+        """Take in a change at `now` [s]: an axis [-1, 1], or a button (1 down, 0 up).
+
+        One without a meaning does nothing.
+        """
+        if kind == "button":
+            if value and number in _KEYS:
+                self._is_stopped |= _KEYS[number] == HOLD
+                self.operator.tell(_KEYS[number], "press", now)
+        elif number < len(self._axes) and math.isfinite(value):
+            rests = number in (LEFT_TRIGGER, RIGHT_TRIGGER)  # at -1
+            self._axes[number] = (value + 1.0) / 2.0 if rests else value
             self._push()
 
     def _push(self) -> None:
@@ -123,14 +123,3 @@ class Gamepad:
             for axis, k, sign in _TWIST:
                 twist[k] = sign * axes[axis]
         self.operator.push(joints, twist)
-
-    def _events(self) -> Iterator[PadEvent]:
-        pygame = self._pygame
-        for event in pygame.event.get():
-            if event.type == pygame.JOYAXISMOTION:
-                yield PadEvent("axis", event.axis, float(event.value))
-            elif event.type in (pygame.JOYBUTTONDOWN, pygame.JOYBUTTONUP):
-                yield PadEvent("button", event.button, float(event.type == pygame.JOYBUTTONDOWN))
-            elif event.type == pygame.JOYDEVICEREMOVED and event.instance_id == self._pad_id:
-                self.is_gone = True
-                yield PadEvent("button", 1, 1.0)  # as if it had been told to leave

@@ -20,7 +20,11 @@ SPEEDS: Final = (0.1, 0.25, 0.5, 1.0)
 """Shares of the speed caps to step through."""
 
 Event = Literal["press", "repeat", "release"]
-_KITTY: Final = re.compile(r"\x1b\[(\d+)(?::\d*)*(?:;\d*(?::(\d))?)?u")
+_TYPED: Final = re.compile(
+    r"\x1b\[(?P<code>\d+)(?::\d*)*(?:;\d*(?::(?P<event>\d))?)?u"
+    r"|(?P<other>\x1b[\[O][0-?]*[ -/]*[@-~]?)|.",
+    re.DOTALL,
+)
 _KITTY_EVENTS: Final[Mapping[str, Event]] = {"1": "press", "2": "repeat", "3": "release"}
 # Joint keys are those of uw-biorobotics/raven2_CRTK_Python_controller
 # (python_controller/utils_r2_keyboard_controller.py): a row up, the row below down.
@@ -70,26 +74,21 @@ def key_map(robot: Robot) -> dict[str, Key]:
     >>> len(key_map(truejoint.get_robot("raven2")))
     28
     """
-    keys, n = [], len(robot.joints)
-    for k, (joint, pair) in enumerate(zip(robot.joint_names, _JOINT_KEYS, strict=False)):
-        row = np.eye(n)[k]
-        keys += [_key(pair[0], f"{joint} +", row), _key(pair[1], f"{joint} -", -row)]
+    n = len(robot.joints)
+    rows = zip(robot.joint_names, _JOINT_KEYS, np.eye(n), strict=False)
+    pairs = [(pair, (f"{joint} +", f"{joint} -"), "joints", row) for joint, pair, row in rows]
     if robot.grasper:
         row = np.zeros(n)
         row[robot.index(robot.grasper)] = 1.0
-        keys += [_key("o", "open", row), _key("p", "shut", -row)]
+        pairs.append((("o", "p"), ("open", "shut"), "joints", row))
     if robot.kinematics is not None:
-        for k, (axis, (up, down)) in enumerate(zip(_TOOL_AXES, _TOOL_KEYS, strict=True)):
-            along = np.eye(6)[k]
-            keys += [
-                Key(up, f"tool {axis} +", twist=tuple(along.tolist())),
-                Key(down, f"tool {axis} -", twist=tuple((-along).tolist())),
-            ]
-    return {key.name: key for key in keys}
-
-
-def _key(name: str, action: str, joints: Array) -> Key:
-    return Key(name, action, tuple(joints.tolist()))
+        for axis, pair, row in zip(_TOOL_AXES, _TOOL_KEYS, np.eye(6), strict=True):
+            pairs.append((pair, (f"tool {axis} +", f"tool {axis} -"), "twist", row))
+    return {
+        name: Key(name, action, **{kind: tuple((sign * row).tolist())})
+        for names, actions, kind, row in pairs
+        for name, action, sign in zip(names, actions, (1.0, -1.0), strict=True)
+    }
 
 
 def key_events(text: str) -> Iterator[tuple[str, Event]]:
@@ -103,21 +102,12 @@ def key_events(text: str) -> Iterator[tuple[str, Event]]:
     >>> list(key_events("1" + chr(27) + "[49;1:3u"))
     [('1', 'press'), ('1', 'release')]
     """
-    at = 0
-    while at < len(text):
-        match = _KITTY.match(text, at)
-        if match:
-            code = int(match[1])
-            if code < 0x110000:
-                yield chr(code), _KITTY_EVENTS.get(match[2] or "1", "press")
-            at = match.end()
-            continue
-        sequence = re.compile(r"\x1b[\[O][0-?]*[ -/]*[@-~]?").match(text, at)
-        if sequence and sequence.end() > at + 1:
-            at = sequence.end()
-            continue
-        yield text[at], "press"
-        at += 1
+    for match in _TYPED.finditer(text):
+        code, event = match["code"], match["event"]
+        if code is None and not match["other"]:
+            yield match[0], "press"
+        elif code is not None and int(code) < 0x110000:
+            yield chr(int(code)), _KITTY_EVENTS.get(event or "1", "press")
 
 
 @dataclass(eq=False)
@@ -205,15 +195,16 @@ class Teleoperation:
     def _move(self) -> None:
         held = [self.keys[name] for name in self._held]
         joints, twist = self._pushed
-        if not held and joints.any():
+        if held:  # of the kind pressed last
+            joints = np.zeros_like(joints)
+            twist = np.zeros(6)
+            if held[-1].joints:
+                joints = np.sum([key.joints for key in held if key.joints], axis=0).clip(-1.0, 1.0)
+            else:
+                twist = np.sum([key.twist for key in held if key.twist], axis=0).clip(-1.0, 1.0)
+        if joints.any() or (held and held[-1].joints):
             self.jog.joints(joints * self.share * self.jog.speed)
-        elif not held and twist.any():
+        elif twist.any() or held:
             self.jog.tool(twist * self.share * TOOL_SPEED)
-        elif not held:
-            self.jog.stop()
-        elif held[-1].joints:
-            direction = np.sum([key.joints for key in held if key.joints], axis=0)
-            self.jog.joints(np.clip(direction, -1.0, 1.0) * self.share * self.jog.speed)
         else:
-            direction = np.sum([key.twist for key in held if key.twist], axis=0)
-            self.jog.tool(np.clip(direction, -1.0, 1.0) * self.share * TOOL_SPEED)
+            self.jog.stop()

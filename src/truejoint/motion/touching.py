@@ -96,30 +96,18 @@ class SimulatedHand:
         seat = self.rotation @ point + self.translation
         seat = seat + self.seat_sd * self._rng.standard_normal(3)
         goal = joints_at(robot, seat, self.arm.setpoint_js(np.inf).position)
+        speed, haste = np.full(len(columns), 0.02), None
+        if robot.workspace is not None:
+            speed = robot.workspace.speed
+            haste = np.array([min(joint.max_speed, 0.17) for joint in robot.joints])
+            haste[columns] = _HASTE * speed  # the tool's as ever
         away = np.zeros(len(goal))
-        away[columns] = side * AWAY * self._speed()
-        self._go(goal - self._lost() + away, self._haste())
-        self._go(goal - self._lost() + _SHORT * away, None)
-        for _ in range(_LOOKS):
-            self._go(goal - self._lost(), None)
+        away[columns] = side * AWAY * speed
+        for share, cap in ((1.0, haste), (_SHORT, None), *[(0.0, None)] * _LOOKS):
+            target = goal - self._lost() + share * away
+            self.arm.move_jp(np.clip(target, robot.lower, robot.upper), cap).wait()
         self.arm.wait(REST)
         return self.arm.time
-
-    def _go(self, goal: Array, speed: Array | None) -> None:
-        robot = self.arm.robot
-        self.arm.move_jp(np.clip(goal, robot.lower, robot.upper), speed).wait()
-
-    def _speed(self) -> Array:
-        space = self.arm.robot.workspace
-        return np.full(len(self._columns), 0.02) if space is None else space.speed
-
-    def _haste(self) -> Array | None:
-        """Speeds (n_joints,) between dimples, the tool's as ever."""
-        if self.arm.robot.workspace is None:
-            return None
-        speed = np.array([min(joint.max_speed, 0.17) for joint in self.arm.robot.joints])
-        speed[self._columns] = _HASTE * self._speed()
-        return speed
 
     def _lost(self) -> Array:
         """By how much the joints (n_joints,) are ahead of their set-points, once settled."""

@@ -10,7 +10,6 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array, floats
-from truejoint.crtk import TimeLaw, time_law
 from truejoint.errors import TrajectoryError, other_kind
 from truejoint.robots import Robot, Workspace
 from truejoint.robots.robot import as_robot
@@ -25,8 +24,7 @@ class Trajectory:
     """Joint positions in order; straight lines in joint space join them.
 
     A path is kept by its corners alone: the lines between them carry no more information, files
-    stay small, a plot is exact at any zoom, and the time law decides on points. Where a program
-    needs closely spaced points, `densified` gives them.
+    stay small, a plot is exact at any zoom, and the time law decides on points.
 
     Attributes
     ----------
@@ -69,29 +67,6 @@ class Trajectory:
 
     def __len__(self) -> int:
         return len(self.positions)
-
-    def densified(self, spacing: float) -> Trajectory:
-        """Path through the same corners, neighbours at most `spacing` of each joint's range apart.
-
-        Raises TrajectoryError if the trajectory has times, or `spacing` is not within [1e-5, 1].
-        """
-        if self.times is not None:
-            raise TrajectoryError(f"{self.name}: has times; only a path can be densified")
-        if not 1e-5 <= spacing <= 1.0:
-            raise TrajectoryError(f"{self.name}: spacing {spacing} must be within [1e-5, 1]")
-        extent = np.ptp(self.positions, axis=0)
-        steps = np.abs(np.diff(self.positions, axis=0)) / np.where(extent > 0, extent, 1.0)
-        pieces = np.maximum(np.ceil(steps.max(axis=1) / spacing - 1e-9), 1.0).astype(int)
-        corner = np.concatenate([[0], np.cumsum(pieces)])
-        where = np.arange(corner[-1] + 1)
-        positions = np.column_stack([np.interp(where, corner, q) for q in self.positions.T])
-        return Trajectory(self.joints, self.units, positions, None, self.name, self.meta)
-
-    def time_law(self, speed: Array) -> TimeLaw:
-        """Set-points over time: its own times, or for a path `speed` (n_joints,) at full speed."""
-        if self.times is None:
-            return time_law(self.positions, speed)
-        return TimeLaw(self.times - self.times[0], self.positions)
 
     def check_within(self, robot: Robot) -> None:
         """Raise TrajectoryError unless all of it lies within the joint limits of `robot`."""
