@@ -208,7 +208,7 @@ void loads(int n, const double *t, const double *sample, double *load)
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "told"), [("ukf_friction", "load"), ("hybrid", "torque")])
+@pytest.mark.parametrize(("name", "told"), [("ukf_friction", "load"), ("hybrid", "filter.torque")])
 def test_what_is_told_beside_the_position_stands_in_the_state(library, name, told):
     """It is a field of the state, of the same bits."""
     folder, calibration = library(name).folder, model(name)
@@ -219,5 +219,6 @@ def test_what_is_told_beside_the_position_stands_in_the_state(library, name, tol
     t, given = recording.t.copy(), np.empty((len(samples), 2))
     arrays = (a.ctypes.data_as(ctypes.c_void_p) for a in (t, samples, given))
     ctypes.CDLL(str(folder / "loads.so")).loads(len(t), *arrays)
-    np.testing.assert_array_equal(given, ready(calibration).run(recording).beside[told])
+    beside = ready(calibration).run(recording).beside
+    np.testing.assert_array_equal(given, beside[told.removeprefix("filter.")])
     assert np.ptp(given[:, 0]) > 0.0

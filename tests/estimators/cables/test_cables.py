@@ -70,7 +70,7 @@ def test_its_row_states_what_its_estimate_of_a_whole_record_states():
     dt = time_steps(recording.t, calibration.gap_limit)
     found = calibration.model.states(X, dt)
     state = calibration.model.start()
-    state.memory.memory[cable_filter.DEVIATIONS] = 1.0
+    state.memory.memory[cable_filter.LAYOUT.fields["deviations"].index] = 1.0
     for i, row in enumerate(X):
         angle = calibration.model.step(state, dt[i], row)
         np.testing.assert_allclose(angle, found.angle[i], rtol=0.0, atol=1e-12)

@@ -49,15 +49,14 @@ def test_it_tells_a_grip_it_was_not_fitted_to():
 def test_plays_see_in_the_loop_what_they_were_fitted_to():
     calibration, (X, dt) = model("hybrid_cables"), rows_of(unseen("hybrid_cables").rows(range(200)))
     one, whole = calibration.model, calibration.model.states(X, dt)
-    filtered, _ = cable_hybrid.parts(one.arrays_)
-    found = states(filtered, X, dt)
-    expected = cable_hybrid.sight(X, found.angle, found.states, filtered["parameters"])
+    found = states(one.arrays_, X, dt)
+    expected = cable_hybrid.sight(X, found.angle, found.states, one.arrays_["parameters"])
     state = one.start()
     for i, row in enumerate(X):
         angle = one.step(state, dt[i], row)
         np.testing.assert_allclose(state.memory.view("inputs"), expected[i], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(angle, whole.angle[i], rtol=0.0, atol=1e-11)
-        loads = [state.memory.view(name)[0] for name in LOADS]
+        loads = [state.memory.part("filter").view(name)[0] for name in LOADS]
         np.testing.assert_allclose(loads, whole.load[i], rtol=0.0, atol=1e-11)
 
 
@@ -78,13 +77,13 @@ def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
     X, dt = rows_of(unseen("hybrid_cables").rows(range(100)))
     one = model("hybrid_cables").model
     state = one.start()
-    state.memory.memory[cable_hybrid.LAYOUT.fields["deviations"].index] = 1.0
+    state.memory.memory[state.memory.layout.fields["deviations"].index] = 1.0
     found = one.states(X, dt)
     for i, row in enumerate(X):
         one.step(state, dt[i], row)
         np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
-        for k, name in enumerate(LOADS):
-            assert state.memory.view(name)[1] == pytest.approx(found.load_deviation[i, k])
+        widths = [state.memory.part("filter").view(name)[1] for name in LOADS]
+        assert widths == pytest.approx(found.load_deviation[i])
 
 
 def test_errors_in_calibration_are_stated_as_large_as_they_are():
@@ -108,8 +107,7 @@ def test_of_a_load_that_calibration_did_not_have_it_says_what_the_filter_says():
     calibration = fit("hybrid_cables", runs)
     X, dt = rows_of(unseen("hybrid_cables"), calibration)
     own = calibration.model.states(X, dt)
-    filtered, _ = cable_hybrid.parts(calibration.model.arrays_)
-    expected = states(filtered, X, dt).load[:, 2]
+    expected = states(calibration.model.arrays_, X, dt).load[:, 2]
     assert rms(own.load[:, 2] - expected) < 0.1 * rms(expected)
     assert (own.load_deviation > 0.0).all()
 
@@ -132,5 +130,5 @@ def test_without_a_load_it_is_refused_as_the_filter_is():
 
 
 def test_plays_that_are_none_are_refused():
-    with pytest.raises(CalibrationError, match="bank is 3; it must be the parameters of play_bank"):
-        cable_hybrid.FAMILY.check_params({"channels": JOINTS, "bank": 3})
+    with pytest.raises(CalibrationError, match="model is 3; it must be a family"):
+        cable_hybrid.FAMILY.check_params({"channels": JOINTS, "model": 3})

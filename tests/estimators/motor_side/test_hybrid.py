@@ -18,6 +18,7 @@ from truejoint.estimators import (
     ElasticJointHybrid,
     Polynomial,
     Stack,
+    hybrid,
     registry,
 )
 from truejoint.estimators.family import EstimatorData
@@ -46,7 +47,8 @@ def fitted():
 
 def filter_of(model):
     """Give the filter within."""
-    filtered, *_ = elastic_hybrid.parts(model.model_params(), model.arrays_)
+    shapes = elastic_joint.FAMILY.shapes(model.model_params(), 2, 1)
+    filtered = {name: model.arrays_[name] for name in shapes}
     params = {name: model.model_params()[name] for name in elastic_joint.FAMILY.rules}
     return ElasticJointFilter.from_data(EstimatorData("motor_side", params, filtered), 2, 1)
 
@@ -58,9 +60,9 @@ def test_it_is_the_filter_and_trees_on_plays_states_and_its_output(fitted):
     whole, told = fitted.evaluate(X, dt), alone.evaluate(X, dt)
     found = fitted.estimate(X, dt)
     params = fitted.model_params()
-    _, scales, trees = elastic_hybrid.parts(params, fitted.arrays_)
+    trees = hybrid.model_of(params, fitted.arrays_)
     every = np.ones(len(X), bool)
-    plays = play_bank.expand_rows(elastic_hybrid.bank(params), scales, X, dt, every)
+    plays = play_bank.expand_rows(elastic_hybrid.bank(params), fitted.arrays_, X, dt, every)
     filtered = alone.estimate(X, dt)
     assert trees.arrays["mean"].shape == (plays.shape[1] + ELEMENTS + 2 + 1,)
     np.testing.assert_array_equal(found.load, filtered.load)
@@ -93,7 +95,7 @@ def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
     state, told = fitted.start(), []
     for row, step in zip(X, dt, strict=True):
         fitted.step(state, step, row)
-        told.append(state.memory.view("torque")[0])
+        told.append(state.memory.part("filter").view("torque")[0])
     off = np.abs(told - fitted.estimate(X, dt).outputs[:, 1])
     assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree
 

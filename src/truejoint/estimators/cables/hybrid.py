@@ -9,11 +9,12 @@ import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
+from truejoint.estimators import hybrid
 from truejoint.estimators.base import Arrays, Progress
 from truejoint.estimators.cables import hybrid_rows as cable_hybrid
 from truejoint.estimators.cables import loops as r
-from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, CableStates, states
-from truejoint.estimators.family import EstimatorData, Family, Params
+from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, CableStates
+from truejoint.estimators.family import Family, Params
 from truejoint.estimators.plays.learn import Plays
 
 WRIST_PLAYS: Final = Plays(
@@ -51,18 +52,14 @@ class CableHybrid(CableFilter):
 
     def model_params(self) -> dict[str, object]:
         """Parameters of the family: the motors, and the plays'."""
-        return {**super().model_params(), "bank": self._bank}
-
-    @property
-    def _bank(self) -> Params:
-        params: Params = vars(self).get("bank_", WRIST_PLAYS.model_params())
-        return params
+        usual = (Plays.family.name, WRIST_PLAYS.model_params(), ())
+        return {**super().model_params(), "model": vars(self).get("plays_", usual)}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters, to be run only."""
         made = cls(params["channels"])
-        made.bank_ = params["bank"]
+        made.plays_ = params["model"]
         return made
 
     def states(self, X: Array, dt: Array) -> CableStates:
@@ -70,10 +67,9 @@ class CableHybrid(CableFilter):
 
         The states are those of the filter.
         """
-        filtered, bank = cable_hybrid.parts(self.arrays_)
-        data = EstimatorData(Plays.family.name, self._bank, bank)
+        data = hybrid.model_of(self.model_params(), self.arrays_)
         plays = Plays.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
-        return _told(plays, states(filtered, X, dt), X, dt, filtered["parameters"])
+        return _told(plays, super().states(X, dt), X, dt, self.arrays_["parameters"])
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         filtered, filter_states = self._identified(
@@ -86,12 +82,12 @@ class CableHybrid(CableFilter):
         wanted = np.hstack([y - raw, load])
         inputs = cable_hybrid.sight(X, filter_states.angle, filter_states.states, parameters)
         plays = clone(WRIST_PLAYS).fit(inputs, wanted, dt=dt)
-        self.bank_: Params = plays.model_params()
+        self.plays_ = (Plays.family.name, plays.model_params(), ())
         estimate = _told(plays, filter_states, X, dt, parameters)
         errors = np.hstack([y - estimate.angle, self._loads - estimate.load])
         filtered["structure"] = self._structure(estimate, X, y, dt) * _unseen(plays, errors, wanted)
         progress(1.0)
-        return cable_hybrid.joined(filtered, plays.arrays_)
+        return hybrid.joined(filtered, plays.arrays_)
 
 
 def _told(

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, local_vector
+from truejoint.compiled import compiled, local_vector, unrolled, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.cables import loops
 from truejoint.estimators.cables.loops import LOAD, PARAMETERS, RIGID, STATES, N
@@ -164,8 +164,8 @@ LOADS: Final = "grip", "tip_first", "tip_second"
 """What the row tells beside the joints."""
 
 LAYOUT: Final = Layout()
-DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-BESIDE: Final = LAYOUT.scalar("beside_deviations", "that a load's half-width is")
+LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAYOUT.scalar("beside_deviations", "that a load's half-width is")
 STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
 LAYOUT.array("last", "motor angles of the row before [rad]", N)
 LAYOUT.array("played", "the same without what trembles [rad]", N)
@@ -174,8 +174,8 @@ LAYOUT.array("added", "what geometry adds, by term and joint", TERMS, N)
 LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
 LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
 GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
-TIP_FIRST: Final = LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
-TIP_SECOND: Final = LAYOUT.array("tip_second", "torque of its second arm, half-width [Nm]", 2)
+LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
+LAYOUT.array("tip_second", "torque of its second arm, half-width [Nm]", 2)
 FILTER: Final = LAYOUT.part("filter", "of friction of loops, motors and pins, and loads")
 unpack = LAYOUT.unpacker()
 
@@ -200,13 +200,6 @@ def input_rows(X: Array, dt: Array, out: Array) -> None:
     last, played = local_vector(N), local_vector(N)
     for i in range(X.shape[0]):
         take_motors(dt[i], X[i], last, played, out[i])
-
-
-@compiled
-def state_load(load: Array, value: float, deviation: float) -> None:
-    """Write down a load and its half-width."""
-    load[0] = value
-    load[1] = deviation
 
 
 @compiled
@@ -235,12 +228,10 @@ def cable_filter_row(
             half_width[j] = m.deviations * stated(
                 variance, loads, m.structure[0, j], m.structure[1, j]
             )
-        m.raw[j] = m.beside_deviations * stated(
-            f.covariance[LOAD + j, LOAD + j], loads, m.structure[2, j], m.structure[3, j]
-        )
-    state_load(m.grip, f.x[LOAD], m.raw[0])
-    state_load(m.tip_first, f.x[LOAD + 1], m.raw[1])
-    state_load(m.tip_second, f.x[LOAD + 2], m.raw[2])
+    for j in range(unrolled(N)):
+        load, variance = vector(memory, numbers[GRIP + j], 2), f.covariance[LOAD + j, LOAD + j]
+        deviation = stated(variance, loads, m.structure[2, j], m.structure[3, j])
+        load[0], load[1] = f.x[LOAD + j], m.beside_deviations * deviation
 
 
 def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:

@@ -217,7 +217,7 @@ def jaw_filter(params: Params) -> UnscentedFilter:
 
 LAYOUT: Final = Layout()
 LAYOUT.integer("compensated", "1: less the error model (25)")
-DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]; NaN: start anew")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")

@@ -11,7 +11,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.estimators import registry
+from truejoint.estimators import hybrid, registry
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.family import Family, Params
 from truejoint.estimators.motor_side import hybrid_rows as elastic_hybrid
@@ -23,8 +23,10 @@ from truejoint.estimators.motor_side.learn import (
 )
 from truejoint.estimators.motor_side.run import ElasticJoint, output_terms
 from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.plays.learn import feature_scales
 from truejoint.estimators.ridge import BLOCKS
 from truejoint.estimators.trees.learn import TreeSum, added, tree_sum, trees_data
+from truejoint.estimators.trees.run import FAMILY as TREES
 from truejoint.estimators.wrapped import Regressor, WrappedRegressor
 
 _PLAYS: Final[Params] = {
@@ -63,7 +65,8 @@ class ElasticJointHybrid(ElasticJointFilter):
     """What an automatic choice tries on the same signals, so that a mean of both can be taken."""
 
     _FOUND: ClassVar[Params] = {
-        **ElasticJointFilter._FOUND, **_PLAYS, **dict.fromkeys(elastic_hybrid.SIZES, 1)
+        **ElasticJointFilter._FOUND, **_PLAYS,
+        "model": (TREES.name, dict.fromkeys(TREES.rules, 1), ()),
     }  # fmt: skip
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
@@ -71,21 +74,20 @@ class ElasticJointHybrid(ElasticJointFilter):
         with_truth = np.flatnonzero(self._known(y))
         chosen = np.zeros(len(X), dtype=bool)
         chosen[with_truth[:: -(-len(with_truth) // _ROWS)]] = True
-        low, high = X[with_truth].min(axis=0), X[with_truth].max(axis=0)
-        scales = {"centre": 0.5 * (low + high), "inverse_half_range": 2.0 / (high - low)}
+        filtered |= feature_scales(X[with_truth])
         motion = motion_of(X, filtered["scales"], dt)
         states, _ = run(ElasticJoint.from_arrays(filtered), motion, float(filtered["scales"][3]))
         columns = output_terms(motion.angle, states)[chosen]
         outputs = np.column_stack([columns @ response for response in filtered["outputs"]])
-        inputs = self._sight(scales, X, dt, chosen, states[chosen], outputs)
+        inputs = self._sight(filtered, X, dt, chosen, states[chosen], outputs)
         residual, history = self._targets(y, dt)[chosen] - outputs, motion.history[chosen]
         sums = [_angle_trees(inputs, elastic_hybrid.n_plays(self.found_), residual[:, 0], history)]
         progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
         sums += [_torque_trees(inputs, torque) for torque in residual.T[1:]]
         progress(1.0)
         trees = trees_data(sums, np.zeros(inputs.shape[1]), np.ones(inputs.shape[1]))
-        self.found_ = {**self.found_, **trees.params}
-        return elastic_hybrid.joined(filtered, scales, trees.arrays)
+        self.found_ = {**self.found_, "model": (TREES.name, trees.params, ())}
+        return hybrid.joined(filtered, trees.arrays)
 
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
@@ -103,8 +105,8 @@ class ElasticJointHybrid(ElasticJointFilter):
         return super().estimate(X, dt)
 
     def _beyond(self, X: Array, dt: Array, states: Array, outputs: Array) -> Array:
-        _, scales, data = elastic_hybrid.parts(self.model_params(), self.arrays_)
-        inputs = self._sight(scales, X, dt, np.ones(len(X), dtype=bool), states, outputs)
+        data = hybrid.model_of(self.model_params(), self.arrays_)
+        inputs = self._sight(self.arrays_, X, dt, np.ones(len(X), dtype=bool), states, outputs)
         return WrappedRegressor.from_data(data, inputs.shape[1], outputs.shape[1]).evaluate(inputs)
 
     def _sight(

@@ -227,19 +227,18 @@ class ElasticJoint:
 
 LAYOUT: Final = Layout()
 LAYOUT.integer("elements", "of friction")
-DEVIATIONS: Final = LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
 LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges; NaN: start anew")
 LAYOUT.scalar("middle", "of the driver's range [rad]")
 LAYOUT.scalar("half_range", "of the driver [rad]")
 LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
 LAYOUT.array("responses", "coefficients of each output", "n_told", "n_terms")
 LAYOUT.array("misfit", "standard deviation of what a response misses", "n_told")
-BESIDE: Final = LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
-TOLD: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
+LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
+LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
 LAYOUT.array("near", "a state beside the estimate", "n_states")
 LAYOUT.array("slope", "of an output over the state", "n_states")
 FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
-N_TOLD: Final = LAYOUT.fields["n_told"].index
 unpack = LAYOUT.unpacker()
 
 
