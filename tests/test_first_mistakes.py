@@ -103,7 +103,10 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.motion.legs(WAY, RAVEN, 0.0), "0.001 s or more"),
         (lambda model: truejoint.motion.plot_trajectory([], "way.html"), "not a Trajectory"),
         (lambda model: truejoint.motion.write_trajectory("way.csv", WAY), "not a Trajectory"),
-        (lambda model: truejoint.evaluation.split_by_time([motion(1)]), "list, not a Recording"),
+        (
+            lambda model: truejoint.evaluation.part_by_time([motion(1)], 0.0, 0.5),
+            "list, not a Recording",
+        ),
         (lambda model: truejoint.evaluation.compare([], []), "one at least"),
         (lambda model: truejoint.evaluation.to_deploy([]), "the traces of one"),
         (lambda model: truejoint.evaluation.tool_error(RAVEN, [0], [0]), "not a Kinematics"),

@@ -3,7 +3,7 @@ from collections.abc import Callable
 import pytest
 
 from truejoint.calibration.origin import Origin, Session
-from truejoint.evaluation.splits import split_by_time
+from truejoint.evaluation.splits import part_by_time
 from truejoint.evaluation.verdict import doubts_about, objections_to
 from truejoint.recordings import DataCheck
 from truejoint.recordings.table.recording import Recording
@@ -16,7 +16,7 @@ def test_rows_of_training_are_found_and_a_later_part_is_not(
     recording_of: Callable[..., Recording], sha256: str
 ) -> None:
     recording = recording_of("davinci_grasper", sha256=sha256, session="s", source="x/a.csv")
-    train, test = split_by_time(recording, 0.6, gap=1.0)
+    train, test = part_by_time(recording, 0.0, 0.6), part_by_time(recording, 0.65, 1.0)
     origin = Origin(sessions=(Session.of(train),))
     assert not list(objections_to(origin, [test], None))
     (objection,) = objections_to(origin, [test, recording], None)

@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.evaluation.scoring import worst_windows
+from truejoint.evaluation.judge import worst_windows
 
 
 def test_a_burst_of_error_is_the_worst_window() -> None:

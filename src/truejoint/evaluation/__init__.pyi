@@ -1,6 +1,4 @@
 from .evaluate import evaluate as evaluate
-from .judge import Corrects as Corrects
-from .judge import JointCalibration as JointCalibration
 from .metrics import percent_of as percent_of
 from .metrics import rmse as rmse
 from .metrics import tool_error as tool_error
@@ -26,6 +24,5 @@ from .score_tables import score_table as score_table
 from .score_tables import score_tables as score_tables
 from .score_tables import write_tables as write_tables
 from .splits import part_by_time as part_by_time
-from .splits import split_by_time as split_by_time
 from .verdict import judge as judge
 from .verdict import to_deploy as to_deploy

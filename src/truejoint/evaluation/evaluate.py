@@ -14,27 +14,19 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
-from truejoint.errors import CalibrationError, RecordingError, other_kind, unknown
-from truejoint.evaluation import scoring
+from truejoint.calibration.calibration import as_calibration
+from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.judge import (
-    Corrects,
-    JointCalibration,
     domain_of,
     judge_recording,
+    score_errors,
     why_no_cartesian,
+    worst_stretches,
 )
 from truejoint.evaluation.metrics import rmse
 from truejoint.evaluation.paired_test import compare
-from truejoint.evaluation.results import (
-    BASELINES,
-    OFFSET,
-    RAW,
-    TOOL,
-    Comparison,
-    Evaluation,
-    Trace,
-)
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, TOOL, Comparison, Evaluation, Trace
 from truejoint.evaluation.verdict import (
     PLAIN,
     doubts_about,
@@ -50,13 +42,13 @@ from truejoint.robots import Robot
 from truejoint.summary import json_values
 
 Model = Calibration | str | os.PathLike[str]
-Models = Mapping[str, Sequence[JointCalibration]]
+Models = Mapping[str, Sequence[Calibration]]
 
 _REZEROED_RAW: Final = f"{RAW}, re-zeroed"  # a chosen raw position, beside the baseline
 
 
 def evaluate(
-    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
+    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model]],
     recordings: Recording | Sequence[Recording],
     *,
     chosen: str | None = None,
@@ -115,12 +107,13 @@ def evaluate(
             _REZEROED_RAW if name == RAW else name: own for name, own in by_estimator.items()
         }
         chosen = _REZEROED_RAW if chosen == RAW else chosen
-    calibrations = _for_rezeroing(by_estimator) if rezero > 0.0 else by_estimator
+    calibrations = {
+        name: [seed.for_rezeroing if rezero > 0.0 else seed for seed in seeds]
+        for name, seeds in by_estimator.items()
+    }
     chosen, joints = _checked_models(calibrations, chosen)
     robot, model = _checked_robot(recordings), calibrations[chosen][0]
-    if check is None:
-        fitted = model if isinstance(model, Calibration) else None
-        check = check_data(recordings, joints=joints, model=fitted)
+    check = check or check_data(recordings, joints=joints, model=model)
     units = tuple(robot.joint(joint).unit for joint in joints)
     note = why_no_cartesian(robot, recordings)
     against = _with_baselines(calibrations, chosen)
@@ -129,12 +122,12 @@ def evaluate(
         judge_recording(recording, name, against, joints, None if note else robot, chosen, rezero)
         for recording, name in zip(recordings, names, strict=True)
     ]
-    traces, domain = [trial.trace for trial in judged], domain_of([own.trace for own in judged])
-    errors = tuple(scoring.score_errors(judged, joints, units))
+    traces = [recording.trace for recording in judged]
+    domain = domain_of(traces)
+    errors = tuple(score_errors(judged, joints, units))
     scores = [score for score in errors if not score.recording and score.joint != TOOL]
     comparisons = tuple(_comparisons(traces, joints, chosen))
-    zero = model.zero if isinstance(model, Calibration) else None
-    of_plain = {n for n, own in calibrations.items() if estimator_of(own[0]) in PLAIN}
+    of_plain = {name for name, seeds in calibrations.items() if seeds[0].estimator in PLAIN}
     verdict = judge(
         scores,
         chosen,
@@ -142,7 +135,7 @@ def evaluate(
         comparisons=comparisons,
         deploy=to_deploy(traces, PLAIN | of_plain),
         objections=tuple(dict.fromkeys(objections_to(model.origin, recordings, domain))),
-        doubts=tuple(doubts_about(model.origin, zero, recordings, domain, check, rezero)),
+        doubts=tuple(doubts_about(model.origin, model.zero, recordings, domain, check, rezero)),
     )
     if rezero > 0.0:
         plain = by_estimator[chosen][0]
@@ -160,14 +153,14 @@ def evaluate(
         baseline_notes=dict(model.origin.baseline_notes),
         errors=errors,
         cartesian_note=note,
-        worst=scoring.worst_stretches(traces, chosen, verdict.joints, window),
+        worst=worst_stretches(traces, chosen, verdict.joints, window),
         window=window,
         rezero=rezero,
         verdict=verdict,
         check=check,
         domain=domain,
         comparisons=comparisons,
-        training=json_values(model.facts if isinstance(model, Calibration) else model.metadata),
+        training=json_values(model.facts),
         **judge_interval(by_estimator[chosen][0], recordings, traces),
     )
 
@@ -200,13 +193,13 @@ def _check_times(window: float, rezero: float) -> None:
 
 
 def _by_estimator(
-    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model | JointCalibration]],
-) -> Mapping[str, Sequence[JointCalibration]]:
+    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model]],
+) -> dict[str, list[Calibration]]:
     if isinstance(models, Mapping):
-        return {k: [_read(model) for model in _several(v)] for k, v in models.items()}
-    grouped: dict[str, list[JointCalibration]] = {}
+        return {name: list(map(_read, _several(model))) for name, model in models.items()}
+    grouped: dict[str, list[Calibration]] = {}
     for model in map(_read, _several(models)):
-        grouped.setdefault(estimator_of(model) or type(model).__name__, []).append(model)
+        grouped.setdefault(model.estimator, []).append(model)
     return grouped
 
 
@@ -214,36 +207,15 @@ def _several(models: Any) -> Sequence[Any]:
     return models if isinstance(models, list | tuple) else [models]
 
 
-def _read(model_or_path: Any) -> JointCalibration:
+def _read(model: Any) -> Calibration:
     """Give a model, or that of a file; raises CalibrationError for what is none."""
-    model = (
-        read_calibration(model_or_path)
-        if isinstance(model_or_path, str | os.PathLike)
-        else model_or_path
+    return (
+        read_calibration(model) if isinstance(model, str | os.PathLike) else as_calibration(model)
     )
-    if not all(
-        hasattr(model, name) for name in ("correct", "joints", "baselines", "metadata", "origin")
-    ):
-        advice = "give what `calibrate` gives, or the path of a model file"
-        raise CalibrationError(other_kind(model, "Calibration", advice))
-    calibration: JointCalibration = model
-    return calibration
-
-
-def estimator_of(model: JointCalibration) -> str:
-    """Name of a calibration's estimator; empty for what is none of ours."""
-    return model.estimator if isinstance(model, Calibration) else ""
-
-
-def _for_rezeroing(models: Models) -> dict[str, list[JointCalibration]]:
-    return {
-        name: [seed.for_rezeroing if isinstance(seed, Calibration) else seed for seed in seeds]
-        for name, seeds in models.items()
-    }
 
 
 def _rmse_without_rezero(
-    model: Corrects, recordings: Sequence[Recording], traces: Sequence[Trace]
+    model: Calibration, recordings: Sequence[Recording], traces: Sequence[Trace]
 ) -> Array:
     """RMSE (n_joints,) [rad or m] of positions that are not re-zeroed, on the rows of `traces`."""
     errors = [
@@ -283,15 +255,13 @@ def _checked_robot(recordings: Sequence[Recording]) -> Robot:
     return recordings[0].robot
 
 
-def _with_baselines(calibrations: Models, chosen: str) -> Mapping[str, Sequence[Corrects]]:
+def _with_baselines(calibrations: Models, chosen: str) -> Models:
     """Fitted models by estimator, baselines first; one that is given replaces its baseline.
 
     It does under another name too; the fixed offset stays, as the yardstick.
     """
     first = calibrations[chosen][0]
-    estimators = {estimator_of(seed) for seeds in calibrations.values() for seed in seeds} - {
-        OFFSET
-    }
+    estimators = {seed.estimator for seeds in calibrations.values() for seed in seeds} - {OFFSET}
     baselines = {k: [model] for k, model in first.baselines.items() if k not in estimators}
     available = baselines | dict(calibrations)
     models = {n: available[n] for n in dict.fromkeys((*BASELINES, *calibrations)) if n in available}

@@ -13,8 +13,8 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
+from truejoint.evaluation.judge import spread
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
-from truejoint.evaluation.scoring import spread
 from truejoint.recordings.table.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
@@ -34,16 +34,14 @@ class _Motion:
 
 
 def judge_interval(
-    calibration: object, recordings: Sequence[Recording], traces: Sequence[Trace]
+    calibration: Calibration, recordings: Sequence[Recording], traces: Sequence[Trace]
 ) -> dict[str, Any]:
-    """Judge the interval of a `Calibration` on recordings that no part of it saw.
+    """Judge the interval of a calibration on recordings that no part of it saw.
 
     Recordings on which it would mislead are left out and named. A recording counts as one
     trajectory; where the interval holds after any homing, all recordings after one homing do.
     Gives what `Evaluation` says of intervals, by attribute, and `traces` with bounds.
     """
-    if not isinstance(calibration, Calibration):
-        return {"traces": tuple(traces)}
     calibration = calibration if calibration.interval else calibration.for_rezeroing
     interval = calibration.interval
     if interval is None:

@@ -1,21 +1,29 @@
-"""Errors of every model on a recording of the test, and what the control loop says of its rows."""
+"""Errors of every model on the test, their scores and worst windows, and what the loop says."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import Any, Protocol
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration import Calibration
-from truejoint.calibration.origin import Origin
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation.metrics import tool_positions
-from truejoint.evaluation.results import OFFSET, RAW, Domain, Trace
-from truejoint.evaluation.scoring import JudgedRecording
+from truejoint.evaluation.metrics import percent_of, tool_positions
+from truejoint.evaluation.results import (
+    OFFSET,
+    RAW,
+    TOOL,
+    Domain,
+    JointVerdict,
+    Score,
+    Stretch,
+    Trace,
+)
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.signals import direction, velocity
 from truejoint.robots import Robot
@@ -25,40 +33,23 @@ from truejoint.runtime.limits import believable_corrections
 
 _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
+_COUNT = 3  # worst windows of each joint
 _HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
 
 
-class Corrects(Protocol):
-    """Anything that turns a recording into corrected joint positions."""
+@dataclass(frozen=True, eq=False)
+class JudgedRecording:
+    """One test recording: errors (n, n_joints) and tool errors (n, 3) by estimator and seed."""
 
-    def correct(self, recording: Recording) -> Array:
-        """Corrected positions (n, n_joints) [rad or m] of every row."""
-
-
-class JointCalibration(Corrects, Protocol):
-    """What an evaluation needs of a fitted calibration."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Joints that it corrects."""
-
-    @property
-    def baselines(self) -> Mapping[str, Corrects]:
-        """Fixed offset, and what else could be fitted of `BASELINES`, on the same rows."""
-
-    @property
-    def origin(self) -> Origin:
-        """What it was made from."""
-
-    @property
-    def metadata(self) -> Mapping[str, Any]:
-        """What it says about itself: JSON values."""
+    trace: Trace
+    errors: Mapping[str, list[Array]]
+    tool_errors: Mapping[str, list[Array]]
 
 
 def judge_recording(
     recording: Recording,
     name: str,
-    models: Mapping[str, Sequence[Corrects]],
+    models: Mapping[str, Sequence[Calibration]],
     joints: tuple[str, ...],
     robot: Robot | None,
     chosen: str,
@@ -70,19 +61,15 @@ def judge_recording(
     fewer than two rows are left, CalibrationError if a model gives no number for one.
     """
     truth = recording.columns("truth", joints)
-    start, judged = _rows_with_truth(recording, truth, joints, rezero)
+    judged = _rows_with_truth(recording, truth, joints, rezero)
     at_zero = {
-        estimator: [
-            zeroed(seed, recording, rezero) if isinstance(seed, Calibration) else seed
-            for seed in seeds
-        ]
+        estimator: [zeroed(seed, recording, rezero) for seed in seeds]
         for estimator, seeds in models.items()
     }
     measured = recording.columns("measured", joints)
     estimates = {RAW: [_finite(measured, RAW, name)[judged]]}
     for key, seeds in at_zero.items():
-        found = [_positions(seed, recording, truth, start) for seed in seeds]
-        estimates[key] = [_finite(positions, key, name)[judged] for positions in found]
+        estimates[key] = [_finite(seed.correct(recording), key, name)[judged] for seed in seeds]
     errors = {key: [value - truth[judged] for value in own] for key, own in estimates.items()}
     tool, tool_errors = _of_the_tool(robot, recording, judged, joints, truth[judged], estimates)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
@@ -108,28 +95,18 @@ def judge_recording(
 
 def _rows_with_truth(
     recording: Recording, truth: Array, joints: Sequence[str], rezero: float
-) -> tuple[Mask, Mask]:
-    """Tell in which rows (n,) truth sets the zero, and in which it judges."""
+) -> Mask:
+    """Rows (n,) in which truth judges, rather than sets the zero."""
     judged = np.asarray(np.isfinite(truth).all(axis=1))
-    start = judged.copy()
     if judged.any():
-        start[judged] = at_start(recording.t[judged], rezero)
-    judged &= ~start
+        judged[judged] = ~at_start(recording.t[judged], rezero)
     if judged.sum() < 2:
         besides = f" after the {rezero:g} s that re-zero it" if rezero > 0.0 else ""
         raise RecordingError(
             f"{recording.provenance.source or 'recording'}: {int(judged.sum())} rows have the "
             f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
         )
-    return start, judged
-
-
-def _positions(model: Corrects, recording: Recording, truth: Array, start: Mask) -> Array:
-    """Corrected positions (n, n_joints); of a baseline that cannot be re-zeroed itself, shifted."""
-    corrected = model.correct(recording)
-    if isinstance(model, Calibration) or not start.any():
-        return corrected
-    return corrected + np.median((truth - corrected)[start], axis=0)
+    return judged
 
 
 def _of_the_tool(
@@ -196,13 +173,13 @@ def all_joints(recording: Recording, robot: Robot) -> Array:
     return positions
 
 
-def loop_status(model: object, recording: Recording) -> Integers | None:
+def loop_status(model: Calibration, recording: Recording) -> Integers | None:
     """`Status` bits (n,) of every row, by the corrector's own kernel; None if it takes no `model`.
 
     A moved zero is another matter than rows unlike the training, so bits of the homing are left
     out. An estimator that uses later rows runs in no loop; its training domain is judged by alone.
     """
-    if not isinstance(model, Calibration) or model.training_domain is None:
+    if model.training_domain is None:
         return None
     try:
         corrector = corrector_for(model, [recording])
@@ -212,12 +189,12 @@ def loop_status(model: object, recording: Recording) -> Integers | None:
     return corrector.run(recording).status & _HOMING
 
 
-def believable(model: object, error: Array) -> Mask | None:
+def believable(model: Calibration, error: Array) -> Mask | None:
     """Tell in which rows the loop would believe a correction by `error` (n, n_joints) [rad or m].
 
     That is truth minus measured position; None if no loop takes the `model`.
     """
-    if not isinstance(model, Calibration) or model.training_domain is None:
+    if model.training_domain is None:
         return None
     lower, upper = believable_corrections(model.training_domain)
     return np.asarray(((error >= lower) & (error <= upper)).all(axis=1))
@@ -237,3 +214,118 @@ def domain_of(traces: Sequence[Trace]) -> Domain | None:
         flags={name: share for share, name in flagged},
         beyond=1.0 - float(np.concatenate(fits).mean()),
     )
+
+
+def score_errors(
+    tested: Sequence[JudgedRecording], joints: Sequence[str], units: Sequence[str]
+) -> Iterator[Score]:
+    """Score estimators in each joint over all recordings, the tool likewise, then each recording.
+
+    Joints are `joints`, with their SI `units`.
+    """
+    pooled = _stacked([test.errors for test in tested])
+    inside = np.concatenate([test.trace.inside for test in tested])
+    yield from _scores(pooled, joints, units, inside=inside)
+    vectors = _stacked([test.tool_errors for test in tested])
+    lengths = {name: np.linalg.norm(e, axis=2)[..., None] for name, e in vectors.items()}
+    for score in _scores(lengths, [TOOL], ["m"]):
+        axes = _rmse(vectors[score.estimator]).mean(axis=0).tolist()
+        yield replace(score, mean=math.nan, **dict(zip("xyz", axes, strict=True)))
+    for test in tested:
+        yield from _scores(_stacked([test.errors]), joints, units, recording=test.trace.name)
+
+
+def _stacked(recordings: Sequence[Mapping[str, Sequence[Array]]]) -> dict[str, Array]:
+    """Errors (seeds, rows, k) by estimator, the rows of all recordings together."""
+    return {
+        name: np.stack([np.concatenate(arrays) for arrays in zip(*parts, strict=True)])
+        for name in recordings[0]
+        if (parts := [errors[name] for errors in recordings])
+    }
+
+
+def _rmse(errors: Array) -> Array:
+    """RMSE (seeds, k) of errors (seeds, rows, k); NaN without rows."""
+    if not errors.shape[1]:
+        return np.full(errors.shape[::2], np.nan)
+    return np.asarray(np.sqrt(np.mean(np.square(errors), axis=1)))
+
+
+def _scores(
+    errors: Mapping[str, Array],
+    joints: Sequence[str],
+    units: Sequence[str],
+    *,
+    inside: Mask | None = None,
+    recording: str = "",
+) -> Iterator[Score]:
+    """Score errors (seeds, rows, n_joints) by estimator; `inside` (rows,) splits them."""
+    roots = {name: _rmse(error) for name, error in errors.items()}
+    for name, error in errors.items():
+        root = roots[name].mean(axis=0)
+        columns = {
+            "rmse": root,
+            "max_abs": np.abs(error).max(axis=(0, 1)),
+            "mean": error.mean(axis=1).mean(axis=0),
+            "percent_of_offset": percent_of(root, roots[OFFSET].mean(axis=0)),
+            "spread": spread(roots[name]),
+        }
+        if inside is not None:
+            columns["rmse_inside"] = _rmse(error[:, inside]).mean(axis=0)
+            columns["rmse_outside"] = _rmse(error[:, ~inside]).mean(axis=0)
+        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        for joint, unit, row in zip(joints, units, rows, strict=True):
+            values = dict(zip(columns, row, strict=True))
+            yield Score(name, joint, unit, seeds=len(error), recording=recording, **values)
+
+
+def spread(values: Array) -> Array:
+    """Sample standard deviation over seeds (axis 0); NaN with fewer than two."""
+    if len(values) < 2:
+        return np.full(values.shape[1:], np.nan)
+    return np.asarray(values.std(axis=0, ddof=1))
+
+
+def worst_windows(
+    t: Array, error: Array, window: float, count: int
+) -> list[tuple[int, int, float]]:
+    """Windows of one recording with the largest RMSE, at most `count`, worst first, apart.
+
+    Each is (first, end, rmse): rows ``first:end`` of the stamps `t` (n,) [s] and the `error` (n,).
+    One covers at least half of `window` [s], so that a few rows beside a gap do not count.
+    """
+    n = len(t)
+    first = np.arange(n)
+    end = np.searchsorted(t, t + window, side="right")
+    total = np.concatenate(([0.0], np.cumsum(np.square(error))))
+    mean_square = (total[end] - total[first]) / (end - first)
+    long_enough = t[end - 1] - t >= 0.5 * min(window, float(t[-1] - t[0]))
+    candidates = np.flatnonzero(long_enough) if long_enough.any() else first
+    order = candidates[np.argsort(-mean_square[candidates], kind="stable")]
+    free = np.ones(n, dtype=bool)
+    windows: list[tuple[int, int, float]] = []
+    for row in order:
+        if len(windows) == count:
+            break
+        if free[row] and free[end[row] - 1]:
+            free[row : end[row]] = False
+            windows.append((int(row), int(end[row]), float(np.sqrt(max(mean_square[row], 0.0)))))
+    return windows
+
+
+def worst_stretches(
+    traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
+) -> tuple[Stretch, ...]:
+    """Worst windows [s] of each joint over all recordings, by RMSE as a multiple of its limit."""
+    ranked: list[tuple[float, Stretch]] = []
+    for column, verdict in enumerate(joints):
+        stretches = []
+        for index, trace in enumerate(traces):
+            error = trace.error(chosen)[:, column]
+            for first, end, root in worst_windows(trace.t, error, window, _COUNT):
+                largest = float(np.abs(error[first:end]).max())
+                start, stop = float(trace.t[first]), float(trace.t[end - 1])
+                stretch = Stretch(verdict.joint, verdict.unit, index, start, stop, root, largest)
+                stretches.append((root / verdict.limit if verdict.limit > 0 else root, stretch))
+        ranked += sorted(stretches, key=lambda pair: -pair[0])[:_COUNT]
+    return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))

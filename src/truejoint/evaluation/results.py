@@ -35,14 +35,6 @@ TOOL: Final = "tool position"
 
 # Attributes of an evaluation that its JSON has not, or has by another name.
 _LEFT_OUT: Final = ("title", "errors", "interval_level", "traces")
-_RECORDING_KEYS: Final = ("recording", "estimator", "joint", "unit", "rmse", "max_abs", "mean")
-_TOOL_KEYS: Final = (
-    "estimator", "rmse", "max_abs", "x", "y", "z", "percent_of_offset", "spread", "seeds",
-)  # fmt: skip
-_JOINT_KEYS: Final = (
-    "estimator", "joint", "unit", "rmse", "max_abs", "mean", "percent_of_offset", "spread",
-    "seeds", "rmse_inside", "rmse_outside",
-)  # fmt: skip
 
 
 def estimator_phrase(name: str) -> str:
@@ -543,9 +535,9 @@ class Evaluation(Summarised):
             {name: value for name, value in vars(self).items() if name not in _LEFT_OUT}
             | {
                 "units": dict(zip(self.joints, self.units, strict=True)),
-                "scores": _chosen(_JOINT_KEYS, self.scores),
-                "recordings": _chosen(_RECORDING_KEYS, self.recording_scores),
-                "cartesian": _chosen(_TOOL_KEYS, self.cartesian),
+                "scores": list(map(vars, self.scores)),
+                "recordings": list(map(vars, self.recording_scores)),
+                "cartesian": list(map(vars, self.cartesian)),
                 "verdict": vars(self.verdict) | {"level": self.verdict.level},
                 "worst": [
                     {**vars(s), "recording": self.traces[s.recording].name} for s in self.worst
@@ -558,10 +550,6 @@ class Evaluation(Summarised):
             }
         )
         return values
-
-
-def _chosen(keys: Sequence[str], scores: Sequence[Score]) -> list[dict[str, Any]]:
-    return [{key: getattr(score, key) for key in keys} for score in scores]
 
 
 def as_evaluation(value: object) -> Evaluation:

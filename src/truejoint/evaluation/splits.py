@@ -7,55 +7,13 @@ puts the copies on both sides and measures memory rather than accuracy.
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-import numpy as np
+from typing import Final
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.datasets import Dataset, HeldOut, read_dataset
 from truejoint.recordings.table.recording import Recording, as_recording
 
-
-def split_by_time(
-    recording: Recording, fraction: float = 0.7, gap: float = 1.0
-) -> tuple[Recording, Recording]:
-    """First part of a recording for training and the last part for testing.
-
-    Parameters
-    ----------
-    recording : Recording
-    fraction : float
-        Share of the duration, in (0, 1), that the training part covers.
-    gap : float
-        Time [s] left out between the two parts, so that no sample of the test has a
-        neighbour in training.
-
-    Raises
-    ------
-    RecordingError
-        If `fraction` or `gap` is out of range, or a part would hold fewer than 2 rows.
-
-    Examples
-    --------
-    >>> early, late = split_by_time(test, 0.5)
-    >>> float(early.t[-1]), float(late.t[0])
-    (1.99, 3.0)
-    """
-    name = as_recording(recording).provenance.source or "recording"
-    if not 0.0 < fraction < 1.0:
-        raise RecordingError(f"{name}: split fraction is {fraction:g}; it must be between 0 and 1")
-    if not (gap >= 0.0 and np.isfinite(gap)):
-        raise RecordingError(f"{name}: split gap is {gap:g} s; it must be 0 s or more")
-    boundary = recording.t[0] + fraction * recording.duration
-    train = recording.t < boundary
-    test = recording.t >= boundary + gap
-    for part, rows in (("training", train), ("test", test)):
-        if rows.sum() < 2:
-            raise RecordingError(
-                f"{name}: splitting {recording.duration:.1f} s at {100 * fraction:.0f} % with a "
-                f"gap of {gap:g} s leaves {int(rows.sum())} rows for the {part} part; choose "
-                "another fraction or a shorter gap, or record more"
-            )
-    return recording.rows(train), recording.rows(test)
+_GAP: Final = 1.0  # s between the two sides, so that no row of one has a neighbour on the other
 
 
 def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
@@ -121,5 +79,9 @@ def split_sides(
         out = [split.holds_out(recording.name) for recording in dataset.match(split.files)]
         pairs = list(zip(recordings, out, strict=True))
         return [r for r, held in pairs if not held], [r for r, held in pairs if held]
-    parts = [split_by_time(recording, 1.0 - split.test_fraction) for recording in recordings]
-    return [train for train, _ in parts], [test for _, test in parts]
+    training, testing = [], []
+    for recording in recordings:
+        boundary = recording.t[0] + (1.0 - split.test_fraction) * recording.duration
+        training.append(recording.rows(recording.t < boundary))
+        testing.append(recording.rows(recording.t >= boundary + _GAP))
+    return training, testing
