@@ -106,18 +106,12 @@ def nested(depth: int, body: bytes = b"") -> bytes:
     return header + struct.pack("<2I", 14, len(body)) + body
 
 
-def test_structs_in_structs_come_to_an_end() -> None:
-    assert read_mat(nested(900), "f.mat") == {"a": {}}
-    with pytest.raises(RecordingError, match="holds more than 1000 others"):
-        read_mat(nested(1200), "f.mat")
-
-
-def test_many_empty_arrays_take_no_memory() -> None:
+def test_what_lies_deeper_than_a_struct_is_left_out() -> None:
+    assert read_mat(nested(5000), "f.mat") == {"a": {}}
     many = 5000
     cell = struct.pack("<4I", 6, 8, 1, 0) + struct.pack("<2I2i", 5, 8, 1, many)
     cell += struct.pack("<2H4s", 1, 1, b"c") + struct.pack("<2I", 14, 0) * many
-    with pytest.raises(RecordingError, match="holds more than 1000 others"):
-        read_mat(nested(1, cell), "f.mat")
+    assert read_mat(nested(1, cell), "f.mat") == {"a": {}}
 
 
 def test_version_7_3_is_named() -> None:
@@ -125,12 +119,12 @@ def test_version_7_3_is_named() -> None:
         read_mat(b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
 
 
-@pytest.mark.parametrize(("at", "value"), [(0xB1, 1), (0x91, 8)], ids=["type", "complex"])
-def test_what_scipy_would_crash_on_is_refused(refusal: Refusal, at: int, value: int) -> None:
-    broken = bytearray(save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))}))
-    broken[at] = value
-    message = refusal(lambda: read_mat(bytes(broken), "f.mat"))
-    assert message.startswith("f.mat: cannot be read as a MAT file")
+def test_what_scipy_would_crash_on_is_refused_or_left_out() -> None:
+    whole = save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))})
+    with pytest.raises(RecordingError, match="cannot be read as a MAT file"):
+        read_mat(whole[:0xB1] + b"\1" + whole[0xB2:], "f.mat")
+    halved = whole[:0x91] + b"\x08" + whole[0x92:]  # says that it is complex
+    assert list(read_mat(halved, "f.mat")) == ["b"]
 
 
 def test_a_small_file_does_not_unpack_to_a_large_one(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,7 +1,8 @@
 """Binary files of arrays, .npy and MATLAB's, read within bounds and without pickle.
 
-NumPy and SciPy believe the sizes that a file announces. They are compared here, before any memory
-is taken, with the bytes that stand for them (MathWorks, "MAT-File Format", R2023b, chapter 1).
+NumPy and SciPy believe the sizes that a file announces, and SciPy crashes on damaged ones. They are
+compared here, before any memory is taken, with the bytes that stand for them (MathWorks, "MAT-File
+Format", R2023b, chapter 1).
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import struct
 import warnings
 import zlib
 from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -27,14 +29,13 @@ MatValue = Array | dict[str, Array]
 NPY_MAGIC: Final = b"\x93NUMPY"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
 
-_MAX_NESTED: Final = 1000
+_MOST_FIELDS: Final = 1000  # of a struct
 _HEADER_BYTES: Final = 128
 _INT32, _MATRIX, _COMPRESSED = 5, 14, 15
-# Classes of array that are read; SciPy cannot list what is in a file with some of the others.
-_STRUCTS_AND_NUMBERS: Final = (2, *range(6, 16))
-_PLAIN: Final = range(4, 16)  # classes of array that hold no others
-_COMPLEX: Final = 8  # bit of the flags: a second part follows
-_DATA: Final = (*range(1, 8), 9, 12, 13, 16, 17, 18)  # types of element; others crash SciPy
+_STRUCT, _NUMBERS, _COMPLEX = 2, range(6, 16), 8  # classes of array, and a bit of its flags
+_NUMBER_TYPES: Final = {
+    1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
+}  # fmt: skip
 
 
 class _MatError(Exception):
@@ -84,39 +85,27 @@ def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
         raise RecordingError(f"{source}: is a version 7.3 MAT file; save it with -v7 instead")
     try:
         with warnings.catch_warnings(action="error"):
-            return _variables(data)
-    except Exception as error:  # noqa: BLE001  # SciPy trips over damage in many ways
+            if b"\0" not in data[:4]:
+                return _read_version_5(data)
+            # A file of version 4, whose sizes SciPy checks.
+            arrays = loadmat(io.BytesIO(data)).items()
+            return {
+                name: value.astype(np.float64)
+                for name, value in arrays
+                if isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
+            }
+    except Exception as error:  # noqa: BLE001  # damage shows in many ways
         raise RecordingError(
             f"{source}: cannot be read as a MAT file ({words(error, 120)}); is it whole?"
         ) from None
 
 
-def _variables(data: bytes) -> dict[str, MatValue]:
-    # A file of version 4 has a zero among its first four bytes, and sizes that SciPy checks.
-    file: Any = io.BytesIO(data if b"\0" in data[:4] else _unpacked(data))
-    values: dict[str, MatValue] = {}
-    for name, value in loadmat(file).items():
-        if name.startswith("__"):
-            continue
-        if _is_real(value):
-            values[name] = value.astype(np.float64)
-        elif isinstance(value, np.ndarray) and value.dtype.names and value.shape == (1, 1):
-            fields = {field: value[0, 0][field] for field in value.dtype.names}
-            values[name] = {k: v.astype(np.float64) for k, v in fields.items() if _is_real(v)}
-    return values
-
-
-def _is_real(value: Any) -> bool:
-    return isinstance(value, np.ndarray) and value.ndim == 2 and value.dtype.kind in "fiub"
-
-
-def _unpacked(data: bytes) -> bytes:
-    """Version 5 file without compression and with sizes that its bytes can fill."""
+def _read_version_5(data: bytes) -> dict[str, MatValue]:
     if data[126:128] not in (b"IM", b"MI"):
         raise _MatError("its header is cut short")
     order = "<" if data[126:128] == b"IM" else ">"
-    pieces: list[bytes | memoryview] = [data[:_HEADER_BYTES]]
     limit = room = min(MAX_MAT_BYTES, most_unpacked(len(data)))
+    variables: dict[str, MatValue] = {}
     for element in _elements(memoryview(data)[_HEADER_BYTES:], order, aligned=False):
         kind, body = element
         if kind == _COMPRESSED:
@@ -128,11 +117,10 @@ def _unpacked(data: bytes) -> bytes:
             if not unpack.eof:
                 raise _MatError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))
-        flags = next(_elements(body, order), (0, b""))[1] if kind == _MATRIX else b""
-        if len(flags) == 8 and _class_of(flags, order) in _STRUCTS_AND_NUMBERS:
-            _check(body, order)
-            pieces += [struct.pack(order + "2I", _MATRIX, len(body)), body]
-    return b"".join(pieces)
+        name, value = _read_matrix(body, order) if kind == _MATRIX else ("", None)
+        if name and value is not None:
+            variables[name] = value
+    return variables
 
 
 def _elements(
@@ -155,31 +143,31 @@ def _elements(
             at += -at % 8
 
 
-def _class_of(flags: bytes | memoryview, order: str) -> int:
-    """Class of array that its first element tells."""
-    return int(struct.unpack(order + "2I", flags)[0] & 0xFF)
-
-
-def _check(variable: memoryview, order: str) -> None:
-    """Refuse more arrays than anyone keeps, and what SciPy would read past the end of."""
-    waiting, nested = [variable], 0
-    while waiting:
-        body = waiting.pop()
-        parts = list(_elements(body, order))
-        flags = parts[0][1] if parts else b""
-        plain = len(flags) == 8 and _class_of(flags, order) in _PLAIN
-        if plain and len(parts) < 4 + bool(bytes(flags)[1 if order == "<" else 2] & _COMPLEX):
-            raise _MatError("an array is cut short")
-        for place, (kind, part) in enumerate(parts):
-            if kind not in (_DATA if plain else (*_DATA, _MATRIX)):
-                raise _MatError(f"a data element of type {kind}")
-            # Second come the dimensions; an object without any has its name there.
-            if place == 1 and kind == _INT32:
-                shape = struct.unpack(f"{order}{len(part) // 4}i", part)
-                if min(shape, default=0) < 0 or math.prod(shape) > len(body):
-                    raise _MatError(f"{len(body)} bytes cannot hold an array of shape {shape}")
-            if kind == _MATRIX:
-                waiting.append(part)
-                nested += 1
-        if nested > _MAX_NESTED:
-            raise _MatError(f"a variable holds more than {_MAX_NESTED} others")
+def _read_matrix(body: memoryview, order: str, *, in_struct: bool = False) -> tuple[str, Any]:
+    """Name of a variable and its numbers, by field those of a struct; None if it has no such."""
+    parts = list(islice(_elements(body, order), 5 + _MOST_FIELDS))
+    flags = struct.unpack_from(order + "I", parts[0][1])[0] if parts and parts[0][1] else 0
+    kind, is_complex = flags & 0xFF, flags >> 8 & _COMPLEX
+    if kind not in (_STRUCT, *_NUMBERS) or is_complex or (kind == _STRUCT and in_struct):
+        return "", None
+    if len(parts) < 4 or parts[1][0] != _INT32:
+        raise _MatError("an array is cut short")
+    shape = struct.unpack(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
+    name = bytes(parts[2][1]).decode()
+    if kind == _STRUCT and shape == (1, 1):
+        (length,), texts = struct.unpack(order + "i", parts[3][1]), bytes(parts[4][1])
+        names = [texts[at : at + length] for at in range(0, len(texts), length)]
+        fields = {
+            field.partition(b"\0")[0].decode(): _read_matrix(part, order, in_struct=True)[1]
+            for field, (_, part) in zip(names, parts[5:], strict=True)
+        }
+        return name, {field: value for field, value in fields.items() if value is not None}
+    if kind == _STRUCT or len(shape) != 2:
+        return "", None
+    element, data = parts[3]
+    if element not in _NUMBER_TYPES:
+        raise _MatError(f"numbers of type {element}")
+    values = np.frombuffer(data, order + _NUMBER_TYPES[element])
+    if min(shape) < 0 or values.size != math.prod(shape):
+        raise _MatError(f"{len(body)} bytes cannot hold an array of shape {shape}")
+    return name, values.astype(np.float64).reshape(shape, order="F")
