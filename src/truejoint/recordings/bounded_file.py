@@ -113,15 +113,7 @@ def read_bounded(path: Path, limit: int = MAX_BINARY_BYTES) -> tuple[bytes, str]
 
 @dataclass(frozen=True)
 class Head:
-    r"""First bytes of a file, unpacked: read once, and handed to everyone who looks at them.
-
-    Examples
-    --------
-    >>> from truejoint.recordings.bounded_file import Head
-    >>> _ = Path("run.csv").write_text("# a note\nt,measured/jaw\n0,1\n")
-    >>> Head.of(Path("run.csv")).first_line("#")
-    (2, 't,measured/jaw')
-    """
+    """First bytes of a file, unpacked: read once, and handed to everyone who looks at them."""
 
     path: Path
     data: bytes

@@ -152,20 +152,12 @@ class LiveLink:
 
 
 class Heard:
-    """Messages of one topic as they come in, in a thread of ROS.
-
-    Attributes
-    ----------
-    name, kind : str
-        Of the topic, and of its messages.
-    invalid : int
-        Messages with a stamp of 0: CRTK's way to say that their values mean nothing.
-    """
+    """Messages of one topic as they come in, in a thread of ROS."""
 
     def __init__(self, name: str, kind: str) -> None:
         self.name, self.kind = name, kind
         self.is_raven = kind.endswith(RAVEN_TYPE)
-        self.invalid = 0
+        self.invalid = 0  # messages with a stamp of 0: CRTK says so that their values mean nothing
         others = (HOMED,) if kind in OPERATING_STATES else JOINT_FIELDS
         self._fields = _RAVEN_FIELDS if self.is_raven else others
         self._lacking = ""

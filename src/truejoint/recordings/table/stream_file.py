@@ -45,25 +45,11 @@ _SCHEMA: Final = pa.schema([("t", pa.binary()), ("values", pa.binary())])
 
 @dataclass
 class StreamSize:
-    """How much of one stream is in a file.
-
-    Attributes
-    ----------
-    rows, size : int
-        Rows, and the bytes that they take.
-    first, last : float
-        Stamps of the first and the last row [s].
-
-    Examples
-    --------
-    >>> from truejoint.recordings.table.stream_file import StreamSize
-    >>> StreamSize(rows=101, size=4096, first=0.0, last=1.0).rate
-    100.0
-    """
+    """How much of one stream is in a file."""
 
     rows: int = 0
-    size: int = 0
-    first: float = math.nan
+    size: int = 0  # bytes that they take
+    first: float = math.nan  # stamps of the first and the last row [s]
     last: float = math.nan
 
     @property
@@ -81,46 +67,20 @@ class StreamWriter:
     """Writes blocks of several streams to one file as they come, each whole or not at all.
 
     What `write` has returned from survives the end of the process, however that comes. Each block
-    has a hash.
-
-    Parameters
-    ----------
-    path : path-like
-        Must not exist.
-    header : mapping
-        JSON values that tell how a recording is made of it.
-
-    Attributes
-    ----------
-    size : int
-        Bytes written so far.
-    streams : dict of str to StreamSize
-        What was written, by stream.
-
-    Raises
-    ------
-    RecordingError
-        If the file exists or cannot be written.
-
-    Examples
-    --------
-    >>> writer = StreamWriter("run.arrows", {})
-    >>> writer.write("state", np.arange(2.0), {"measured/jaw": np.zeros(2)})
-    >>> writer.close()
-    >>> read_streams("run.arrows")[1]["state"].t
-    array([0., 1.])
+    has a hash. `header` holds JSON values that tell how a recording is made of the file. Raises
+    RecordingError if the file exists or cannot be written.
     """
 
     def __init__(self, path: str | os.PathLike[str], header: Mapping[str, Any]) -> None:
         self.path: Final = Path(path)
-        self.streams: Final[dict[str, StreamSize]] = {}
+        self.streams: Final[dict[str, StreamSize]] = {}  # what was written
         try:
             self._file: BinaryIO = self.path.open("xb")
         except OSError as error:
             raise RecordingError(f"{path}: {reason(error)}; choose another name") from None
         signed = {KEY: sign({"version": _VERSION, **header}, {})}
         self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata(signed))
-        self.size = self._file.tell()
+        self.size = self._file.tell()  # bytes so far
 
     def write(self, stream: str, t: Array, columns: Mapping[str, Array]) -> None:
         """Append rows of one stream: stamps (n,) [s] and columns (n,) by name [SI].
@@ -161,12 +121,8 @@ def read_streams(
 ) -> tuple[dict[str, Any], dict[str, Stream], str]:
     """Header, streams by name, and how the file ends: empty, or in words that it was cut short.
 
-    Streams whose name is not `wanted` are left out.
-
-    Raises
-    ------
-    RecordingError
-        If the file is not there, is none of these, or holds a block that is not as it was written.
+    Streams whose name is not `wanted` are left out. Raises RecordingError if the file is not there,
+    is none of these, or holds a block that is not as it was written.
     """
     source = require_file(Path(path))
     blocks: dict[str, list[tuple[list[str], Array, Array]]] = {}
@@ -199,10 +155,7 @@ def read_streams(
 def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     """Read what a recorder had written before it ended, however it ended.
 
-    Raises
-    ------
-    RecordingError
-        As `read_streams`, or if there are fewer than 2 rows of the state.
+    Raises RecordingError as `read_streams`, or if there are fewer than 2 rows of the state.
     """
     source = Path(path)
     header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))

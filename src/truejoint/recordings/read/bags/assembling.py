@@ -53,31 +53,12 @@ _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
 
 @dataclass(frozen=True)
 class Wiring:
-    """Which topics of a session's bags tell what.
+    """Which topics of a session's bags tell what."""
 
-    Attributes
-    ----------
-    state : str
-        Topic of the arm's measured joints, ``raven_state`` or a joint state.
-    others : tuple of str
-        Joint states that add to it: set-points, a jaw of its own.
-    truth : str
-        Topic of joint sensors; empty without any.
-    homed : str
-        Topic that says whether the arm is homed, where the state itself does not.
-    profile : Profile
-
-    Examples
-    --------
-    >>> from truejoint.recordings.read.bags.assembling import Wiring
-    >>> Wiring("/ravenstate").truth
-    ''
-    """
-
-    state: str
-    others: tuple[str, ...] = ()
-    truth: str = ""
-    homed: str = ""
+    state: str  # of the arm's measured joints, ``raven_state`` or a joint state
+    others: tuple[str, ...] = ()  # joint states that add to it: set-points, a jaw of its own
+    truth: str = ""  # of joint sensors
+    homed: str = ""  # says whether the arm is homed, where the state itself does not
     profile: Profile = field(default_factory=lambda: PROFILES["crtk"])
 
     @property
@@ -134,34 +115,31 @@ def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile
         for name, (kind, count) in topics.items()
         if kind == JOINT_STATE and crtk_name(name) == "measured_js" and count
     ]
-    arms = {name: profile.arm_of(name) or _space_of_arm(name, robot) for name in measured}
+    arms = {}  # the robot's if a namespace of the topic is called like it, or any other name
+    for name in measured:
+        spaces = [part.lower() for part in name.strip("/").split("/")[:-1]]
+        of_space = robot.arm if robot.arm.lower() in spaces else "/".join(spaces)
+        arms[name] = profile.arm_of(name) or (of_space if robot.arm else "")
     of_arm = [name for name in measured if arms[name] == robot.arm] or [
         name for name in measured if not arms[name] or not robot.arm
     ]
-    outer = [n for n in of_arm if not any(_holds(other, n) for other in of_arm)]
-    spaces = {name.rpartition("/")[0] for name in outer}
+    space_of = {name: name.rpartition("/")[0] for name in of_arm}
+    outer = [
+        name
+        for name, space in space_of.items()
+        if not any(space.startswith(f"{other}/") for other in space_of.values())
+    ]
     if not outer:
         raise RecordingError(
             f"{path}: no state of the arm, neither raven_state nor .../measured_js; name the topic "
             f"(--state); {listed(topics)}"
         )
-    if len(spaces) > 1:
+    if len({space_of[name] for name in outer}) > 1:
         raise RecordingError(
             f"{path}: measured joints of several arms, {', '.join(sorted(outer))}; say which "
             "(--robot NAME:ARM or --state)"
         )
     return max(outer, key=lambda name: topics[name][1])
-
-
-def _holds(outer: str, name: str) -> bool:
-    """Whether a topic is in a namespace within that of another."""
-    return name != outer and name.rpartition("/")[0].startswith(outer.rpartition("/")[0] + "/")
-
-
-def _space_of_arm(topic: str, robot: Robot) -> str:
-    """Give the robot's arm if a namespace of the topic is called like it, or any other name."""
-    spaces = [part.lower() for part in topic.strip("/").split("/")[:-1]]
-    return robot.arm if robot.arm.lower() in spaces else ("" if not robot.arm else "/".join(spaces))
 
 
 def _find_truth(topics: Topics) -> str:
@@ -228,27 +206,10 @@ def assemble(
 ) -> Recording:
     """Make the recording of an arm of the messages of its topics, in whatever lots they come.
 
-    Parameters
-    ----------
-    lots : iterable of Lot
-        With the fields that `wanted_fields` names.
-    robot : Robot
-    wiring : Wiring
-    quantities : collection of str
-        Of `RAVEN_FIELDS`.
-    origin : Provenance
-        What is known of where they come from.
-    lost : mapping of str to int
-        What could not be read, by reason; counted while `lots` are drawn.
-    place : str
-        Where they come from, for messages.
-    offset, near : float, optional
-        As `read_bag` takes them.
-
-    Raises
-    ------
-    RecordingError
-        If a topic has no message, or one that is no joint state of the robot.
+    `lots` have the fields that `wanted_fields` names, `quantities` are of `RAVEN_FIELDS`; `lost`
+    counts what could not be read, by reason, while `lots` are drawn; `place` is named in messages;
+    `offset` and `near` are as `read_bag` takes them. Raises RecordingError if a topic has no
+    message, or one that is no joint state of the robot.
     """
     series = _series_of(lots, robot, wiring, quantities, place)
     for name in filter(None, (wiring.state, wiring.truth)):
@@ -275,7 +236,12 @@ def assemble(
         recording = replace(
             recording, provenance=replace(provenance, dropped={**dropped, **counts})
         )
-        recording = _with_truth(recording, truth, offset, near)
+        # By stamps, or by motion where they have too little in common.
+        alike = offset is None and near is None and cover_same_time(recording.t, truth.t)
+        recording, _ = join_truth(recording, truth, 0.0 if alike else offset, near=near)
+        if alike:
+            provenance = replace(recording.provenance, notes=provenance.notes)
+            recording = replace(recording, provenance=provenance)
     return replace(recording, provenance=replace(recording.provenance, start=base / _SECOND))
 
 
@@ -324,17 +290,6 @@ def _require_numbers(lot: Lot, wiring: Wiring, place: str) -> None:
             raise RecordingError(
                 f"{place}: {lot.topic}: its {name} is not as such a message has it"
             )
-
-
-def _with_truth(
-    recording: Recording, truth: Stream, offset: float | None, near: float | None
-) -> Recording:
-    """Join the truth by stamps, or by motion where they have too little in common."""
-    notes = recording.provenance.notes
-    if offset is None and near is None and cover_same_time(recording.t, truth.t):
-        joined, _ = join_truth(recording, truth, 0.0)
-        return replace(joined, provenance=replace(joined.provenance, notes=notes))
-    return join_truth(recording, truth, offset, near=near)[0]
 
 
 def _stream(series: Series, base: int, name: str, dropped: dict[str, int]) -> Stream:

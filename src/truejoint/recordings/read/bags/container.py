@@ -55,30 +55,13 @@ _MCAP_CHUNK: Final = struct.Struct("<QQQI")  # first and last time, size unpacke
 
 @dataclass(frozen=True)
 class Topic:
-    """What a bag says of one topic.
-
-    Attributes
-    ----------
-    name, type : str
-        The type as the bag names it, ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``.
-    definition : str
-        Text of the message's definition; empty in old bags of ROS 2.
-    encoding : {"ros1", "cdr"}
-    language : {"msg", "idl"}
-        Of the definition.
-
-    Examples
-    --------
-    >>> from truejoint.recordings.read.bags.container import Topic
-    >>> Topic("/ext_jpos", "sensor_msgs/JointState", "", "ros1").language
-    'msg'
-    """
+    """What a bag says of one topic."""
 
     name: str
-    type: str
-    definition: str
+    type: str  # as the bag names it, ``sensor_msgs/JointState`` or ``sensor_msgs/msg/JointState``
+    definition: str  # of the message; empty in old bags of ROS 2
     encoding: Literal["ros1", "cdr"]
-    language: Literal["msg", "idl"] = "msg"
+    language: Literal["msg", "idl"] = "msg"  # of the definition
 
 
 Batch = tuple[Topic, list[int], list[bytes]]
@@ -340,7 +323,15 @@ def _unpacked(data: bytes, packing: str) -> bytes:
     """Unpack a chunk, or as much as there is of it; raises _ChunkError if nothing comes out."""
     if packing in ("none", ""):
         return data
-    unpacker = _unpacker(packing)
+    unpacker: Any
+    if packing == "bz2":
+        unpacker = bz2.BZ2Decompressor()
+    elif packing == "lz4":
+        unpacker = require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor()
+    elif packing == "zstd":
+        unpacker = _zstd().ZstdDecompressor()
+    else:
+        raise _ChunkError(packing)
     try:
         unpacked: bytes = unpacker.decompress(data, _MOST_CHUNK)
     except Exception as error:  # each packing has errors of its own
@@ -348,16 +339,6 @@ def _unpacked(data: bytes, packing: str) -> bytes:
     if not unpacked:
         raise _ChunkError
     return unpacked
-
-
-def _unpacker(packing: str) -> Any:
-    if packing == "bz2":
-        return bz2.BZ2Decompressor()
-    if packing == "lz4":
-        return require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor()
-    if packing == "zstd":
-        return _zstd().ZstdDecompressor()
-    raise _ChunkError(packing)
 
 
 def _zstd() -> Any:
@@ -418,8 +399,11 @@ def _mcap(
         try:
             if op == 0x06 and not in_chunk:
                 yield from pending.take()
-                chunk = _mcap_records(file.read(min(length, _MOST_CHUNK, end - begin)))
-                yield from _mcap(io.BytesIO(chunk), lost, state, in_chunk=True)
+                chunk = file.read(min(length, _MOST_CHUNK, end - begin))
+                packing, place = _text(chunk, _MCAP_CHUNK.size)
+                (size,) = _U64.unpack_from(chunk, place)
+                records = _unpacked(chunk[place + 8 : place + 8 + size], packing)
+                yield from _mcap(io.BytesIO(records), lost, state, in_chunk=True)
             elif op in (_MCAP_SCHEMA, 0x04, _MCAP_MESSAGE) and begin + length <= end:
                 state.take(op, file.read(length), pending)
         except (struct.error, _ChunkError):
@@ -432,13 +416,6 @@ def _mcap(
     if at < end:  # the last record is not whole
         lost[CUT_SHORT] += end - at
     yield from pending.take()
-
-
-def _mcap_records(chunk: bytes) -> bytes:
-    """Unpack the records of a chunk; raises struct.error or _ChunkError if it is damaged."""
-    packing, at = _text(chunk, _MCAP_CHUNK.size)
-    (size,) = _U64.unpack_from(chunk, at)
-    return _unpacked(chunk[at + 8 : at + 8 + size], packing)
 
 
 # --------------------------------------------------------------------------------------- SQLite

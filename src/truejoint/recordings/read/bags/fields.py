@@ -97,20 +97,11 @@ def full_name(kind: str) -> str:
 
 @dataclass
 class Decoder:
-    """Reads the wanted fields of one topic's messages.
-
-    Attributes
-    ----------
-    topic : Topic
-    wanted : collection of str
-        Fields to be read, ``pose.position.x`` for one within another.
-    damaged : int
-        Messages that were left out because they are not as their definition says.
-    """
+    """Reads the wanted fields of one topic's messages."""
 
     topic: Topic
-    wanted: Collection[str]
-    damaged: int = 0
+    wanted: Collection[str]  # fields, ``pose.position.x`` for one within another
+    damaged: int = 0  # messages left out because they are not as their definition says
     _layouts: int = field(default=0, init=False)
 
     def __post_init__(self) -> None:
@@ -285,24 +276,10 @@ class _Walk:
 
 
 class Series:
-    """Columns of one topic, which take its messages as they come in.
-
-    Attributes
-    ----------
-    count : int
-        How many messages there are so far.
-
-    Examples
-    --------
-    >>> from truejoint.recordings.read.bags.fields import Series
-    >>> series = Series()
-    >>> series.add(np.array([0]), np.array([10**9]), {"measured/jaw": np.array([0.5])})
-    >>> series.joined()[1]
-    {'measured/jaw': array([0.5])}
-    """
+    """Columns of one topic, which take its messages as they come in."""
 
     def __init__(self) -> None:
-        self.count = 0
+        self.count = 0  # messages so far
         self._places: list[NDArray[np.int64]] = []
         self._stamps: list[NDArray[np.int64]] = []
         self._columns: list[dict[str, Array]] = []
