@@ -22,7 +22,7 @@ RECONNECT: Final = 0.5
 """Time between two tries to open a port that is gone [s]."""
 REGISTRATION: Final = 60.0
 """Longest time that the counts during homing are kept for [s]."""
-_BAUD_RATE: Final = 115200
+_LINE: Final = {"baudrate": 115200, "timeout": 0.1}
 _MOST_WAITING: Final = 4096  # bytes without a whole message: garbage
 _LARGEST: Final = 2**31
 
@@ -106,7 +106,7 @@ class JointEncoders:
 
     def __enter__(self) -> Self:
         try:
-            line = self._open()
+            line = self._serial.serial_for_url(self.port, **_LINE)
         except (self._serial.SerialException, ValueError) as error:
             raise RecordingError(
                 f"{self.port}: cannot be opened ({words(error)}); check the "
@@ -169,9 +169,6 @@ class JointEncoders:
         self._zero = zero
         return zero
 
-    def _open(self) -> Any:
-        return self._serial.serial_for_url(self.port, baudrate=_BAUD_RATE, timeout=0.1)
-
     def _read(self, line: Any) -> None:
         while not self._over.is_set():
             try:
@@ -180,8 +177,10 @@ class JointEncoders:
                 with suppress(Exception):
                     line.close()
                 self.disconnections += 1
-                self._waiting = b""
-                line = self._opened_again()
+                self._waiting, line = b"", None
+                while line is None and not self._over.wait(RECONNECT):
+                    with suppress(OSError, ValueError, self._serial.SerialException):
+                        line = self._serial.serial_for_url(self.port, **_LINE)
                 continue
             if received:
                 try:
@@ -192,40 +191,24 @@ class JointEncoders:
         if line is not None:
             line.close()
 
-    def _opened_again(self) -> Any:
-        while not self._over.wait(RECONNECT):
-            with suppress(OSError, ValueError, self._serial.SerialException):
-                return self._open()
-        return None
-
     def _take(self, received: bytes) -> None:
         now = self._clock()
-        messages, self._waiting = self._parse(self._waiting + received)
+        *lines, self._waiting = (self._waiting + received).split(b"\n")
         if len(self._waiting) > _MOST_WAITING:
             self._waiting = b""
             self.garbage += 1
-        for values in messages:
-            if values is None:
+        for line in lines:
+            counts = (
+                [int(n) for n in line.split(b"_")] if self._line.fullmatch(line) else [_LARGEST]
+            )
+            if not all(abs(count) < _LARGEST for count in counts):
                 self.garbage += 1
                 continue
             self.messages += 1
-            block = self._position(now, values)
+            block = self._position(now, np.array(counts, dtype=np.float64))
             if block is not None:
                 for listener in tuple(self._listeners):
                     listener(block)
-
-    def _parse(self, waiting: bytes) -> tuple[list[Array | None], bytes]:
-        """Messages of what was received, None for garbage, and the bytes of an unfinished line."""
-        *lines, rest = waiting.split(b"\n")
-        messages: list[Array | None] = []
-        for line in lines:
-            if not self._line.fullmatch(line):
-                messages.append(None)
-                continue
-            counts = [int(number) for number in line.split(b"_")]
-            good = all(abs(count) < _LARGEST for count in counts)
-            messages.append(np.array(counts, dtype=np.float64) if good else None)
-        return messages, rest
 
     def _position(self, t: float, values: Array) -> TruthBlock | None:
         """Positions at counts (n,); None before the hard stops are registered."""

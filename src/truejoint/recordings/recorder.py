@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import os
 import threading
-import types
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
@@ -164,7 +163,14 @@ class Recorder:
         self._clear()
         if OPERATING_STATE in self.topics:  # refused by a silent arm before anything is opened
             self._states.append(self.arm.operating_state())
-        self._stream = None if self.path is None else self._open(Path(self.path))
+        if self.path is not None:  # a file that survives whatever ends the program
+            header = {
+                **recording_header(self._provenance(), self.arm.robot),
+                "gap_limit": self.gap_limit,
+                "state_rate": None if math.isinf(self.state_rate) else self.state_rate,
+            }
+            unfinished = free_name(Path(self.path).with_suffix(SUFFIX), "unfinished")
+            self._stream = StreamWriter(unfinished, header)
         self.arm.subscribe(self._from_arm, every=_PIECE)
         if OPERATING_STATE in self.topics:
             self.arm.watch(self._keep_state)
@@ -173,10 +179,7 @@ class Recorder:
         return self
 
     def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: types.TracebackType | None,
+        self, kind: type[BaseException] | None, error: BaseException | None, _: object
     ) -> None:
         self.arm.unsubscribe(self._from_arm)
         if OPERATING_STATE in self.topics:
@@ -222,14 +225,9 @@ class Recorder:
             notes=self._stopped,
             dropped={PAST_END: self._past_end},
         )
-        return recording_of_streams(
-            self._state.joined(),
-            self._truth.joined(),
-            origin,
-            self.arm.robot,
-            self.gap_limit,
-            self.state_rate,
-        )
+        state, truth = self._state.joined(), self._truth.joined()
+        robot, limit = self.arm.robot, self.gap_limit
+        return recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
 
     def _provenance(self) -> Provenance:
         return Provenance(
@@ -243,14 +241,13 @@ class Recorder:
 
     def _write(self, path: Path) -> None:
         """Write what there is; a part of a recording gets a name of its own."""
-        stopped = bool(self._stopped)
-        if stopped:
+        overwrite, stream = self.overwrite and not self._stopped, self._stream
+        if self._stopped:
             path = free_name(path, "partial")
-        stream = self._stream
         if stream is None or self.rows < 2:
             return
         try:
-            write_parquet(self.recording(str(path)), path, overwrite=self.overwrite and not stopped)
+            write_parquet(self.recording(str(path)), path, overwrite=overwrite)
         except RecordingError as error:
             self.written = stream.path
             raise RecordingError(f"{error}; the recording is in {stream.path}") from None
@@ -262,20 +259,10 @@ class Recorder:
                 beside.unlink(missing_ok=True)
             return
         try:
-            move(stream.path, beside, overwrite=self.overwrite and not stopped)
+            move(stream.path, beside, overwrite=overwrite)
         except FileExistsError:
             raise RecordingError(f"{beside}: exists; the topics are in {stream.path}") from None
         stream.path.unlink(missing_ok=True)
-
-    def _open(self, path: Path) -> StreamWriter:
-        """Open the file that survives whatever ends the program."""
-        unfinished = free_name(path.with_suffix(SUFFIX), "unfinished")
-        header = {
-            **recording_header(self._provenance(), self.arm.robot),
-            "gap_limit": self.gap_limit,
-            "state_rate": None if math.isinf(self.state_rate) else self.state_rate,
-        }
-        return StreamWriter(unfinished, header)
 
     def _clear(self) -> None:
         self._state = _Rows(STATE, self.state_rate)

@@ -6,7 +6,7 @@ import logging
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any, Final
 
@@ -18,7 +18,6 @@ from truejoint.recordings.bounded_file import sha256_of
 from truejoint.recordings.datasets.catalogue import (
     Dataset,
     DatasetFile,
-    DatasetRecording,
     get_dataset,
 )
 from truejoint.recordings.read.reading import read_recording
@@ -131,15 +130,16 @@ def fetch(
         retry_if_failed=_RETRIES,
     )
     total, done = sum(file.size for file in wanted), 0
+    report = progress or (lambda _: None)
     logger = pooch.get_logger()
     level = logger.level
     logger.setLevel(logging.ERROR)
     try:
         for file in wanted:
-            _fetch_one(store, dataset, file, _Meter(file.size, done, total, progress))
+            before = done
+            _fetch_one(store, dataset, file, lambda taken: report((before + taken) / total))  # noqa: B023
             done += file.size
-            if progress:
-                progress(done / total)
+            report(done / total)
     finally:
         logger.setLevel(level)
         _remove_empty(folder)
@@ -184,83 +184,64 @@ def read_dataset(
     folder = locate(name)
     recordings = []
     for recording in wanted:
-        recordings.append(_read_one(dataset, folder, recording))
+        paths = [_require_upstream(dataset, folder, file) for file in recording.files]
+        alone = len(paths) == 1
+        known_map = dataset.maps.get(recording.name)
+        options = {} if known_map is None else {"column_map": known_map}
+        result = read_recording(
+            paths[0] if alone else paths[0].parent,
+            dataset.format or None,
+            session=recording.name,
+            **options,
+        )
+        repository, commit, upstream = dataset.origin(recording.files[0])
+        place = upstream if alone else PurePosixPath(upstream).parent
+        source = f"{repository}@{commit[:8]}:{place}"
+        recordings.append(replace(result, provenance=replace(result.provenance, source=source)))
         if progress:
             progress(len(recordings) / len(wanted))
     return recordings
 
 
-def _read_one(dataset: Dataset, folder: Path, recording: DatasetRecording) -> Recording:
-    paths = []
-    for file in recording.files:
-        plain = folder / file.name
-        packed = folder / f"{file.name}.gz"
-        path = plain if plain.is_file() else packed
-        if not path.is_file():
-            raise RecordingError(
-                f"{plain}: is missing; run 'truejoint datasets fetch {dataset.name}'"
-            )
-        if sha256_of(path) != file.sha256:
-            repository, commit, _ = dataset.origin(file)
-            raise RecordingError(
-                f"{path}: is not the file of {repository} at {commit[:8]} "
-                "(its SHA-256 differs); fetch it again"
-            )
-        paths.append(path)
-    alone = len(paths) == 1
-    path = paths[0] if alone else paths[0].parent
-    options = {"column_map": dataset.maps[recording.name]} if recording.name in dataset.maps else {}
-    result = read_recording(path, dataset.format or None, session=recording.name, **options)
-    repository, commit, upstream = dataset.origin(recording.files[0])
-    place = upstream if alone else PurePosixPath(upstream).parent
-    source = f"{repository}@{commit[:8]}:{place}"
-    return replace(result, provenance=replace(result.provenance, source=source))
+def _require_upstream(dataset: Dataset, folder: Path, file: DatasetFile) -> Path:
+    """Copy of a file, plain or in gzip; raises RecordingError if it is not the upstream one."""
+    plain = folder / file.name
+    path = plain if plain.is_file() else folder / f"{file.name}.gz"
+    if not path.is_file():
+        raise RecordingError(f"{plain}: is missing; run 'truejoint datasets fetch {dataset.name}'")
+    if sha256_of(path) != file.sha256:
+        repository, commit, _ = dataset.origin(file)
+        raise RecordingError(
+            f"{path}: is not the file of {repository} at {commit[:8]} "
+            "(its SHA-256 differs); fetch it again"
+        )
+    return path
 
 
 class _TooLongError(Exception):
     """More bytes arrive than the file has."""
 
 
-@dataclass
-class _Meter:
-    """What pooch tells of its progress on one file, as part of all files."""
+def _fetch_one(
+    store: Any, dataset: Dataset, file: DatasetFile, report: Callable[[int], None]
+) -> None:
+    """Fetch a file; `report` is called with the bytes that have arrived."""
 
-    total: int  # pooch sets it to what the server says; the size in the catalogue is what counts
-    before: int
-    all_files: int
-    report: Callable[[float], None] | None
-
-    def __post_init__(self) -> None:
-        self.size, self.taken = self.total, 0
-
-    def update(self, count: int) -> None:
-        """Count bytes that have arrived."""
-        self.taken += count
-        # pooch counts the last chunk as a whole one.
-        if self.taken >= self.size + _CHUNK:
-            raise _TooLongError
-        if self.report:
-            self.report((self.before + min(self.taken, self.size)) / self.all_files)
-
-    def reset(self) -> None:
-        """Start the file anew."""
-        self.taken = 0
-
-    def close(self) -> None:
-        """Do nothing: there is no bar to close."""
-
-
-def _fetch_one(store: Any, dataset: Dataset, file: DatasetFile, meter: _Meter) -> None:
-    download = pooch.HTTPDownloader(progressbar=meter, chunk_size=_CHUNK, timeout=_TIMEOUT)
-
-    def attempt(url: str, target: str, pooch_store: Any) -> None:
-        meter.reset()
-        download(url, target, pooch_store)
+    def download(url: str, target: str, _: Any) -> None:
+        taken = 0
+        stream = requests.get(url, stream=True, timeout=_TIMEOUT)
+        with stream as answer, Path(target).open("wb") as part:
+            answer.raise_for_status()
+            for chunk in answer.iter_content(_CHUNK):
+                taken += part.write(chunk)
+                if taken > file.size:
+                    raise _TooLongError
+                report(taken)
 
     try:
         # Not by pooch, which fails where another process makes the same folder meanwhile.
         (store.abspath / file.name).parent.mkdir(parents=True, exist_ok=True)
-        store.fetch(file.name, downloader=attempt)
+        store.fetch(file.name, downloader=download)
         return
     except _TooLongError:
         too_long = f"is longer than the {file.size} bytes that are known"
