@@ -97,10 +97,11 @@ class JointEncoders:
         self.encoders: Final = tuple(encoders)
         directions = np.array([e.direction for e in encoders])
         self._scale = np.array([e.resolution for e in encoders]) * directions
+        self._stops = np.array([encoder.hard_stop for encoder in encoders])
         self._tolerance = np.array([e.tolerance for e in encoders])
         self._upwards = np.where([e.end == "upper" for e in encoders], 1, -1) * directions
         self._line = re.compile(rb"-?\d{1,10}" + rb"_-?\d{1,10}" * (len(encoders) - 1) + rb"\r?")
-        self._seen: list[Array] | None = None
+        self._readings: list[Array] | None = None
         self._began = math.nan
         self._zero: Array | None = None  # counts at the hard stops
 
@@ -140,7 +141,7 @@ class JointEncoders:
 
     def start_registration(self) -> None:
         """Keep the counts from now on, for at most 60 s: the arm is going to its hard stops."""
-        self._zero, self._began, self._seen = None, self._clock(), []
+        self._zero, self._began, self._readings = None, self._clock(), []
 
     def register(self) -> Array:
         """Take the extremes since `start_registration` for the hard stops; gives their counts (n,).
@@ -148,7 +149,7 @@ class JointEncoders:
         The mean of all within the tolerance. Raises RecordingError if nothing was read, or a joint
         did not move.
         """
-        readings, self._seen = self._seen, None
+        readings, self._readings = self._readings, None
         if not readings:
             raise RecordingError(
                 f"{self.port}: no counts were read during the homing ({self.garbage} lines of "
@@ -163,11 +164,9 @@ class JointEncoders:
                 "it is fixed to the joint, and home again"
             )
         turned = counts * self._upwards
-        top = turned.max(axis=0)
-        at_stop = turned >= top - self._tolerance
-        zero = np.array([counts[rows, k].mean() for k, rows in enumerate(at_stop.T)])
-        self._zero = zero
-        return zero
+        at_stop = turned >= turned.max(axis=0) - self._tolerance
+        self._zero = np.array([counts[rows, k].mean() for k, rows in enumerate(at_stop.T)])
+        return self._zero
 
     def _read(self, line: Any) -> None:
         while not self._over.is_set():
@@ -198,25 +197,20 @@ class JointEncoders:
             self._waiting = b""
             self.garbage += 1
         for line in lines:
-            counts = (
-                [int(n) for n in line.split(b"_")] if self._line.fullmatch(line) else [_LARGEST]
-            )
-            if not all(abs(count) < _LARGEST for count in counts):
+            is_message = self._line.fullmatch(line)
+            counts = [int(number) for number in line.split(b"_")] if is_message else [_LARGEST]
+            if max(map(abs, counts)) >= _LARGEST:
                 self.garbage += 1
                 continue
             self.messages += 1
-            block = self._position(now, np.array(counts, dtype=np.float64))
-            if block is not None:
-                for listener in tuple(self._listeners):
-                    listener(block)
-
-    def _position(self, t: float, values: Array) -> TruthBlock | None:
-        """Positions at counts (n,); None before the hard stops are registered."""
-        readings = self._seen  # which `register` may take away meanwhile
-        if readings is not None and t - self._began <= REGISTRATION:
-            readings.append(values)
-        if self._zero is None:
-            return None
-        stops = np.array([encoder.hard_stop for encoder in self.encoders])
-        position = stops + self._scale * (values - self._zero)
-        return TruthBlock(np.array([t]), tuple(e.joint for e in self.encoders), position[None])
+            values = np.array(counts, dtype=np.float64)
+            readings = self._readings  # which `register` may take away meanwhile
+            if readings is not None and now - self._began <= REGISTRATION:
+                readings.append(values)
+            if self._zero is None:
+                continue
+            position = self._stops + self._scale * (values - self._zero)
+            joints = tuple(encoder.joint for encoder in self.encoders)
+            block = TruthBlock(np.array([now]), joints, position[None])
+            for listener in tuple(self._listeners):
+                listener(block)

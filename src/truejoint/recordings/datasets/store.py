@@ -142,16 +142,11 @@ def fetch(
             report(done / total)
     finally:
         logger.setLevel(level)
-        _remove_empty(folder)
+        # `locate` would take a folder without a file for a copy.
+        for inner, _, _ in os.walk(folder, topdown=False):
+            with suppress(OSError):  # not empty, or another process has been quicker
+                Path(inner).rmdir()
     return folder
-
-
-def _remove_empty(folder: Path) -> None:
-    """Leave no folder without a file: `locate` would take it for a copy."""
-    with suppress(OSError):  # a file, not empty, or another process has been quicker
-        for inner in [*folder.iterdir()]:
-            _remove_empty(inner)
-        folder.rmdir()
 
 
 def read_dataset(

@@ -156,7 +156,10 @@ def fine_offset(
 ) -> tuple[float, float]:
     """Offset [s] that leaves no delay between truth and measured positions, and its deviation."""
     velocity = np.column_stack([np.gradient(column, t) for column in measured.T])
-    direction = np.column_stack([_direction(column) for column in velocity.T])
+    # Way that a joint moves or moved last, -1 to 1.
+    moves = np.abs(velocity) > _STANDS * np.sqrt(np.mean(velocity**2, axis=0))
+    last = np.maximum.accumulate(np.where(moves, np.arange(len(t))[:, None], 0))
+    direction = np.take_along_axis(np.sign(velocity), last, axis=0)
     limit = np.median(np.diff(t)) + np.median(np.diff(truth_t))
     stride = -(-len(truth_t) // _MAX_ROWS)
     truth_t, truth = truth_t[::stride], truth[::stride]
@@ -179,13 +182,6 @@ def fine_offset(
     ]
     frictionless = _regressed_lag(regressors[:, : 1 + position.shape[1]], speed, truth[inside])
     return offset, math.hypot(jackknife_sd(left_out), frictionless - step)
-
-
-def _direction(velocity: Array) -> Array:
-    """Way that a joint moves or moved last (n,), -1 to 1, of its velocity (n,)."""
-    moves = np.abs(velocity) > _STANDS * np.sqrt(np.mean(velocity**2))
-    last = np.maximum.accumulate(np.where(moves, np.arange(len(velocity)), 0))
-    return np.asarray(np.sign(velocity)[last])
 
 
 def _regressed_lag(regressors: Array, velocity: Array, truth: Array) -> float:

@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.recordings.judge.finding import Defect, Level, Rows, count
+from truejoint.recordings.judge.finding import Defect, Level, count
 from truejoint.recordings.table.recording import Recording, runs
 from truejoint.recordings.table.signals import GAP_STEPS, gaps
 
@@ -45,7 +45,12 @@ def judge_columns(
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
             if len(rows) >= _FEWEST:
-                target = _told(recording, joint)[rows]
+                # Where the motor was sent; NaN where nothing says so, and it may have moved. Under
+                # a stated load without a set-point it counts as sent nowhere while it stands.
+                nowhere = 0.0 if recording.provenance.load > 0.0 else math.nan
+                target = np.full(len(rows), nowhere)
+                if f"setpoint/{joint}" in recording.units:
+                    target = recording.column(f"setpoint/{joint}")[rows]
                 yield from _stands(joint, recording.t, rows, truth[rows], measured[rows], target)
 
 
@@ -129,16 +134,6 @@ def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
     yield Defect("fail" if wrapped else "warn", kind, what, name, rows=where, size=largest)
 
 
-def _told(recording: Recording, joint: str) -> Array:
-    """Where the motor was sent (n,); NaN where nothing says so, and it may have moved.
-
-    Under a stated load without a set-point the motor counts as sent nowhere while it stands.
-    """
-    if f"setpoint/{joint}" in recording.units:
-        return recording.column(f"setpoint/{joint}")
-    return np.full(len(recording), 0.0 if recording.provenance.load > 0.0 else math.nan)
-
-
 def _stands(
     joint: str, t: Array, rows: Integers, truth: Array, measured: Array, target: Array
 ) -> Iterable[Defect]:
@@ -166,7 +161,14 @@ def _stands(
         clipped = []
         for end, outwards in ((still.max(), way), (still.min(), -way)):
             at_end = [run for run in repeats if still[run[0]] == end]
-            ways = [_moves_on(outwards * other, *run) / span for run in at_end]
+            ways = []
+            for (
+                a,
+                b,
+            ) in at_end:  # how far outwards from both ends, its first if all ends, a quarter is
+                stretch = outwards * other[a : b + 1]
+                ends = stretch[:1] if b == len(other) - 1 else stretch[[0, -1]]
+                ways.append(float(np.quantile(stretch, 0.75) - ends.max()) / span)
             often = sum(share > 0.5 * _SATURATED for share in ways) >= _OFTEN
             least = 0.5 * _SATURATED if often else _SATURATED
             clipped += [run for run, share in zip(at_end, ways, strict=True) if share > least]
@@ -184,12 +186,5 @@ def _stands(
                 f"the sensor repeats one value for {seconds:.1f} s, from {t[first]:.1f} s, while "
                 "the joint moves"
             )
-            stretch: Rows = ((int(rows[first]), int(rows[last]) + 1),)
-            yield Defect("fail", "frozen", what, f"{name}/{joint}", rows=stretch, size=seconds)
-
-
-def _moves_on(outwards: Array, first: int, last: int) -> float:
-    """How far outwards from both ends of a stretch, its first if all ends there, a quarter is."""
-    within = outwards[first : last + 1]
-    ends = within[:1] if last == len(outwards) - 1 else within[[0, -1]]
-    return float(np.quantile(within, 0.75) - ends.max())
+            where = ((int(rows[first]), int(rows[last]) + 1),)
+            yield Defect("fail", "frozen", what, f"{name}/{joint}", rows=where, size=seconds)

@@ -76,8 +76,12 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
         *_judge_stamps(recording),
         *_judge_effort(recording, joints),
         *_judge_overlap(recording, truth),
-        *_judge_homing(recording),
     ]
+    if homing := recording.provenance.dropped.get(AMID, 0):
+        longest = int(np.argmax(np.diff(recording.t)))
+        what = f"{homing} rows of homing, after {recording.t[longest]:.1f} s it seems"
+        advice = "cut it there (--part): positions before and after count from two zeros"
+        findings.append(Finding("fail", "homing", what, "", advice))
     if moving:
         findings += [
             *_judge_arm(recording, other, moving_truth),
@@ -93,8 +97,10 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
         findings.append(Finding("warn", "standstill", what, "", advice))
     findings += [f for f in check.findings if not _is_of_noise(f, joints, moving)]
     judged = {finding.heading for finding in findings}
+    fast, usual, slow = 1e3 * np.quantile(np.diff(recording.t), [0.01, 0.5, 0.99])
     facts = {
-        "rate": _rate(recording.t),
+        "rate": f"{1e3 / usual:.4g} Hz: a row every {usual:.4g} ms, 98 % within {fast:.4g} to "
+        f"{slow:.4g} ms",
         "duration": recording.duration,
         "joints": ", ".join(joints),
         "efforts": ", ".join(recording.joints_of("effort")),
@@ -123,14 +129,6 @@ def _is_of_noise(finding: Finding, joints: Sequence[str], moving: Sequence[str])
     stands = not moving or (joint in joints and joint not in moving)
     by_span = finding.name == "unit" and "spans" in finding.what  # not by where the joint is
     return stands and (by_span or finding.name in _TAKE_MOTION)
-
-
-def _rate(t: Array) -> str:
-    step = 1e3 * np.quantile(np.diff(t), [0.01, 0.5, 0.99])
-    return (
-        f"{1e3 / step[1]:.4g} Hz: a row every {step[1]:.4g} ms, 98 % within {step[0]:.4g} to "
-        f"{step[2]:.4g} ms"
-    )
 
 
 def _judge_stamps(recording: Recording) -> Iterable[Finding]:
@@ -272,12 +270,3 @@ def _judge_delay(recording: Recording, truth: Sequence[str]) -> Iterable[Finding
     late = abs(shift.seconds) > max(_SHIFT, _SURE * shift.sd)
     advice = f"bring it onto the robot's clock: --offset-s {shift.seconds:.3f}" if late else ""
     yield Finding("fail" if late else "good", "delay", what, "", advice)
-
-
-def _judge_homing(recording: Recording) -> Iterable[Finding]:
-    """Judge a homing inside the recording: what comes after it counts from another zero."""
-    if count := recording.provenance.dropped.get(AMID, 0):
-        longest = int(np.argmax(np.diff(recording.t)))
-        what = f"{count} rows of homing, after {recording.t[longest]:.1f} s it seems"
-        advice = "cut it there (--part): positions before and after count from two zeros"
-        yield Finding("fail", "homing", what, "", advice)

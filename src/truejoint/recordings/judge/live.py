@@ -43,10 +43,6 @@ KEPT: Final = 100_000
 _Layout = tuple[tuple[str, ...], tuple[int, ...]]  # names in a message, and lengths of its lists
 
 
-def _is_heard(kind: str) -> bool:
-    return kind == JOINT_STATE or kind in OPERATING_STATES or kind.endswith(RAVEN_TYPE)
-
-
 class LiveLink:
     """Keeps what is said on an arm's topics from entering to leaving, and judges it.
 
@@ -97,7 +93,11 @@ class LiveLink:
         self._endings: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        kinds = {n: kind for n, kind in self._transport.topics().items() if _is_heard(kind)}
+        kinds = {
+            name: kind
+            for name, kind in self._transport.topics().items()
+            if kind in (JOINT_STATE, *OPERATING_STATES) or kind.endswith(RAVEN_TYPE)
+        }
         if not kinds:
             raise RecordingError(
                 f"{_PLACE}: nobody says anything of joints; start the robot's node"
@@ -132,18 +132,16 @@ class LiveLink:
 
     def diagnose(self) -> DataCheck:
         """Judge the link, and what came over it (`truejoint.recordings.diagnose`)."""
-        link = judge_link(self._of(self._wiring()[1]), self._ended)
+        heard = [self._heard[name] for name in self._wiring()[1].joints]
+        link = judge_link(heard, self._ended)
         return diagnose(*self.recordings()).with_findings([link])
 
     def _wiring(self) -> tuple[Robot, Wiring]:
         self._heard[self._expected.state].check()
         return self._wire({n: (topic.kind, len(topic.times)) for n, topic in self._heard.items()})
 
-    def _of(self, wiring: Wiring) -> list[Heard]:
-        return [self._heard[name] for name in wiring.joints]
-
     def _recording(self, robot: Robot, wiring: Wiring) -> Recording:
-        heard = self._of(wiring)
+        heard = [self._heard[name] for name in wiring.joints]
         lost = {f"{topic.name}: {NO_STAMP}": topic.invalid for topic in heard}
         origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
         homed = [self._heard[wiring.homed]] if wiring.homed else []
@@ -214,7 +212,7 @@ def judge_link(heard: Sequence[Heard], ended: float) -> Finding:
     for topic in heard:
         arrival, stamp = topic.times.T
         if len(arrival) < 2:
-            stopped.append(f"{topic.name} said {'nothing' if not len(arrival) else 'topic thing'}")
+            stopped.append(f"{topic.name} said {'nothing' if not len(arrival) else 'one thing'}")
             continue
         step = np.diff(arrival)
         text = f"{topic.name} {1.0 / max(step.mean(), 1e-9):.4g} Hz"

@@ -50,24 +50,24 @@ class Format:
     reads_head: bool = False
 
 
-def _own(name: str, row: Mapping[str, Any]) -> Format:
-    """Layout of a row of `formats.toml`; its reader is imported when it is called."""
-    reader = row.get("reader", _LAYOUTS)
-    stated = {} if "reader" in row else {"layout": name}
-
-    def read(*args: Any, **named: Any) -> Recording | list[Recording]:
-        function = resolve_name(f"truejoint.recordings.{reader}")
-        recordings: Recording | list[Recording] = function(*args, **named, **stated)
-        return recordings
-
-    options, folder = tuple(row.get("options", ())), row.get("folder", False)
-    reads_head = row.get("reads_head", "reader" not in row)
-    return Format(name, row["summary"], read, options, folder, reads_head)
+def _read(reader: str, *args: Any, **options: Any) -> Any:
+    """Call a reader, which is imported now."""
+    return resolve_name(f"truejoint.recordings.{reader}")(*args, **options)
 
 
 _LAYOUTS: Final = "read.mapped:read_layout"
 _ROWS: Final = tomllib.loads((files(__package__) / "formats.toml").read_text("utf-8"))
-FORMATS: Final[Mapping[str, Format]] = {name: _own(name, row) for name, row in _ROWS.items()}
+FORMATS: Final[Mapping[str, Format]] = {
+    name: Format(
+        name,
+        row["summary"],
+        partial(_read, row["reader"]) if "reader" in row else partial(_read, _LAYOUTS, layout=name),
+        tuple(row.get("options", ())),
+        row.get("folder", False),
+        row.get("reads_head", "reader" not in row),
+    )
+    for name, row in _ROWS.items()
+}
 """Every layout of truejoint's own by name."""
 
 

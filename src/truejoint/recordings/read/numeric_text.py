@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -36,8 +36,7 @@ class TextLayout:
     skip: int = 0  # lines to pass over at the start, the header among them
 
 
-@dataclass(frozen=True)
-class NumericTable:
+class NumericTable(NamedTuple):
     """Some columns of a text file."""
 
     values: Array  # (n, k); NaN where a field is empty or ``nan``

@@ -132,10 +132,9 @@ def read_parquet(path: str | os.PathLike[str]) -> Recording:
     """
     source = require_file(Path(path))
     header, columns = _read(source)
-    units: dict[str, str] = header.get("units") or {}
-    if not isinstance(units, dict) or not all(isinstance(unit, str) for unit in units.values()):
-        raise RecordingError(f"{source}: {_DAMAGED}")
-    if set(units) != set(columns) - {"t"}:
+    units = header.get("units") or {}
+    named = isinstance(units, dict) and set(units) == set(columns) - {"t"}
+    if not named or not all(isinstance(unit, str) for unit in units.values()):
         raise RecordingError(f"{source}: {_DAMAGED}")
     provenance, robot = recorded(source, header)
     try:
@@ -219,9 +218,7 @@ def _write(
     overwrite: bool,
 ) -> None:
     """Write columns of numbers, those named in `texts` of text, with a hash of all that is said."""
-    text_columns = {name: column for name, column in columns.items() if name in texts}
-    numbers = {name: column for name, column in columns.items() if name not in texts}
-    digest = content_hash({**header, **text_columns}, numbers)
+    digest = content_hash(*_hashed(header, columns, texts))
     metadata = {KEY: json.dumps({**header, "sha256": digest}, allow_nan=False).encode()}
     # Numbers that change a little from row to row pack best with their bytes split apart.
     packing = {
@@ -257,14 +254,20 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             f"{source}: is not a whole Parquet file ({words(error)}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
-    text_columns = {name: column for name, column in columns.items() if name in texts}
-    numbers = {name: column for name, column in columns.items() if name not in texts}
-    if not is_as_written(header.pop("sha256", None), {**header, **text_columns}, numbers):
+    if not is_as_written(header.pop("sha256", None), *_hashed(header, columns, texts)):
         raise RecordingError(
             f"{source}: its content does not match its hash; it was damaged or edited: copy or "
             "record it again"
         )
     return header, columns
+
+
+def _hashed(
+    header: Mapping[str, Any], columns: Mapping[str, Any], texts: Collection[str]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Split what a file is hashed by: all that is text, and the numbers."""
+    text_columns = {name: column for name, column in columns.items() if name in texts}
+    return {**header, **text_columns}, {n: c for n, c in columns.items() if n not in texts}
 
 
 def check_size(source: Path, file: Any) -> None:

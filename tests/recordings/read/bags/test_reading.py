@@ -25,6 +25,7 @@ from truejoint.crtk.messages import (
 )
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import (
+    Provenance,
     Recording,
     bag_topics,
     read_bag,
@@ -43,7 +44,7 @@ from truejoint.recordings.read.bags.container import (
     ZSTD_MAGIC,
     read_batches,
 )
-from truejoint.recordings.read.bags.fields import full_name, typesys
+from truejoint.recordings.read.bags.fields import Lot, full_name, typesys
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.robots import get_robot
 
@@ -121,11 +122,16 @@ def test_topics_are_counted_by_the_index_or_by_reading(session, tmp_path, monkey
 
 
 def test_rows_in_which_a_topic_told_nothing_are_left_out_and_counted():
-    columns = {"t": np.arange(4.0), "measured/jaw": np.array([0.0, np.nan, 2.0, 3.0])}
-    assert list(assembling._keep_known(columns).values()) == [1]
-    np.testing.assert_array_equal(columns["t"], [0.0, 2.0, 3.0])
-    assert assembling._keep_known(columns) == {}
-    np.testing.assert_array_equal(columns["measured/jaw"], [0.0, 2.0, 3.0])
+    names, wiring = {"name": ("jaw",)}, assembling.Wiring("/measured_js", ("/setpoint_js",))
+    lots = []
+    for topic, count in (("/measured_js", 40), ("/setpoint_js", 30)):
+        rows = np.arange(count)
+        lots.append(Lot(topic, rows, rows * 10**7 + 1, {"position": rows[:, None] / 40}, names))
+    robot = get_robot("davinci_grasper")
+    origin = Provenance(robot.name)
+    recording = assembling.assemble(lots, robot, wiring, ("measured",), origin, {}, "here")
+    assert len(recording) == 30
+    assert recording.provenance.dropped == {"state: value missing in one of its topics": 10}
 
 
 def test_of_many_topics_a_message_lists_thirty():

@@ -15,7 +15,6 @@ from truejoint.crtk.messages import (
     JOINT_STATE,
     OPERATING_STATE,
     PROFILES,
-    RAVEN_FIELDS,
     RUN_LEVELS,
     TRUTH_TOPIC,
     Profile,
@@ -177,18 +176,6 @@ def robot_of(place: Path | str, topics: Topics, robot: str, arm: str) -> Robot:
     raise RecordingError(f"{place}: which robot is it (--robot)? {listed(topics)}")
 
 
-def wanted_fields(
-    wiring: Wiring, topics: Topics, quantities: Collection[str]
-) -> dict[str, tuple[str, ...]]:
-    """Fields that are read of each topic of a wiring; `topics` are types and counts of all."""
-    raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
-    wanted = {
-        name: raven if topics[name][0].endswith(RAVEN_TYPE) else JOINT_FIELDS
-        for name in wiring.joints
-    }
-    return {**wanted, wiring.homed: (HOMED,)} if wiring.homed else wanted
-
-
 _SECOND: Final = 1e9  # ns
 _RAVEN_VALUES: Final = 16  # in each list of RAVEN's state: of both arms
 
@@ -224,9 +211,14 @@ def assemble(
     for name in wiring.others:
         if series[name].count > 1:
             other = _stream(series[name], base, name, dropped)
-            added = [name for name in other.columns if name not in columns]
-            columns |= _at(columns["t"], other, added)
-    dropped |= _keep_known(columns)
+            added = {name: v for name, v in other.columns.items() if name not in columns}
+            limit = GAP_STEPS * float(np.median(np.diff(other.t)))
+            matched, _ = synchronise(Stream(columns["t"], {}), Stream(other.t, added), limit)
+            columns |= {name: matched[name] for name in added}
+    finite = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
+    if not finite.all():
+        dropped[f"state: {MISSING} in one of its topics"] = int((~finite).sum())
+        keep_rows(columns, np.flatnonzero(finite))
     dropped |= lost  # counted to the end of the files, which is now
     provenance = replace(origin, rates=rates, dropped=dropped, notes=_notes(wiring))
     recording = Recording.from_columns(columns, provenance, robot=robot, copy=False)
@@ -333,25 +325,6 @@ def _leave_out_unhomed(
     dropped |= homing
     if not keep.all():
         keep_rows(columns, np.flatnonzero(keep))
-
-
-def _keep_known(columns: dict[str, Array]) -> dict[str, int]:
-    """Keep the rows in which no value is missing, and count the others."""
-    finite = np.ones(len(columns["t"]), dtype=np.bool_)
-    for values in columns.values():
-        finite &= np.isfinite(values)
-    if finite.all():
-        return {}
-    keep_rows(columns, np.flatnonzero(finite))
-    return {f"state: {MISSING} in one of its topics": int((~finite).sum())}
-
-
-def _at(t: Array, other: Stream, names: Collection[str]) -> dict[str, Array]:
-    """Columns `names` of another topic at the stamps `t` (n,) [s]; NaN where it is silent."""
-    chosen = Stream(other.t, {name: other.columns[name] for name in names})
-    columns, _ = synchronise(Stream(t, {}), chosen, GAP_STEPS * float(np.median(np.diff(other.t))))
-    del columns["t"]
-    return columns
 
 
 def _notes(wiring: Wiring) -> str:

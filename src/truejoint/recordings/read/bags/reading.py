@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from truejoint.crtk.messages import ARMS, RAVEN_FIELDS, USUAL_QUANTITIES, message_type
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.read.bags.assembling import (
+    HOMED,
+    JOINT_FIELDS,
     RAVEN_TYPE,
     Topics,
     Wiring,
@@ -22,7 +24,6 @@ from truejoint.recordings.read.bags.assembling import (
     find_wiring,
     require_topic,
     robot_of,
-    wanted_fields,
 )
 from truejoint.recordings.read.bags.container import list_topics
 from truejoint.recordings.read.bags.fields import Series, lots_of
@@ -188,12 +189,8 @@ def read_topic(
     if not series.count:
         raise RecordingError(f"{paths[0]}: {topic} has no message that can be read")
     stamps, columns = series.joined()
-    lengths = [sum(column.startswith(f"{name}[") for column in columns) for name in fields]
-    return stamps, {
-        name: np.column_stack([columns[f"{name}[{k}]"] for k in range(count)])
-        for name, count in zip(fields, lengths, strict=True)
-        if count
-    }
+    parts = {name: [v for c, v in columns.items() if c.startswith(f"{name}[")] for name in fields}
+    return stamps, {name: np.column_stack(values) for name, values in parts.items() if values}
 
 
 def _paths(
@@ -220,26 +217,25 @@ def _read(
 ) -> Recording:
     """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
-    wanted = wanted_fields(wiring, topics, quantities)
-    origin = Provenance(
-        robot.name,
-        robot.arm,
-        source=", ".join(path.name for path in paths),
-        sha256=_hash(paths),
-        session=paths[0].name.partition(".")[0],
-    )
-    lots = lots_of(paths, wanted, lost)
-    place = str(paths[0])
-    return assemble(lots, robot, wiring, quantities, origin, lost, place, offset, near)
-
-
-def _hash(paths: Sequence[Path]) -> str:
-    """SHA-256 of all files, one after the other."""
-    digest = hashlib.sha256()
+    raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
+    wanted: dict[str, tuple[str, ...]] = {
+        name: raven if topics[name][0].endswith(RAVEN_TYPE) else JOINT_FIELDS
+        for name in wiring.joints
+    }
+    if wiring.homed:
+        wanted[wiring.homed] = (HOMED,)
+    digest = hashlib.sha256()  # of all files, one after the other
     for path in paths:
         within = sorted(part for part in path.iterdir() if part.is_file()) if path.is_dir() else []
         for part in within or [path]:
             with part.open("rb") as file:
-                while block := file.read(1 << 20):
-                    digest.update(block)
-    return digest.hexdigest()
+                hashlib.file_digest(file, lambda: digest)
+    origin = Provenance(
+        robot.name,
+        robot.arm,
+        source=", ".join(path.name for path in paths),
+        sha256=digest.hexdigest(),
+        session=paths[0].name.partition(".")[0],
+    )
+    lots, place = lots_of(paths, wanted, lost), str(paths[0])
+    return assemble(lots, robot, wiring, quantities, origin, lost, place, offset, near)
