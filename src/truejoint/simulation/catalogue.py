@@ -75,5 +75,7 @@ def make_twin(
             f"no digital twin of {target.name!r}; there is one of {', '.join(map(repr, _TWINS))}, "
             "and of a robot file that states its cables"
         )
-    kind: type[Twin] = resolve_name(_TWINS[name])
-    return kind(kind.PARAMETERS.read(parameters), arm=target.arm, seed=seed, load=load, **cables)
+    kind = resolve_name(_TWINS[name])
+    about: dict[str, Any] = {"arm": target.arm, "seed": seed, "load": load, **cables}
+    twin: Twin = kind(kind.PARAMETERS.read(parameters), **about)
+    return twin

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from numbers import Integral
-from typing import Any, ClassVar, Final, Protocol
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -56,7 +56,7 @@ class TwinOutput(StateBlock):
         return TwinOutput(**vars(states), truth=self.truth, joint=joint)
 
 
-class Twin(Protocol):
+class Twin:
     """A virtual robot; its time passes only while `home`, `run` or `idle` run.
 
     The same seed and the same calls give the same numbers, bit for bit, and however a motion is
@@ -66,71 +66,27 @@ class Twin(Protocol):
     so a twin with more joints, motors, sensors or loads needs nothing else from the arm.
 
     A class of twins is made as ``kind(parameters, arm=..., seed=..., load=...)``, with
-    ``parameters`` of its `PARAMETERS`; `truejoint.simulation.catalogue` lists them.
+    ``parameters`` of its `PARAMETERS`; `truejoint.simulation.catalogue` lists them. It has
+    `homing` and `run`, calls this constructor first, and counts its set-points in `_ticks`.
+
+    Raises TruejointError unless `seed` is a whole number of 63 bits.
     """
 
     PARAMETERS: ClassVar[type[Parameters]]
-
-    load: float
-    """Mass that hangs on the tool [kg]; may be changed between calls."""
-
-    def __init__(
-        self, parameters: Any = None, *, arm: str = "", seed: int = 0, load: float = 0.0
-    ) -> None: ...
-
-    @property
-    def robot(self) -> Robot:
-        """The arm that this is the twin of."""
-
-    @property
-    def seed(self) -> int:
-        """Seed of everything random."""
-
-    @property
-    def time(self) -> float:
-        """Time since the robot was switched on [s]."""
-
-    @property
-    def homing_count(self) -> int:
-        """How often the robot has been homed."""
-
-    def homing(self) -> Generator[TwinOutput]:
-        """Register the encoders anew and go to the home pose; only the last rows mean something.
-
-        In pieces of at most `GRAIN`, each run as it is asked for: one who asks for no more leaves
-        the robot where it is, and not homed.
-        """
-
-    def home(self) -> TwinOutput:
-        """Give all of `homing` in one piece."""
-
-    def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
-
-    def idle(self, duration: float) -> None:
-        """Let `duration` [s] pass with the brakes on; no rows."""
-
-    def saved(self) -> Callable[[], None]:
-        """Note all that `run` changes; what is returned takes the twin back there."""
-
-
-class BaseTwin:
-    """Base of twins: load, time, home, idle, saving, and refusing a plant that diverged.
-
-    A twin calls this constructor first, and counts its set-points in `_ticks`.
-    """
-
     MAX_LOAD: ClassVar[float]
     """Heaviest load [kg]."""
     _NOTED: ClassVar[tuple[str, ...]]
     """Attributes that `run` changes."""
 
     def __init__(self, robot: Robot, seed: int) -> None:
+        if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
+            raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
         self.robot: Final[Robot] = robot
-        self.seed: Final = checked_seed(seed)
+        self.seed: Final = seed  # of everything random
         self.homing_count = 0
         self._load = 0.0
         self._ticks = 0
+        self._streams: Sequence[np.random.Generator] = ()  # of the sensors
 
     @property
     def load(self) -> float:
@@ -139,7 +95,12 @@ class BaseTwin:
 
     @load.setter
     def load(self, mass: float) -> None:
-        self._load = checked_load(mass, self.MAX_LOAD)
+        self._load = self._checked_load(mass)
+
+    def _checked_load(self, mass: float) -> float:
+        if not 0.0 <= mass <= self.MAX_LOAD:  # also false for NaN
+            raise TruejointError(f"load is {mass} kg; it must lie in [0, {self.MAX_LOAD:g}] kg")
+        return float(mass)
 
     @property
     def time(self) -> float:
@@ -147,24 +108,38 @@ class BaseTwin:
         return self._ticks * SETPOINT_DT
 
     def homing(self) -> Generator[TwinOutput]:
-        """Register the encoders anew and go to the home pose, in pieces."""
+        """Register the encoders anew and go to the home pose; only the last rows mean something.
+
+        In pieces of at most `GRAIN`, each run as it is asked for: one who asks for no more leaves
+        the robot where it is, and not homed.
+        """
         raise NotImplementedError
 
     def home(self) -> TwinOutput:
         """Give all of `homing` in one piece."""
         return TwinOutput.whole(list(self.homing()))
 
+    def run(self, setpoint: ArrayLike) -> TwinOutput:
+        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
+        raise NotImplementedError
+
     def idle(self, duration: float) -> None:
-        """Let `duration` [s] pass with the motors held; raises TruejointError if it is no time."""
-        self._ticks += checked_ticks(duration)
+        """Let `duration` [s] pass with the brakes on; TruejointError if it is no time."""
+        if not (math.isfinite(duration) and duration >= 0.0):
+            raise TruejointError(f"duration is {duration}; give a finite number of seconds >= 0")
+        self._ticks += round(duration / SETPOINT_DT)
 
     def saved(self) -> Callable[[], None]:
-        """Note all that `run` changes; what is returned takes the twin back there."""
-        return noted(self, self._NOTED, self._streams())
+        """Note all that `run` changes; what is returned takes the twin back there, once."""
+        values = {name: _copied(getattr(self, name)) for name in self._NOTED}
+        states = [stream.bit_generator.state for stream in self._streams]
 
-    def _streams(self) -> Sequence[np.random.Generator]:
-        """Random streams of the sensors."""
-        raise NotImplementedError
+        def back() -> None:
+            vars(self).update(values)
+            for stream, state in zip(self._streams, states, strict=True):
+                stream.bit_generator.state = state
+
+        return back
 
     def _times(self, rows: int) -> Array:
         """Give times (rows + 1,) [s]: now, and those of the next set-points."""
@@ -203,46 +178,7 @@ def hold(position: Array, duration: float) -> Array:
     return np.tile(position, (round(duration / SETPOINT_DT), 1))
 
 
-def noted(
-    owner: object, names: Sequence[str], streams: Sequence[np.random.Generator]
-) -> Callable[[], None]:
-    """Note attributes, arrays in them copied, and where random streams stand: for `Twin.saved`.
-
-    The returned function goes back once: it hands the noted arrays to the owner.
-    """
-    values = {name: _copied(getattr(owner, name)) for name in names}
-    states = [stream.bit_generator.state for stream in streams]
-
-    def back() -> None:
-        vars(owner).update(values)
-        for stream, state in zip(streams, states, strict=True):
-            stream.bit_generator.state = state
-
-    return back
-
-
 def _copied(value: Any) -> Any:
     if isinstance(value, tuple):  # named, of arrays
         return type(value)(*map(_copied, value))
     return value.copy() if isinstance(value, np.ndarray) else value
-
-
-def checked_seed(seed: int) -> int:
-    """Return `seed`; raises TruejointError unless it is a whole number of 63 bits."""
-    if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
-        raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
-    return seed
-
-
-def checked_load(mass: float, most: float) -> float:
-    """Return `mass` [kg]; raises TruejointError unless it lies in [0, `most`]."""
-    if not 0.0 <= mass <= most:  # also false for NaN
-        raise TruejointError(f"load is {mass} kg; it must lie in [0, {most:g}] kg")
-    return float(mass)
-
-
-def checked_ticks(duration: float) -> int:
-    """Periods in `duration` [s], rounded; raises TruejointError if negative or not finite."""
-    if not (math.isfinite(duration) and duration >= 0.0):
-        raise TruejointError(f"duration is {duration}; give a finite number of seconds >= 0")
-    return round(duration / SETPOINT_DT)

@@ -121,11 +121,9 @@ class SimulatedBackend:
             if not go_on():
                 return 0
             back = self.twin.saved() if len(position) > self.grain * self.rate else None
-            output, load = self._run(position), self.twin.load
-            now = self.twin.time
+            output, now = self._run(position), self.twin.time
             if back is not None and not go_on():
                 back()
-                self.twin.load = load  # another's to change meanwhile
                 return 0
             self._now = now  # right after the asking: nobody reads the old time and is not heard
         self._deliver(output)

@@ -12,7 +12,6 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-from truejoint.simulation.twin import checked_load
 from truejoint.units import GRAVITY
 
 MAX_MASS: Final = 2.0  # [kg]
@@ -126,10 +125,10 @@ class SwingingLoad:
     opens: bool = False
 
     def __post_init__(self) -> None:
-        checked_load(self.mass, MAX_MASS)
-        if not 0.0 <= self.frequency <= MAX_FREQUENCY:
+        if not (0.0 <= self.mass <= MAX_MASS and 0.0 <= self.frequency <= MAX_FREQUENCY):
             raise TruejointError(
-                f"a load that swings at {self.frequency:g} Hz; it must be 0 to {MAX_FREQUENCY:g} Hz"
+                f"a load of {self.mass:g} kg that swings at {self.frequency:g} Hz; they must lie "
+                f"in [0, {MAX_MASS:g}] kg and [0, {MAX_FREQUENCY:g}] Hz"
             )
 
     def force(self, t: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from dataclasses import replace
 from typing import ClassVar, Final
 
@@ -19,7 +19,7 @@ from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, plant_constants
 from truejoint.simulation.forceps.plant import advance, settled
 from truejoint.simulation.forceps.sensors import Sensors, ZeroShift
-from truejoint.simulation.twin import BaseTwin, TwinOutput, glide, hold, shaped
+from truejoint.simulation.twin import Twin, TwinOutput, glide, hold, shaped
 from truejoint.units import GRAVITY
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
@@ -29,7 +29,7 @@ _HOMING_SPEED: Final = math.radians(15.0)  # [rad/s] of the jaw, the paper's own
 _NO_SHIFT: Final = ZeroShift()
 
 
-class ForcepsTwin(BaseTwin):
+class ForcepsTwin(Twin):
     """Digital twin of the one-jaw forceps of yan2020; a `truejoint.simulation.Twin`.
 
     The paper's forceps measures no motor torque, so `effort` is empty; the encoders on its
@@ -67,6 +67,7 @@ class ForcepsTwin(BaseTwin):
         self._constants = plant_constants(self.parameters)
         self._state, self._motor = settled(self._constants, _PER_SETPOINT, SETTLING)
         self._sensors = Sensors(self.parameters, seed)
+        self._streams = self._sensors.streams
         self._zero = _NO_SHIFT
         self._command = 0.0
         self._reading = 0.0  # of the motor's encoder, at the latest row
@@ -109,9 +110,6 @@ class ForcepsTwin(BaseTwin):
         self._exact = log[-1, :4]
         self._ticks += len(angles)
         return output
-
-    def _streams(self) -> Sequence[np.random.Generator]:
-        return self._sensors.streams
 
     def _advance(self, angles: Array, force: Array, log_every: int) -> Array:
         """Rows (m, 7) of the plant along jaw angles (n,) [rad], the first one before it moves."""

@@ -123,12 +123,10 @@ def _check_step(p: Raven2Parameters, arm_drives: tuple[Drive, ...], inertia: Arr
             )
 
 
-def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> kernel.State:
+def build_state(plant: kernel.Plant, pose: Array, seed: int) -> kernel.State:
     """State of a cold robot at rest in `pose` (3,), its encoders not registered."""
     motor = np.zeros(7)
     motor[:POSITIONING] = (plant.motor_from_joint[:POSITIONING, :POSITIONING] @ pose).ravel()
-    slow = np.zeros(kernel.N_SLOW)
-    slow[kernel.LOAD] = load
     count = kernel.TURN / ENCODER_COUNTS_PER_REV
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
@@ -141,7 +139,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int, load: float) -> ker
         **{name: np.zeros(length) for name, length in zeros.items()},
         wave=np.zeros((POSITIONING + 2, 2)),
         tool=np.zeros((3, 4)),
-        slow=slow,
+        slow=np.zeros(kernel.N_SLOW),
         ticks=np.zeros(2, dtype=np.int64),
         walk=np.array(
             [plant.motor_friction.wander * kernel.normal(random) for _ in range(POSITIONING)]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Generator, Iterator
 from typing import ClassVar, Final
 
 import numpy as np
@@ -19,14 +19,7 @@ from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.plant import POSITIONING, build_plant, build_state
-from truejoint.simulation.twin import (
-    BaseTwin,
-    TwinOutput,
-    checked_load,
-    checked_ticks,
-    glide,
-    hold,
-)
+from truejoint.simulation.twin import Twin, TwinOutput, glide, hold
 
 # Share of a step that a time stamp may be late or early by.
 _LATEST: Final = 0.45
@@ -37,7 +30,7 @@ _SEARCH_LIMIT: Final = 25.0  # s
 _SEARCH_PIECE: Final = 500  # rows
 
 
-class Raven2Twin(BaseTwin):
+class Raven2Twin(Twin):
     """Digital twin of one RAVEN-II arm; a `truejoint.simulation.Twin`.
 
     State arrays have one column per channel of the robot's state message (shoulder, elbow,
@@ -70,7 +63,7 @@ class Raven2Twin(BaseTwin):
 
     PARAMETERS: ClassVar[type[Raven2Parameters]] = Raven2Parameters
     MAX_LOAD: ClassVar[float] = 2.0  # the shoulder's motor gives up a little above
-    _NOTED: ClassVar[tuple[str, ...]] = ("_state",)
+    _NOTED: ClassVar[tuple[str, ...]] = ("_state", "_ticks")
 
     def __init__(
         self,
@@ -82,35 +75,23 @@ class Raven2Twin(BaseTwin):
     ) -> None:
         self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
         super().__init__(get_robot("raven2", arm), seed)
+        self.load = load
         self._drives = drives("right" if self.robot.arm == "right" else "left")
         self._plant = build_plant(self.parameters, self.robot)
         streams = (np.random.default_rng([seed, part]) for part in range(3))
         self._rng, self._tool_rng, self._stamp_rng = streams
+        self._streams = (self._stamp_rng,)
         span = (self.robot.upper - self.robot.lower)[:POSITIONING]
         spread = _LEFT_SPREAD * span * self._rng.uniform(-1.0, 1.0, POSITIONING)
         pose = self.robot.home[:POSITIONING] + spread
-        self._state = build_state(self._plant, pose, seed, checked_load(load, self.MAX_LOAD))
+        self._state = build_state(self._plant, pose, seed)
         stops = [drive.hard_stop for drive in self._drives[:POSITIONING]]
         self._nominal_stop = np.concatenate([stops, self.robot.home[POSITIONING:]])
-
-    @property
-    def time(self) -> float:
-        """Time since the robot was switched on [s]."""
-        return float(self._state.ticks[kernel.CLOCK]) * kernel.DT
 
     @property
     def encoder_zero(self) -> Array:
         """Angles (7,) of the motor shafts that the last homing counts from [rad]."""
         return self._state.encoder_zero.copy()
-
-    @property
-    def load(self) -> float:
-        """Mass that hangs on the tool [kg]."""
-        return float(self._state.slow[kernel.LOAD])
-
-    @load.setter
-    def load(self, mass: float) -> None:
-        self._state.slow[kernel.LOAD] = checked_load(mass, self.MAX_LOAD)
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow joint positions (n, 7) [rad, insertion m], one row a millisecond.
@@ -154,16 +135,15 @@ class Raven2Twin(BaseTwin):
 
         Raises TruejointError if the duration is negative or not finite.
         """
-        self._state.ticks[kernel.CLOCK] += checked_ticks(duration)
+        super().idle(duration)
+        self._state.ticks[kernel.CLOCK] = self._ticks
+        self._state.slow[kernel.LOAD] = self._load
         self._state.speed[:] = 0.0
         kernel.age(self._plant, self._state, float(duration))
         # The external encoders' clock ran on, with nobody reading.
         period = self._plant.truth_period
         late = max(0.0, self.time - self._state.slow[kernel.NEXT_TRUTH])
         self._state.slow[kernel.NEXT_TRUTH] += math.ceil(late / period) * period
-
-    def _streams(self) -> Sequence[np.random.Generator]:
-        return (self._stamp_rng,)
 
     def _search_stops(self) -> Iterator[TwinOutput]:
         """Move to the hard stops and settle there; the encoders are not touched."""
@@ -180,17 +160,17 @@ class Raven2Twin(BaseTwin):
         while (stop_row == steps).any() and done < steps:
             # A joint that stands at its stop loads the others through the cables: a piece of time
             # is tried, and run again with a joint held from where it arrives.
-            saved = kernel.State._make(array.copy() for array in self._state)
-            stamps = self._stamp_rng.bit_generator.state
+            back = self.saved()
             piece = self._ramp(start, stop_row, steps)[done : done + _SEARCH_PIECE]
             output = self._advance(piece)
             above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (stop_row == steps)
-            self._state = saved
+            after = self._stamp_rng.bit_generator.state
+            back()
             if above.any():
                 row = int(np.argmax(above.any(axis=1)))
                 stop_row[np.argmax(above[row])] = done + row
+                self._stamp_rng.bit_generator.state = after
             else:
-                self._stamp_rng.bit_generator.state = stamps
                 yield from map(self._advance, in_grains(piece))
                 done += len(piece)
         if (stop_row == steps).any():
@@ -220,7 +200,8 @@ class Raven2Twin(BaseTwin):
 
     def _advance(self, goal: Array) -> TwinOutput:
         """One compiled call over the rows of `goal` (n, 7)."""
-        n, start = len(goal), int(self._state.ticks[kernel.CLOCK])
+        n = len(goal)
+        self._state.slow[kernel.LOAD] = self._load
         # The shortest time between two readings is a tenth of their period (see the kernel).
         shortest = 0.1 * self._plant.truth_period
         most = int(n * kernel.DT / shortest) + 16
@@ -231,13 +212,14 @@ class Raven2Twin(BaseTwin):
             **{name: np.zeros((n, len(CHANNELS))) for name in QUANTITIES},
         )
         kernel.advance(self._plant, self._state, goal, rows)
+        self._ticks += n
         m = int(self._state.ticks[kernel.TRUTH_ROWS])
         truth = TruthBlock(rows.truth_t[:m].copy(), self.robot.positioning, rows.truth[:m].copy())
         jitter = self.parameters.state_stream.jitter / kernel.DT
         # Less than half a step, so that stamps keep their order.
         late = np.clip(jitter * self._stamp_rng.standard_normal(n), -_LATEST, _LATEST)
         return TwinOutput(
-            t=(np.arange(start, start + n) + late) * kernel.DT,
+            t=(np.arange(self._ticks - n, self._ticks) + late) * kernel.DT,
             name=CHANNELS,
             truth=truth,
             **{name: getattr(rows, name) for name in (*QUANTITIES, "joint")},

@@ -73,46 +73,20 @@ class Log(NamedTuple):
 
 def at_rest(c: PlantConstants) -> State:
     """State of an instrument at its zeros, its cables at pretension."""
-    (n_cables, n_nodes), n_joints, n_motors = c.ratio.shape, len(c.inertia), c.n_motors
-    return State(
-        nodes=np.zeros((n_cables, n_nodes)),
-        joint=np.zeros(n_joints),
-        speed=np.zeros(n_joints),
-        friction=np.zeros(n_joints),
-        stuck=np.zeros(n_joints * N_ELEMENTS),
-        motor=np.zeros(n_motors),
-        motor_speed=np.zeros(n_motors),
-        motor_friction=np.zeros(n_motors),
-    )
+    n, m = len(c.inertia), c.n_motors
+    return State(*map(np.zeros, (c.ratio.shape, n, n, n, n * N_ELEMENTS, m, m, m)))
 
 
 def new_work(c: PlantConstants) -> Work:
     """Give memory for `advance` to work in."""
     n, ends = len(c.inertia), c.stiffness.shape[1]
-    return Work(
-        matrix=np.zeros((n, n)),
-        right=np.zeros(n),
-        level=np.zeros(n),
-        sine=np.zeros(n),
-        cosine=np.zeros(n),
-        arm=np.zeros(n),
-        pull=np.zeros(ends),
-        slid=np.zeros(ends),
-        ratio=np.zeros(ends),
-        first=np.zeros(len(c.motor_of)),
-    )
+    return Work(*map(np.zeros, ((n, n), n, n, n, n, n, ends, ends, ends, len(c.motor_of))))
 
 
 def empty_log(rows: int, c: PlantConstants) -> Log:
     """Rows for `advance` to fill."""
-    n_joints, n_motors = len(c.inertia), c.n_motors
-    return Log(
-        motor=np.empty((rows, n_motors)),
-        joint=np.empty((rows, n_joints)),
-        effort=np.empty((rows, n_motors)),
-        tension=np.empty((rows, len(c.motor_of))),
-        grip=np.empty(rows),
-    )
+    shapes = (c.n_motors,), (len(c.inertia),), (c.n_motors,), (len(c.motor_of),), ()
+    return Log(*(np.empty((rows, *shape)) for shape in shapes))
 
 
 @inlined

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator
 from typing import ClassVar, Final
 
 import numpy as np
@@ -14,7 +14,7 @@ from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot, get_robot
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
-from truejoint.simulation.twin import BaseTwin, TwinOutput, checked_load, glide, hold, shaped
+from truejoint.simulation.twin import Twin, TwinOutput, glide, hold, shaped
 from truejoint.simulation.wrist.parameters import SUBSTEPS, WristParameters, plant_constants
 from truejoint.simulation.wrist.plant import advance, at_rest, empty_log, new_work
 from truejoint.units import GRAVITY
@@ -24,7 +24,7 @@ _HOMING_SPEED: Final = math.radians(30.0)  # [rad/s]
 _BEYOND: Final = 0.2  # [rad] that a set-point may lie beyond a limit, where a loop asks for it
 
 
-class WristTwin(BaseTwin):
+class WristTwin(Twin):
     """Digital twin of an instrument's wrist, or of any robot that states its cables.
 
     A `truejoint.simulation.Twin`. What it measures are motors and their efforts; the measured
@@ -37,7 +37,7 @@ class WristTwin(BaseTwin):
     (n, n_arms) [N], one column for each of the mechanism's arms, and `held` the opening [rad] (n,)
     of what is between the jaws, both at times (n,) [s] of the twin; without `held` the jaws meet
     each other. The seed is that of sensors and homing; single parts are drawn with
-    ``variation.seed``. Of the plant there are `substeps` a millisecond.
+    ``variation.seed``.
 
     Raises TruejointError if the seed or the load is out of range, RobotError if the robot states no
     cables, or a load has no arm to pull at.
@@ -63,7 +63,6 @@ class WristTwin(BaseTwin):
         seed: int = 0,
         load: float = 0.0,
         robot: str | Robot = "wrist",
-        substeps: int = SUBSTEPS,
     ) -> None:
         self.parameters: Final = WristParameters.read() if parameters is None else parameters
         model = robot if isinstance(robot, Robot) else get_robot(robot, arm)
@@ -78,33 +77,27 @@ class WristTwin(BaseTwin):
         self.load = load
         self.tip_force: Callable[[Array], Array] | None = None
         self.held: Callable[[Array], Array] | None = None
-        self._substeps = substeps
         self._constants, self._drawn = plant_constants(
-            self.parameters, mechanism, substeps, (self.robot.lower, self.robot.upper)
+            self.parameters, mechanism, limits=(self.robot.lower, self.robot.upper)
         )
         self._state, self._work = at_rest(self._constants), new_work(self._constants)
         # A stream each, so that changing one sensor leaves the others alone.
         names = ("motor", "effort", "tension", "truth")
         streams = np.random.SeedSequence(seed).spawn(len(names))
         self._noise = {n: np.random.default_rng(s) for n, s in zip(names, streams, strict=True)}
+        self._streams = tuple(self._noise.values())
         self._zero = self._registered()
         self._command = np.zeros(len(self.robot.joints))
         self._goal = self._zero.copy()  # of the motors, where they stand
         self._state.motor[:] = self._goal
         self._reading = np.zeros(self._constants.n_motors)
 
-    @property
-    def load(self) -> float:
-        """Mass that hangs on the tip [kg]; RobotError where no arm is stated that it pulls at."""
-        return self._load
-
-    @load.setter
-    def load(self, mass: float) -> None:
-        if checked_load(mass, self.MAX_LOAD) and not self._arms:
+    def _checked_load(self, mass: float) -> float:
+        if super()._checked_load(mass) and not self._arms:
             raise RobotError(
                 f"{self.robot.title} states no arm that a load pulls at; add [mechanism.arms]"
             )
-        self._load = float(mass)
+        return float(mass)
 
     @property
     def commanded(self) -> Array:
@@ -144,7 +137,7 @@ class WristTwin(BaseTwin):
         advance(
             self._constants, self._state, self._work, goal,
             np.ascontiguousarray(force @ arms), held,
-            self._substeps, log,
+            SUBSTEPS, log,
         )  # fmt: skip
         self._check_finite(log.joint, t[1:], "its step")
         motor = log.motor - self._zero + self._white("motor", log.motor.shape, "motor_noise")
@@ -169,9 +162,6 @@ class WristTwin(BaseTwin):
             truth=TruthBlock(t[1:], self.robot.positioning, reference),
             joint=log.joint,
         )
-
-    def _streams(self) -> Sequence[np.random.Generator]:
-        return tuple(self._noise.values())
 
     def _registered(self) -> Array:
         """Zeros (n_motors,) [rad] of an engagement: the assembly's, and its own error."""
