@@ -17,7 +17,6 @@ from truejoint.calibration import (
     with_interval,
     write_calibration,
 )
-from truejoint.calibration.calibration import shift_signals
 from truejoint.calibration.conformal import knowing_errors
 from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
 from truejoint.calibration.residuals import (
@@ -25,7 +24,7 @@ from truejoint.calibration.residuals import (
     beginning_offsets,
     residual_statistics,
 )
-from truejoint.calibration.rows import Rows
+from truejoint.calibration.rows import Rows, shift_signals
 from truejoint.calibration.training_rows import signal_moves
 from truejoint.calibration.zero import CORRELATION_MARGIN, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
@@ -139,8 +138,6 @@ class Late:
         steps = np.diff(rows.t, prepend=-np.inf) > self.gap_limit
         starts = rows.t[steps][np.cumsum(steps) - 1]
         return rows.truth - self.off(rows.t - starts)[:, None]
-
-    correct_unchecked = correct
 
     def off(self, since: np.ndarray) -> np.ndarray:
         return 1.0 / (1.0 + since)

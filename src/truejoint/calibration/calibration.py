@@ -31,7 +31,6 @@ from truejoint.features.feature_set import (
     check_history,
     check_sample_dt,
 )
-from truejoint.layout import Memory
 from truejoint.robots.robot import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
@@ -287,33 +286,17 @@ class Calibration(Summarised):
         Rows that were seen in the same way are given back. Raises CalibrationError if robot, arm,
         columns, units or (where features count samples) the rate differ.
         """
+        shift = self.signal_shift if self.signal_shift.any() else None
+        how = {"feature_set": self.feature_set, "joints": self.joints, "gap_limit": self.gap_limit}
         if not isinstance(recording, Rows):
             self.check_recording(recording)
-            return self._rows(recording)
-        if self._sees(recording):
+            return Rows.of(recording, **how, signal_shift=shift)
+        is_same = all(getattr(recording, name) == value for name, value in how.items())
+        if is_same and np.array_equal(np.asarray(recording.signal_shift), np.asarray(shift)):
             return recording
         self.check_recording(recording.recording)
-        fresh = self._rows(recording.recording)
-        return replace(
-            recording, feature_set=fresh.feature_set, joints=fresh.joints, X=fresh.X,
-            gap_limit=fresh.gap_limit, signal_shift=fresh.signal_shift,
-        )  # fmt: skip
-
-    def _sees(self, rows: Rows) -> bool:
-        shift = np.zeros(len(self.signals)) if rows.signal_shift is None else rows.signal_shift
-        return (
-            rows.gap_limit == self.gap_limit
-            and rows.joints == self.joints
-            and rows.feature_set == self.feature_set
-            and np.array_equal(shift, self.signal_shift)
-        )
-
-    def _rows(self, recording: Recording) -> Rows:
-        feature_set, shift = self.feature_set, self.signal_shift
-        X = feature_set.compute(shift_signals(recording, self.signals, shift), self.gap_limit)
-        return Rows(
-            recording, feature_set, self.joints, self.gap_limit, X, shift if shift.any() else None
-        )
+        fresh = replace(recording, **how, signal_shift=shift)
+        return fresh.of_recording(recording.recording)
 
     def correct(self, recording: Recording | Rows) -> Array:
         """Correct the measured positions of a recording: `joints` (n, n_joints) [rad or m].
@@ -321,20 +304,14 @@ class Calibration(Summarised):
         It needs the columns `signals`, no truth; raises as `rows`.
         """
         rows = self.rows(recording)
-        predicted = self._predict(rows) + self.output_shift
-        return predicted if self.target == "position" else rows.measured + predicted
-
-    def correct_unchecked(self, recording: Recording) -> Array:
-        """Correct (n, n_joints) [rad or m], as `correct`, pieces of what that takes."""
-        return self.correct(self._rows(recording))
-
-    def _predict(self, rows: Rows) -> Array:
+        n_joints = len(self.joints)
         if self.family.row is None:
-            return self.model.evaluate(rows.X, rows.dt)
-        return evaluate(self.family, self._memory(), rows.X, rows.dt, len(self.joints))
-
-    def _memory(self) -> Memory:
-        return self.family.memory(self.fitted, len(self.feature_set), len(self.joints))
+            predicted = self.model.evaluate(rows.X, rows.dt)
+        else:
+            memory = self.family.memory(self.fitted, len(self.feature_set), n_joints)
+            predicted = evaluate(self.family, memory, rows.X, rows.dt, n_joints)
+        predicted = predicted + self.output_shift
+        return predicted if self.target == "position" else rows.measured + predicted
 
     def correct_table(self, recording: Recording, level: float | None = None) -> pd.DataFrame:
         """Correct a recording into a table; raises as `correct`.
@@ -444,31 +421,23 @@ class Calibration(Summarised):
         if isinstance(rows, int) and isinstance(duration, float):
             within = f", in {took:.1f} s" if isinstance(took, float) else ""
             about["trained on"] = f"{rows} rows, {duration / 60:.1f} min{within}"
-        about |= self._zero_summary()
-        for interval in (self.interval, self.rezeroed_fit and self.rezeroed_fit.interval):
-            about |= self._interval_summary(interval) if interval else {}
-        return about | _accuracy_summary(facts, self.estimator)
-
-    def _zero_summary(self) -> dict[str, str]:
-        about = {}
         if self.rezeroed_fit is not None and self.origin.zeros is not None:
             per = self.origin.zeros.per
             about["second fit"] = f"for motions that are re-zeroed, with a zero for each {per}"
         if self.zero is not None:
-            units = [self.units[f"measured/{joint}"] for joint in self.joints]
-            moved = zip(self.joints, self.zero.shift, units, strict=True)
-            by = ", ".join(f"{joint} {with_unit(shift, unit)}" for joint, shift, unit in moved)
-            about["zero"] = f"moved by {by} ({self.zero.source})"
-        return about
+            moved = self._by_joint("", self.zero.shift)
+            about["zero"] = f"moved by {moved} ({self.zero.source})"
+        for interval in (self.interval, self.rezeroed_fit and self.rezeroed_fit.interval):
+            if interval is not None:
+                for level, widths in zip(interval.levels, interval.half_widths, strict=True):
+                    about[f"{100 * level:g} %"] = self._by_joint("± ", widths)
+                about["interval"] = interval.meaning
+        return about | _accuracy_summary(facts, self.estimator)
 
-    def _interval_summary(self, interval: Interval) -> dict[str, str]:
-        units, about = [self.units[f"measured/{joint}"] for joint in self.joints], {}
-        for level, widths in zip(interval.levels, interval.half_widths, strict=True):
-            stated = zip(self.joints, widths, units, strict=True)
-            about[f"{100 * level:g} %"] = ", ".join(
-                f"{joint} ± {with_unit(width, unit)}" for joint, width, unit in stated
-            )
-        return {**about, "interval": interval.meaning}
+    def _by_joint(self, sign: str, values: Array) -> str:
+        units = (self.units[f"measured/{joint}"] for joint in self.joints)
+        each = zip(self.joints, values, units, strict=True)
+        return ", ".join(f"{joint} {sign}{with_unit(value, unit)}" for joint, value, unit in each)
 
 
 def _accuracy_summary(facts: Mapping[str, Any], estimator: str) -> dict[str, str]:
@@ -504,15 +473,3 @@ def as_recorded(value: Recorded) -> Recorded:
     if hasattr(value, "column"):
         return value
     raise RecordingError(other_kind(value, "Recording", "read_recording(path) gives one"))
-
-
-def shift_signals(recording: Recording, signals: tuple[str, ...], shift: Array) -> Recording:
-    """Add to each of the `signals` its `shift` (n_signals,) in the signal's unit."""
-    changed = {
-        signal: recording.column(signal) + by
-        for signal, by in zip(signals, shift, strict=True)
-        if by
-    }
-    if not changed:
-        return recording
-    return replace(recording, table=recording.table.assign(**changed))

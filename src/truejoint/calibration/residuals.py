@@ -168,7 +168,7 @@ def _run(calibration: Calibration, rows: Rows, spans: Sequence[slice]) -> list[A
     spacing = recording.duration + 2.0 * calibration.gap_limit  # a history of its own for each
     t = np.concatenate([recording.t[own] + k * spacing for k, own in enumerate(numbers)])
     table = recording.table.iloc[np.concatenate(numbers)].reset_index(drop=True).assign(t=t)
-    corrected = calibration.correct_unchecked(replace(recording, table=table))
+    corrected = calibration.correct(rows.of_recording(replace(recording, table=table)))
     return np.split(corrected, np.cumsum([len(own) for own in numbers])[:-1])
 
 

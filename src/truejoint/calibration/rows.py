@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -73,8 +74,8 @@ class Rows:
         **how: Any,
     ) -> Self:
         """Compute the features of a recording; `how` are other fields."""
-        X = feature_set.compute(recording, gap_limit)
-        return cls(recording, feature_set, joints, gap_limit, X, **how)
+        bare = cls(recording, feature_set, joints, gap_limit, np.empty((0, 0)), **how)
+        return bare.of_recording(recording)
 
     def __len__(self) -> int:
         return len(self.X)
@@ -153,7 +154,10 @@ class Rows:
 
     def of_recording(self, recording: Recording) -> Self:
         """Give the same rows of a recording whose signals were changed."""
-        X = self.feature_set.compute(recording, self.gap_limit)
+        seen, signals = recording, self.feature_set.signals
+        if self.signal_shift is not None:
+            seen = shift_signals(recording, signals, self.signal_shift[: len(signals)])
+        X = self.feature_set.compute(seen, self.gap_limit)
         return replace(self, recording=recording, X=X)
 
     def hide(self, hidden: Mask) -> Self:
@@ -182,3 +186,12 @@ class Rows:
                 f"{end[worst]:.2f} s, {100 * missing[worst] / duration:.0f} % of the "
                 "recording (a third is allowed); cut it to the part with truth or record it again"
             )
+
+
+def shift_signals(recording: Recording, signals: Sequence[str], shift: Array) -> Recording:
+    """Add to each of the `signals` its `shift` (n_signals,) in the signal's unit."""
+    pairs = zip(signals, shift, strict=True)
+    changed = {signal: recording.column(signal) + by for signal, by in pairs if by}
+    if not changed:
+        return recording
+    return replace(recording, table=recording.table.assign(**changed))

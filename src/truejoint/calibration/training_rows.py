@@ -11,10 +11,9 @@ from typing import TYPE_CHECKING, Final, get_args
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.calibration.calibration import shift_signals
 from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.origin import ZeroOf
-from truejoint.calibration.rows import Rows
+from truejoint.calibration.rows import Rows, shift_signals
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import constant_columns
 from truejoint.estimators.family import Target

@@ -114,17 +114,6 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
     return np.where(np.isnan(spread), whole, whole - by_errors)
 
 
-def believed_zero(calibration: Calibration, offset: Array, deviation: Array) -> Array:
-    """By how much (n_joints,) [rad or m] to move the zero for an offset of this deviation.
-
-    Where the calibration was fitted with a zero for each recording or homing, zeros are known to
-    move, and it is all of `offset`; else it is less, as `believed` says.
-    """
-    if calibration.origin.zeros is not None:
-        return offset.copy()
-    return believed(offset, deviation)
-
-
 def find_zero(
     calibration: Calibration, recording: Recording | Rows, duration: float = math.inf
 ) -> Zero:
@@ -200,10 +189,11 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
         at_beginnings = baseline.beginning_sd(in_motion[used[-1]])
         deviation = np.maximum(baseline.residual * np.sqrt(variance), at_beginnings)
     origin = rows.recording.provenance
+    zeros_move = calibration.origin.zeros is not None  # fitted with a zero for each group
     return Zero(
         offset,
         deviation,
-        believed_zero(calibration, offset, deviation),
+        offset.copy() if zeros_move else believed(offset, deviation),
         file=origin.source,
         homing_id=origin.homing_id,
         rows=len(used),
@@ -257,9 +247,8 @@ def zeroed(calibration: Calibration, recording: Recording | Rows, duration: floa
     if duration == 0.0:
         return calibration
     calibration = calibration.for_rezeroing
-    return calibration.shifted(
-        _zero_of(calibration, rows_with_truth(calibration, recording), duration).shift
-    )
+    rows = rows_with_truth(calibration, recording)
+    return calibration.shifted(_zero_of(calibration, rows, duration).shift)
 
 
 def rows_with_truth(calibration: Calibration, recording: Recording | Rows) -> Rows:
