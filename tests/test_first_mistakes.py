@@ -84,7 +84,6 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
         (lambda model: truejoint.calibration.adapted("m.st", motion(1)), "not a Calibration"),
         (lambda model: truejoint.calibration.with_interval(model, motion(0)), "used in the fit"),
         (lambda model: truejoint.calibration.with_interval(model, [], levels=0.9), "too few"),
-        (lambda model: truejoint.calibration.measure_coverage(model, []), "at least one"),
         (lambda model: truejoint.calibration.cross_interval([]), "at least one"),
         (lambda model: truejoint.tip.read_block("none.toml"), "none.toml: cannot be read"),
         (lambda model: truejoint.tip.Touches(1.0, "1"), "a time and a name"),

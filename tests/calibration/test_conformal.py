@@ -15,7 +15,6 @@ from truejoint.calibration import (
     calibrate,
     compare_calibrations,
     find_zero,
-    measure_coverage,
     needed_trajectories,
     read_calibration,
     with_interval,
@@ -259,21 +258,6 @@ def test_without_an_interval_none_is_made_up(calibration, motions):
     with pytest.raises(CalibrationError, match="states no interval"):
         calibration.correct_with_interval(motions[0])
     assert calibration.baselines["linear"].interval is None
-
-
-def test_measured_coverage_is_the_share_of_samples_inside(calibration, motions, build):
-    stated = with_interval(calibration, motions)
-    fresh = [build(150, seed) for seed in (60, 61, 62)]
-    found = measure_coverage(stated, fresh)
-    for row, recording in enumerate(fresh):
-        _, lower, upper = stated.correct_with_interval(recording)
-        truth = recording.columns("truth", stated.joints)
-        assert found.shares[row] == pytest.approx(
-            ((lower <= truth) & (truth <= upper)).mean(axis=0)
-        )
-    assert found.mean == pytest.approx(found.shares.mean(axis=0))
-    assert found.standard_error == pytest.approx(found.shares.std(axis=0, ddof=1) / np.sqrt(3))
-    assert np.isnan(measure_coverage(stated, fresh[:1]).standard_error).all()
 
 
 def test_interval_survives_the_model_file_bit_for_bit(calibration, motions, tmp_path):

@@ -5,17 +5,28 @@ from __future__ import annotations
 import base64
 import io
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from truejoint.calibration import Calibration, calibrate, find_zero, measure_coverage, with_interval
+from truejoint.calibration import Calibration, calibrate, find_zero, with_interval
 from truejoint.evaluation import IntervalScore, evaluate, interval_table, render_report
 from truejoint.recordings import Provenance, Recording
 
 JOINTS = ("shoulder", "elbow", "insertion")
+
+
+def inside(model: Calibration, recordings: Sequence[Recording], level: float) -> np.ndarray:
+    """Share of the samples of each recording that lie within the stated interval, by joint."""
+    shares = []
+    for recording in recordings:
+        _, lower, upper = model.correct_with_interval(recording, level)
+        truth = recording.columns("truth", model.joints)
+        shares.append(((lower <= truth) & (truth <= upper)).mean(axis=0))
+    return np.array(shares)
 
 
 def motion(seed: int, *, homing: str = "", shift: float = 0.0, load: float = np.nan) -> Recording:
@@ -91,19 +102,21 @@ def test_coverage_equals_that_of_the_estimators_package(many_homings):
     tests = [motion(seed, homing=f"h{seed}", shift=3e-3) for seed in (30, 31, 32)]
     found = evaluate({"linear": [many_homings]}, tests)
     for level in many_homings.interval.levels:
-        expected = measure_coverage(many_homings, tests, level)
+        shares = inside(many_homings, tests, level)
         rows = [score for score in found.intervals if score.level == level]
-        np.testing.assert_allclose([row.coverage for row in rows], expected.mean)
-        np.testing.assert_allclose([row.standard_error for row in rows], expected.standard_error)
-        np.testing.assert_allclose([row.half_width for row in rows], expected.half_width)
-        np.testing.assert_allclose(np.transpose([row.shares for row in rows]), expected.shares)
+        np.testing.assert_allclose([row.coverage for row in rows], shares.mean(axis=0))
+        error = shares.std(axis=0, ddof=1) / np.sqrt(len(tests))
+        np.testing.assert_allclose([row.standard_error for row in rows], error)
+        widths = np.mean([many_homings.half_widths(test, level).mean(axis=0) for test in tests], 0)
+        np.testing.assert_allclose([row.half_width for row in rows], widths)
+        np.testing.assert_allclose(np.transpose([row.shares for row in rows]), shares)
 
 
 def test_recordings_after_one_homing_count_as_one_where_any_homing_may_come(many_homings):
     tests = [motion(30, homing="a"), motion(31, homing="a"), motion(32, homing="b")]
     found = evaluate({"linear": [many_homings]}, tests)
     assert found.interval_trajectories == ("homing a", "homing b")
-    apart = measure_coverage(many_homings, tests, 0.9).shares
+    apart = inside(many_homings, tests, 0.9)
     for k, score in enumerate(s for s in found.intervals if s.level == 0.9):
         assert score.shares == pytest.approx([apart[:2, k].mean(), apart[2, k]])
 

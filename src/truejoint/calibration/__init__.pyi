@@ -3,10 +3,8 @@ from .calibration import Calibration as Calibration
 from .calibration import RezeroedFit as RezeroedFit
 from .choose import Automatic as Automatic
 from .conformal import Agreement as Agreement
-from .conformal import Coverage as Coverage
 from .conformal import compare_calibrations as compare_calibrations
 from .conformal import cross_interval as cross_interval
-from .conformal import measure_coverage as measure_coverage
 from .conformal import with_interval as with_interval
 from .fit import ENOUGH as ENOUGH
 from .fit import calibrate as calibrate

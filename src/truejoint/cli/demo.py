@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
@@ -78,7 +78,7 @@ def demo(
         )
         for name, test in tests.items()
     }
-    coverage = truejoint.calibration.measure_coverage(models[0], short[MAKING:], LEVEL)
+    coverage = truejoint.evaluate(models[0], short[MAKING:]).intervals
     same_homing = [tests["inside"], tests["all over"]]
     check = checked(same_homing, (), model=models[0])
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
@@ -93,9 +93,10 @@ def demo(
                 "tolerance": TOLERANCE,
                 "interval": {
                     "level": LEVEL,
-                    "half_width": coverage.half_width.tolist(),
-                    "coverage": coverage.mean.tolist(),
-                    "standard_error": coverage.standard_error.tolist(),
+                    **{
+                        name: [getattr(score, name) for score in coverage]
+                        for name in ("half_width", "coverage", "standard_error")
+                    },
                 },
                 "deploy": advised(judged),
                 "passed": whole.verdict.passed,
@@ -220,7 +221,7 @@ def at_worst(
 
 def _show(
     judged: Mapping[str, truejoint.evaluation.Evaluation],
-    coverage: truejoint.calibration.Coverage,
+    coverage: Sequence[truejoint.evaluation.IntervalScore],
     folder: Path,
 ) -> None:
     """Print the tables, what to deploy and what to do next."""
@@ -245,20 +246,14 @@ def _show(
         "same homing, loaded.\n"
     )
     stated = [
-        f"{joint} ± {width * display_unit(unit).scale:.2f} {display_unit(unit).name}, "
-        f"holding {100 * share:.0f} ± {100 * error:.0f} %"
-        for joint, unit, width, share, error in zip(
-            first.joints,
-            first.units,
-            coverage.half_width,
-            coverage.mean,
-            coverage.standard_error,
-            strict=True,
-        )
+        f"{score.joint} ± {score.half_width * display_unit(score.unit).scale:.2f} "
+        f"{display_unit(score.unit).name}, holding {100 * score.coverage:.0f} "
+        f"± {100 * score.standard_error:.0f} %"
+        for score in coverage
     ]
     out.print(
         f"{100 * LEVEL:.0f} % interval of the network after any homing and {REZERO:g} s of truth, "
-        f"on {len(coverage.shares)} motions of its own: {'; '.join(stated)}\n"
+        f"on {len(coverage[0].shares)} motions of its own: {'; '.join(stated)}\n"
     )
     chosen = advised(judged)
     advice = []
