@@ -11,7 +11,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.compatibility import (
     chosen_features,
@@ -370,12 +370,23 @@ def choice_of(
         if not any(set(more.names) == set(each.names) for each in by_features):
             by_features[more] = free
     for models in by_features.values():  # what learns a filter's residual, without the filter too
-        members = {name for model in models for name in _member_names(model)}
+        own = [model for model in models if model.family.inputs is not None]
+        each = [member for model in own for member in getattr(model, "members", ())]
+        members = {str(getattr(member, "name", member)) for member in each}
         models += [m for m in free if m.name in members and m not in models]
-    grouped = partial(
-        _grouped, recordings, outlying_values(recordings, chosen), robot, chosen,
-        stride_of(fit_rate, sample_dt(recordings)),
-    )  # fmt: skip
+    outlying = outlying_values(recordings, chosen)
+    gap_limit, stride = default_gap_limit(recordings), stride_of(fit_rate, sample_dt(recordings))
+    sizes = [len(recording) for recording in recordings]
+
+    def grouped(
+        feature_set: FeatureSet, candidates: Sequence[JointRegressor], target: Target
+    ) -> FoldErrors:
+        """Candidates with the rows of recordings, as many as serve a choice, that they see."""
+        thinned = not any(model.family.counts_samples for model in candidates)
+        most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
+        parts = training_rows(recordings, feature_set, chosen, gap_limit, stride, outlying)
+        models = [model.for_features(feature_set.names, robot, chosen) for model in candidates]
+        return FoldErrors.of(FoldRows.of(parts, target, most), models)
 
     def with_rates(table: FoldErrors, names: Collection[str]) -> FoldErrors | None:
         """Give candidates of these names the rates of the table's measured positions as well."""
@@ -410,14 +421,23 @@ def _with_their_features(
     by_features: dict[FeatureSet, list[JointRegressor]] = {}
     targets: dict[FeatureSet, Target] = {}
     for model in models:
-        has_inputs = model.family.inputs is not None
-        predicts = target or (model.family.targets if has_inputs else TARGETS)[0]
-        prepared = _prepared(model, recordings)
-        if predicts not in model.family.targets or prepared is None:
+        inputs = model.family.inputs
+        predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
+        if predicts not in model.family.targets:
             continue
-        inputs = chosen_features(prepared, robot, recordings, None if has_inputs else asked)
-        by_features.setdefault(inputs, []).append(prepared)
-        targets.setdefault(inputs, predicts)
+        try:
+            prepared = model.for_recordings(recordings)
+        except CalibrationError:
+            if inputs is None:
+                raise
+            continue  # they lack what it takes
+        if inputs is not None:
+            signals = FeatureSet.parse(inputs(prepared.model_params())).signals
+            if not all(name in r.table.columns for r in recordings for name in signals):
+                continue
+        seen = chosen_features(prepared, robot, recordings, asked if inputs is None else None)
+        by_features.setdefault(seen, []).append(prepared)
+        targets.setdefault(seen, predicts)
     if not by_features:
         names = ", ".join(model.name for model in models)
         raise CalibrationError(
@@ -425,46 +445,6 @@ def _with_their_features(
             f"{target or TARGETS[0]}; give other candidates"
         )
     return by_features, targets
-
-
-def _grouped(
-    recordings: Sequence[Recording],
-    outlying: Sequence[Mask],
-    robot: Robot,
-    joints: tuple[str, ...],
-    stride: int,
-    feature_set: FeatureSet,
-    candidates: Sequence[JointRegressor],
-    target: Target,
-) -> FoldErrors:
-    """Candidates with the rows of recordings, as many as serve a choice, that they see."""
-    gap_limit = default_gap_limit(recordings)
-    thinned = not any(model.family.counts_samples for model in candidates)
-    sizes = [len(recording) for recording in recordings]
-    most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-    parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
-    models = [model.for_features(feature_set.names, robot, joints) for model in candidates]
-    return FoldErrors.of(FoldRows.of(parts, target, most), models)
-
-
-def _prepared(model: JointRegressor, recordings: Sequence[Recording]) -> JointRegressor | None:
-    """Unfitted copy with what recordings say; None where they lack inputs that it insists on."""
-    inputs = model.family.inputs
-    if inputs is None:
-        return model.for_recordings(recordings)
-    try:
-        prepared = model.for_recordings(recordings)
-    except CalibrationError:
-        return None
-    signals = FeatureSet.parse(inputs(prepared.model_params())).signals
-    has_all = all(name in r.table.columns for r in recordings for name in signals)
-    return prepared if has_all else None
-
-
-def _member_names(model: JointRegressor) -> list[str]:
-    """Names of what learns the residual of a model with features of its own."""
-    members = getattr(model, "members", ()) if model.family.inputs is not None else ()
-    return [str(getattr(member, "name", member)) for member in members]
 
 
 def validate_zeros(

@@ -82,16 +82,22 @@ def fit_training_domain(
     times = [np.array(recording.t) for recording in recordings]
     together = np.concatenate(tables)
     lower, upper = together.min(axis=0), together.max(axis=0)
+    joined = [np.diff(t) <= gap_limit for t in times]  # no difference is across a gap
     bends = np.concatenate(
-        [_bends(t, table, gap_limit) for t, table in zip(times, tables, strict=True)]
+        [
+            np.abs(np.diff(table, 2, axis=0))[near[1:] & near[:-1]]
+            for near, table in zip(joined, tables, strict=True)
+        ]
     )
-    flicker = FLICKER * _noise(bends)
+    # White noise with such second differences; rows without a change say nothing of it.
+    changed = [column[column > 0.0] for column in bends.T]
+    usual = np.array([np.median(column) if len(column) else 0.0 for column in changed])
+    flicker = FLICKER * (usual / (_MEDIAN_OF_NORMAL * np.sqrt(6.0)))
     step, travel, hold = np.zeros(len(signals)), np.zeros(len(signals)), np.zeros(1)
+    moves, partner = upper > lower, partners(signals)
     for t, table in zip(times, tables, strict=True):
-        watch_changes(
-            t, table, gap_limit, upper > lower, partners(signals), flicker, step, travel, hold
-        )
-    span = np.where(upper > lower, upper - lower, 1.0)
+        watch_changes(t, table, gap_limit, moves, partner, flicker, step, travel, hold)
+    span = np.where(moves, upper - lower, 1.0)
     mean, whitening = _whitening(features, resting)
     return TrainingDomain(
         dt=float(np.median(np.concatenate([np.diff(t) for t in times]))),
@@ -100,7 +106,7 @@ def fit_training_domain(
         signal_step=step,
         signal_bend=bends.max(axis=0, initial=0.0),
         signal_flicker=flicker,
-        signal_travel=travel / span[partners(signals)],
+        signal_travel=travel / span[partner],
         hold=float(hold[0]),
         feature_mean=mean,
         whitening=whitening,
@@ -188,23 +194,6 @@ def watch_changes(
         if changed:
             still_since = row
         hold[0] = max(hold[0], t[row] - t[still_since])
-
-
-def _bends(t: Array, table: Array, gap_limit: float) -> Array:
-    """Size of the second differences (m, n_signals) of a table, none of them across a gap."""
-    joined = np.diff(t) <= gap_limit
-    bends: Array = np.abs(np.diff(table, 2, axis=0))[joined[1:] & joined[:-1]]
-    return bends
-
-
-def _noise(bends: Array) -> Array:
-    """Give the deviation (n_signals,) of white noise with such second differences, by the median.
-
-    Rows at which a signal did not change at all say nothing of its noise.
-    """
-    changed = [column[column > 0.0] for column in bends.T]
-    median = np.array([np.median(column) if len(column) else 0.0 for column in changed])
-    return np.asarray(median / (_MEDIAN_OF_NORMAL * np.sqrt(6.0)))
 
 
 def varies(lower: Array, upper: Array) -> Mask:

@@ -12,6 +12,7 @@ from importlib.metadata import version
 from typing import Any, Final
 
 import numpy as np
+from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration, RezeroedFit
@@ -130,13 +131,13 @@ def calibrate(
     choice, begin, share = None, 0.0, 1.0
     if isinstance(estimator, Automatic) or estimator == AUTO:
         automatic = estimator if isinstance(estimator, Automatic) else Automatic()
+        begin = _CHOICE_SHARE
         choice = choice_of(
             recordings, automatic, features, joints, target, fit_rate, random_state,
-            within(report, 0.0, _CHOICE_SHARE),
+            within(report, 0.0, begin),
         )  # fmt: skip
-        estimator, features, target, random_state = choice.estimator, choice.features, None, None
-        target = choice.target
-        begin = _CHOICE_SHARE
+        estimator, features, target = choice.estimator, choice.features, choice.target
+        random_state = None
         share = 1.0 - begin - (_ZEROS_SHARE if zero is None else 0.0)
     task = FitTask.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
@@ -159,7 +160,10 @@ def calibrate(
                 groups = zero_groups(recordings, "recording")
                 fitted, parts = _with_zeros(fitted, task, parts, groups, "recording", untold)
         fitted = fitted.with_metadata(choice=evidence)
-    fitted = replace(fitted, effort_baseline=_effort_baseline(fitted.for_rezeroing, parts, choice))
+    if has_baseline(parts):
+        residuals = _residuals(fitted.for_rezeroing, parts, choice)
+        baseline = fit_effort_baseline(parts, fitted.signals, residuals)
+        fitted = replace(fitted, effort_baseline=baseline)
     report(1.0)
     return fitted.with_metadata(fit_seconds=round(time.perf_counter() - began, 3))
 
@@ -226,16 +230,6 @@ def _with_zeros(
     ]
 
 
-def _effort_baseline(
-    calibration: Calibration, parts: Sequence[Rows], choice: Choice | None
-) -> EffortBaseline | None:
-    """Efforts and errors in the training; None if joints are too many, or one never moves."""
-    if not has_baseline(parts):
-        return None
-    residuals = _residuals(calibration, parts, choice)
-    return fit_effort_baseline(parts, calibration.signals, residuals)
-
-
 def _residuals(calibration: Calibration, parts: Sequence[Rows], choice: Choice | None) -> Residuals:
     """Residuals in the training, or those on what the fits of a choice did not see, if larger.
 
@@ -284,16 +278,13 @@ def _judge_zeros(
     def fit(training: Sequence[int]) -> tuple[Calibration, Calibration]:
         training_parts = [parts[index] for index in training]
         each, offsets = take_off_zeros(training_parts, np.arange(len(training_parts)), None, ())
-        shared, again = (
-            replace(bare, fitted=data_of(model), learnt=model)
-            for model in (
-                fit_model(task.unfitted(), rows, task.target) for rows in (training_parts, each)
-            )
-        )
+        models = [
+            fit_model(clone(task.model), rows, task.target) for rows in (training_parts, each)
+        ]
+        shared, again = (replace(bare, fitted=data_of(model), learnt=model) for model in models)
         if has_baseline(training_parts):
-            baseline = EffortBaseline.of_residuals(
-                training_parts, _residuals(shared, training_parts, choice)
-            )
+            residuals = _residuals(shared, training_parts, choice)
+            baseline = EffortBaseline.of_residuals(training_parts, residuals)
             shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
         zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)
         return shared, replace(again, origin=replace(again.origin, zeros=zeros))
@@ -345,21 +336,25 @@ def cross_fit(
     settled = fitted.model.settled()
     task = FitTask.of(recordings, settled, fitted.feature_set, fitted.joints, fitted.target, None)
     parts = task.rows(stride_of(fit_rate, task.dt))
-    bare = replace(fitted, gap_limit=task.gap_limit)
+    bare = replace(fitted, gap_limit=task.gap_limit, interval=None, effort_baseline=None)
     zeros = fitted.origin.zeros if for_rezeroing else None
     fits = []
     for number, fold in enumerate(left_out):
         training = without(parts, fold.parts)
+        for part in training:
+            part.check_truth()
         if zeros is None:
-            fits.append(task.refit(bare, training))
+            again = task.fit(training)
+            fit = replace(
+                bare, fitted=data_of(again.model), fitted_baselines=again.baselines,
+                learnt=again.model, rezeroed_fit=None,
+            )  # fmt: skip
         else:
-            for part in training:
-                part.check_truth()
             groups = zero_groups([part.recording for part in training], zeros.per)
-            again, _ = _with_zeros(bare, task, training, groups, zeros.per, untold)
-            X = fitted_rows(training, "X")
-            again = replace(again, lower=X.min(axis=0), upper=X.max(axis=0), interval=None)
-            fits.append(replace(again.for_rezeroing, effort_baseline=None))
+            both, _ = _with_zeros(bare, task, training, groups, zeros.per, untold)
+            fit = both.for_rezeroing
+        X = fitted_rows(training, "X")
+        fits.append(replace(fit, lower=X.min(axis=0), upper=X.max(axis=0)))
         (progress or untold)((number + 1) / len(left_out))
     return fits
 

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Final, NamedTuple, Self
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self
 
 import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
-from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.compatibility import (
     check_unit,
     chosen_features,
@@ -111,20 +110,9 @@ class FitTask:
             common_units(recordings, feature_set, chosen),
         )
 
-    @property
-    def counts_samples(self) -> bool:
-        """Whether what is learnt belongs to one time step."""
-        return self.feature_set.counts_samples or self.model.family.counts_samples
-
-    def unfitted(self) -> JointRegressor:
-        """Copy the model, to fit it."""
-        copy: JointRegressor = clone(self.model)
-        return copy
-
     def rows(self, stride: int) -> list[Rows]:
         """Rows of each recording; a fit uses every `stride`-th."""
-        how = self.feature_set, self.joints, self.gap_limit, stride
-        return training_rows(self.recordings, *how)
+        return training_rows(self.recordings, self.feature_set, self.joints, self.gap_limit, stride)
 
     def unused_features(self, parts: Sequence[Rows]) -> list[str]:
         """Features that never change in the rows of a fit, so nothing is learnt of them.
@@ -155,24 +143,8 @@ class FitTask:
                 f"{needed}: record for longer, or choose fewer features or a simpler estimator"
             )
         report = within(report, 0.0, 1.0 - _BASELINE_SHARE)
-        model = fit_model(self.unfitted(), parts, self.target, report)
+        model = fit_model(clone(self.model), parts, self.target, report)
         return Fitted(model, *_fit_baselines(*partly_known(parts), n_features))
-
-    def refit(self, calibration: Calibration, parts: Sequence[Rows], **how: Any) -> Calibration:
-        """Fit anew to other rows: model, baselines, and the ranges of the features.
-
-        Interval and baseline of the efforts, which belong to the calibration, are left out; `how`
-        are other fields. Raises CalibrationError as `fit`, or if too much truth is missing.
-        """
-        for part in parts:
-            part.check_truth()
-        fitted = self.fit(parts)
-        X = fitted_rows(parts, "X")
-        return replace(
-            calibration, fitted=data_of(fitted.model), fitted_baselines=fitted.baselines,
-            learnt=fitted.model, lower=X.min(axis=0), upper=X.max(axis=0), rezeroed_fit=None,
-            **{"interval": None, "effort_baseline": None} | how,
-        )  # fmt: skip
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:
