@@ -68,7 +68,7 @@ def test_a_designers_own_file_is_taken(call, tmp_path):
 def two_studies(monkeypatch, tmp_path):
     """The only studies there are: recordings of a forceps, and one that is refused."""
     known = {name: STUDIES[name] for name in ("forceps-recordings", "real")}
-    for module in ("truejoint.cli.study", "truejoint.studies.overview"):
+    for module in ("truejoint.cli.study", "truejoint.studies.page"):
         monkeypatch.setattr(f"{module}.STUDIES", known)
     monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 import pytest
 
 from truejoint.studies import run_study, write_study
-from truejoint.studies.overview import found_results, write_overview
+from truejoint.studies.page import write_overview
 
 
 @pytest.fixture
 def folder(toy, tmp_path, monkeypatch, coarse):
     """Results of one of two known studies."""
     known = {"toy": toy.study, "other": replace(toy.study, name="other", title="Not run yet")}
-    monkeypatch.setattr("truejoint.studies.overview.STUDIES", known)
+    monkeypatch.setattr("truejoint.studies.page.STUDIES", known)
     write_study(run_study(toy.study), tmp_path / "toy")
     return tmp_path
 
@@ -45,7 +45,6 @@ def test_one_page_holds_every_claim_with_its_verdict(folder):
 )
 def test_a_damaged_result_counts_as_not_there(folder, text):
     (folder / "toy" / "toy.json").write_text(text)
-    assert found_results(folder) == {}
     assert "0 of 2 studies" in write_overview(folder).read_text()
 
 

@@ -170,7 +170,7 @@ def findings() -> list[tuple[str, str]]:
 
 def studies() -> list[str]:
     """Names of studies, and what runs all."""
-    from truejoint.studies.catalogue import STUDIES
+    from truejoint.studies.study import STUDIES
 
     return [*STUDIES, "all"]
 
@@ -184,7 +184,7 @@ def presets() -> list[str]:
 
 def study_options(context: typer.Context) -> list[str]:
     """List the options of the study that the command line names, as ``OPTION=``."""
-    from truejoint.studies.catalogue import STUDIES
+    from truejoint.studies.study import STUDIES
 
     study = STUDIES.get(context.params.get("name") or "")
     return [f"{option.name}=" for option in study.options] if study else []

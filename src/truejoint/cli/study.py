@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 from truejoint.cli.console import command_line, out, progress, result_json, say
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import check_folder
-from truejoint.studies.catalogue import STUDIES, get_study
-from truejoint.studies.study import Settings, Study, shown
+from truejoint.studies.study import STUDIES, Settings, Study, get_study, shown
 
 if TYPE_CHECKING:
     from truejoint.studies.runner import StudyResult
@@ -41,7 +40,7 @@ def study(
     if several and options:
         raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
     where = _where(jobs, cluster)
-    from truejoint.studies import overview
+    from truejoint.studies import page
 
     made, failed = {}, []
     for study in studies:
@@ -54,13 +53,13 @@ def study(
             failed.append(study.name)
             say(f"{study.name}: {error}")
         else:
-            overview.write_overview(folder, command=command_line())
+            page.write_overview(folder, command=command_line())
             if not as_json:
                 _show(made[study.name])
     if as_json:
         plain = {key: result.to_dict() for key, result in made.items()}
         result_json(plain if several else plain[name])
-    say(f"All studies on one page: {folder / overview.NAME}")
+    say(f"All studies on one page: {folder / page.OVERVIEW}")
     if failed:
         raise StudyError(f"not done: {', '.join(failed)}; what is wrong with each stands above")
 

@@ -1,8 +1,18 @@
-from .catalogue import STUDIES, get_study
-from .overview import write_overview
-from .page import write_study
+from .page import write_overview, write_study
 from .runner import StudyResult, run_study
-from .study import Claim, Option, Part, PartResult, Results, Settings, Statement, Study, Summary
+from .study import (
+    STUDIES,
+    Claim,
+    Option,
+    Part,
+    PartResult,
+    Results,
+    Settings,
+    Statement,
+    Study,
+    Summary,
+    get_study,
+)  # fmt: skip
 
 __all__ = [
     "STUDIES", "Claim", "Option", "Part", "PartResult", "Results", "Settings", "Statement", "Study",

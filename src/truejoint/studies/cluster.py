@@ -19,7 +19,7 @@ from truejoint.extras import require
 T = TypeVar("T")
 R = TypeVar("R")
 
-_ANSWER: Final = 20.0  # [s] for a scheduler or a worker to answer
+_ANSWER: Final = 20.0  # [s] for a scheduler to answer
 _PATIENCE: Final = 20.0  # [s] for it to have workers
 _LOOK: Final = 5.0  # [s] between two looks at whether there are workers
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
@@ -56,17 +56,26 @@ def on_cluster(call: Callable[[T], R], tasks: Sequence[T], address: str) -> Iter
         distributed.comm.resolve_address(address)  # before a thread is begun for it
         client = distributed.Client(address, timeout=_ANSWER)
     except (OSError, ValueError) as error:
-        said = str(error).partition("\n")[0]
-        raise StudyError(f"no scheduler at {address:.80}: {said:.120}; is it running?") from None
+        reason = str(error).partition("\n")[0]
+        raise StudyError(f"no scheduler at {address:.80}: {reason:.120}; is it running?") from None
+    kept = "what is done is kept: run it again"
     with closing(client):
         _check_workers(client, address)
-        wanted = software()
-        futures = client.map(partial(_checked, call, wanted=wanted), tasks, pure=False)
+        futures = client.map(partial(_checked, call, software()), tasks, pure=False)
         waiting = dict(zip(futures, tasks, strict=True))
         while waiting:
-            for future in _some_done(distributed, client, list(waiting), address):
-                yield waiting.pop(future), _result(distributed, future, address)
-                future.release()
+            try:
+                done = distributed.wait([*waiting], timeout=_LOOK, return_when="FIRST_COMPLETED")
+                for future in done.done:
+                    yield waiting[future], future.result()
+                    del waiting[future]
+            except TimeoutError:
+                _check_workers(client, address)
+            except distributed.CancelledError:
+                raise StudyError(f"the scheduler at {address} was lost; {kept}") from None
+            except distributed.KilledWorker as error:
+                text = f"workers died of a part again and again ({error!s:.80}); is memory short?"
+                raise StudyError(f"{text} {kept.capitalize()}") from None
 
 
 @cache
@@ -81,21 +90,16 @@ def software() -> str:
     return ", ".join((f"Python {platform.python_version()}", *packages, own))
 
 
-def _checked(call: Callable[[T], R], task: T, wanted: str) -> R:
-    """Do a task, on a worker; one that joined late was not asked for its software before."""
-    _check_same("a worker", software(), wanted)
-    return call(task)
-
-
-def _check_same(worker: str, found: object, wanted: str) -> None:
-    if found != wanted:
-        here = wanted.split(", ")
-        there = found.split(", ") if isinstance(found, str) else [f"no answer: {found!s:.80}"]
-        other = [one for one in there if one not in here]
+def _checked(call: Callable[[T], R], expected: str, task: T) -> R:
+    """Do a task on a worker, if it has the software of the computer that asks."""
+    here, there = software().split(", "), expected.split(", ")
+    if here != there:
         raise StudyError(
-            f"{worker} has other software: {'; '.join(other)} (here "
-            f"{'; '.join(one for one in here if one not in there)}); install the same on all"
+            f"a worker on {platform.node()} has other software: "
+            f"{'; '.join(name for name in here if name not in there)} (here "
+            f"{'; '.join(name for name in there if name not in here)}); install the same on all"
         )
+    return call(task)
 
 
 def _check_workers(client: Any, address: str) -> None:
@@ -103,8 +107,8 @@ def _check_workers(client: Any, address: str) -> None:
         client.wait_for_workers(1, timeout=_PATIENCE)
     except TimeoutError:
         raise StudyError(
-            f"the scheduler at {address} has no workers; start some: dask worker {address} "
-            "--nthreads 1"
+            f"the scheduler at {address} has no workers; what is done is kept: start some, dask "
+            f"worker {address} --nthreads 1"
         ) from None
     for worker, about in client.scheduler_info(n_workers=-1)["workers"].items():
         if about["nthreads"] != 1:
@@ -112,52 +116,3 @@ def _check_workers(client: Any, address: str) -> None:
                 f"worker {worker} has {about['nthreads']} threads; start it with --nthreads 1, and "
                 "one worker for each core"
             )
-    try:
-        # Run by the client's own loop, as only that can stop waiting for one that hangs.
-        told = client.sync(client.run, software, on_error="return", callback_timeout=_ANSWER)
-    except TimeoutError:
-        raise StudyError(
-            f"a worker of {address} did not say within {_ANSWER:g} s what software it has; is it "
-            "stopped, or its computer overloaded? Restart it"
-        ) from None
-    for worker, found in told.items():
-        _check_same(f"worker {worker}", found, software())
-
-
-def _some_done(distributed: Any, client: Any, waiting: Sequence[Any], address: str) -> set[Any]:
-    """Wait until one or more of the futures are done."""
-    while True:
-        try:
-            done: set[Any] = distributed.wait(
-                waiting, timeout=_LOOK, return_when="FIRST_COMPLETED"
-            ).done
-        except TimeoutError:
-            if client.status != "running":
-                raise StudyError(_lost(address)) from None
-            try:
-                client.wait_for_workers(1, timeout=_PATIENCE)
-            except TimeoutError:
-                raise StudyError(
-                    f"the scheduler at {address} has lost its workers, with {len(waiting)} parts "
-                    "left; what is done is kept: start workers, and run it again"
-                ) from None
-        except distributed.CancelledError:
-            raise StudyError(_lost(address)) from None
-        else:
-            return done
-
-
-def _result(distributed: Any, future: Any, address: str) -> Any:
-    try:
-        return future.result()
-    except distributed.KilledWorker as error:
-        raise StudyError(
-            f"workers died of a part again and again ({error!s:.80}); is memory short? What is "
-            "done is kept"
-        ) from None
-    except distributed.CancelledError:
-        raise StudyError(_lost(address)) from None
-
-
-def _lost(address: str) -> str:
-    return f"the scheduler at {address} was lost; what is done is kept: run it again"

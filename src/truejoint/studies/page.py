@@ -1,32 +1,42 @@
-"""What a study leaves: a page that needs nothing else, table, numbers, pictures and recordings."""
+"""What a study leaves: page, tables, numbers, pictures, recordings; one page over all studies."""
 
 from __future__ import annotations
 
 import base64
 import json
+from collections import Counter
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
 
 from truejoint.drawing import png
 from truejoint.errors import StudyError, other_kind
 from truejoint.evaluation.report.page import render_page, versions
 from truejoint.recordings import write_parquet
 from truejoint.studies.runner import StudyResult, write_bytes
-from truejoint.studies.study import Settings, Study
+from truejoint.studies.study import STUDIES, Settings, Study
 
-MAX_RESULT_BYTES: Final = 200_000_000
+OVERVIEW: Final = "index.html"
+_MAX_BYTES: Final = 200_000_000  # of results that are read
+_CLAIM: Final = ("verdict", "text", "source", "on", "found")
+_VERDICTS: Final = ("agrees", "does not agree", "cannot be told")
 
 
 def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
     """Raise StudyError where `folder` holds results of the same study with other settings."""
-    path, same = Path(folder) / f"{study.name}.json", False
-    with suppress(ValueError, KeyError, TypeError, RecursionError, FileNotFoundError):
-        known = path.stat().st_size <= MAX_RESULT_BYTES and json.loads(path.read_bytes())
-        same = known and known["settings"] == settings.to_dict()
-    if path.exists() and not same:
+    path = Path(folder) / f"{study.name}.json"
+    if path.exists() and _read(path).get("settings") != settings.to_dict():
         raise StudyError(f"{path}: is of other settings; choose another --out, or --force")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    """Results in a file; empty where there are none, or they are damaged."""
+    with suppress(OSError, ValueError, RecursionError):
+        if path.stat().st_size <= _MAX_BYTES:
+            result = json.loads(path.read_bytes())
+            return result if isinstance(result, dict) else {}
+    return {}
 
 
 def write_study(
@@ -88,3 +98,42 @@ def write_study(
     for file, recording in recordings.items():
         write_parquet(recording, file, overwrite=True)
     return [*files, *recordings]
+
+
+def write_overview(folder: str | Path, *, command: str = "") -> Path:
+    """Write the page over all results in a folder, one folder a study; returns its path.
+
+    Every claim of the papers with its verdict and number, and which studies are not there yet.
+    Raises RecordingError or OSError where it cannot be written.
+
+    Examples
+    --------
+    >>> write_overview("studies")  # doctest: +SKIP
+    PosixPath('studies/index.html')
+    """
+    results, counts, unusual = {}, {}, {}
+    for name, study in STUDIES.items():
+        result = _read(Path(folder) / name / f"{name}.json")
+        with suppress(KeyError, TypeError, AttributeError, StudyError):  # as if it were not there
+            settings, claims = result["settings"], result["claims"]
+            usual = study.settings(settings["preset"], settings["seed"]).to_dict()["options"]
+            options = settings["options"].items()
+            unusual[name] = [f"{key} {value}" for key, value in options if usual.get(key) != value]
+            shown = [tuple(claim[key] for key in _CLAIM) for claim in claims]
+            counts[name] = Counter(verdict for verdict, *_ in shown)
+            results[name] = result
+    page = render_page(
+        "overview.html.j2",
+        package="truejoint.studies",
+        studies=STUDIES,
+        results=results,
+        counts=counts,
+        unusual=unusual,
+        verdicts=_VERDICTS,
+        total=sum(counts.values(), Counter()),
+        created=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        command=command,
+    )
+    path = Path(folder) / OVERVIEW
+    write_bytes(path, page.encode())
+    return path

@@ -23,14 +23,15 @@ import numpy as np
 
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import write_atomically
-from truejoint.studies.catalogue import get_study
 from truejoint.studies.cluster import on_cluster
-from truejoint.studies.study import Part, PartResult, Results, Settings, Study, Summary
+from truejoint.studies.study import Part, PartResult, Results, Study, get_study
 from truejoint.summary import json_values
 from truejoint.threads import one_thread
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from truejoint.studies.study import Settings, Summary
 
 Outcome = tuple[Part, PartResult | TruejointError]
 
@@ -138,9 +139,8 @@ def run_study(
                 write_part(files[part.key], result)
             if progress is not None:
                 progress(count / len(missing))
-        if failed:
+        for key, error in failed:
             others = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-            key, error = failed[0]
             raise StudyError(f"{chosen.name}: part {key} failed{others}: {error}")
         # Read back even if computed just now, so that no result depends on when it was computed.
         stored = {key: read_part(file) for key, file in files.items()}

@@ -6,9 +6,10 @@ Nothing heavy is imported here, so that studies can be listed and completed at o
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from importlib import import_module
+from importlib import import_module, resources
 from typing import TYPE_CHECKING, Any, Final, Literal, cast, get_args
 
 from truejoint.errors import StudyError, unknown
@@ -326,3 +327,33 @@ class Study:
     def summarise(self, results: Results) -> Summary:
         """Tables, figures and claims of the results of all parts."""
         return cast("Summary", import_module(self.module).summarise(results))
+
+
+def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
+    """Studies of a catalogue; an option's own values go before those that several studies share."""
+    for row in table["studies"]:
+        options = []
+        for option in row.pop("options", ()):
+            own = {"name": option} if isinstance(option, str) else option
+            values = {**table["options"].get(own["name"], {}), **own}.items()
+            options.append(Option(**{k: tuple(v) if isinstance(v, list) else v for k, v in values}))
+        row["module"] = f"{__package__}.{row['module']}"
+        yield Study(**{"source": "", **row}, options=tuple(options))
+
+
+_TEXT: Final = resources.files(__package__).joinpath("catalogue.toml").read_text("utf-8")
+STUDIES: Final = {study.name: study for study in _studies(tomllib.loads(_TEXT))}
+"""By name, of `catalogue.toml`, in the order in which they are listed."""
+
+
+def get_study(name: str) -> Study:
+    """Study called `name`; raises StudyError naming those that there are.
+
+    Examples
+    --------
+    >>> get_study("forceps-unloaded").source
+    'yan2020, Table 2, figures 6 and 7'
+    """
+    if name not in STUDIES:
+        raise StudyError(unknown("study", name, STUDIES))
+    return STUDIES[name]

@@ -8,19 +8,18 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
+from truejoint.drawing import box_plot
 from truejoint.motion import DIRECTIONS
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
 from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
-from truejoint.studies.verdicts import RULE, below, whole
 
 FITTED_TO: Final = ("J1", "J2-J3")
 """Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
 KINDS: Final = ("fine", "coarse")
 """Options that say which sparsities are trained on."""
 _NAMES: Final = (*DIRECTIONS, s.PUBLISHED)
-Verdict = tuple[bool | None, str]
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -55,40 +54,42 @@ def _printed(condition: str, joint: int, method: str) -> float | None:
     return tables.printed("I", "direction={}")(named, joint, method)
 
 
-def summarise(results: Results) -> Summary:
+@tables.by_specimen
+def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     """Table I beside the paper's, and what it says of directions."""
     settings, chosen = results.settings, results.settings["directions"]
+    rows = tables.in_order(rows.assign(condition=rows.case), "condition", chosen)
+    fine, coarse = (select(rows, kind=kind) for kind in KINDS)
+    name = f"peng2024 Table I, specimen {title}"
+    of_groups = {
+        "J1, J2-J3": [one for one in chosen if one in FITTED_TO],
+        "the others": [one for one in chosen if one not in FITTED_TO],
+    }
+    made = (
+        tables.accuracy_table(
+            f"{name}, trained on {settings['fine']}", fine, s.METHODS, _printed,
+            (tables.ZIGZAGS, claims.RULE),
+        ),
+        tables.percent_table(
+            f"Share of the fixed offset's error, specimen {title}", fine, _printed
+        ),
+        tables.accuracy_table(
+            f"The same trained on {settings['coarse']}, specimen {title}", coarse, s.METHODS
+        ),
+        tables.ratio_table(
+            f"RMSE over the paper's, specimen {title}", fine, of_groups, s.METHODS, _printed
+        ),
+    )  # fmt: skip
+    caption = "RMSE on a random motion by direction of the zig-zags."
+    look = {"condition": "condition", "by": "method", "log": "y", "colours": tables.COLOURS}
+    drawn = select(fine, method=(*s.MODELS, "offset"))
+    figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
+    judged = CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
+    found = [claim.judged(fine, title) for claim in judged]
+    return Summary(made, {f"directions-{title}": figure}, found)
 
-    def of_specimen(title: str, rows: DataFrame) -> Summary:
-        rows = tables.in_order(rows.assign(condition=rows.case), "condition", chosen)
-        fine, coarse = (select(rows, kind=kind) for kind in KINDS)
-        name = f"peng2024 Table I, specimen {title}"
-        trained, share = f"trained on {settings['fine']}", "Share of the fixed offset's error"
-        groups = {
-            "J1, J2-J3": [one for one in chosen if one in FITTED_TO],
-            "the others": [one for one in chosen if one not in FITTED_TO],
-        }
-        again = f"The same trained on {settings['coarse']}, specimen {title}"
-        made = (
-            tables.accuracy_table(
-                f"{name}, {trained}", fine, s.METHODS, _printed, (tables.ZIGZAGS, RULE)
-            ),
-            tables.percent_table(f"{share}, specimen {title}", fine, _printed),
-            tables.accuracy_table(again, coarse, s.METHODS),
-            tables.ratio_table(
-                f"RMSE over the paper's, specimen {title}", fine, groups, s.METHODS, _printed
-            ),
-        )
-        caption = "RMSE on a random motion by direction of the zig-zags."
-        figure = tables.accuracy_figure(name, fine, (*s.MODELS, "offset"), caption, _printed)
-        judged = CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
-        claims = [claim.judged(fine, title) for claim in judged]
-        return Summary(made, {f"directions-{title}": figure}, claims)
 
-    return tables.by_specimen(results, of_specimen)
-
-
-def _best_overall(fine: DataFrame) -> Verdict:
+def _best_overall(fine: DataFrame) -> claims.Verdict:
     shares = {
         name: np.mean(
             [tables.percent(fine, method=one, condition=name).mean(axis=1) for one in s.MODELS],
@@ -98,35 +99,35 @@ def _best_overall(fine: DataFrame) -> Verdict:
     }
     order = sorted(shares, key=lambda name: float(shares[name].mean()))
     text = ", ".join(f"{name} {shares[name].mean():.1f} %" for name in order[:3])
-    others = [below(shares[s.BEST], shares[name]) for name in DIRECTIONS if name != s.BEST]
-    return whole(*others), f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
+    others = [claims.below(shares[s.BEST], shares[name]) for name in DIRECTIONS if name != s.BEST]
+    return claims.whole(*others), f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
 
 
-def _best_of_joint(joint: int, *expected: str) -> Callable[[DataFrame], Verdict]:
+def _best_of_joint(joint: int, *expected: str) -> Callable[[DataFrame], claims.Verdict]:
     """Whether the `expected` direction of each of `MODELS` errs least in a joint."""
 
-    def judge(fine: DataFrame) -> Verdict:
+    def judge(fine: DataFrame) -> claims.Verdict:
         verdicts, texts = [], []
         for method, direction in zip(s.MODELS, expected, strict=True):
             of: dict[str, Any] = {"joint": s.JOINTS[joint], "method": method}
             errors = {name: tables.by_session(fine, condition=name, **of) for name in DIRECTIONS}
             least = min(errors, key=lambda name: float(errors[name].mean()))
-            others = (below(errors[direction], errors[n]) for n in errors if n != direction)
-            verdicts.append(whole(*others))
+            others = (claims.below(errors[direction], errors[n]) for n in errors if n != direction)
+            verdicts.append(claims.whole(*others))
             texts.append(f"{method}: {least} {errors[least].mean():.3f}")
             if least != direction:
                 texts[-1] += f", {direction} {errors[direction].mean():.3f}"
-        return whole(*verdicts), "; ".join(texts)
+        return claims.whole(*verdicts), "; ".join(texts)
 
     return judge
 
 
-def _removed(fine: DataFrame) -> Verdict:
+def _removed(fine: DataFrame) -> claims.Verdict:
     share = tables.percent(fine, method="dnn", condition=s.BEST).mean(axis=0)
     return bool(share.max() <= 25.0), f"the network leaves {_percents(share)}"
 
 
-def _offset_of_raw(fine: DataFrame) -> Verdict:
+def _offset_of_raw(fine: DataFrame) -> claims.Verdict:
     offset, raw = (
         np.array([tables.by_session(fine, joint=j, method=m, condition=s.BEST).mean()
                   for j in s.JOINTS])

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -19,7 +18,6 @@ from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.sparsity import by_length
 from truejoint.studies.rows import select, unique
 from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Statement, Summary
-from truejoint.studies.verdicts import RULE
 
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does; the last with a mass on its tool."""
@@ -101,75 +99,69 @@ def by_training(rows: DataFrame) -> DataFrame:
     )
 
 
-def summarise(results: Results) -> Summary:
+@tables.by_specimen
+def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     """Figures 6 and 7, the rows of Table III, and what the paper says of the hours."""
     settings, works = results.settings, results.settings["works"]
-
-    def of_specimen(title: str, rows: DataFrame) -> Summary:
-        every = tables.in_order(by_length(rows.assign(work=rows.case)), "work", works)
-        rows, made = by_training(every), []
-        for work in works:
-            hours = select(rows, work=work, training=LONGEST).sort_values("hour", kind="stable")
-            name = f"{work}, {settings['load_g']:g} g" if work == LOADED else work
-            made.append(
-                tables.accuracy_table(
-                    f"peng2024 figure 6 and Table III, {name}, specimen {title}",
-                    hours.assign(condition=hours.hour.map("hour {}".format)),
-                    _METHODS, partial(_printed, work),
-                    ("Models of the longest trainings, three where there are six or more.", RULE),
-                )
-            )  # fmt: skip
-        mean = f"Mean over {settings['hours']} h by what was trained on, specimen {title}"
-        every = every.assign(condition=every.work + ", " + every.set)
-        made.append(tables.accuracy_table(mean, every, _METHODS, notes=(tables.ZIGZAGS,)))
-        first = {work: results.arrays[f"{title}-{work}-0"] for work in works}
-        figures = {
-            f"endurance-{title}": _figure(title, rows, works),
-            f"trajectories-{title}": _trajectories(title, first),
-        }
-        whole = set(WORKS) <= set(works) and settings["hours"] > 1
-        return Summary(made, figures, [c.judged(rows, title) for c in CLAIMS] if whole else ())
-
-    return tables.by_specimen(results, of_specimen)
+    every = tables.in_order(by_length(rows.assign(work=rows.case)), "work", works)
+    rows = by_training(every)
+    hours = select(rows, training=LONGEST).sort_values("hour", kind="stable")
+    hours = hours.assign(condition=hours.hour.map("hour {}".format))
+    note = "Models of the longest trainings, three where there are six or more."
+    made = [
+        tables.accuracy_table(
+            f"peng2024 figure 6 and Table III, {name}, specimen {title}", select(hours, work=work),
+            _METHODS, partial(_printed, work), (note, claims.RULE),
+        )
+        for work in works
+        for name in [f"{work}, {settings['load_g']:g} g" if work == LOADED else work]
+    ]  # fmt: skip
+    mean = f"Mean over {settings['hours']} h by what was trained on, specimen {title}"
+    every = every.assign(condition=every.work + ", " + every.set)
+    made.append(tables.accuracy_table(mean, every, _METHODS, notes=(tables.ZIGZAGS,)))
+    drawn = select(rows, method=_METHODS)
+    drawn = drawn.assign(name=drawn.method + ", " + drawn.training + " trainings")
+    caption = "RMSE by hour after one calibration; median over trainings of the three lengths."
+    name = f"peng2024 figure 6, specimen {title}"
+    look = {"condition": "hour", "by": "name", "x": "hour", "log": "y"}
+    figures = {
+        f"endurance-{title}": tables.joint_figure(
+            name, drawn, caption, by_condition, "work", **look
+        ),
+        f"trajectories-{title}": _trajectories(
+            title, {work: results.arrays[f"{title}-{work}-0"] for work in works}
+        ),
+    }
+    whole = set(WORKS) <= set(works) and settings["hours"] > 1
+    return Summary(made, figures, [c.judged(rows, title) for c in CLAIMS] if whole else ())
 
 
 def _printed(work: str, condition: str, joint: int, method: str) -> float | None:
     return tables.printed("III", f"RAVEN-II {work} {{}}")(condition.replace(" ", ""), joint, method)
 
 
-def _figure(title: str, rows: DataFrame, works: Sequence[str]) -> Figure:
-    rows = select(rows, method=_METHODS)
-    rows = rows.assign(name=rows.method + ", " + rows.training + " trainings")
-    panel = partial(by_condition, condition="hour", value="rmse", by="name", x="hour", log="y")
-    columns = [tables.joint_panels(select(rows, work=work), panel) for work in works]
-    columns = [
-        [replace(column[0], title=work), *column[1:]]
-        for work, column in zip(works, columns, strict=True)
-    ]
-    caption = "RMSE by hour after one calibration; median over trainings of the three lengths."
-    panels = list(zip(*columns, strict=True))
-    return Figure(f"peng2024 figure 6, specimen {title}", panels, caption, height=9.5, legend=True)
-
-
 def _trajectories(title: str, examples: Mapping[str, Mapping[str, Array]]) -> Figure:
-    rows = []
-    for joint, label in enumerate(s.TITLES):
-        panels = []
-        for work, example in examples.items():
-            curves = [
-                Curve(example["t"], s.SCALES[joint] * example[name][:, joint], name, *look)
-                for name, look in _DRAWN.items()
-            ]
-            panels.append(Panel(curves, "time [s]", label, "" if joint else work))
-        rows.append(panels)
+    panels = [
+        [
+            Panel(
+                [
+                    Curve(example["t"], s.SCALES[joint] * example[name][:, joint], name, *look)
+                    for name, look in _DRAWN.items()
+                ],
+                "time [s]", label, "" if joint else work,
+            )
+            for work, example in examples.items()
+        ]
+        for joint, label in enumerate(s.TITLES)
+    ]  # fmt: skip
     caption = (
         "The first minute of the first hour's test: the true joints, those that the robot reports, "
         "and these corrected by models of the longest training."
     )
-    return Figure(f"peng2024 figure 7, specimen {title}", rows, caption, height=8.0, legend=True)
+    return Figure(f"peng2024 figure 7, specimen {title}", panels, caption, height=8.0, legend=True)
 
 
-def _length_gain(rows: DataFrame) -> tuple[bool | None, str]:
+def _length_gain(rows: DataFrame) -> claims.Verdict:
     """Whether long trainings are better by a fifth, geometric mean over joints and all works."""
     texts, ratios = [], []
     gain = _LONG, _SHORT

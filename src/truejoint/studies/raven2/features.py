@@ -9,6 +9,7 @@ from typing import Final
 from pandas import DataFrame
 
 from truejoint.array_types import Array
+from truejoint.drawing import box_plot
 from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import default_unit
@@ -19,7 +20,6 @@ from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.sparsity import by_length
 from truejoint.studies.rows import select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.studies.verdicts import RULE
 
 SELECTED: Final = "selected"
 ALL: Final = "all"
@@ -99,32 +99,30 @@ def all_features(recording: Recording) -> list[str]:
     return [name for name in recording.units if not name.startswith("truth")]
 
 
-def summarise(results: Results) -> Summary:
+@tables.by_specimen
+def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     """Figure 8, its numbers, and what the paper says of features."""
-
-    def of_specimen(title: str, rows: DataFrame) -> Summary:
-        rows = tables.in_order(by_length(rows), "kind", KINDS)
-        rows = rows.assign(condition=rows.kind + ", " + rows.set)
-        methods = [name for name in _METHODS if name in set(rows.method)]
-        name = f"peng2024 figure 8, specimen {title}"
-        notes = (
-            "Selected: measured position and torque of every channel, 16; all: "
-            f"{rows.inputs.iloc[0]} of one arm's state message, constant ones included (the paper "
-            "counts 138).",
-            f"Mean over {results.settings['hours']} hours of unloaded work. A dash: the polynomial "
-            "of all features has more coefficients than a tenth of the rows, and is not fitted.",
-            RULE,
-        )
-        table = tables.accuracy_table(name, rows, methods, notes=notes)
-        drawn = [method for method in methods if method != "poly2"]
-        caption = "RMSE over the hours by features and training."
-        figure = tables.accuracy_figure(name, rows, drawn, caption)
-        longest = select(rows, place=rows.place.max())
-        chosen = (*CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))
-        judged = [claim.judged(longest, title) for claim in chosen]
-        return Summary((table,), {f"features-{title}": figure}, judged)
-
-    return tables.by_specimen(results, of_specimen)
+    rows = tables.in_order(by_length(rows), "kind", KINDS)
+    rows = rows.assign(condition=rows.kind + ", " + rows.set)
+    methods = [name for name in _METHODS if name in set(rows.method)]
+    name = f"peng2024 figure 8, specimen {title}"
+    notes = (
+        "Selected: measured position and torque of every channel, 16; all: "
+        f"{rows.inputs.iloc[0]} of one arm's state message, constant ones included (the paper "
+        "counts 138).",
+        f"Mean over {results.settings['hours']} hours of unloaded work. A dash: the polynomial "
+        "of all features has more coefficients than a tenth of the rows, and is not fitted.",
+        claims.RULE,
+    )
+    table = tables.accuracy_table(name, rows, methods, notes=notes)
+    caption = "RMSE over the hours by features and training."
+    look = {"condition": "condition", "by": "method", "log": "y", "colours": tables.COLOURS}
+    drawn = rows[rows.method.isin(methods) & (rows.method != "poly2")]
+    figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
+    chosen = (*CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))
+    longest = select(rows, place=rows.place.max())
+    judged = [claim.judged(longest, title) for claim in chosen]
+    return Summary((table,), {f"features-{title}": figure}, judged)
 
 
 def _without(*kinds: str) -> claims.Pick:

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Final
 
 from pandas import DataFrame
 
-from truejoint.drawing import Figure, by_condition
+from truejoint.drawing import by_condition
 from truejoint.errors import StudyError
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.studies.verdicts import RULE
 
 NONE, ONE = "none seen", "one seen"
 SEEN: Final = {NONE: "none", ONE: "one"}
@@ -66,26 +64,22 @@ def home_again(
     return rows
 
 
-def summarise(results: Results) -> Summary:
+@tables.by_specimen
+def summarise(_results: Results, title: str, rows: DataFrame) -> Summary:
     """Figure 9, its numbers, and what the paper says of homing."""
     names = {case: text for text, case in SEEN.items()}
-
-    def of_specimen(title: str, rows: DataFrame) -> Summary:
-        rows = rows.assign(seen=rows.case.map(names), homed_since=rows.homings > 0)
-        rows = rows.sort_values("case", kind="stable")
-        after = rows.homings.map(lambda n: f", after homing {n}" if n else ", before")
-        rows = rows.assign(condition=rows.seen + after, name=rows.method + ", " + rows.seen)
-        title_text = f"peng2024 figure 9, specimen {title}"
-        table = tables.accuracy_table(title_text, rows, _METHODS, notes=(RULE,))
-        drawn = select(rows, method=("dnn", "linear", "offset"))
-        panel = partial(by_condition, condition="homings", value="rmse", by="name")
-        panels = (tables.joint_panels(drawn, partial(panel, x="homings since")),)
-        caption = "RMSE of a random motion after each homing; median over the sessions."
-        figure = Figure(title_text, panels, caption, width=12.0, height=4.4, legend=True)
-        judged = [claim.judged(rows, title) for claim in CLAIMS]
-        return Summary((table,), {f"homing-{title}": figure}, judged)
-
-    return tables.by_specimen(results, of_specimen)
+    rows = rows.assign(seen=rows.case.map(names), homed_since=rows.homings > 0)
+    rows = rows.sort_values("case", kind="stable")
+    after = rows.homings.map(lambda n: f", after homing {n}" if n else ", before")
+    rows = rows.assign(condition=rows.seen + after, name=rows.method + ", " + rows.seen)
+    name = f"peng2024 figure 9, specimen {title}"
+    table = tables.accuracy_table(name, rows, _METHODS, notes=(claims.RULE,))
+    drawn = select(rows, method=("dnn", "linear", "offset"))
+    caption = "RMSE of a random motion after each homing; median over the sessions."
+    look = {"condition": "homings", "by": "name", "x": "homings since"}
+    figure = tables.joint_figure(name, drawn, caption, by_condition, **look)
+    judged = [claim.judged(rows, title) for claim in CLAIMS]
+    return Summary((table,), {f"homing-{title}": figure}, judged)
 
 
 _BEFORE, _AFTER = {"homings": 0}, {"homed_since": True}

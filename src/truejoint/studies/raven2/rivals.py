@@ -21,9 +21,9 @@ from truejoint.recordings import Recording
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
+from truejoint.studies.raven2.claims import RULE
 from truejoint.studies.rows import unique, values
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.studies.verdicts import RULE
 from truejoint.tables import Table, fixed
 
 RAW: Final = "raw"

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Final
 
 from pandas import DataFrame
 
-from truejoint.drawing import Figure, box_plot
+from truejoint.drawing import box_plot
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
 from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
-from truejoint.studies.verdicts import RULE
 
 _OFFSET: Final = 200_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
@@ -52,27 +50,23 @@ def by_length(rows: DataFrame) -> DataFrame:
     return rows.assign(when=rows.place.map(ends)).sort_values("place", kind="stable")
 
 
-def summarise(results: Results) -> Summary:
+@tables.by_specimen
+def summarise(_results: Results, title: str, rows: DataFrame) -> Summary:
     """Figure 5, its numbers, and what the paper says of them."""
-
-    def of_specimen(title: str, rows: DataFrame) -> Summary:
-        rows = by_length(rows)
-        seconds = rows.length.map("{:.0f} s".format)
-        rows = rows.assign(condition=rows.set + ", " + seconds, place=rows.set + "\n" + seconds)
-        name = f"peng2024 figure 5, specimen {title}"
-        table = tables.accuracy_table(name, rows, _METHODS, notes=(tables.ZIGZAGS, RULE))
-        box = partial(box_plot, condition="place", value="rmse", by="method", log="y")
-        drawn = select(rows, method=_METHODS)
-        panels = tables.joint_panels(drawn, partial(box, colours=tables.COLOURS))
-        caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
-        figure = Figure(name, [[one] for one in panels], caption, height=9.0, legend=True)
-        judged = [claim.judged(rows, title) for claim in CLAIMS]
-        return Summary((table,), {f"sparsity-{title}": figure}, judged)
-
-    return tables.by_specimen(results, of_specimen)
+    rows = by_length(rows)
+    seconds = rows.length.map("{:.0f} s".format)
+    rows = rows.assign(condition=rows.set + ", " + seconds, place=rows.set + "\n" + seconds)
+    name = f"peng2024 figure 5, specimen {title}"
+    table = tables.accuracy_table(name, rows, _METHODS, notes=(tables.ZIGZAGS, claims.RULE))
+    caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
+    look = {"condition": "place", "by": "method", "log": "y", "colours": tables.COLOURS}
+    drawn = select(rows, method=_METHODS)
+    figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
+    judged = [claim.judged(rows, title) for claim in CLAIMS]
+    return Summary((table,), {f"sparsity-{title}": figure}, judged)
 
 
-def _spread(rows: DataFrame) -> tuple[bool | None, str]:
+def _spread(rows: DataFrame) -> claims.Verdict:
     """Whether the polynomial scatters more than the others on the shortest, in joint 1 and 2."""
     first = select(rows, when="first", joint=s.JOINTS[:2])
     if first.session.nunique() < 2:

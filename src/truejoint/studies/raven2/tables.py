@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
+from functools import wraps
 from typing import Any, Final
 
 import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Figure, Panel
 from truejoint.evaluation.metrics import percent_of
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
@@ -28,19 +28,11 @@ COLOURS: Final = {
 ZIGZAGS: Final = "4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6."
 
 
-def unprinted(_condition: str, _joint: int, _method: str) -> None:
-    """Nothing: the paper prints no number of these."""
-
-
 def printed(table: str, form: str) -> Paper:
     """RMSE in a table of peng2024 [deg, deg, mm], of the condition that `form` makes of ours."""
-
-    def paper(condition: str, joint: int, method: str) -> float | None:
-        return reported("peng2024", table, form.format(condition), method, f"joint{joint + 1}").get(
-            "rmse"
-        )
-
-    return paper
+    return lambda condition, joint, method: reported(
+        "peng2024", table, form.format(condition), method, f"joint{joint + 1}"
+    ).get("rmse")
 
 
 def readable(rows: DataFrame) -> DataFrame:
@@ -49,16 +41,24 @@ def readable(rows: DataFrame) -> DataFrame:
     return rows.assign(rmse=scale * rows.rmse)
 
 
-def by_specimen(results: Results, summarise: Callable[[str, DataFrame], Summary]) -> Summary:
+def by_specimen(
+    summarise: Callable[[Results, str, DataFrame], Summary],
+) -> Callable[[Results], Summary]:
     """Put together what is made of the rows of every specimen, in the units of `TITLES`."""
-    made = [
-        summarise(str(title), readable(rows)) for title, rows in groups(results.rows, "specimen")
-    ]
-    return Summary(
-        [table for one in made for table in one.tables],
-        {name: figure for one in made for name, figure in one.figures.items()},
-        [claim for one in made for claim in one.claims],
-    )
+
+    @wraps(summarise)
+    def every(results: Results) -> Summary:
+        made = [
+            summarise(results, str(title), readable(rows))
+            for title, rows in groups(results.rows, "specimen")
+        ]
+        return Summary(
+            [table for one in made for table in one.tables],
+            {name: figure for one in made for name, figure in one.figures.items()},
+            [claim for one in made for claim in one.claims],
+        )
+
+    return every
 
 
 def in_order(rows: DataFrame, column: str, names: Sequence[str]) -> DataFrame:
@@ -85,14 +85,24 @@ def accuracy_table(
     title: str,
     rows: DataFrame,
     methods: Sequence[str],
-    paper: Paper = unprinted,
+    paper: Paper | None = None,
     notes: Sequence[str] = (),
 ) -> Table:
     """RMSE [deg, deg, mm] of each condition and joint, with the paper's in brackets."""
     count = rows.groupby("condition").session.nunique().max()
     over = f"{count} sessions" if count > 1 else "the models of one session"
-    table = _by_joint(title, rows, methods, partial(_cell, paper=paper))
-    has_spread = any("±" in cell for row in table.rows for cell in row)
+
+    def cell(rows: DataFrame, condition: str, joint: int, method: str) -> str:
+        errors = by_session(rows, joint=JOINTS[joint], method=method)
+        if len(errors) == 1:
+            errors = values(rows, "rmse", joint=JOINTS[joint], method=method)
+        spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
+        there = paper(condition, joint, method) if paper and len(errors) else None
+        mean = float(errors.mean()) if len(errors) else np.nan
+        return fixed(mean, 3) + spread + ("" if there is None else f" ({there:.3f})")
+
+    table = _by_joint(title, rows, methods, cell)
+    has_spread = any("±" in text for row in table.rows for text in row)
     what = f"RMSE; ± standard deviation over {over}." if has_spread else "RMSE, of one session."
     return Table(table.title, table.header, table.rows, (what, *notes))
 
@@ -130,17 +140,6 @@ def _by_joint(
     return Table(title, ("condition, joint", *heads), tuple(body))
 
 
-def _cell(rows: DataFrame, condition: str, joint: int, method: str, *, paper: Paper) -> str:
-    errors = by_session(rows, joint=JOINTS[joint], method=method)
-    if not len(errors):
-        return fixed(np.nan, 3)
-    if len(errors) == 1:
-        errors = values(rows, "rmse", joint=JOINTS[joint], method=method)
-    spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
-    there = paper(condition, joint, method)
-    return fixed(float(errors.mean()), 3) + spread + ("" if there is None else f" ({there:.3f})")
-
-
 def ratio_table(
     title: str,
     rows: DataFrame,
@@ -165,33 +164,26 @@ def ratio_table(
     return Table(title, ("conditions", *methods), tuple(body), ("1: as in the paper.",))
 
 
-def accuracy_figure(
-    title: str, rows: DataFrame, methods: Sequence[str], caption: str, paper: Paper = unprinted
+def joint_figure(
+    title: str,
+    rows: DataFrame,
+    caption: str,
+    plot: Callable[..., Panel],
+    columns: str = "specimen",
+    **look: Any,
 ) -> Figure:
-    """Points by condition, a panel a joint; the paper's are crosses."""
-    names, panels = unique(rows, "condition"), []
-    place = np.arange(len(names))
-    for joint, label in enumerate(TITLES):
-        curves = []
-        for method in methods:
-            where = {"joint": JOINTS[joint], "method": method}
-            means = [by_session(rows, **where, condition=name) for name in names]
-            here = [errors.mean() if len(errors) else np.nan for errors in means]
-            curves.append(Curve(here, place, method, COLOURS.get(method), "o"))
-            there = np.array([paper(name, joint, method) for name in names], dtype=np.float64)
-            if np.isfinite(there).any():
-                curves.append(Curve(there, place, "", COLOURS.get(method), "x"))
-        panels.append(Panel(curves, f"RMSE, {label}", log="x", rows=names))
-    if paper is not unprinted:
-        caption += " Dots: here; crosses: the paper's robot."
-    return Figure(
-        title, (panels,), caption, width=12.0, height=1.8 + 0.32 * len(names), legend=True
-    )
+    """Plot RMSE, a line of panels for each joint, a panel for each value of a column.
 
-
-def joint_panels(rows: DataFrame, plot: Callable[..., Panel]) -> list[Panel]:
-    """Plot the rows of each joint, with the label of its axis."""
-    return [
-        plot(select(rows, joint=joint), y=f"RMSE, {label}")
-        for joint, label in zip(JOINTS, TITLES, strict=True)
-    ]
+    `plot` is one of `truejoint.drawing`, and `look` is as it takes it.
+    """
+    panels = [
+        [
+            plot(
+                select(rows, joint=joint, **{columns: name}), value="rmse", y=f"RMSE, {label}",
+                title="" if n else name, **look,
+            )
+            for name in unique(rows, columns)
+        ]
+        for n, (joint, label) in enumerate(zip(JOINTS, TITLES, strict=True))
+    ]  # fmt: skip
+    return Figure(title, panels, caption, height=9.5, legend=True)

@@ -12,7 +12,6 @@ from truejoint.array_types import Array
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.studies.verdicts import RULE
 
 TARGETS: Final = ("error", "position")
 _OFFSET: Final = 500_000  # of the arms' seeds, so that no other study has the same
@@ -40,18 +39,16 @@ def predict(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, hours
     return rows
 
 
-def summarise(results: Results) -> Summary:
+@tables.by_specimen
+def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     """Table II beside the paper's."""
-    hours, printed = results.settings["hours"], tables.printed("II", "target={}")
-    notes = (f"Mean over {hours} hours of unloaded work and all trainings.", RULE)
-
-    def of_specimen(title: str, rows: DataFrame) -> Summary:
-        rows = rows.assign(condition=rows.target)
-        name = f"peng2024 Table II, specimen {title}"
-        table = tables.accuracy_table(name, rows, s.MODELS, printed, notes)
-        return Summary((table,), claims=[claim.judged(rows, title) for claim in CLAIMS])
-
-    return tables.by_specimen(results, of_specimen)
+    hours = results.settings["hours"]
+    notes = (f"Mean over {hours} hours of unloaded work and all trainings.", claims.RULE)
+    table = tables.accuracy_table(
+        f"peng2024 Table II, specimen {title}", rows.assign(condition=rows.target), s.MODELS,
+        tables.printed("II", "target={}"), notes,
+    )  # fmt: skip
+    return Summary((table,), claims=[claim.judged(rows, title) for claim in CLAIMS])
 
 
 def _difference(rows: DataFrame, **where: Any) -> Array:

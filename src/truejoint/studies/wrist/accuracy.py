@@ -14,12 +14,11 @@ from pandas import DataFrame
 from sklearn.base import clone
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, calibrate
-from truejoint.drawing import Figure, ecdf
+from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
 from truejoint.estimators.cables.hybrid import WRIST_PLAYS
-from truejoint.estimators.cables.learn import CableFilter, CableStates
+from truejoint.estimators.cables.learn import CableStates
 from truejoint.estimators.cables.loops import LOAD as LAST
 from truejoint.estimators.cables.loops import PIN
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
@@ -29,24 +28,19 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import Cell, median, of, select, table_of, unique
+from truejoint.studies.rows import Cell, ecdf_figure, frame_table, median, of, table_of, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.tables import Table
 
-_RAW: Final = "coupling"
 SETTLED: Final = 2.0
 """Time after which a history that began with the recording counts [s]."""
-BLIND: Final = 5e-3
-"""Dead band [Nm] above which a torque at the tip is declared blind: what pins hide of it."""
 LOADS: Final = ("grip", "pitch", "yaw")
 """Of jaws on what they hold, and of forces at the tip about pitch and yaw."""
 TESTS: Final = ("free", "loaded")
 ANGLE, LOAD, HONESTY, IDENTIFIED, GRIP = "angle", "load", "honesty", "identified", "grip"
 """What a row is of."""
 _NINETY: Final = NormalDist().inv_cdf(0.95)  # deviations that hold 90 % of a normal's draws
-_FILTER: Final = "filter"
-_MODEL: Final = "model"
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,11 +76,10 @@ class Method:
 
 
 METHODS: Final[Mapping[str, Method]] = {
-    _RAW: Method("coupling inverse", None),
+    "coupling": Method("coupling inverse", None),
     "linear_motor": Method("linear, motors", "linear", ("motor",)),
     "play_motor": Method("plays, motors", WRIST_PLAYS, ("measured", "motor")),
-    "rich_play": Method("rich_play as it is, motors", "rich_play", ("measured", "motor")),
-    _MODEL: Method("physical model, motors", None, ("motor",), with_filter=True),
+    "model": Method("physical model, motors", None, ("motor",), with_filter=True),
     "play_model": Method(
         "plays, motors, model's states", WRIST_PLAYS, ("measured", "motor"), with_filter=True
     ),
@@ -96,7 +89,7 @@ METHODS: Final[Mapping[str, Method]] = {
     "play_effort": Method(
         "plays, motors and effort", WRIST_PLAYS, ("measured", "motor", "effort"), True
     ),
-    _FILTER: Method(
+    "filter": Method(
         "physical filter, motors and effort", None, ("motor", "effort"), True, with_filter=True
     ),
     "play_filter": Method(
@@ -107,8 +100,6 @@ METHODS: Final[Mapping[str, Method]] = {
         True,
     ),
 }
-
-_COLOURS: Final = {key: f"C{k}" for k, key in enumerate(METHODS)}
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -154,22 +145,23 @@ def judge(
     seed = 4 * number
     free, under_load = motions.calibrating(twin, free_s, loaded_s, seed)
     tests = {
-        "free": motions.record(twin, motions.steps, test_s, seed + 2, load=False),
-        "loaded": motions.record(twin, motions.steps, test_s, seed + 3, load=True),
+        name: motions.record(twin, motions.steps, test_s, seed + 2 + n, load=bool(n))
+        for n, name in enumerate(TESTS)
     }
     rows: Rows = []
     runs: Physical = {}
     if any(METHODS[key].with_filter for key in methods):
         physical = calibrate([free, under_load], "ukf_cables", joints=JOINTS)
-        runs = {
-            run.provenance.session: simulated(physical, run)
-            for run in (free, under_load, *tests.values())
-        }
+        for run in (free, under_load, *tests.values()):
+            gap = physical.gap_limit
+            X, dt = physical.feature_set.compute(run, gap), time_steps(run.t, gap)
+            filtered = physical.model.states(X, dt)
+            runs[run.provenance.session] = Simulated(filtered, *physical.model.unloaded(X, dt))
         true = quantities(twin)
         rows += [
             {"of": IDENTIFIED, "name": name, "value": value, "deviation": deviation, "unit": unit,
              "true": true.get(name)}
-            for name, (value, deviation, unit) in _filter_of(physical).identified.items()
+            for name, (value, deviation, unit) in physical.model.identified.items()
         ]  # fmt: skip
         for name, test in tests.items():
             rows += honesty(runs[test.provenance.session].filtered, test, SETTLED, motion=name)
@@ -205,21 +197,12 @@ def estimates(
         if not method.with_load:
             return {name: (one.joints, None) for name, one in group.items()}
         return {name: (one.filtered.angle, one.filtered.load) for name, one in group.items()}
-    if method.with_load:
-        return fitted([free, under_load], tests, method, runs)
     if method.estimator is None:
         return {name: (test.columns("measured", JOINTS), None) for name, test in tests.items()}
-    if method.with_filter:
-        return {name: (a, None) for name, (a, _) in fitted([free], tests, method, runs).items()}
-    model = calibrate([free], method.estimator, features=method.features, joints=JOINTS)
-    return {name: (model.correct(test), None) for name, test in tests.items()}
-
-
-def simulated(physical: Calibration, recording: Recording) -> Simulated:
-    """Run the physical filter, and its model alone, over a recording."""
-    model, gap = _filter_of(physical), physical.gap_limit
-    X, dt = physical.feature_set.compute(recording, gap), time_steps(recording.t, gap)
-    return Simulated(model.states(X, dt), *model.unloaded(X, dt))
+    if not (method.with_load or method.with_filter):
+        model = calibrate([free], method.estimator, features=method.features, joints=JOINTS)
+        return {name: (model.correct(test), None) for name, test in tests.items()}
+    return fitted([free, under_load] if method.with_load else [free], tests, method, runs)
 
 
 def quantities(twin: WristTwin) -> dict[str, float]:
@@ -258,11 +241,6 @@ def quantities(twin: WristTwin) -> dict[str, float]:
     }
 
 
-def _filter_of(physical: Calibration) -> CableFilter:
-    model: CableFilter = physical.model
-    return model
-
-
 def by_joint(values: Sequence[float], suffix: str = "") -> dict[str, float]:
     """Name values (3,) by the joints."""
     return {joint + suffix: value for joint, value in zip(JOINTS, values, strict=True)}
@@ -278,8 +256,8 @@ def fitted(
     tests: Mapping[str, Recording],
     method: Method,
     runs: Physical,
-) -> dict[str, tuple[Array, Array]]:
-    """Joints (n, 3) [rad] and loads (n, 3) [Nm] in each test, by a method that learns both."""
+) -> dict[str, tuple[Array, Array | None]]:
+    """Joints (n, 3) [rad] and loads (n, 3) [Nm] in each test, by a method that learns them."""
     features = FeatureSet.parse(method.features)
     gap = default_gap_limit(training)
 
@@ -301,11 +279,10 @@ def fitted(
     X, y = (np.vstack([of(r) for r in training]) for of in (inputs, targets))
     outputs = y.shape[1] if method.with_load else len(JOINTS)
     model = clone(method.estimator).fit(X, y[:, :outputs], dt=dt)
-    found = {}
+    found: dict[str, tuple[Array, Array | None]] = {}
     for name, test in tests.items():
-        out = model.predict(inputs(test), time_steps(test.t, gap))
-        n = len(JOINTS)
-        found[name] = out[:, :n] + test.columns("measured", JOINTS), out[:, n:]
+        angle, load = np.split(model.predict(inputs(test), time_steps(test.t, gap)), [3], axis=1)
+        found[name] = angle + test.columns("measured", JOINTS), load if method.with_load else None
     return found
 
 
@@ -324,28 +301,20 @@ def honesty(states: CableStates, test: Recording, settled: float, **labels: Any)
 
 
 def summarise(results: Results) -> Summary:
-    """Table of medians by family, and the errors of the first specimen over time."""
+    """Tables of medians by family, and the distribution of the errors by method."""
     settings = results.settings
     by_kind = {str(kind): rows for kind, rows in results.rows.groupby("of", sort=False)}
-    tables = [_table(by_kind[ANGLE], settings, by_kind[GRIP])]
+    angles = by_kind[ANGLE][["specimen", "family", "test", "method", *JOINTS]]
+    tables = [_table(angles, settings, by_kind[GRIP])]
     if LOAD in by_kind:
-        tables.append(_load_table(by_kind[LOAD], by_kind.get(IDENTIFIED)))
+        tables.append(_load_table(by_kind[LOAD]))
     if HONESTY in by_kind:
         tables += [_honest_table(by_kind[HONESTY]), _identified_table(by_kind[IDENTIFIED])]
-    angles = by_kind[ANGLE][["test", "method", *JOINTS]]
-    errors = angles.melt(["test", "method"], list(JOINTS), "joint", "rms")
-    errors = errors.assign(name=errors.method.map({k: m.title for k, m in METHODS.items()}))
-    colours = {METHODS[key].title: colour for key, colour in _COLOURS.items()}
-    panels = [
-        ecdf(
-            select(errors, test=name), "rms", "name", scale=np.degrees(1.0), colours=colours,
-            x="RMS error [deg]", y="share of joints [%]", title=name, log="x",
-        )
-        for name in TESTS
-    ]  # fmt: skip
+    angles = angles.assign(name=angles.method.map({k: m.title for k, m in METHODS.items()}))
+    errors = angles.melt(["test", "name"], list(JOINTS), "joint", "rms")
     caption = "Share of all specimens' joints with a smaller error, by method."
-    figure = Figure("Wristed instruments, another class of motion", (panels,), caption, legend=True)
-    return Summary(tables, {"wrist": figure})
+    title = "Wristed instruments, another class of motion"
+    return Summary(tables, {"wrist": ecdf_figure(title, errors, "name", "test", caption)})
 
 
 def joint_medians(rows: DataFrame, decimals: int = 3) -> str:
@@ -358,66 +327,45 @@ def worst(rows: DataFrame) -> str:
     return f"{np.degrees(rows[list(JOINTS)].to_numpy().max()):.2f}"
 
 
+def _named(method: str, family: str) -> str:
+    return f"{METHODS[method].title}, {family}"
+
+
 def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
-    grip = 1e3 * grips.rms.median()
     cells: dict[str, Cell] = {"n": lambda group: str(group.specimen.nunique())}
     for name, mark in zip(TESTS, ("", " "), strict=True):
         cells[f"{name}: pitch jaw1 jaw2"] = of(joint_medians, test=name)
         cells["worst" + mark] = of(worst, test=name)
     notes = (
-        f"RMS error in degrees against the joints themselves, median of the specimens of seed "
+        "RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint. Fitted to {settings['free_s']:g} s "
         f"of multi-sines without load and, with effort, {settings['loaded_s']:g} s under loads; "
         f"tested on {settings['test_s']:g} s of steps each.",
-        f"Loads: grips half of the time (RMS {grip:.0f} mNm in the median) and pushes at the tip "
-        "up to 2 N along two axes. Motors alone do not see them: what stands there is what a load "
-        "that nothing measures does.",
+        "Loads: grips half of the time (RMS "
+        f"{1e3 * grips.rms.median():.0f} mNm in the median) and pushes at the tip up to 2 N along "
+        "two axes. Motors alone do not see them.",
     )
     title = "Pitch and jaws of a wristed instrument"
     return table_of(title, rows, ["method", "family"], cells, notes, names=_named)
 
 
-def _middle(column: str, scale: float) -> Cell:
-    return lambda group: f"{scale * group[column].median():.1f}"
-
-
-def _share(group: DataFrame) -> str:
-    return f"{100 * group.covered.median():.0f} %"
-
-
-def _named(method: str, family: str) -> str:
-    return f"{METHODS[method].title}, {family}"
-
-
-def _load_table(rows: DataFrame, identified: DataFrame | None) -> Table:
+def _load_table(rows: DataFrame) -> Table:
     cells: dict[str, Cell] = {}
     for load in LOADS:
         cells[load] = of(median("rms", 1, 1e3), test="loaded", name=load)
-        cells["of " + load] = of(_middle("size", 1e3), test="loaded", name=load)
+        cells["of " + load] = of(_size, test="loaded", name=load)
     cells["grip when free"] = of(median("rms", 1, 1e3), test="free", name="grip")
-    notes = (
+    note = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
         "the RMS of the load itself: pitch and yaw are torques of the force at the tip. What a pin "
-        "holds by friction no motor feels; that is the dead band below which a push stays unseen.",
-        *(() if identified is None else (_blind(identified),)),
+        "holds by friction no motor feels: its dead band stands where it was identified."
     )
     by = ["method", "family"]
-    return table_of("Grip and tip torque", rows, by, cells, notes, names=_named)
+    return table_of("Grip and tip torque", rows, by, cells, (note,), names=_named)
 
 
-def _blind(identified: DataFrame) -> str:
-    """State by the identified dead bands which torques at the tip are declared blind."""
-    texts = []
-    for title, name in (("grip", "grip"), ("pitch", "tip_first"), ("yaw", "tip_second")):
-        bands = 1e3 * select(identified, name=f"{name}_dead_band").value
-        texts.append(
-            f"{title} {bands.median():.1f} ({bands.min():.1f} to {bands.max():.1f}), "
-            f"{(bands > 1e3 * BLIND).sum()} of {len(bands)} blind"
-        )
-    return (
-        f"Dead bands that were identified, in mNm; above {1e3 * BLIND:g} a torque is declared "
-        f"blind: {'; '.join(texts)}."
-    )
+def _size(group: DataFrame) -> str:
+    return f"{1e3 * group['size'].median():.1f}"
 
 
 def _honest_table(rows: DataFrame) -> Table:
@@ -425,34 +373,32 @@ def _honest_table(rows: DataFrame) -> Table:
     for n, (test, name) in enumerate(product(TESTS, ("angle", "load"))):
         cells[f"{test}: {name}"] = of(median("nees", 2), motion=test, name=name)
         cells["in 90 %" + " " * n] = of(_share, motion=test, name=name)
-    notes = (
+    note = (
         "Normalised square of the physical filter's errors, 1 where its deviations are honest: "
-        "median (worst) of the specimens; share of errors within what it states for 90 %, median. "
-        "Its deviations are scaled to the errors in calibration, of another class of motion.",
+        "median (worst) of the specimens; share of errors within what it states for 90 %, median."
     )
-    return table_of("What the physical filter states of itself", rows, "family", cells, notes)
+    return table_of("What the physical filter states of itself", rows, "family", cells, (note,))
 
 
-def _value(group: DataFrame) -> str:
-    return f"{group.value.median():.3g} +- {group.deviation.median():.1g}"
-
-
-def _off(group: DataFrame) -> str:
-    group = group.dropna(subset="true")
-    apart = np.sqrt(group.ratio.mean())
-    return f"{100 * group.off.median():.0f} %, {apart:.1f} x" if len(group) else "-"
+def _share(group: DataFrame) -> str:
+    return f"{100 * group.covered.median():.0f} %"
 
 
 def _identified_table(rows: DataFrame) -> Table:
-    ratio = ((rows.value - rows.true) / rows.deviation) ** 2
-    rows = rows.assign(off=(rows.value / rows.true - 1.0).abs(), ratio=ratio)
-    cells: dict[str, Cell] = {"unit": lambda group: str(group.unit.iloc[0])}
-    for n, family in enumerate(unique(rows, "family")):
-        cells |= {family: of(_value, family=family), "off" + " " * n: of(_off, family=family)}
-    notes = (
+    off, ratio = (rows.value / rows.true - 1.0).abs(), (rows.value - rows.true) / rows.deviation
+    by = [rows["name"], rows.family]
+    values = rows.groupby(by, sort=False)[["value", "deviation"]].median()
+    text = values.value.map("{:.3g}".format) + " +- " + values.deviation.map("{:.1g}".format)
+    share = (100.0 * off.groupby(by, sort=False).median()).map("{:.0f} %".format)
+    apart = np.sqrt((ratio**2).groupby(by, sort=False).mean()).map("{:.1f} x".format)
+    known = off.groupby(by, sort=False).count() > 0
+    apart = (share + ", " + apart).where(known, "-")
+    table = rows.groupby("name", sort=False)[["unit"]].first()
+    for family in unique(rows, "family"):
+        table[family], table[f"off, {family}"] = text.xs(family, level=1), apart.xs(family, level=1)
+    note = (
         "Medians of what was identified and of its stated deviation; how far it is off what the "
         "specimen was made with, where that is one number, in the median, and the RMS of that in "
-        "stated deviations. A loop's stiffness is that of its own two cables; what their radii "
-        "stray by stays in it.",
+        "stated deviations. A loop's stiffness is that of its own two cables."
     )
-    return table_of("What was identified", rows, "name", cells, notes, head="identified")
+    return frame_table("What was identified", table, (note,), head="identified")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -10,9 +11,7 @@ from pandas import DataFrame
 from sklearn.base import clone
 
 from truejoint.array_types import Array
-from truejoint.calibration import Calibration, calibrate
-from truejoint.drawing import Curve, Figure, Panel
-from truejoint.estimators.cables.learn import CableStates
+from truejoint.calibration import calibrate
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -20,7 +19,7 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import Cell, select, table_of, unique
+from truejoint.studies.rows import Cell, ecdf_figure, frame_table, select, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import (
@@ -98,12 +97,15 @@ def judge(
         tests[name] = motions.record(other, motions.steps, test_s, seed + 2, load=True)
         checks[name] = motions.record(other, motions.paused_sines, _CHECK, seed + 3, load=False)
         if name == GAIN:
-            tests[name], checks[name] = (amplified(run, 1.1) for run in (tests[name], checks[name]))
+            for runs in (tests, checks):
+                efforts = {f"effort/{j}": 1.1 * runs[name].column(f"effort/{j}") for j in JOINTS}
+                runs[name] = replace(runs[name], table=runs[name].table.assign(**efforts))
     strange = strangeness(free, checks)
     rows: Rows = []
     for name, test in tests.items():
         settled = test.t - test.t[0] > SETTLED
-        states = estimated(model, test)
+        gap = model.gap_limit
+        states = model.model.states(model.feature_set.compute(test, gap), time_steps(test.t, gap))
         off = (states.angle - test.columns("truth_exact", JOINTS))[settled]
         load = (states.load - test.columns("truth_load", LOADS))[settled]
         rows.append(
@@ -112,15 +114,6 @@ def judge(
         )  # fmt: skip
     moved = zip(STOPS, (stops[ENGAGED] - stops[NOTHING]).tolist(), strict=True)
     return [*rows, {"changed": TOUCHED, **dict(moved)}]
-
-
-def estimated(model: Calibration, recording: Recording) -> CableStates:
-    """Estimate joints and loads by a calibration that is a filter of the cables."""
-    gap = model.gap_limit
-    found: CableStates = model.model.states(
-        model.feature_set.compute(recording, gap), time_steps(recording.t, gap)
-    )
-    return found
 
 
 def touched(twin: WristTwin) -> Array:
@@ -162,12 +155,6 @@ def stop(twin: WristTwin, pose: Array, way: Array) -> float:
     along = joints[felt] @ way / (way @ way)
     slope, at = np.polyfit(pressed[felt], along, 1)
     return float(at + 0.5 * slope * _PRESS)
-
-
-def amplified(run: Recording, gain: float) -> Recording:
-    """Copy whose efforts are read `gain` times as large."""
-    scaled = {f"effort/{name}": gain * run.column(f"effort/{name}") for name in JOINTS}
-    return Recording(run.table.assign(**scaled), run.units, run.provenance)
 
 
 def strangeness(free: Recording, checks: Mapping[str, Recording]) -> dict[str, float]:
@@ -215,38 +202,34 @@ def summarise(results: Results) -> Summary:
     )
     title = "Changed after the calibration"
     table = table_of(title, rows, "changed", cells, notes)
-    medians = rows.groupby("changed", sort=False)[list(JOINTS)].median()
-    place = np.arange(len(medians))
-    curves = [Curve(np.degrees(medians[j]), place, j, f"C{n}", "o") for n, j in enumerate(JOINTS)]
-    panel = Panel(curves, "median RMS error under loads [deg]", rows=unique(rows, "changed"))
-    figure = Figure(title, ((panel,),), notes[0], height=3.6, legend=True)
+    errors = rows.melt(["changed"], list(JOINTS), "joint", "rms")
+    caption = "Share of all specimens with a smaller error under loads, by joint and change."
+    figure = ecdf_figure(title, errors, "changed", "joint", caption)
     return Summary((table, _zero_table(results.rows)), {"wrist-changes": figure})
 
 
 def _zero_table(rows: DataFrame) -> Table:
     """How far engaging anew moved the errors, and what each way to a zero leaves of that."""
-
-    def means(change: str) -> Array:
-        return select(rows, changed=change)[[f"{joint}_mean" for joint in JOINTS]].to_numpy()
-
-    moved = means(ENGAGED) - means(NOTHING)
-    stops = select(rows, changed=TOUCHED)[list(STOPS)].to_numpy()
-    remaining, opening = moved - stops[:, :3], moved[:, 2] - moved[:, 1]
-
-    def cell(values: Array) -> str:
-        return median_text(np.abs(np.degrees(values)), 3)
-
-    body = (
-        ("as engaged", *map(cell, moved.T), cell(opening)),
-        (
-            "after touching their stops",
-            *map(cell, remaining.T), cell(remaining[:, 2] - remaining[:, 1]),
-        ),
-        ("after closing the jaws on themselves", *["-"] * len(JOINTS), cell(opening - stops[:, 3])),
-    )  # fmt: skip
-    notes = (
+    means = rows.set_index(["changed", "specimen"])[[f"{joint}_mean" for joint in JOINTS]]
+    moved = (means.loc[ENGAGED] - means.loc[NOTHING]).set_axis(list(JOINTS), axis=1)
+    stops = select(rows, changed=TOUCHED).set_index("specimen")[list(STOPS)]
+    left = moved - stops[list(STOPS[:3])].to_numpy()
+    opening, remaining = moved.jaw2 - moved.jaw1, left.jaw2 - left.jaw1
+    closed = moved.assign(opening=opening - stops[STOPS[3]]) * [np.nan, np.nan, np.nan, 1.0]
+    ways = {
+        "as engaged": moved.assign(opening=opening),
+        "after touching their stops": left.assign(opening=remaining),
+        "after closing the jaws on themselves": closed,
+    }
+    table = DataFrame(
+        {
+            name: np.degrees(off.abs()).apply(lambda column: median_text(column.dropna(), 3))
+            for name, off in ways.items()
+        }
+    ).T
+    note = (
         "How far, in degrees, the mean errors are from those before; the worst in brackets. Joints "
-        "that press on the stops at the ends of their ranges, or jaws on each other, as lightly as "
-        "they did after calibration, measure there by how much their zeros have moved.",
+        "that press on their stops, or jaws on each other, as lightly as they did after "
+        "calibration, measure there by how much their zeros have moved."
     )
-    return Table("Engaged anew", ("", *JOINTS, "opening"), body, notes)
+    return frame_table("Engaged anew", table, (note,))

@@ -15,7 +15,6 @@ from pandas import DataFrame
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
-from truejoint.drawing import Figure, box_plot
 from truejoint.errors import CommandRefused, StudyError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
@@ -26,7 +25,7 @@ from truejoint.simulation.twin import hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.loop import TwinSignals, homed_arm
-from truejoint.studies.rows import Cell, each, median, select, table_of
+from truejoint.studies.rows import Cell, each, ecdf_figure, median, select, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import METHODS, by_joint, joint_medians, rms, specimens, worst
@@ -81,7 +80,6 @@ SEES_GRIP: Final = ("filter", _HYBRID, PERFECT)
 
 # Where an estimator is sure of itself it is believed beyond what calibration saw.
 _BELIEVED: Final = Status.OUT_OF_DOMAIN | Status.OUT_OF_RANGE | Status.IMPLAUSIBLE
-_DEGREES: Final = math.degrees(1.0)
 _QUICK: Final = 0.01  # [s] in which what is lost is made up for
 _SETTLED: Final = 2.0  # [s] at the first pose, which are not judged
 _MOMENT: Final = 0.5  # [s] after a step of the grip, from which it counts as standing
@@ -156,18 +154,16 @@ def judge(
     wanted = np.vstack([hold(motions.joints(pose[:1])[0], _SETTLED), motions.joints(pose)])
     rows: Rows = []
 
-    def tried(of: str, case: str, key: str, run: Callable[[], Array], judge: Judge) -> None:
+    def tried(labels: dict[str, str], run: Callable[[], Array], judge: Judge) -> None:
         """Add a row on what a loop did, or on why it refused."""
-        labels = {"of": of, "load": case, "loop": key}
         try:
-            signal = run()
+            rows.append({**labels, **judge(run())})
         except CommandRefused as refused:
             rows.append({**labels, "refused": str(refused)})
-            return
-        rows.append({**labels, **judge(signal)})
 
     for (case, pushed), key in product(CASES.items(), keys):
-        tried(JOINT, case, key, partial(bench.follow, key, wanted, off, pushed), joint_errors)
+        run = partial(bench.follow, key, wanted, off, pushed)
+        tried({"of": JOINT, "load": case, "loop": key}, run, lambda error: by_joint(rms(error)))
     for case, moving in GRIPS.items():
         path, grip = motions.grip_steps(seconds, seed + 3)
         if not moving:
@@ -175,13 +171,8 @@ def judge(
         path[:, 2] = _APART
         for key in filter(SEES_GRIP.__contains__, keys):
             run = partial(bench.grip, key, motions.joints(path), grip)
-            tried(GRIP, case, key, run, partial(judged_grip, wanted=grip))
+            tried({"of": GRIP, "load": case, "loop": key}, run, partial(judged_grip, wanted=grip))
     return rows
-
-
-def joint_errors(error: Array) -> dict[str, float]:
-    """RMS [rad] of every joint's error (n, 3)."""
-    return by_joint(rms(error))
 
 
 @dataclass(frozen=True, eq=False)
@@ -271,76 +262,57 @@ def summarise(results: Results) -> Summary:
     """Medians by family and case, each loop beside that of a perfect sensor."""
     settings, rows = results.settings, results.rows
     rows = rows.assign(refused=None) if "refused" not in rows else rows
-    refused = rows[rows.refused.notna()]
-    done = rows[rows.refused.isna()]
-    tables = [_joint_table(select(done, of=JOINT), settings), _grip_table(select(done, of=GRIP))]
-    if len(refused):
-        body = tuple((r.part, r.load, TITLES[r.loop], r.refused) for r in each(refused))
-        header = ("instrument", "load", "in the loop", "refused")
-        tables.append(Table("Loops that refused", header, body))
-    named = done.assign(name=done.loop.map(TITLES))
-    errors = select(named, of=JOINT).melt(["load", "name"], list(JOINTS), "joint", "error")
-    look: dict[str, Any] = {"condition": "load", "by": "name", "log": "y"}
-    panels = [
-        box_plot(errors, value="error", y="RMS error of a joint [deg]", scale=_DEGREES, **look),
-        box_plot(
-            select(named, of=GRIP), value="rms", y="RMS error of the grip [mNm]", scale=1e3, **look
-        ),
-    ]
-    caption = "Joints without and with pushes at the tip; grip, pitch and yaw standing and moving."
-    figure = Figure("Joints and grip in a closed loop", (panels,), caption, legend=True)
-    return Summary(tables, {"wrist-loop": figure})
-
-
-def _beside_perfect(rows: DataFrame, columns: Sequence[str]) -> DataFrame:
-    """Rows of specimens where a perfect sensor was tried too, and the ``ratio`` to it."""
-    keys = ["load", "specimen"]
-    perfect = select(rows, loop=PERFECT)[[*keys, *columns]]
-    both = rows.merge(perfect, on=keys, suffixes=("", "_perfect"))
-    ratio = both[list(columns)].to_numpy() / both[[f"{c}_perfect" for c in columns]].to_numpy()
-    both = both.assign(ratio=list(ratio), place=both.loop.map(list(TITLES).index))
-    return both.sort_values(["load", "family", "place"], kind="stable")
-
-
-def _ratio(group: DataFrame) -> str:
-    return f"{np.median(np.concatenate(group.ratio.to_list())):.2f}"
-
-
-def _named(load: str, family: str, loop: str) -> str:
-    return f"{load}, {family}, {TITLES[loop]}"
-
-
-def _joint_table(rows: DataFrame, settings: Settings) -> Table:
-    cells: dict[str, Cell] = {
+    refused, done = rows[rows.refused.notna()], rows[rows.refused.isna()]
+    joint_cells: dict[str, Cell] = {
         "n": lambda group: str(len(group)),
         "pitch jaw1 jaw2": joint_medians,
         "worst": worst,
-        "of perfect": _ratio,
     }
-    notes = (
+    joints = (
         f"RMS of joint less wanted in degrees along {settings['seconds']:g} s of steps with rests, "
         f"medians of the specimens of seed {settings.seed}; the loop runs at "
         f"{settings['rate_hz']:g} Hz. tip: pushes up to 2 N. The last column is the median of the "
-        "ratio to the same loop, not fed forward, around a sensor that knows the joints exactly.",
+        "ratio to the same loop, not fed forward, around a sensor that knows the joints exactly."
     )
-    by, head = ["load", "family", "loop"], "load, family, in the loop"
-    return table_of("Joints in a closed loop", _beside_perfect(rows, JOINTS), by, cells, notes,
-                    names=_named, head=head)  # fmt: skip
-
-
-def _grip_table(rows: DataFrame) -> Table:
-    cells: dict[str, Cell] = {
+    grip_cells: dict[str, Cell] = {
         "n": lambda group: str(len(group)),
         "RMS (worst)": median("rms", 1, 1e3),
         "between steps": median("standing", 1, 1e3),
         "overshoot": lambda group: f"{1e3 * group.overshoot.median():.1f}",
-        "of perfect": _ratio,
     }
-    notes = (
+    grip = (
         "Grip less wanted in mNm, medians of the specimens: jaws close on something, grip it at "
         "10 to 70 mNm in minimum-jerk steps of 0.3 s, and hold each for 1 to 2 s; standing, and "
-        "while pitch and yaw step too. Between steps counts from 0.5 s after each.",
+        "while pitch and yaw step too. Between steps counts from 0.5 s after each."
     )
-    by, head = ["load", "family", "loop"], "pitch and yaw, family, in the loop"
-    return table_of("Grip in a closed loop", _beside_perfect(rows, ("rms",)), by, cells, notes,
-                    names=_named, head=head)  # fmt: skip
+    of_joint = select(done, of=JOINT)
+    tables = [
+        _table("Joints in a closed loop", of_joint, JOINTS, joint_cells, joints),
+        _table("Grip in a closed loop", select(done, of=GRIP), ("rms",), grip_cells, grip),
+    ]
+    if len(refused):
+        body = tuple((r.part, r.load, TITLES[r.loop], r.refused) for r in each(refused))
+        header = ("instrument", "load", "in the loop", "refused")
+        tables.append(Table("Loops that refused", header, body))
+    named = of_joint.assign(name=of_joint.loop.map(TITLES))[["load", "name", *JOINTS]]
+    errors = named.melt(["load", "name"], list(JOINTS), "joint", "rms")
+    caption = "Share of all specimens' joints with a smaller error, without and with pushes."
+    title = "Joints in a closed loop"
+    return Summary(tables, {"wrist-loop": ecdf_figure(title, errors, "name", "load", caption)})
+
+
+def _table(
+    title: str, rows: DataFrame, columns: Sequence[str], cells: dict[str, Cell], note: str
+) -> Table:
+    """Table of specimens where a perfect sensor was tried too, with the ratio to it."""
+    perfect = select(rows, loop=PERFECT)[["load", "specimen", *columns]]
+    both = rows.merge(perfect, on=["load", "specimen"], suffixes=("", "_perfect"))
+    ratio = both[list(columns)].to_numpy() / both[[f"{c}_perfect" for c in columns]].to_numpy()
+    both = both.assign(ratio=list(ratio), place=both.loop.map(list(TITLES).index))
+    both = both.sort_values(["load", "family", "place"], kind="stable")
+    cells["of perfect"] = lambda group: f"{np.median(np.concatenate(group.ratio.to_list())):.2f}"
+    return table_of(
+        title, both, ["load", "family", "loop"], cells, (note,),
+        names=lambda load, family, loop: f"{load}, {family}, {TITLES[loop]}",
+        head="load, family, in the loop",
+    )  # fmt: skip
