@@ -13,11 +13,12 @@ from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.signals import RESET
-from truejoint.estimators.jaw_load.encoder_zero import EncoderZero, find_encoder_zero
-from truejoint.estimators.jaw_load.learn import FrictionFilter, Stiffness
-from truejoint.estimators.jaw_load.stiffness import (
+from truejoint.estimators.jaw_load.identify import (
+    EncoderZero,
+    find_encoder_zero,
     identify_stiffness,
 )
+from truejoint.estimators.jaw_load.learn import FrictionFilter, Stiffness
 from truejoint.estimators.registry import name_of
 from truejoint.units import GRAVITY
 

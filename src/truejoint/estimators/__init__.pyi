@@ -4,12 +4,12 @@ from .cables.learn import CableFilter as CableFilter
 from .gp.learn import GaussianProcess as GaussianProcess
 from .jaw.learn import CableLeastSquares as CableLeastSquares
 from .jaw.learn import JawFilter as JawFilter
-from .jaw_load.encoder_zero import EncoderZero as EncoderZero
-from .jaw_load.encoder_zero import find_encoder_zero as find_encoder_zero
-from .jaw_load.gated_plays import GatedPlays as GatedPlays
+from .jaw_load.identify import EncoderZero as EncoderZero
+from .jaw_load.identify import find_encoder_zero as find_encoder_zero
+from .jaw_load.identify import identify_stiffness as identify_stiffness
 from .jaw_load.learn import FrictionFilter as FrictionFilter
+from .jaw_load.learn import GatedPlays as GatedPlays
 from .jaw_load.learn import Stiffness as Stiffness
-from .jaw_load.stiffness import identify_stiffness as identify_stiffness
 from .motor_side.hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .network.learn import NeuralNetwork as NeuralNetwork

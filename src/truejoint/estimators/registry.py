@@ -95,7 +95,7 @@ PRESETS: Final[dict[str, Preset]] = {
     "play_reset": _jaw_plays("cable/reset"),
     "play_both": _jaw_plays("motor/jaw", "cable/reset"),
     "play_cables": _jaw_plays("cable/drive", "cable/reset"),
-    "play_gated": Preset("jaw_load.gated_plays.GatedPlays", "jaw_load.gated"),
+    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated"),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
     "hybrid": Preset("motor_side.hybrid.ElasticJointHybrid", "motor_side.hybrid_rows", {}, {}),

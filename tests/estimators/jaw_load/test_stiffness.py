@@ -8,10 +8,13 @@ from tests.estimators.conftest import SETTLED, steps, target
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.signals import FLICKER, SLIDING
-from truejoint.estimators.jaw_load.encoder_zero import EncoderZero, find_encoder_zero
+from truejoint.estimators.jaw_load.identify import (
+    EncoderZero,
+    find_encoder_zero,
+    identify_stiffness,
+)
 from truejoint.estimators.jaw_load.learn import FrictionFilter
 from truejoint.estimators.jaw_load.run import SHOWN, TURNING, UNSHOWN, hidden_load
-from truejoint.estimators.jaw_load.stiffness import identify_stiffness
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension

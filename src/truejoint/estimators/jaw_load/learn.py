@@ -1,8 +1,9 @@
-"""An unscented filter that carries friction and the external load in its state.
+"""The estimators of a jaw under loads: an unscented filter, and plays gated by their agreement.
 
-A few elastoplastic elements, each a bristle that bends with the reset cable's motion until it
-slides, stand for friction. What the motor's side reads, against what it should, corrects their
-deflections and the load: fast and small as friction, slow and lasting as a load.
+The filter carries friction and the external load in its state. A few elastoplastic elements, each a
+bristle that bends with the reset cable's motion until it slides, stand for friction. What the
+motor's side reads, against what it should, corrects their deflections and the load: fast and small
+as friction, slow and lasting as a load.
 """
 
 from __future__ import annotations
@@ -14,16 +15,19 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.family import Family
+from truejoint.estimators.family import Family, evaluate
 from truejoint.estimators.filtered import run_histories
-from truejoint.estimators.jaw.base import MechanismEstimator, median_dt
+from truejoint.estimators.jaw.base import JawEstimator, MechanismEstimator, median_dt
+from truejoint.estimators.jaw_load import gated
 from truejoint.estimators.jaw_load import run as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
+from truejoint.estimators.plays import jaw_bank
+from truejoint.estimators.plays import run as plays
+from truejoint.estimators.plays.jaw_plays import PENALTY, fit_bank
 from truejoint.estimators.plays.run import follow_rows
 from truejoint.estimators.ridge import ridge
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
-_PENALTY: Final = 1e-5
 
 
 SMALLEST_ERROR: Final = 0.05
@@ -180,7 +184,7 @@ class FrictionFilter(MechanismEstimator):
         columns = self._columns(X, dt, scale)
         fits, misfit = [], []
         for side in (y, drive):
-            weights, constant = ridge(columns[has_truth], side[has_truth], _PENALTY)
+            weights, constant = ridge(columns[has_truth], side[has_truth], PENALTY)
             residual = side - (constant + columns @ weights)
             fits.append(np.append(constant, weights))
             misfit.append(float(np.sqrt(np.mean(residual[has_truth] ** 2))))
@@ -205,3 +209,58 @@ class FrictionFilter(MechanismEstimator):
         follow_rows(dt, reset, np.array(self.widths), bent)
         powers = np.cumprod(np.tile((scale * reset)[:, None], DEGREE), axis=1)
         return np.hstack([powers, bent])
+
+
+@dataclass(eq=False, repr=False, kw_only=True)
+class GatedPlays(JawEstimator):
+    """`JawPlays` on the reset cable, corrected by those on both sides as far as the two agree.
+
+    Without a load both see the same jaw, and their difference stays within a few times what it was
+    in calibration; the estimate from both sides is then the better one. A load stretches the drive
+    cable, which only that one mistakes for a motion of the jaw: the difference grows, and the
+    estimate goes over, without a jump, to the reset cable's. In the loop it states how far off it
+    may be, which a load makes more.
+
+    Parameters
+    ----------
+    gate : float
+        How many times the difference's RMS in calibration still counts as agreement.
+    smallest_gate : float
+        Difference that always does [rad].
+    plays : tuple of float
+        Half-widths of the plays, as for `JawPlays`.
+
+    Examples
+    --------
+    >>> GatedPlays(gate=4.0).name
+    'play_gated'
+    """
+
+    family: ClassVar[Family] = gated.FAMILY
+    gate: float = 3.0
+    smallest_gate: float = 1.75e-3
+    plays: tuple[float, ...] = jaw_bank.WIDTHS
+
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
+        widths, estimates = tuple(self.plays), {}
+        arrays: Arrays = {}
+        for side, k in gated.SIDES.items():
+            rows = np.ascontiguousarray(X[:, -k:])
+            learnt = fit_bank(widths, PENALTY, rows, y, dt, has_truth)
+            memory = plays.pack(jaw_bank.bank(widths, k), learnt, k, 1)
+            estimates[side] = evaluate(plays.FAMILY, memory, rows, dt, 1)[has_truth, 0]
+            arrays |= {f"{side}/{name}": array for name, array in learnt.items()}
+            progress(0.4 * k)
+        both, reset = estimates["both"], estimates["reset"]
+        misfit = [_rms(both - y[has_truth]), _rms(reset - y[has_truth])]
+        return {
+            **arrays,
+            "gate": np.array([max(self.gate * _rms(both - reset), self.smallest_gate)]),
+            "misfit": np.array(misfit),
+        }
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.mean(values**2)))

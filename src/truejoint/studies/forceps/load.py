@@ -14,8 +14,8 @@ from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.jaw.learn import JawFilter
+from truejoint.estimators.jaw_load.identify import identify_stiffness
 from truejoint.estimators.jaw_load.learn import FrictionFilter
-from truejoint.estimators.jaw_load.stiffness import identify_stiffness
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest

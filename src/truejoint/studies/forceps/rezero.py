@@ -10,7 +10,7 @@ from pandas import DataFrame
 
 from truejoint.drawing import Figure, by_condition
 from truejoint.estimators.jaw.signals import RESET
-from truejoint.estimators.jaw_load.encoder_zero import find_encoder_zero
+from truejoint.estimators.jaw_load.identify import find_encoder_zero
 from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.studies.forceps import methods as m
