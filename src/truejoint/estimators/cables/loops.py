@@ -164,19 +164,6 @@ def pulled_by(change: Array, p: Array, out: Array) -> None:
 
 
 @compiled
-def winding(m: int, u: Array, p: Array) -> float:
-    """How much of a loop's tension its wrist's friction loses as the joints wind it less."""
-    lost = 0.0
-    for j in range(N):
-        if p[WRAP + N * m + j] != 0.0:
-            raw = 0.0
-            for i in range(N):
-                raw += p[RIGID + N * j + i] * u[ANGLE + i]
-            lost += p[WRAP + N * m + j] * raw
-    return lost
-
-
-@compiled
 def friction_levels(
     m: int, pull: float, x: Array, u: Array, p: Array, most: Array, middle: Array
 ) -> None:
@@ -185,10 +172,16 @@ def friction_levels(
     Two cables of tensions that differ by ``D`` and add up to ``S`` run on and off over pulleys:
     with the capstan equation the difference grows by ``D (cosh mu phi - 1) +- S sinh mu phi``.
     """
-    total, wrist, guides = tension_sum(m, pull, x, p), p[LEVEL + N + m], p[LEVEL + m]
-    wrist, guides = wrist / p[TENSION], guides / p[TENSION]
+    total, lost = tension_sum(m, pull, x, p), 0.0
+    guides, wrist = p[LEVEL + m] / p[TENSION], p[LEVEL + N + m] / p[TENSION]
+    for j in range(N):  # the wrist's friction loses as the joints wind the loop less
+        if p[WRAP + N * m + j] != 0.0:
+            raw = 0.0
+            for i in range(N):
+                raw += p[RIGID + N * j + i] * u[ANGLE + i]
+            lost += p[WRAP + N * m + j] * raw
     middle[1] = pull * (math.sqrt(1.0 + wrist * wrist) - 1.0)
-    most[1] = max(wrist * total - winding(m, u, p) * pull, 0.1 * wrist * p[TENSION])
+    most[1] = max(wrist * total - lost * pull, 0.1 * wrist * p[TENSION])
     # The guides stand behind the wrist: theirs are the tensions with what that holds.
     before = pull + x[WRIST + m]
     total = total * math.sqrt(1.0 + wrist * wrist) + pull * (x[WRIST + m] - middle[1]) / total
@@ -218,18 +211,6 @@ def loop_stretch(m: int, taut: float, p: Array, before: Array) -> None:
 
 
 @compiled
-def guide_way(by: float, taken: float, before: Array, shares: Array) -> float:
-    """Way [m] of a loop over its guides, for one of its motor and a change of tension [N]."""
-    return float(shares[0] * (by - before[0] * shares[1] * taken))
-
-
-@compiled
-def wrist_way(guides: float, taken: float, before: Array, shares: Array) -> float:
-    """Way [m] of a loop over its wrist's pulleys."""
-    return float(shares[1] * (guides - before[1] * taken))
-
-
-@compiled
 def yielded(friction: float, along: float) -> float:
     """Friction in the direction in which something moves; 0 where it stands."""
     if along == 0.0:
@@ -238,41 +219,18 @@ def yielded(friction: float, along: float) -> float:
 
 
 @compiled
-def slide_loop(m: int, by: float, taken: float, before: Array, shares: Array, x: Array, u: Array,
-               p: Array, pull: float, out: Array) -> None:  # fmt: skip
-    """Friction of a loop after a way `by` [m] of its motor and a change of tension `taken` [N]."""
-    most, middle = local_vector(2), local_vector(2)
-    friction_levels(m, pull, x, u, p, most, middle)
-    way = guide_way(by, taken, before, shares)
-    for n in range(2):
-        i = GUIDE + N * n + m
-        held = dahl(x[i] - middle[n], most[n], p[BUILD_UP], way)
-        out[i] = middle[n] + min(max(held, -most[n]), most[n])
-        way = wrist_way(way, taken, before, shares)
-
-
-@compiled
-def loop_hold(m: int, by: float, taken: float, before: Array, x: Array, u: Array, p: Array,
-              pull: float, hold: Array) -> None:  # fmt: skip
-    """By how much a loop's friction builds up (2,) [N/m] along a way and a change of tension."""
-    most, middle = local_vector(2), local_vector(2)
-    friction_levels(m, pull, x, u, p, most, middle)
-    reach = 0.0
-    for n in range(2):
-        reach += before[n]
-        along = yielded(x[GUIDE + N * n + m] - middle[n], by - reach * taken)
-        hold[n] = p[BUILD_UP] * max(1.0 - along / most[n], 0.0)
-
-
-@compiled
 def hold_loops(x: Array, u: Array, taken: Array, pull: Array, p: Array, before: Array,
                shares: Array) -> None:  # fmt: skip
     """Find how each loop gives way: stretch of its parts and `loop_shares`, (N, 3) each."""
-    hold = local_vector(2)
+    most, middle, hold = local_vector(2), local_vector(2), local_vector(2)
     for m in range(N):
-        by = p[RADIUS + m] * u[CHANGE + m]
+        by, reach = p[RADIUS + m] * u[CHANGE + m], 0.0
         loop_stretch(m, stretched(m, pull[m], x, p), p, before[m])
-        loop_hold(m, by, taken[m], before[m], x, u, p, pull[m], hold)
+        friction_levels(m, pull[m], x, u, p, most, middle)
+        for n in range(2):
+            reach += before[m, n]
+            along = yielded(x[GUIDE + N * n + m] - middle[n], by - reach * taken[m])
+            hold[n] = p[BUILD_UP] * max(1.0 - along / most[n], 0.0)
         loop_shares(m, before[m], hold, p, shares[m])
 
 
@@ -317,7 +275,7 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     """
     pull, after, change, taken = local_vector(N), local_vector(N), local_vector(N), local_vector(N)
     free, way, level, slope = local_vector(N), local_vector(N), local_vector(N), local_vector(N)
-    began, held = local_vector(N), local_vector(N)
+    began, held, most, middle = local_vector(N), local_vector(N), local_vector(2), local_vector(2)
     before, shares = local_matrix(N, 3), local_matrix(N, 3)
     for m in range(N):
         change[m] = loads[m] - x[LOAD + m]
@@ -340,8 +298,13 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
         out[PIN + j] = held[j]
     tensions(out, p, after)
     for m in range(N):
-        by = p[RADIUS + m] * u[CHANGE + m]
-        slide_loop(m, by, after[m] - pull[m], before[m], shares[m], x, u, p, after[m], out)
+        friction_levels(m, after[m], x, u, p, most, middle)
+        grown, way = after[m] - pull[m], p[RADIUS + m] * u[CHANGE + m]
+        for n in range(2):  # guides, then wrist
+            gone, i = shares[m, 1] if n == 0 else 1.0, GUIDE + N * n + m
+            way = shares[m, n] * (way - before[m, n] * gone * grown)
+            friction = dahl(x[i] - middle[n], most[n], p[BUILD_UP], way)
+            out[i] = middle[n] + min(max(friction, -most[n]), most[n])
 
 
 @compiled
@@ -380,26 +343,6 @@ def measurement(x: Array, u: Array, p: Array, out: Array) -> None:
 
 
 @compiled
-def friction_noise(x: Array, u: Array, dt: float, p: Array, pull: Array, level: Array, hold: Array,
-                   out: Array) -> None:  # fmt: skip
-    """Random walks of friction; and how it builds up in loops (N, 2) [N/m] as a load comes.
-
-    What slides along with its motor gives way: it holds what it holds. Where the motor stands it
-    does not matter which way the load goes.
-    """
-    most, middle = local_vector(2), local_vector(2)
-    for m in range(N):
-        out[MOTOR + m, MOTOR + m] = p[DRIFT + 1] * dt
-        out[PIN + m, PIN + m] = p[DRIFT + 2] * level[m] ** 2 * dt
-        friction_levels(m, pull[m], x, u, p, most, middle)
-        for n in range(2):
-            i = GUIDE + N * n + m
-            out[i, i] = p[DRIFT] * p[LEVEL + N * n + m] ** 2 * dt
-            share = yielded(x[i] - middle[n], u[CHANGE + m]) / most[n]
-            hold[m, n] = p[BUILD_UP] * min(max(1.0 - share, 0.0), 1.0)
-
-
-@compiled
 def held_of(k: int, before: Array, hold: Array, shares: Array, slope: Array, p: Array,
             held: Array) -> None:  # fmt: skip
     """Change of the state (STATES,) per change of a load, at motors that stand."""
@@ -415,9 +358,9 @@ def held_of(k: int, before: Array, hold: Array, shares: Array, slope: Array, p: 
     for m in range(N):
         for j in range(N):
             taken[m] += p[INVERSE + N * j + m] * slope[j] * way[j]
-        guides = guide_way(0.0, taken[m], before[m], shares[m])
-        held[GUIDE + m] = hold[m, 0] * guides
-        held[WRIST + m] = hold[m, 1] * wrist_way(guides, taken[m], before[m], shares[m])
+        way_over = shares[m, 0] * (0.0 - before[m, 0] * shares[m, 1] * taken[m])
+        held[GUIDE + m] = hold[m, 0] * way_over
+        held[WRIST + m] = hold[m, 1] * (shares[m, 1] * (way_over - before[m, 1] * taken[m]))
         held[MOTOR + m] = 0.0
         held[PIN + m] = slope[m] * way[m]
         held[LOAD + m] = unit[m]
@@ -425,13 +368,25 @@ def held_of(k: int, before: Array, hold: Array, shares: Array, slope: Array, p: 
 
 @compiled
 def process_noise(x: Array, u: Array, dt: float, p: Array, out: Array) -> None:
-    """Random walks; what a load changes by, pins and pulleys hold back as they give way."""
+    """Random walks; what a load changes by, pins and pulleys hold back as they give way.
+
+    What slides along with its motor gives way: it holds what it holds. Where the motor stands it
+    does not matter which way the load goes.
+    """
     pull, slope, held = local_vector(N), local_vector(N), local_vector(STATES)
     before, shares, hold = local_matrix(N, 3), local_matrix(N, 3), local_matrix(N, 2)
+    most, middle = local_vector(2), local_vector(2)
     tensions(x, p, pull)
     pin_levels(pull, x, p, slope)
-    friction_noise(x, u, dt, p, pull, slope, hold, out)
     for j in range(N):
+        out[MOTOR + j, MOTOR + j] = p[DRIFT + 1] * dt
+        out[PIN + j, PIN + j] = p[DRIFT + 2] * slope[j] ** 2 * dt
+        friction_levels(j, pull[j], x, u, p, most, middle)
+        for n in range(2):
+            i = GUIDE + N * n + j
+            out[i, i] = p[DRIFT] * p[LEVEL + N * n + j] ** 2 * dt
+            share = yielded(x[i] - middle[n], u[CHANGE + j]) / most[n]
+            hold[j, n] = p[BUILD_UP] * min(max(1.0 - share, 0.0), 1.0)
         along = 0.0
         for m in range(N):
             along += p[RIGID + N * j + m] * u[CHANGE + m]
