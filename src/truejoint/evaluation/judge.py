@@ -25,7 +25,7 @@ from truejoint.evaluation.results import (
     Trace,
 )
 from truejoint.recordings.table.recording import Recording
-from truejoint.recordings.table.signals import direction, velocity
+from truejoint.recordings.table.stream import direction, velocity
 from truejoint.robots import Robot
 from truejoint.runtime import Status
 from truejoint.runtime.corrector import corrector_for

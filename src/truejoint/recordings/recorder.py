@@ -21,8 +21,7 @@ from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
 from truejoint.recordings.table.parquet import recording_header, write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
-from truejoint.recordings.table.signals import BRIDGED_TIME
-from truejoint.recordings.table.stream import Stream
+from truejoint.recordings.table.stream import BRIDGED_TIME, Stream
 from truejoint.recordings.table.stream_file import (
     STATE,
     SUFFIX,

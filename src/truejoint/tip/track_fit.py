@@ -16,7 +16,7 @@ from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import Recording
-from truejoint.recordings.table.signals import GAP_STEPS
+from truejoint.recordings.table.stream import GAP_STEPS
 from truejoint.robots.parts import Kinematics
 from truejoint.tip.fit import (
     GATE,

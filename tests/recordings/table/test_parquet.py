@@ -186,7 +186,7 @@ T = pa.array([0.0, 1.0])
         (GOOD | {"version": 99}, "is of version 99"),
         (GOOD | {"units": {}}, "metadata is damaged"),
         (GOOD | {"units": {"measured/joint1": 3}}, "metadata is damaged"),
-        (GOOD | {"provenance": {"robot": "bros", "new": 1}}, "unknown keys"),
+        (GOOD | {"provenance": {"robot": "bros", "new": 1}}, "no key called 'new'"),
     ],
 )
 def test_metadata_that_is_not_ours_is_refused(tmp_path: Path, header: object, message: str) -> None:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from truejoint.recordings.table.signals import direction, gaps, velocity
+from truejoint.recordings.table.stream import direction, gaps, velocity
 
 
 def test_velocity_of_a_ramp_is_its_slope_whatever_the_stamps() -> None:

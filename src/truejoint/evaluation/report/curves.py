@@ -17,7 +17,7 @@ from truejoint.evaluation.results import (
     Trace,
     estimator_title,
 )
-from truejoint.recordings.table.signals import gaps
+from truejoint.recordings.table.stream import gaps
 from truejoint.tables import fixed, shown
 from truejoint.units import display_unit
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from truejoint.array_types import Array, Integers
 from truejoint.drawing import BLUE, GREEN, GREY, INK, ORANGE, PURPLE, SKY
 from truejoint.evaluation.results import OFFSET, RAW, Evaluation
-from truejoint.recordings.table.signals import gaps
+from truejoint.recordings.table.stream import gaps
 
 Spec = dict[str, Any]
 Panel = tuple[Spec, Spec, list[Spec]]  # horizontal and vertical axis, as `axis` takes them, curves

@@ -14,7 +14,7 @@ from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import Figure, Spec
 from truejoint.evaluation.results import OFFSET, Evaluation, estimator_phrase, estimator_title
 from truejoint.recordings.table.recording import Recording
-from truejoint.recordings.table.signals import velocity
+from truejoint.recordings.table.stream import velocity
 
 # Curves (n, k) with title and colour.
 _Groups = Sequence[tuple[str, str, Sequence[Array]]]

@@ -11,7 +11,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings.table.recording import Recording
-from truejoint.recordings.table.signals import gaps
+from truejoint.recordings.table.stream import gaps
 from truejoint.threads import one_thread
 
 SLOW: Final = 0.1

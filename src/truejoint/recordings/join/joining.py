@@ -20,8 +20,7 @@ from truejoint.recordings.join.lag import (
     path_likeness,
 )
 from truejoint.recordings.table.recording import Recording, as_recording, nominal_rates
-from truejoint.recordings.table.signals import BRIDGED_STEPS
-from truejoint.recordings.table.stream import Stream, synchronise, usable_rows
+from truejoint.recordings.table.stream import BRIDGED_STEPS, Stream, synchronise, usable_rows
 from truejoint.threads import one_thread
 
 _FEWEST: Final = 200  # rows of which plays and efforts can explain the error

@@ -22,7 +22,7 @@ from truejoint.recordings.judge.finding import (
 )
 from truejoint.recordings.judge.positions import judge_positions
 from truejoint.recordings.table.recording import Recording, as_recordings
-from truejoint.recordings.table.signals import direction, velocity
+from truejoint.recordings.table.stream import direction, velocity
 from truejoint.summary import Summarised, json_values
 from truejoint.threads import one_thread
 

@@ -18,8 +18,7 @@ from truejoint.recordings.judge.data_check import DataCheck, check_data
 from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding, Level
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.recordings.table.recording import Recording, as_recording
-from truejoint.recordings.table.signals import velocity
-from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, Stream
+from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, Stream, velocity
 
 NO_STAMP: Final = "stamp of 0, which says that there is none"
 _REPEATED: Final = "repeated time stamp"

@@ -14,10 +14,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from truejoint import schema
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.errors import RecordingError, other_kind
 from truejoint.robots import Robot, get_robot
-from truejoint.summary import Summarised
+from truejoint.summary import Summarised, json_values
 from truejoint.units import SI_UNITS
 
 # A stamp above this is seconds since 1970: it would be 3 years into one recording.
@@ -98,23 +99,15 @@ class Provenance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values = {k: dict(v) if isinstance(v, Mapping) else v for k, v in vars(self).items()}
-        return {k: (None if isinstance(v, float) and np.isnan(v) else v) for k, v in values.items()}
+        values: dict[str, Any] = json_values(self)
+        return values
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
         """Inverse of `to_dict`; raises RecordingError on unknown keys and wrong kinds of value."""
-        unknown = sorted(set(values) - {each.name for each in fields(cls)})
-        if unknown or "robot" not in values:
-            raise RecordingError(
-                f"provenance has unknown keys {unknown} or lacks 'robot'; "
-                "was the file written by a newer version?"
-            )
-        clean: dict[str, Any] = {k: math.nan if v is None else v for k, v in values.items()}
-        try:
-            return cls(**clean)
-        except RecordingError as error:
-            raise RecordingError(f"{error}; was the file edited?") from None
+        unknown = [name for name in ("load", "start") if values.get(name) is None]
+        known = {key: value for key, value in values.items() if key not in unknown}
+        return schema.read(cls, known, "provenance", RecordingError)
 
 
 def _plain(name: str, kind: str, value: Any) -> Any:

@@ -34,8 +34,7 @@ from truejoint.recordings.table.recording import (
     last_of_each_stamp,
     nominal_rates,
 )
-from truejoint.recordings.table.signals import GAP_STEPS
-from truejoint.recordings.table.stream import Stream, synchronise, usable_rows
+from truejoint.recordings.table.stream import GAP_STEPS, Stream, synchronise, usable_rows
 from truejoint.robots import Robot, get_robot
 
 Topics = Mapping[str, tuple[str, int]]
