@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from typing import NamedTuple
 
 from truejoint.array_types import Array
 from truejoint.compiled import inlined
@@ -12,24 +12,13 @@ N_ELEMENTS = 4  # of Maxwell slip at each contact
 _FIRST_SHARE = 1.0 / sum(1.0 / (i + 1) for i in range(N_ELEMENTS))
 
 
-class ContactFriction(Protocol):
-    """Friction of a contact where it slides: a named tuple, in the units of its place."""
+class ContactLaw(NamedTuple):
+    """Friction of a contact where it slides, in the units of its place."""
 
-    @property
-    def presliding(self) -> float:
-        """Way in which friction builds up [m or rad]."""
-
-    @property
-    def viscous(self) -> float:
-        """Friction per speed [N s/m or Nm s/rad]."""
-
-    @property
-    def stribeck_ratio(self) -> float:
-        """Friction at rest over that of sliding."""
-
-    @property
-    def stribeck_velocity(self) -> float:
-        """Speed within which the one becomes the other [m/s or rad/s]."""
+    viscous: float  # friction per speed [N s/m or Nm s/rad]
+    presliding: float  # way in which friction builds up [m or rad]
+    stribeck_ratio: float  # of friction at rest over that of sliding
+    stribeck_velocity: float  # speed within which the one becomes the other [m/s or rad/s]
 
 
 @inlined
@@ -49,7 +38,7 @@ def guide_travel(
 
 
 @inlined
-def stribeck_peak(speed: float, f: ContactFriction) -> float:
+def stribeck_peak(speed: float, f: ContactLaw) -> float:
     """Friction at a speed over Coulomb friction, but for its viscous part."""
     ratio = speed / f.stribeck_velocity
     if abs(ratio) < 6.0:
@@ -62,7 +51,7 @@ def maxwell_slip(
     position: float,
     speed: float,
     level: float,
-    f: ContactFriction,
+    f: ContactLaw,
     damping: float,
     stuck: Array,
     first: int,

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from truejoint.errors import TruejointError
 from truejoint.robots.forceps import Forceps
 from truejoint.schema import Bounds
+from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters
 
 DT: Final = 1e-4  # [s] of the integrator
@@ -101,9 +102,6 @@ class SliderFriction(NamedTuple):
     stribeck_ratio: Annotated[float, Bounds(1.0, 2.0)]
     stribeck_velocity: Annotated[float, Bounds(1e-5, 0.1)]
     bristle_damping: Annotated[float, Bounds(0.0, 1.0)]
-
-
-Friction = JawFriction | SliderFriction
 
 
 class MotorLoop(NamedTuple):
@@ -246,6 +244,8 @@ class PlantConstants(NamedTuple):
     reset: CableConstants
     jaw_friction: JawFriction
     slider_friction: SliderFriction
+    jaw_law: ContactLaw
+    slider_law: ContactLaw
     jaw_damping: float  # [Nm s/rad] of the bristle
     slider_damping: float  # [N s/m]
     assembly: Assembly
@@ -270,6 +270,8 @@ def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
         reset=_cable(p.reset_cable, p.assembly.pretension),
         jaw_friction=p.jaw_friction,
         slider_friction=p.slider_friction,
+        jaw_law=ContactLaw(*p.jaw_friction[2:6]),
+        slider_law=ContactLaw(*p.slider_friction[2:6]),
         jaw_damping=_bristle_damping(p.jaw_friction, jaw_level, p.jaw.inertia),
         slider_damping=_bristle_damping(p.slider_friction, slider_level, p.slider.mass),
         assembly=p.assembly,
@@ -305,5 +307,5 @@ def _cable(cable: Cable, pretension: float) -> CableConstants:
     )
 
 
-def _bristle_damping(friction: Friction, level: float, inertia: float) -> float:
+def _bristle_damping(friction: JawFriction | SliderFriction, level: float, inertia: float) -> float:
     return 2.0 * friction.bristle_damping * math.sqrt(level / friction.presliding * inertia)

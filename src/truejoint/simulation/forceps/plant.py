@@ -18,9 +18,10 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, inlined
 from truejoint.robots.joint_rows import SETPOINT_DT
-from truejoint.simulation.forceps.parameters import CableConstants, Friction, Jaw, PlantConstants
+from truejoint.simulation.forceps.parameters import CableConstants, PlantConstants
 from truejoint.simulation.friction import (
     N_ELEMENTS,
+    ContactLaw,
     guide_travel,
     maxwell_slip,
     stribeck_peak,
@@ -169,7 +170,7 @@ def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
 
 @inlined
 def friction_force(
-    speed: float, bristle: float, level: float, f: Friction, damping: float, max_rate: float
+    speed: float, bristle: float, level: float, f: ContactLaw, damping: float, max_rate: float
 ) -> tuple[float, float]:
     """LuGre friction [N or Nm] at Coulomb level `level`, and the rate of its bristle.
 
@@ -180,16 +181,6 @@ def friction_force(
     rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
     force = level / f.presliding * bristle + damping * rate + f.viscous * speed
     return force, rate
-
-
-@inlined
-def stop_torque(angle: float, speed: float, jaw: Jaw) -> float:
-    """Torque [Nm] of the mechanical stops, which push and never pull."""
-    if angle > jaw.stop_upper:
-        return min(0.0, -jaw.stop_stiffness * (angle - jaw.stop_upper) - jaw.stop_damping * speed)
-    if angle < jaw.stop_lower:
-        return max(0.0, -jaw.stop_stiffness * (angle - jaw.stop_lower) - jaw.stop_damping * speed)
-    return 0.0
 
 
 @inlined
@@ -298,21 +289,24 @@ def plant_rates(
     if c.is_maxwell_slip:
         rates[4], rates[5] = 0.0, 0.0
         jaw_drag = maxwell_slip(
-            angle, speed, level, c.jaw_friction, c.jaw_damping, history, JAW_STUCK, keep
+            angle, speed, level, c.jaw_law, c.jaw_damping, history, JAW_STUCK, keep
         )
         drag = maxwell_slip(
-            slider, slider_speed, slider_level, c.slider_friction, c.slider_damping,
+            slider, slider_speed, slider_level, c.slider_law, c.slider_damping,
             history, SLIDER_STUCK, keep,
         )  # fmt: skip
     else:
         jaw_drag, rates[4] = friction_force(
-            speed, state[4], level, c.jaw_friction, c.jaw_damping, max_rate
+            speed, state[4], level, c.jaw_law, c.jaw_damping, max_rate
         )
         drag, rates[5] = friction_force(
-            slider_speed, state[5], slider_level, c.slider_friction, c.slider_damping, max_rate
+            slider_speed, state[5], slider_level, c.slider_law, c.slider_damping, max_rate
         )
     free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
-    free_torque += stop_torque(angle, speed, c.jaw)
+    beyond = max(angle - c.jaw.stop_upper, 0.0) + min(angle - c.jaw.stop_lower, 0.0)
+    if beyond != 0.0:  # the mechanical stops push and never pull
+        stop = -c.jaw.stop_stiffness * beyond - c.jaw.stop_damping * speed
+        free_torque += min(stop, 0.0) if beyond > 0.0 else max(stop, 0.0)
     free_force = -c.spring_stiffness * slider - drag - c.assembly.pretension - guide_drag
 
     rates[1], rates[3], drive_tension, reset_tension = accelerations(
@@ -395,34 +389,6 @@ def _between(samples: Array, n: int, quarter: float, per_sample: int) -> float:
 
 
 @compiled
-def advance_plant(
-    state: Array,
-    k: Array,
-    trial: Array,
-    wheels: Array,
-    forces: Array,
-    line_angle: float,
-    dt: float,
-    c: PlantConstants,
-) -> None:
-    """Rest of a Runge-Kutta step of fourth order whose first rates stand in ``k[0]``.
-
-    Advances `state` (21,), but for its history; `k` (4, 8) are the stages' rates, `trial` (8,) is
-    work space, `wheels` (3, 3) and `forces` (3,) the drive cable and the force at the tip at start,
-    middle and end.
-    """
-    history, keep = state[N_STATES:], bool(0)
-    for stage in range(1, 4):
-        part = 1.0 if stage == 3 else 0.5
-        at = 2 if stage == 3 else 1
-        for i in range(N_STATES):
-            trial[i] = state[i] + part * dt * k[stage - 1, i]
-        plant_rates(trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, history, keep, k[stage])
-    for i in range(N_STATES):
-        state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
-
-
-@compiled
 def advance(
     state: Array,
     motor: Array,
@@ -468,7 +434,16 @@ def advance(
         for half in range(2):  # the plant needs the motor in the middle of the step, too
             advance_motor(motor, goals[2 * half : 2 * half + 3], 0.5 * dt, c)
             wheel_motion(motor, goals[2 * half + 2], c, history, keep, wheels[half + 1])
-        advance_plant(state, k, trial, wheels, forces, line_angle, dt, c)
+        for stage in range(1, 4):
+            part = 1.0 if stage == 3 else 0.5
+            at = 2 if stage == 3 else 1
+            for i in range(N_STATES):
+                trial[i] = state[i] + part * dt * k[stage - 1, i]
+            plant_rates(
+                trial, wheels[at], forces[at], line_angle, c, 1.0 / dt, history, keep, k[stage]
+            )
+        for i in range(N_STATES):
+            state[i] += dt / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
     return log
 
 

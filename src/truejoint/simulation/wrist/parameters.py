@@ -13,6 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.robots.cable_mechanism import CableMechanism
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.schema import Bounds
+from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters
 
 MAXWELL_SLIP: Final = "maxwell_slip"
@@ -123,15 +124,6 @@ class WristParameters(Parameters):
 SUBSTEPS: Final = 4  # of the integrator in a set-point's period: 4 kHz
 
 
-class ContactLaw(NamedTuple):
-    """Friction of a pin for `maxwell_slip`, which takes its level apart."""
-
-    presliding: float
-    viscous: float
-    stribeck_ratio: float
-    stribeck_velocity: float
-
-
 class PlantConstants(NamedTuple):
     """C cables of N nodes at most, J joints, M motors."""
 
@@ -225,7 +217,7 @@ def plant_constants(
         per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
         presliding=f.presliding,
         is_maxwell_slip=f.law == MAXWELL_SLIP,
-        law=ContactLaw(f.presliding, 0.0, 1.0, 1.0),
+        law=ContactLaw(0.0, f.presliding, 1.0, 1.0),
         opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
         lowest=lower - p.stops.beyond,
         highest=upper + p.stops.beyond,
