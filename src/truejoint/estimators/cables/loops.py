@@ -299,12 +299,12 @@ def move(x: Array, u: Array, loads: Array, p: Array, out: Array) -> None:
     tensions(out, p, after)
     for m in range(N):
         friction_levels(m, after[m], x, u, p, most, middle)
-        grown, way = after[m] - pull[m], p[RADIUS + m] * u[CHANGE + m]
+        grown, by = after[m] - pull[m], p[RADIUS + m] * u[CHANGE + m]
         for n in range(2):  # guides, then wrist
-            gone, i = shares[m, 1] if n == 0 else 1.0, GUIDE + N * n + m
-            way = shares[m, n] * (way - before[m, n] * gone * grown)
-            friction = dahl(x[i] - middle[n], most[n], p[BUILD_UP], way)
-            out[i] = middle[n] + min(max(friction, -most[n]), most[n])
+            share, at = shares[m, 1] if n == 0 else 1.0, GUIDE + N * n + m
+            by = shares[m, n] * (by - before[m, n] * share * grown)
+            friction = dahl(x[at] - middle[n], most[n], p[BUILD_UP], by)
+            out[at] = middle[n] + min(max(friction, -most[n]), most[n])
 
 
 @compiled
@@ -383,9 +383,9 @@ def process_noise(x: Array, u: Array, dt: float, p: Array, out: Array) -> None:
         out[PIN + j, PIN + j] = p[DRIFT + 2] * slope[j] ** 2 * dt
         friction_levels(j, pull[j], x, u, p, most, middle)
         for n in range(2):
-            i = GUIDE + N * n + j
-            out[i, i] = p[DRIFT] * p[LEVEL + N * n + j] ** 2 * dt
-            share = yielded(x[i] - middle[n], u[CHANGE + j]) / most[n]
+            at = GUIDE + N * n + j
+            out[at, at] = p[DRIFT] * p[LEVEL + N * n + j] ** 2 * dt
+            share = yielded(x[at] - middle[n], u[CHANGE + j]) / most[n]
             hold[j, n] = p[BUILD_UP] * min(max(1.0 - share, 0.0), 1.0)
         along = 0.0
         for m in range(N):
