@@ -33,8 +33,13 @@ from truejoint.layout import Memory
 from truejoint.runtime import fields
 from truejoint.runtime.compensation import compensate
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import correct_sample, forget
-from truejoint.runtime.homing import accept_offset, acknowledge, tell_homing
+from truejoint.runtime.correction import (
+    accept_offset,
+    acknowledge,
+    correct_sample,
+    forget,
+    tell_homing,
+)
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 

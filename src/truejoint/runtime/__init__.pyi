@@ -1,10 +1,10 @@
 from .check import CalibrationCheck as CalibrationCheck
 from .check import check_calibration as check_calibration
 from .compensator import Compensator as Compensator
+from .compensator import loop_margin as loop_margin
 from .compensator import motor_loop as motor_loop
 from .corrector import CorrectionTrace as CorrectionTrace
 from .corrector import Corrector as Corrector
-from .loop_gain import loop_margin as loop_margin
 from .monitor import Alarm as Alarm
 from .monitor import Monitor as Monitor
 from .monitor import Reason as Reason

@@ -12,6 +12,7 @@ from truejoint.calibration.calibration import as_calibration
 from truejoint.calibration.interval import LEVEL
 from truejoint.calibration.zero import find_zero, known_error
 from truejoint.runtime.monitor import Alarm, Monitor, Reason
+from truejoint.summary import json_values
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -82,19 +83,16 @@ class CalibrationCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI units; what is not known is None."""
-        return {
-            "joints": [
-                {key: _known(value) for key, value in asdict(joint).items()}
-                | {"holds": joint.holds}
-                for joint in self.joints
-            ],
-            "rows": self.rows,
-            "duration": self.duration,
-            "level": self.level,
-            "holds": self.holds,
-            "alarm": self.alarm.name.lower(),
-            "reasons": [str(reason.name).lower() for reason in Reason if reason in self.reasons],
-        }
+        plain: dict[str, Any] = json_values(
+            vars(self)
+            | {
+                "joints": [asdict(joint) | {"holds": joint.holds} for joint in self.joints],
+                "holds": self.holds,
+                "alarm": self.alarm.name.lower(),
+                "reasons": [str(r.name).lower() for r in Reason if r in self.reasons],
+            }
+        )
+        return plain
 
 
 def check_calibration(
@@ -153,8 +151,3 @@ def check_calibration(
         alarm = Alarm(int(trace.alarm.max()))
         reasons = Reason(int(np.bitwise_or.reduce(trace.reasons)))
     return CalibrationCheck(joints, len(t), float(t[-1] - t[0]), level, alarm, reasons)
-
-
-def _known(value: str | float) -> str | float | None:
-    """Text or number, None for NaN."""
-    return None if isinstance(value, float) and math.isnan(value) else value

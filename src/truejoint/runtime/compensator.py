@@ -28,13 +28,13 @@ from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.loop_gain import check_rate
-from truejoint.runtime.motor_readings import MotorReadings
 from truejoint.runtime.status import Status
 from truejoint.units import shown, shown_range
 
 LAG: Final = 0.05
 """Time by which the simulated RAVEN-II's measured position follows even set-points [s]."""
+GAIN_MARGIN: Final = 2.0
+"""By how much the loop's gain may grow at least before a joint that follows its motor swings."""
 SPEED_SHARE: Final = 0.8
 """Of the speed from which the corrector sees a spike, the share that set-points keep to."""
 SETTLING: Final = 0.1
@@ -44,6 +44,37 @@ _LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are mo
 _PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
 _UNREAD: Final = Status.WRONG_SIZE | Status.OTHER_THREAD  # of a sample that may be anything
 _INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
+
+
+class MotorReadings:
+    """Gives a compensator the measured positions as they are."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.made_for: Final = robot.name, robot.arm
+        self.joints: Final = robot.joint_names
+        self.signals: Final = tuple(f"measured/{name}" for name in self.joints)
+        self.spike_speed: Final = np.full(len(self.joints), math.inf)
+        self.position, self.correction, self.offset = np.zeros((3, len(self.joints)))
+        self._t = -math.inf
+
+    def step(self, t: float, sample: ArrayLike) -> Status:
+        """Take the `sample` (n_joints,) of `t` [s] as it is, unless it is old or not finite."""
+        try:
+            values, stamp = np.asarray(sample, dtype=np.float64), float(t)
+        except (TypeError, ValueError):
+            return Status.WRONG_SIZE
+        if values.shape != self.position.shape:
+            return Status.WRONG_SIZE
+        if not (math.isfinite(stamp) and np.isfinite(values).all()):
+            return Status.NOT_FINITE
+        self.position[:] = values
+        is_stale = stamp <= self._t
+        self._t = max(self._t, stamp)
+        return Status.STALE if is_stale else Status.OK
+
+    def release(self) -> None:
+        """Forget the last stamp: another arm's clock may be earlier."""
+        self._t = -math.inf
 
 
 class Compensator:
@@ -136,9 +167,8 @@ class Compensator:
         believed: Status = Status.OK,
     ) -> None:
         inner = MotorReadings(as_robot(robot)) if corrector is None else corrector
-        _check_parts(inner, robot)
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
-        _check_numbers(numbers, integral_time)
+        _check(inner, robot, numbers | {"integral time": integral_time})
         check_rate(rate, lag, gain)
         self.corrector: Final[Corrector | MotorReadings] = inner
         self.rate: Final = float(rate)
@@ -156,23 +186,23 @@ class Compensator:
             "expected", "forward",
         )  # fmt: skip
         self.memory: Final = at.LAYOUT.pack(
-            n_joints=len(joints), doubted=~int(believed), lead=lag * rate, gain=gain,
+            doubted=~int(believed), lead=lag * rate, gain=gain,
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
             settle=1.0 / (1.0 + SETTLING * rate), dead_band=dead_band,
             lower=robot.lower[joints], upper=robot.upper[joints],
             step=np.minimum(top, SPEED_SHARE * inner.spike_speed) / rate,
-            **dict.fromkeys(arrays, zeros), **dict.fromkeys(("is_limited", "rests"), zeros),
+            **dict.fromkeys((*arrays, "is_limited", "rests"), zeros),
         )  # fmt: skip
         view = self.memory.view
         self.setpoint: Array = view("setpoint")
         self.lost: Array = view("lost")
         self.is_limited: Integers = view("is_limited")
+        self.expected: Array = view("expected")
+        self.forward: Array = view("forward")
         self._lower, self._upper = view("lower"), view("upper")
         self._wanted, self._measured = view("wanted"), view("measured")
         self._correction = view("correction")
-        self.expected: Array = view("expected")
-        self.forward: Array = view("forward")
-        self._last_wanted = view("last_wanted")
+        self.joints: Final = inner.joints
         self.measured: Final = [inner.signals.index(f"measured/{n}") for n in inner.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
@@ -183,11 +213,6 @@ class Compensator:
         """Whether each set-point (n_joints,) is held back by the range of its joint."""
         at_end = (self.setpoint <= self._lower) | (self.setpoint >= self._upper)
         return np.asarray(at_end & (self.is_limited != 0))
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Those that it takes where they are wanted."""
-        return self.corrector.joints
 
     def around(self, corrector: Corrector | MotorReadings) -> Compensator:
         """Give the same loop, before its start, around another corrector of the same joints."""
@@ -403,8 +428,10 @@ def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensat
     return Compensator(None, robot, rate=rate, lag=lag)
 
 
-def _check_parts(corrector: Corrector | MotorReadings, robot: Robot) -> None:
-    """Refuse a corrector and a robot that cannot make one loop."""
+def _check(
+    corrector: Corrector | MotorReadings, robot: Robot, numbers: Mapping[str, float]
+) -> None:
+    """Refuse a corrector and a robot that make no loop, and numbers that are none, or negative."""
     if not hasattr(corrector, "made_for"):
         advice = "give Corrector(model)"
         raise CommandRefused(f"compensator: {other_kind(corrector, 'Corrector', advice)}")
@@ -414,17 +441,52 @@ def _check_parts(corrector: Corrector | MotorReadings, robot: Robot) -> None:
             f"compensator: the corrector checks {', '.join(written)}, which a compensator "
             "writes; make it of calibration.without_redundant()"
         )
-
-
-def _check_numbers(numbers: Mapping[str, float], integral_time: float) -> None:
-    """Refuse what is no number, or negative, naming it, and an integral time [s] of 0 or less."""
     for name, value in numbers.items():
-        if not (isinstance(value, Real) and 0.0 <= value < math.inf):
+        if name == "integral time":
+            if not (isinstance(value, Real) and value > 0.0):
+                raise CommandRefused(
+                    f"compensator: integral time is {value!r:.40} s; give more than 0 s, or "
+                    "infinity"
+                )
+        elif not (isinstance(value, Real) and 0.0 <= value < math.inf):
             raise CommandRefused(
                 f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
             )
-    if not (isinstance(integral_time, Real) and integral_time > 0.0):
+
+
+def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:
+    """Factor by which the gain of a `Compensator` may grow until a joint that moves freely swings.
+
+    The motor counts as two equal lags of `lag` / 2 [s], and sampling at `rate` [Hz] as a delay of
+    one and a half periods: the loop's phase reaches -180 degrees where
+    ``2 atan(w lag / 2) + 1.5 w / rate = pi``. Raises CommandRefused where there is no such loop.
+
+    Examples
+    --------
+    >>> round(loop_margin(rate=250.0, lag=0.019, gain=1.5), 1)
+    2.6
+    """
+    are_numbers = isinstance(rate, Real) and isinstance(lag, Real)
+    if not (are_numbers and 0.0 < rate < math.inf and 0.0 <= lag < math.inf):
         raise CommandRefused(
-            f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
-            "infinity"
+            f"compensator: {rate!r:.40} Hz, a lag of {lag!r:.40} s; give a rate above 0 and a lag "
+            "of 0 or more"
+        )
+    low, high = 0.0, 2.0 * math.pi * rate
+    for _ in range(60):  # the phase falls with the frequency, so halving finds it
+        middle = 0.5 * (low + high)
+        phase = 2.0 * math.atan(0.5 * middle * lag) + 1.5 * middle / rate
+        low, high = (middle, high) if phase < math.pi else (low, middle)
+    return math.inf if gain == 0.0 else (1.0 + (0.5 * low * lag) ** 2) / gain
+
+
+def check_rate(rate: float, lag: float, gain: float) -> None:
+    """Raise CommandRefused where `rate` [Hz] is too slow for a loop's `gain` and a `lag` [s]."""
+    margin = loop_margin(rate, lag, gain)
+    if margin < GAIN_MARGIN:
+        raise CommandRefused(
+            f"compensator: {rate:g} Hz is too slow for a gain of {gain:g} on a plant that lags by "
+            f"{1e3 * lag:.0f} ms: it would swing at {margin:.1f} times the gain, not at "
+            f"{GAIN_MARGIN:g} times; run it faster, or lower the gain to "
+            f"{gain * margin / GAIN_MARGIN:.2f}"
         )

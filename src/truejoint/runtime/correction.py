@@ -1,4 +1,7 @@
-"""One sample of the control loop: judged, corrected, or passed through as it is."""
+"""One sample of the control loop: judged, corrected, or passed through as it is.
+
+And what a corrector is told between samples: the homing, an offset, that the zero is right.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,13 @@ from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
-from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
+from truejoint.compiled import compiled, copy, fill, inlined, vector
 from truejoint.estimators.family import call_row
 from truejoint.estimators.products import add_triangle
 from truejoint.features.kernels import feature_row
 from truejoint.layout import part_memory, part_numbers
 from truejoint.runtime import fields as at
+from truejoint.runtime.fields import unpack
 from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SLIP_SHARE
 from truejoint.runtime.status import Status
 
@@ -24,6 +28,8 @@ _FROZEN: Final = int(Status.FROZEN)
 _OUT_OF_RANGE: Final = int(Status.OUT_OF_RANGE)
 _OUT_OF_DOMAIN: Final = int(Status.OUT_OF_DOMAIN)
 _IMPLAUSIBLE: Final = int(Status.IMPLAUSIBLE)
+_NOT_HOMED: Final = int(Status.NOT_HOMED)
+_HOMED_AGAIN: Final = int(Status.HOMED_AGAIN)
 _ZERO_SUSPECT: Final = int(Status.ZERO_SUSPECT)
 
 
@@ -34,13 +40,12 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     A sample that cannot be believed (not finite, stale, spike, frozen, far out of range) enters no
     history, so that what follows is as if it had never come.
 
-    Reads `SAMPLE` and `T` of `fields`, fills `POSITION`, `HALF_WIDTH` and `CORRECTION`, and gives
-    the bits of `Status`.
+    Reads ``sample`` and ``t`` of `fields`, fills ``position``, ``half_width`` and ``correction``,
+    and gives the bits of `Status`.
     """
-    pass_through(numbers, memory)
-    move_signals(numbers, memory)
-    status = int(numbers[at.HOMING]) | int(numbers[at.SUSPECT]) | judge_finite(numbers, memory)
-    if not isfinite(memory[at.T]):
+    m = unpack(numbers, memory)
+    status = int(m.homing) | int(m.suspect) | pass_through(numbers, memory)
+    if not isfinite(m.t):
         return status | _NOT_FINITE
     status |= judge_stamp(numbers, memory)
     if status & (_NOT_FINITE | _STALE):
@@ -49,15 +54,54 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     if doubts:
         return status | doubts
     status |= judge_parity(numbers, memory)
-    remember(numbers, memory)
+    copy(m.sample, m.last, m.n_signals)
+    numbers[at.HAS_LAST] = 1
+    numbers[at.WAS_STALE] = 0
+    memory[at.LAST_T] = m.t
     status |= judge_rate(numbers, memory)
-    step = memory[at.T] - vector(memory, numbers[at.CLOCK], 2)[1]
-    fresh = compute_features(numbers, memory)
+    step = m.t - m.clock[1]
+    fresh = feature_row(
+        m.operation, m.source, m.parameter, m.slot, m.longest, m.t, m.sample, m.feature_memory,
+        m.clock, m.features,
+    )  # fmt: skip
     status |= judge_features(numbers, memory)
     predict(numbers, memory, 0.0 if fresh else float(step))
-    status |= judge_correction(numbers, memory)
+    return put_out(numbers, memory, status)
+
+
+@compiled
+def pass_through(numbers: Integers, memory: Array) -> int:
+    """Put out the measured position, of unknown accuracy; status bit if a signal is not finite."""
+    m = unpack(numbers, memory)
+    for j in range(m.n_joints):
+        m.position[j] = m.sample[m.measured[j]]
+        m.half_width[j] = inf
+        m.correction[j] = nan
+    for i in range(m.n_shifted):  # signals whose zero has moved since the training
+        m.sample[i] += m.shift[i]
+    status = 0
+    for i in range(m.n_signals):
+        if not isfinite(m.sample[i]):
+            status = _NOT_FINITE
+    return status
+
+
+@compiled
+def put_out(numbers: Integers, memory: Array, status: int) -> int:
+    """Judge the correction, and put it out where all is well; all status bits."""
+    m = unpack(numbers, memory)
+    for j in range(m.n_joints):
+        m.correction[j] = m.predicted[j] - (m.position[j] if m.is_position else 0.0)
+        # `not (a <= b)` holds for NaN too.
+        if not (m.correction_lower[j] <= m.correction[j] <= m.correction_upper[j]):
+            status |= _IMPLAUSIBLE
+        if isnan(m.predicted_width[j]):
+            status |= _OUT_OF_DOMAIN
     if status == 0:
-        put_out(numbers, memory)
+        for j in range(m.n_joints):
+            base = 0.0 if m.is_position else m.position[j]
+            m.position[j] = base + m.predicted[j] + m.offset[j]
+            m.half_width[j] = m.predicted_width[j]
     return status
 
 
@@ -79,112 +123,80 @@ def correct_rows(
     (n, n_joints) and `status` (n,) receive what is put out, `beside` (n, k, 2) the two numbers that
     stand at each of `starts` (k,) in the memory.
     """
-    n_signals, n_joints = numbers[at.N_SIGNALS], numbers[at.N_JOINTS]
+    m = unpack(numbers, memory)
     for i in range(t.shape[0]):
         memory[at.T] = t[i]
-        copy(samples[i], vector(memory, numbers[at.SAMPLE], n_signals), n_signals)
+        copy(samples[i], m.sample, m.n_signals)
         status[i] = correct_sample(numbers, memory)
-        copy(vector(memory, numbers[at.POSITION], n_joints), position[i], n_joints)
-        copy(vector(memory, numbers[at.HALF_WIDTH], n_joints), half_width[i], n_joints)
+        copy(m.position, position[i], m.n_joints)
+        copy(m.half_width, half_width[i], m.n_joints)
         for k in range(starts.shape[0]):
             copy(vector(memory, starts[k], 2), beside[i, k], 2)
 
 
 @compiled
-def pass_through(numbers: Integers, memory: Array) -> None:
-    """Put out the measured position as it is, of unknown accuracy."""
-    for j in range(numbers[at.N_JOINTS]):
-        measured = memory[numbers[at.SAMPLE] + numbers[numbers[at.MEASURED] + j]]
-        memory[numbers[at.POSITION] + j] = measured
-        memory[numbers[at.HALF_WIDTH] + j] = inf
-        memory[numbers[at.CORRECTION] + j] = nan
-
-
-@compiled
-def move_signals(numbers: Integers, memory: Array) -> None:
-    """Add to the signals by how much their zero has moved since the training."""
-    n = numbers[at.N_SHIFTED]
-    sample, shift = vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.SHIFT], n)
-    for i in range(n):
-        sample[i] += shift[i]
-
-
-@compiled
-def judge_finite(numbers: Integers, memory: Array) -> int:
-    """Status bit if a signal is NaN or infinite."""
-    for i in range(numbers[at.N_SIGNALS]):
-        if not isfinite(memory[numbers[at.SAMPLE] + i]):
-            return _NOT_FINITE
-    return 0
-
-
-@compiled
 def judge_stamp(numbers: Integers, memory: Array) -> int:
     """Status bits of the stamp; a usable one is remembered, a clock set back clears the history."""
-    step = memory[at.T] - memory[at.STAMP]
-    status = 0
-    if numbers[at.HAS_STAMP] == 0:
+    m = unpack(numbers, memory)
+    step, status = m.t - m.stamp, 0
+    if m.has_stamp == 0:
         forget(numbers, memory)
-    elif step < -memory[at.LONGEST]:
+    elif step < -m.longest:
         forget(numbers, memory)
         status = _TIME_JUMP
-    elif step < memory[at.SHORTEST]:
+    elif step < m.shortest:
         numbers[at.WAS_STALE] = 1
         return _STALE
-    elif step > memory[at.LONGEST]:
+    elif step > m.longest:
         status = _TIME_JUMP
     if status:
         restart_standstill(numbers, memory)
     numbers[at.HAS_STAMP] = 1
-    memory[at.STAMP] = memory[at.T]
+    memory[at.STAMP] = m.t
     return status
 
 
 @compiled
 def forget(numbers: Integers, memory: Array) -> None:
     """Let the next sample be the first."""
+    m = unpack(numbers, memory)
     numbers[at.HAS_STAMP] = 0
     numbers[at.HAS_LAST] = 0
     memory[at.LATE] = 0.0
-    forget_spikes(numbers)
-    vector(memory, numbers[at.CLOCK], 2)[0] = 0.0
+    forget_spikes(numbers, memory)
+    m.clock[0] = 0.0
     restart_standstill(numbers, memory)
 
 
 @compiled
 def restart_standstill(numbers: Integers, memory: Array) -> None:
     """Let every signal count as having changed at the next sample, and parity as having held."""
-    n = numbers[at.N_SIGNALS]
-    fill(vector(memory, numbers[at.STOOD], n), n, nan)  # near nothing
-    memory[at.PARITY_T] = memory[at.T]
+    m = unpack(numbers, memory)
+    fill(m.stood, m.n_signals, nan)  # near nothing
+    memory[at.PARITY_T] = m.t
 
 
 @inlined
-def forget_spikes(numbers: Integers) -> None:
+def forget_spikes(numbers: Integers, memory: Array) -> None:
     """Let no signal have jumped."""
+    m = unpack(numbers, memory)
     numbers[at.HAS_SPIKED] = 0
-    for i in range(numbers[at.N_SIGNALS]):
-        numbers[numbers[at.SPIKED] + i] = 0
+    for i in range(m.n_signals):
+        m.spiked[i] = 0
 
 
 @compiled
 def judge_signals(numbers: Integers, memory: Array) -> int:
     """Status bits of signals that cannot be believed."""
-    n = numbers[at.N_SIGNALS]
-    sample = vector(memory, numbers[at.SAMPLE], n)
-    lower = vector(memory, numbers[at.SIGNAL_LOWER], n)
-    upper = vector(memory, numbers[at.SIGNAL_UPPER], n)
-    last = vector(memory, numbers[at.LAST], n)
-    reach = vector(memory, numbers[at.REACH], n)
-    jump = vector(memory, numbers[at.JUMP], n)
+    m = unpack(numbers, memory)
     steps = steps_passed(memory)
     # No branch for each signal here: a processor cannot guess what noise decides.
     outside, far = False, False
-    for i in range(n):
-        outside = outside | (sample[i] < lower[i]) | (sample[i] > upper[i])
-        change = abs(sample[i] - last[i])
-        far = far | (change > max(jump[i], reach[i] * steps))
-    if outside or (far and numbers[at.HAS_LAST]):
+    for i in range(m.n_signals):
+        outside = outside | (m.sample[i] < m.signal_lower[i]) | (m.sample[i] > m.signal_upper[i])
+        change = abs(m.sample[i] - m.last[i])
+        far = far | (change > max(m.jump[i], m.reach[i] * steps))
+    if outside or (far and m.has_last):
         return name_signals(numbers, memory)
     return judge_standstill(numbers, memory)
 
@@ -196,30 +208,19 @@ def steps_passed(memory: Array) -> float:
     return float(min(BRIEFLY * elapsed, max(elapsed, 1.0)))
 
 
-@inlined
-def farthest(numbers: Integers, memory: Array, i: int) -> float:
-    """How far a signal may be from the last used sample."""
-    steps = steps_passed(memory)
-    return float(max(memory[numbers[at.JUMP] + i], memory[numbers[at.REACH] + i] * steps))
-
-
 @compiled
 def name_signals(numbers: Integers, memory: Array) -> int:
     """Status bits of signals out of range or too far from the last ones, which are kept in mind."""
-    status = 0
-    for i in range(numbers[at.N_SIGNALS]):
-        value = memory[numbers[at.SAMPLE] + i]
-        outside = (
-            value < memory[numbers[at.SIGNAL_LOWER] + i]
-            or value > memory[numbers[at.SIGNAL_UPPER] + i]
-        )
-        if outside:
+    m = unpack(numbers, memory)
+    status, steps = 0, steps_passed(memory)
+    for i in range(m.n_signals):
+        value = m.sample[i]
+        farthest = max(m.jump[i], m.reach[i] * steps)
+        if value < m.signal_lower[i] or value > m.signal_upper[i]:
             status |= _OUT_OF_RANGE
-        elif numbers[at.HAS_LAST] and abs(value - memory[numbers[at.LAST] + i]) > farthest(
-            numbers, memory, i
-        ):
+        elif m.has_last and abs(value - m.last[i]) > farthest:
             status |= _SPIKE
-            numbers[numbers[at.SPIKED] + i] = 1
+            m.spiked[i] = 1
             numbers[at.HAS_SPIKED] = 1
     return status
 
@@ -227,28 +228,21 @@ def name_signals(numbers: Integers, memory: Array) -> int:
 @compiled
 def judge_standstill(numbers: Integers, memory: Array) -> int:
     """Status bit if a signal stands still though another one says that it should not."""
-    n = numbers[at.N_SIGNALS]
-    sample = vector(memory, numbers[at.SAMPLE], n)
-    stood = vector(memory, numbers[at.STOOD], n)
-    flicker = vector(memory, numbers[at.FLICKER], n)
-    low = vector(memory, numbers[at.PARTNER_LOW], n)
-    high = vector(memory, numbers[at.PARTNER_HIGH], n)
-    travel = vector(memory, numbers[at.TRAVEL], n)
-    partner = vector(numbers, numbers[at.PARTNER], n)
-    moves = vector(numbers, numbers[at.MOVES], n)
+    m = unpack(numbers, memory)
+    stood, low, high = m.stood, m.partner_low, m.partner_high
     frozen, changed = False, False
-    for i in range(n):
-        other = sample[partner[i]]
+    for i in range(m.n_signals):
+        value, other = m.sample[i], m.sample[m.partner[i]]
         # `not (a <= b)` holds for NaN too.
-        moved = not (abs(sample[i] - stood[i]) <= flicker[i])
-        stood[i] = sample[i] if moved else stood[i]
+        moved = not (abs(value - stood[i]) <= m.flicker[i])
+        stood[i] = value if moved else stood[i]
         low[i] = other if moved else min(low[i], other)
         high[i] = other if moved else max(high[i], other)
-        frozen = frozen | (high[i] - low[i] > travel[i])
-        changed = changed | (moved & (moves[i] != 0))
+        frozen = frozen | (high[i] - low[i] > m.travel[i])
+        changed = changed | (moved & (m.moves[i] != 0))
     if changed:
-        memory[at.CHANGED_T] = memory[at.T]
-    if frozen or memory[at.T] - memory[at.CHANGED_T] > memory[at.HOLD]:
+        memory[at.CHANGED_T] = m.t
+    if frozen or m.t - memory[at.CHANGED_T] > m.hold:
         return _FROZEN
     return 0
 
@@ -256,30 +250,23 @@ def judge_standstill(numbers: Integers, memory: Array) -> int:
 @compiled
 def judge_parity(numbers: Integers, memory: Array) -> int:
     """Status bit of positions that have slipped, or contradict what is redundant to them."""
-    n_parity, n_terms = numbers[at.N_PARITY], numbers[at.N_TERMS]
-    sample = vector(memory, numbers[at.SAMPLE], numbers[at.N_SIGNALS])
-    terms = matrix(numbers, numbers[at.PARITY_TERMS], n_parity, n_terms)
-    weights = matrix(memory, numbers[at.PARITY], n_parity, n_terms)
-    intercept = vector(memory, numbers[at.PARITY_INTERCEPT], n_parity)
-    shift = vector(memory, numbers[at.PARITY_SHIFT], n_parity)
-    lower = vector(memory, numbers[at.PARITY_LOWER], n_parity)
-    upper = vector(memory, numbers[at.PARITY_UPPER], n_parity)
+    m = unpack(numbers, memory)
     status = 0
-    for i in range(n_parity):
-        rest = intercept[i] - shift[i]
-        for k in range(n_terms):
-            rest += weights[i, k] * sample[terms[i, k]]
-        if rest < lower[i] or rest > upper[i]:
-            if numbers[at.ANCHOR]:
-                shift[i] += rest - 0.5 * (lower[i] + upper[i])
+    for i in range(m.n_parity):
+        rest = m.parity_intercept[i] - m.parity_shift[i]
+        for k in range(m.n_terms):
+            rest += m.parity[i, k] * m.sample[m.parity_terms[i, k]]
+        if rest < m.parity_lower[i] or rest > m.parity_upper[i]:
+            if m.anchor:
+                m.parity_shift[i] += rest - 0.5 * (m.parity_lower[i] + m.parity_upper[i])
             else:
                 status = _ZERO_SUSPECT
     numbers[at.ANCHOR] = 0
     if status == 0:
-        memory[at.PARITY_T] = memory[at.T]
-    elif memory[at.T] - memory[at.PARITY_T] > memory[at.PATIENCE]:
+        memory[at.PARITY_T] = m.t
+    elif m.t - m.parity_t > m.patience:
         numbers[at.SUSPECT] = status
-    if numbers[at.HAS_SPIKED]:
+    if m.has_spiked:
         judge_slips(numbers, memory)
     return status | int(numbers[at.SUSPECT])
 
@@ -290,95 +277,53 @@ def judge_slips(numbers: Integers, memory: Array) -> None:
 
     Not after stale stamps: there the clock jumped.
     """
-    n = numbers[at.N_SIGNALS]
-    sample, last = vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.LAST], n)
-    for i in range(n):
-        if (
-            numbers[numbers[at.SPIKED] + i]
-            and abs(sample[i] - last[i]) > SLIP_SHARE * farthest(numbers, memory, i)
-            and numbers[numbers[at.IS_POSITION_SIGNAL] + i]
-            and not numbers[at.WAS_STALE]
-        ):
+    m = unpack(numbers, memory)
+    steps = steps_passed(memory)
+    for i in range(m.n_signals):
+        farthest = max(m.jump[i], m.reach[i] * steps)
+        is_off = abs(m.sample[i] - m.last[i]) > SLIP_SHARE * farthest
+        if m.spiked[i] and is_off and m.is_position_signal[i] and not m.was_stale:
             numbers[at.SUSPECT] = _ZERO_SUSPECT
-    forget_spikes(numbers)
-
-
-@compiled
-def remember(numbers: Integers, memory: Array) -> None:
-    """Make this sample the one that the next is compared with."""
-    n = numbers[at.N_SIGNALS]
-    copy(vector(memory, numbers[at.SAMPLE], n), vector(memory, numbers[at.LAST], n), n)
-    numbers[at.HAS_LAST] = 1
-    numbers[at.WAS_STALE] = 0
-    memory[at.LAST_T] = memory[at.T]
+    forget_spikes(numbers, memory)
 
 
 @compiled
 def judge_rate(numbers: Integers, memory: Array) -> int:
     """Status bit while most samples come late, for a model that counts them: it starts anew."""
-    clock = vector(memory, numbers[at.CLOCK], 2)
-    step = memory[at.T] - clock[1]
-    if clock[0] == 0.0 or step > memory[at.LONGEST]:
+    m = unpack(numbers, memory)
+    step = m.t - m.clock[1]
+    if m.clock[0] == 0.0 or step > m.longest:
         return 0
-    late = step > memory[at.SLOWEST]
+    late = step > m.slowest
     memory[at.LATE] += ((1.0 if late else 0.0) - memory[at.LATE]) / RATE_STEPS
     if memory[at.LATE] <= 0.5:
         return 0
     if late:
-        clock[0] = 0.0
+        m.clock[0] = 0.0
     return _TIME_JUMP
-
-
-@compiled
-def compute_features(numbers: Integers, memory: Array) -> bool:
-    """Compute the features; returns whether their history starts here."""
-    n, k = numbers[at.N_SIGNALS], numbers[at.N_FEATURES]
-    size = numbers[at.CLOCK] - numbers[at.FEATURE_MEMORY]
-    return feature_row(
-        vector(numbers, numbers[at.OPERATION], k),
-        vector(numbers, numbers[at.SOURCE], k),
-        vector(memory, numbers[at.PARAMETER], k),
-        vector(numbers, numbers[at.SLOT], k),
-        memory[at.LONGEST],
-        memory[at.T],
-        vector(memory, numbers[at.SAMPLE], n),
-        vector(memory, numbers[at.FEATURE_MEMORY], size),
-        vector(memory, numbers[at.CLOCK], 2),
-        vector(memory, numbers[at.FEATURES], k),
-    )
 
 
 @compiled
 def judge_features(numbers: Integers, memory: Array) -> int:
     """Status bits of features unlike those of the training rows, one by one and together."""
-    k = numbers[at.N_FEATURES]
-    features = vector(memory, numbers[at.FEATURES], k)
-    lower = vector(memory, numbers[at.FEATURE_LOWER], k)
-    upper = vector(memory, numbers[at.FEATURE_UPPER], k)
-    mean = vector(memory, numbers[at.MEAN], k)
-    n_white = numbers[at.N_WHITE]
-    centred = vector(memory, numbers[at.CENTRED], n_white)
-    white = vector(memory, numbers[at.WHITE], n_white)
-    memory[at.EXCESS] = range_excess(
-        features,
-        vector(memory, numbers[at.TRAINED_LOWER], k),
-        vector(memory, numbers[at.TRAINED_UPPER], k),
-        vector(memory, numbers[at.PER_SPAN], k),
-    )
-    inside = True
-    for i in range(k):
-        value = features[i]
-        inside = inside & (value >= lower[i]) & (value <= upper[i])  # NaN is not
-        centred[i] = value - mean[i]
+    m = unpack(numbers, memory)
+    white, inside = m.white, True
+    memory[at.EXCESS] = range_excess(m.features, m.trained_lower, m.trained_upper, m.per_span)
+    for i in range(m.n_features):
+        value = m.features[i]
+        inside = (
+            inside & (value >= m.feature_lower[i]) & (value <= m.feature_upper[i])
+        )  # NaN is not
+        m.centred[i] = value - m.domain_mean[i]
     status = 0 if inside else _OUT_OF_RANGE
-    fill(white, n_white, 0.0)
-    add_triangle(centred, matrix(memory, numbers[at.WHITENING], n_white, n_white), white)
+    fill(white, m.n_white, 0.0)
+    add_triangle(m.centred, m.whitening, white)
     square = 0.0
-    for i in range(0, n_white, 4):
+    for i in range(0, m.n_white, 4):
         square += (white[i] * white[i] + white[i + 1] * white[i + 1]) + (
             white[i + 2] * white[i + 2] + white[i + 3] * white[i + 3]
         )
-    if not square <= memory[at.SQUARE]:
+    if not square <= m.square:
         status |= _OUT_OF_DOMAIN
     return status
 
@@ -386,48 +331,73 @@ def judge_features(numbers: Integers, memory: Array) -> int:
 @compiled
 def predict(numbers: Integers, memory: Array, dt: float) -> None:
     """Predict error or position, and how far off it may be."""
-    n = numbers[at.N_JOINTS]
-    half_width = vector(memory, numbers[at.PREDICTED_WIDTH], n)
-    for j in range(n):
-        grown = 1.0 + memory[at.GROWTH] * memory[at.EXCESS] if memory[at.GROWTH] > 0.0 else 1.0
-        half_width[j] = memory[numbers[at.BASE_WIDTH] + j] * grown
-    if numbers[at.NEEDS_REZERO] and numbers[at.REZEROED] == 0:
-        fill(half_width, n, inf)
-    call_row(
-        numbers[at.ROW],
-        part_numbers(numbers, at.MODEL),
-        part_memory(numbers, memory, at.MODEL),
-        dt,
-        vector(memory, numbers[at.FEATURES], numbers[at.N_FEATURES]),
-        vector(memory, numbers[at.PREDICTED], n),
-        half_width,
-    )
-    for j in range(n):
-        memory[numbers[at.PREDICTED] + j] += memory[numbers[at.ADDED] + j]
+    m = unpack(numbers, memory)
+    grown = 1.0 + m.growth * m.excess if m.growth > 0.0 else 1.0
+    for j in range(m.n_joints):
+        m.predicted_width[j] = m.base_width[j] * grown
+    if m.needs_rezero and m.rezeroed == 0:
+        fill(m.predicted_width, m.n_joints, inf)
+    model, state = part_numbers(numbers, at.MODEL), part_memory(numbers, memory, at.MODEL)
+    call_row(numbers[at.ROW], model, state, dt, m.features, m.predicted, m.predicted_width)
+    for j in range(m.n_joints):
+        m.predicted[j] += m.added[j]
 
 
 @compiled
-def judge_correction(numbers: Integers, memory: Array) -> int:
-    """Status bits of a correction larger than any error in training, or of a model cut off."""
-    status = 0
-    for j in range(numbers[at.N_JOINTS]):
-        correction = memory[numbers[at.PREDICTED] + j]
-        if numbers[at.IS_POSITION]:
-            correction -= memory[numbers[at.POSITION] + j]
-        memory[numbers[at.CORRECTION] + j] = correction
-        lower = memory[numbers[at.CORRECTION_LOWER] + j]
-        if not (correction >= lower and correction <= memory[numbers[at.CORRECTION_UPPER] + j]):
-            status |= _IMPLAUSIBLE
-        if isnan(memory[numbers[at.PREDICTED_WIDTH] + j]):
-            status |= _OUT_OF_DOMAIN
-    return status
+def acknowledge(numbers: Integers, memory: Array) -> None:
+    """Let the zero count as right, and parity at the next sample."""
+    numbers[at.SUSPECT] = 0
+    numbers[at.ANCHOR] = 1
+    memory[at.PARITY_T] = memory[at.T]
 
 
 @compiled
-def put_out(numbers: Integers, memory: Array) -> None:
-    """Put out the corrected position and its half-width."""
-    for j in range(numbers[at.N_JOINTS]):
-        base = 0.0 if numbers[at.IS_POSITION] else memory[numbers[at.POSITION] + j]
-        predicted = base + memory[numbers[at.PREDICTED] + j]
-        memory[numbers[at.POSITION] + j] = predicted + memory[numbers[at.OFFSET] + j]
-        memory[numbers[at.HALF_WIDTH] + j] = memory[numbers[at.PREDICTED_WIDTH] + j]
+def trust(numbers: Integers, memory: Array) -> None:
+    """Let the zero count as that of the training, and parity hold as it did there."""
+    numbers[at.SUSPECT] = 0
+    numbers[at.ANCHOR] = 0
+    m = unpack(numbers, memory)
+    fill(m.parity_shift, m.n_parity, 0.0)
+
+
+@compiled
+def tell_homing(numbers: Integers, memory: Array) -> int:
+    """Take over what is told of the homing; the status bits that samples have from now on.
+
+    Reads ``is_homed`` and ``told_id``. Where positions may have moved, the offset ends and the
+    history starts anew: a homing that was left is another one when it is told again.
+    """
+    m = unpack(numbers, memory)
+    homing, homing_id = numbers[at.HOMING], numbers[at.HOMING_ID]
+    if m.is_homed == 0:
+        numbers[at.WAS_LOST] = 1
+        numbers[at.HOMING_ID] = at.HOMING_UNKNOWN
+        numbers[at.HOMING] = _NOT_HOMED
+    else:
+        if m.told_id != at.HOMING_UNKNOWN:
+            if m.own_id == at.HOMING_UNKNOWN:
+                numbers[at.OWN_ID] = m.told_id
+            is_rezeroed = m.rezeroed != 0 and m.told_id == homing_id
+            fits = m.told_id < 0 or m.told_id == numbers[at.OWN_ID] or is_rezeroed
+            numbers[at.WAS_LOST] = 0 if fits else 1
+            numbers[at.HOMING_ID] = m.told_id
+        numbers[at.HOMING] = _HOMED_AGAIN if numbers[at.WAS_LOST] else 0
+    if numbers[at.HOMING] != homing or numbers[at.HOMING_ID] != homing_id:
+        numbers[at.REZEROED] = 0
+        fill(m.offset, m.n_joints, 0.0)
+        forget(numbers, memory)
+        trust(numbers, memory)
+    if m.zeroed and numbers[at.HOMING] == 0:
+        numbers[at.REZEROED] = 1
+    return int(numbers[at.HOMING])
+
+
+@compiled
+def accept_offset(numbers: Integers, memory: Array) -> int:
+    """Let the offset be that of the present homing; status bits as of `tell_homing`."""
+    if numbers[at.HOMING] != _NOT_HOMED:
+        numbers[at.WAS_LOST] = 0
+        numbers[at.REZEROED] = 1
+        numbers[at.HOMING] = 0
+    acknowledge(numbers, memory)
+    return int(numbers[at.HOMING])

@@ -24,8 +24,14 @@ from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.layout import refuse_copy
 from truejoint.runtime import fields as at
-from truejoint.runtime.correction import correct_rows, correct_sample, forget
-from truejoint.runtime.homing import accept_offset, acknowledge, tell_homing
+from truejoint.runtime.correction import (
+    accept_offset,
+    acknowledge,
+    correct_rows,
+    correct_sample,
+    forget,
+    tell_homing,
+)
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 from truejoint.summary import Summarised

@@ -28,10 +28,9 @@ from truejoint.calibration.efforts import (
     travelled,
 )
 from truejoint.calibration.interval import inverse_span, range_excess
-from truejoint.compiled import compiled, copy, matrix, vector
+from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
 from truejoint.estimators.products import weighted
-from truejoint.features.feature_set import FeatureState
 from truejoint.features.kernels import feature_row
 from truejoint.layout import Layout, refuse_copy
 
@@ -57,32 +56,43 @@ SHIFT, FRICTION, RANGE, WORK = 0, 1, 2, 3
 N_MEASURES: Final = 4
 
 LAYOUT: Final = Layout()
-N_JOINTS: Final = LAYOUT.integer("n_joints", "watched or not")
-N_TERMS: Final = LAYOUT.integer("n_terms", "of one joint's effort")
+LAYOUT.integer("n_joints", "watched or not")
 HAS_LAST: Final = LAYOUT.integer("has_last", "whether there was a sample")
-GAP_LIMIT: Final = LAYOUT.scalar("gap_limit", "time that nothing is told of [s]")
-WORKING_TIME: Final = LAYOUT.scalar("working_time", "after which a comparison is due [s]")
+LAYOUT.scalar("gap_limit", "time that nothing is told of [s]")
+LAYOUT.scalar("working_time", "after which a comparison is due [s]")
 OUTSIDE: Final = LAYOUT.scalar("outside", "averaged share of samples far outside")
 WORKED: Final = LAYOUT.scalar("worked", "time of motion since the last comparison [s]")
 LAST: Final = LAYOUT.scalar("last", "stamp of the last sample [s]")
 LAST_STEP: Final = LAYOUT.scalar("last_step", "when a joint last moved a step [s]")
-LOWER: Final = LAYOUT.array("lower", "range of each joint")
-UPPER: Final = LAYOUT.array("upper", "range of each joint")
-COEF: Final = LAYOUT.array("coef", "effort of each joint over the terms")
-SCALE: Final = LAYOUT.array("scale", "deviation of each joint's effort")
-SHIFT_LIMIT: Final = LAYOUT.array("shift_limit", "in deviations")
-FRICTION_LIMIT: Final = LAYOUT.array("friction_limit", "in deviations")
-TERMS: Final = LAYOUT.array("terms", "of one joint's effort")
-POSITION: Final = LAYOUT.array("position", "measured")
-TRAVEL: Final = LAYOUT.array("travel", "see `effort_baseline.travelled`")
-MEAN: Final = LAYOUT.array("mean", "of the efforts' deviations, each way")
-SHIFTS: Final = LAYOUT.array("shifts", "shares of their limits")
-FRICTIONS: Final = LAYOUT.array("frictions", "shares of their limits")
-MEASURES: Final = LAYOUT.array("measures", "in the order of `Reason`")
-MEASURED: Final = LAYOUT.integers("measured", "signal of each joint's position")
-EFFORT: Final = LAYOUT.integers("effort", "signal of each joint's effort; -1: none")
-MONITORED: Final = LAYOUT.integers("monitored", "1 where efforts are compared")
-LEVELS: Final = LAYOUT.integers("levels", "of each measure")
+LAYOUT.array("lower", "range of each joint", "n_joints")
+LAYOUT.array("upper", "range of each joint", "n_joints")
+LAYOUT.array("coef", "effort of each joint over the terms", "n_joints", "n_terms")
+LAYOUT.array("scale", "deviation of each joint's effort", "n_joints")
+LAYOUT.array("shift_limit", "in deviations", "n_joints")
+LAYOUT.array("friction_limit", "in deviations", "n_joints")
+LAYOUT.array("terms", "of one joint's effort", "n_terms")
+LAYOUT.array("position", "measured", "n_joints")
+LAYOUT.array("travel", "see `efforts.travelled`", N_TRAVEL, "n_joints")
+LAYOUT.array("mean", "of the efforts' deviations, each way", 2, "n_joints")
+LAYOUT.array("shifts", "shares of their limits", "n_joints")
+LAYOUT.array("frictions", "shares of their limits", "n_joints")
+LAYOUT.array("measures", "in the order of `Reason`", N_MEASURES)
+LAYOUT.array("parameter", "of each feature", "n_features")
+LAYOUT.array("features", "of the last sample", "n_features")
+LAYOUT.array("trained_lower", "range of each feature in training", "n_features")
+LAYOUT.array("trained_upper", "range of each feature in training", "n_features")
+LAYOUT.array("per_span", "inverse length of that range", "n_features")
+LAYOUT.array("feature_memory", "what the features remember", "n_feature_memory")
+LAYOUT.array("clock", "whether the features saw a sample; its stamp [s]", 2)
+LAYOUT.integers("measured", "signal of each joint's position", "n_joints")
+LAYOUT.integers("effort", "signal of each joint's effort; -1: none", "n_joints")
+LAYOUT.integers("monitored", "1 where efforts are compared", "n_joints")
+LAYOUT.integers("operation", "of each feature", "n_features")
+LAYOUT.integers("source", "signal of each feature", "n_features")
+LAYOUT.integers("slot", "of each feature in the features' memory", "n_features")
+LAYOUT.integers("levels", "of each measure", N_MEASURES)
+
+unpack = LAYOUT.unpacker()
 
 _CHECK: Final = np.array([1.0, 1.0, 0.1, 1.0])
 _RECALIBRATE: Final = np.array([6.0, 3.0, 0.5, math.inf])
@@ -192,36 +202,36 @@ class Monitor:
             raise CalibrationError(f"working time {working_time!r} s; give a time above 0 s")
         self._calibration = calibration
         joints, signals = calibration.joints, calibration.signals
-        n = len(joints)
-        names = [f"effort/{joint}" for joint in joints]
+        efforts = [f"effort/{joint}" for joint in joints]
         learnt = ("lower", "upper", "coef", "scale", "shift_limit", "friction_limit", "monitored")
+        operation, source, parameter, slot = calibration.feature_set.program
+        travel = np.zeros((N_TRAVEL, len(joints)))
+        travel[ANCHOR] = np.nan
+        share = np.where(baseline.monitored, 0.0, np.nan)
         self._packed = LAYOUT.pack(
-            n_joints=n,
-            n_terms=baseline.coef.shape[1],
-            gap_limit=calibration.gap_limit,
-            working_time=working_time,
-            terms=np.zeros(baseline.coef.shape[1]),
-            travel=np.zeros((N_TRAVEL, n)),
-            measures=np.zeros(N_MEASURES),
+            gap_limit=calibration.gap_limit, working_time=working_time,
+            terms=np.zeros(baseline.coef.shape[1]), position=np.zeros(len(joints)),
+            travel=travel, mean=np.zeros((2, len(joints))), shifts=share, frictions=share,
+            measures=np.zeros(N_MEASURES), levels=np.zeros(N_MEASURES),
             measured=[signals.index(f"measured/{joint}") for joint in joints],
-            effort=[signals.index(name) if name in signals else -1 for name in names],
-            levels=np.zeros(N_MEASURES),
-            **dict.fromkeys(("position", "shifts", "frictions"), np.zeros(n)),
-            mean=np.zeros((2, n)),
+            effort=[signals.index(name) if name in signals else -1 for name in efforts],
+            operation=operation, source=source, parameter=parameter, slot=slot,
+            features=np.zeros(len(operation)), clock=np.zeros(2),
+            feature_memory=calibration.feature_set.start().memory,
+            trained_lower=calibration.lower, trained_upper=calibration.upper,
+            per_span=inverse_span(calibration.lower, calibration.upper),
             **{name: getattr(baseline, name) for name in learnt},
-        )
+        )  # fmt: skip
         self._numbers, self._memory = self._packed.numbers, self._packed.memory
+        self._begun = self._numbers.copy(), self._memory.copy()
         self.shifts: Array = self._packed.view("shifts")
         self.frictions: Array = self._packed.view("frictions")
         self.measures: Array = self._packed.view("measures")
         self._levels: Integers = self._packed.view("levels")
-        self._per_span = inverse_span(calibration.lower, calibration.upper)
         self._stamp, self._sample = np.zeros(1), np.zeros((1, len(signals)))
         self._graded = np.zeros((1, N_MEASURES), np.int64), np.zeros((1, N_MEASURES))
-        self._row = np.zeros(len(calibration.feature_set))
-        self.reset()
         # Compile, then forget.
-        self._watch(self._stamp, self._sample, *self._graded)
+        watch_rows(self._numbers, self._memory, self._stamp, self._sample, *self._graded)
         self.reset()
 
     __reduce__ = refuse_copy
@@ -245,16 +255,7 @@ class Monitor:
 
     def reset(self) -> None:
         """Forget everything seen."""
-        unknown = self._packed.view("monitored") == 0
-        self.shifts[:] = self.frictions[:] = np.where(unknown, np.nan, 0.0)
-        self.measures[:] = 0.0
-        self._levels[:] = 0
-        self._packed.view("travel")[:] = 0.0
-        self._packed.view("mean")[:] = 0.0
-        self._packed.view("travel")[ANCHOR] = np.nan
-        self._memory[[OUTSIDE, WORKED, LAST, LAST_STEP]] = 0.0
-        self._numbers[HAS_LAST] = 0
-        self._features: FeatureState = self._calibration.feature_set.start()
+        self._numbers[:], self._memory[:] = self._begun
 
     def compared_with_truth(self) -> None:
         """Start the working time anew: the arm was checked or re-zeroed."""
@@ -277,7 +278,7 @@ class Monitor:
                 f"{', '.join(signals[:n])}"
             )
         self._stamp[0], self._sample[0] = t, values[:n]
-        self._watch(self._stamp, self._sample, *self._graded)
+        watch_rows(self._numbers, self._memory, self._stamp, self._sample, *self._graded)
         return int(self._levels.max())
 
     def run(self, recording: Recording) -> MonitorTrace:
@@ -289,17 +290,8 @@ class Monitor:
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in signals]))
         levels = np.empty((len(t), N_MEASURES), dtype=np.int64)
         measures = np.empty(levels.shape)
-        self._watch(t, samples, levels, measures)
+        watch_rows(self._numbers, self._memory, t, samples, levels, measures)
         return MonitorTrace(t, levels.max(axis=1), _bits(levels), measures)
-
-    def _watch(self, t: Array, samples: Array, levels: Integers, measures: Array) -> None:
-        """Take rows one after the other; `levels` and `measures` (n, 4) receive what each says."""
-        calibration, features = self._calibration, self._features
-        watch_rows(
-            self._numbers, self._memory, *calibration.feature_set.program, calibration.gap_limit,
-            features.memory, features.clock, self._row, calibration.lower, calibration.upper,
-            self._per_span, t, samples, levels, measures,
-        )  # fmt: skip
 
 
 def _bits(levels: Integers) -> Integers:
@@ -309,41 +301,19 @@ def _bits(levels: Integers) -> Integers:
 
 @compiled
 def watch_rows(
-    numbers: Integers,
-    memory: Array,
-    operation: Integers,
-    source: Integers,
-    parameter: Array,
-    slot: Integers,
-    gap_limit: float,
-    feature_memory: Array,
-    clock: Array,
-    features: Array,
-    lower: Array,
-    upper: Array,
-    per_span: Array,
-    t: Array,
-    samples: Array,
-    levels: Integers,
-    measures: Array,
+    numbers: Integers, memory: Array, t: Array, samples: Array, levels: Integers, measures: Array
 ) -> None:
     """Watch rows of stamps `t` (n,) [s] and `samples` (n, n_signals), one after the other.
 
-    The `features` (k,) are those of `feature_row`; `lower`, `upper` and `per_span` (k,) are their
-    trained range and its inverse length. `levels` and `measures` (n, 4) receive what stands after
-    each row.
+    `levels` and `measures` (n, 4) receive what stands after each row.
     """
+    m = unpack(numbers, memory)
     for i in range(t.shape[0]):
         if acceptable(numbers, memory, t[i], samples[i]):
-            feature_row(
-                operation, source, parameter, slot, gap_limit, t[i], samples[i], feature_memory,
-                clock, features,
-            )  # fmt: skip
-            excess = range_excess(features, lower, upper, per_span)
-            watch(numbers, memory, t[i], samples[i], excess)
-        copy(vector(memory, numbers[MEASURES], N_MEASURES), measures[i], N_MEASURES)
-        for k in range(N_MEASURES):
-            levels[i, k] = numbers[numbers[LEVELS] + k]
+            watch(numbers, memory, t[i], samples[i])
+            grade(m.measures, m.levels)
+        copy(m.measures, measures[i], N_MEASURES)
+        copy(m.levels, levels[i], N_MEASURES)
 
 
 @compiled
@@ -358,52 +328,44 @@ def acceptable(numbers: Integers, memory: Array, t: float, values: Array) -> boo
 
 
 @compiled
-def watch(numbers: Integers, memory: Array, t: float, values: Array, excess: float) -> int:
-    """Take one acceptable sample into all averages and grade them; returns the alarm.
-
-    `excess` is the share of its trained range by which a feature lies outside.
-    """
-    n, n_terms = numbers[N_JOINTS], numbers[N_TERMS]
-    position = vector(memory, numbers[POSITION], n)
-    lower, upper = vector(memory, numbers[LOWER], n), vector(memory, numbers[UPPER], n)
-    travel = matrix(memory, numbers[TRAVEL], N_TRAVEL, n)
-    elapsed = t - memory[LAST] if numbers[HAS_LAST] != 0 else 0.0
-    if elapsed > memory[GAP_LIMIT]:
+def watch(numbers: Integers, memory: Array, t: float, values: Array) -> None:
+    """Take one acceptable sample into all averages and measures."""
+    m = unpack(numbers, memory)
+    feature_row(
+        m.operation, m.source, m.parameter, m.slot, m.gap_limit, t, values, m.feature_memory,
+        m.clock, m.features,
+    )  # fmt: skip
+    excess = range_excess(m.features, m.trained_lower, m.trained_upper, m.per_span)
+    elapsed = t - m.last if m.has_last != 0 else 0.0
+    if elapsed > m.gap_limit:
         # Nobody saw what happened meanwhile; direction and friction have to build up again.
         elapsed = 0.0
-        travel[ANCHOR] = np.nan
-        travel[1:] = 0.0
-    for j in range(n):
-        position[j] = values[numbers[numbers[MEASURED] + j]]
-    terms = vector(memory, numbers[TERMS], n_terms)
-    coef = matrix(memory, numbers[COEF], n, n_terms)
-    mean = matrix(memory, numbers[MEAN], 2, n)
-    shifts, frictions = vector(memory, numbers[SHIFTS], n), vector(memory, numbers[FRICTIONS], n)
-    for j in range(n):
-        before = travel[TIME, j]
-        speed = travelled(j, t, position, lower, upper, travel)
-        if travel[TIME, j] != before:
+        m.travel[ANCHOR] = np.nan
+        m.travel[1:] = 0.0
+    for j in range(m.n_joints):
+        m.position[j] = values[m.measured[j]]
+    for j in range(m.n_joints):
+        before = m.travel[TIME, j]
+        speed = travelled(j, t, m.position, m.lower, m.upper, m.travel)
+        if m.travel[TIME, j] != before:
             memory[LAST_STEP] = t
-        if speed == 0.0 or numbers[numbers[MONITORED] + j] == 0:
+        if speed == 0.0 or m.monitored[j] == 0:
             continue
-        effort_terms(position, speed, lower, upper, terms)
-        deviation = values[numbers[numbers[EFFORT] + j]] - weighted(terms, coef[j])
-        deviation /= memory[numbers[SCALE] + j]
-        shift, friction = average_effort(deviation, speed, travel[MOVED, j], j, mean)
-        shifts[j] = shift / memory[numbers[SHIFT_LIMIT] + j]
-        frictions[j] = friction / memory[numbers[FRICTION_LIMIT] + j]
-    if numbers[HAS_LAST] != 0 and t - memory[LAST_STEP] <= REST:
+        effort_terms(m.position, speed, m.lower, m.upper, m.terms)
+        deviation = (values[m.effort[j]] - weighted(m.terms, m.coef[j])) / m.scale[j]
+        shift, friction = average_effort(deviation, speed, m.travel[MOVED, j], j, m.mean)
+        m.shifts[j] = shift / m.shift_limit[j]
+        m.frictions[j] = friction / m.friction_limit[j]
+    if m.has_last != 0 and t - memory[LAST_STEP] <= REST:
         memory[WORKED] += elapsed
     outside = 1.0 if excess > FAR_OUTSIDE else 0.0
     memory[OUTSIDE] += (1.0 - np.exp(-elapsed / OUTSIDE_TIME)) * (outside - memory[OUTSIDE])
     numbers[HAS_LAST] = 1
     memory[LAST] = t
-    measures = vector(memory, numbers[MEASURES], N_MEASURES)
-    measures[SHIFT] = largest(shifts)
-    measures[FRICTION] = largest(frictions)
-    measures[RANGE] = memory[OUTSIDE]
-    measures[WORK] = memory[WORKED] / memory[WORKING_TIME]
-    return grade(measures, vector(numbers, numbers[LEVELS], N_MEASURES))
+    m.measures[SHIFT] = largest(m.shifts)
+    m.measures[FRICTION] = largest(m.frictions)
+    m.measures[RANGE] = memory[OUTSIDE]
+    m.measures[WORK] = memory[WORKED] / m.working_time
 
 
 @compiled
@@ -417,17 +379,13 @@ def largest(shares: Array) -> float:
 
 
 @compiled
-def grade(measures: Array, levels: Integers) -> int:
-    """Level of each measure, with hysteresis, into `levels` (4,); returns the highest."""
-    highest = 0
+def grade(measures: Array, levels: Integers) -> None:
+    """Level of each measure, with hysteresis, into `levels` (4,)."""
     for i in range(measures.shape[0]):
-        held = 0
-        if measures[i] >= _RECALIBRATE[i] or (
-            levels[i] == 2 and measures[i] >= RELEASE * _RECALIBRATE[i]
-        ):
-            held = 2
-        elif measures[i] >= _CHECK[i] or (levels[i] > 0 and measures[i] >= RELEASE * _CHECK[i]):
-            held = 1
-        levels[i] = held
-        highest = max(highest, held)
-    return highest
+        level = 0
+        if measures[i] >= _CHECK[i] or (levels[i] > 0 and measures[i] >= RELEASE * _CHECK[i]):
+            level = 1
+        most = _RECALIBRATE[i]
+        if measures[i] >= most or (levels[i] == 2 and measures[i] >= RELEASE * most):
+            level = 2
+        levels[i] = level

@@ -105,7 +105,6 @@ class CorrectorNode:
         self.topic = self._stream.topic
         self.received = self.corrected = 0
         self._corrector: Corrector | None = None
-        self._sample = np.empty(0)
         self._is_homed: bool | None = None  # as the robot said last
         self._was_lost = False  # its homing, since the last sample
         self._told: bool | None = None  # as the corrector was told
@@ -167,18 +166,21 @@ class CorrectorNode:
         self._heard = time.monotonic()
         self.received += 1
         self._tally.messages += 1
-        corrector = self._corrector or self._choose(columns)
+        choices = self._choices if self._corrector is None else (self._corrector,)
+        corrector = next((c for c in choices if columns.keys() >= set(c.signals)), None)
         if corrector is None:
+            lacking = [signal for signal in choices[-1].signals if signal not in columns]
+            advice = "give the profile or topics that have them, or calibrate on others (--feature)"
+            self._stream.refusal = (
+                f"{self.topic} has no {', '.join(lacking)}, which the model needs: "
+                f"{self._stream.stale or advice}"
+            )
             return
-        if not columns.keys() >= set(corrector.signals):  # once it had them
-            self._refuse(corrector, columns)
-            return
+        self._corrector = corrector
         if self._was_lost or self._is_homed is not self._told:
             self._tell_homing(corrector)
-        sample = self._sample
-        for k, signal in enumerate(corrector.signals):
-            sample[k] = columns[signal][0]
-        status = corrector.step(t, sample)
+        sample = [columns[signal][0] for signal in corrector.signals]
+        status = corrector.step(t, np.array(sample, dtype=np.float64))
         self._tally.bits |= status
         position, half_width = corrector.position, corrector.half_width
         if status & Status.OTHER_THREAD:  # those are of another sample
@@ -188,27 +190,10 @@ class CorrectorNode:
         if status is not self._status:
             self._status = status
             text = self._transport.message(STRING_STAMPED)
-            text.header.stamp, text.string = _stamp(message), status.name
+            text.header.stamp, text.string = header_of(message).stamp, status.name
             self._status_out.publish(text)
         if status == 0:
             self.corrected += 1
-
-    def _choose(self, columns: Mapping[str, Array]) -> Corrector | None:
-        for corrector in self._choices:
-            if all(signal in columns for signal in corrector.signals):
-                self._sample = np.empty(len(corrector.signals))
-                self._corrector = corrector
-                return corrector
-        self._refuse(self._choices[-1], columns)
-        return None
-
-    def _refuse(self, corrector: Corrector, columns: Mapping[str, Array]) -> None:
-        lacking = [signal for signal in corrector.signals if signal not in columns]
-        advice = "give the profile or topics that have them, or calibrate on others (--feature)"
-        self._stream.refusal = (
-            f"{self.topic} has no {', '.join(lacking)}, which the model needs: "
-            f"{self._stream.stale or advice}"
-        )
 
     def _tell_homing(self, corrector: Corrector) -> None:
         if self._was_lost:
@@ -227,13 +212,14 @@ class CorrectorNode:
         half_width: Array,
     ) -> None:
         out = self._transport.message(JOINT_STATE)
-        out.header.stamp = _stamp(message)
+        out.header.stamp = header_of(message).stamp
         if self._stream.reads_raven:
             joints: Sequence[str] = self._robot.joint_names
             out.name = list(joints)
-            out.position = [float(columns[f"measured/{joint}"][0]) for joint in joints]
-            out.velocity = [float(columns[f"velocity/{joint}"][0]) for joint in joints]
-            out.effort = [float(columns[f"effort/{joint}"][0]) for joint in joints]
+            out.position, out.velocity, out.effort = (
+                [float(columns[f"{quantity}/{joint}"][0]) for joint in joints]
+                for quantity in ("measured", "velocity", "effort")
+            )
         else:
             joints = [name.partition("/")[2] for name in columns if name.startswith("measured/")]
             out.header.frame_id = message.header.frame_id
@@ -244,7 +230,7 @@ class CorrectorNode:
         self._out.publish(out)
         if self._half_width.readers:
             width = self._transport.message(JOINT_STATE)
-            width.header.stamp = _stamp(message)
+            width.header.stamp = header_of(message).stamp
             width.name = list(corrected)
             width.position = half_width.tolist()
             self._half_width.publish(width)
@@ -271,9 +257,8 @@ class CorrectorNode:
         }
         if self._corrector is not None:
             width = self._corrector.half_width
-            facts |= dict(
-                zip((f"half-width of {j}" for j in self._corrector.joints), width, strict=True)
-            )
+            names = (f"half-width of {joint}" for joint in self._corrector.joints)
+            facts |= dict(zip(names, width, strict=True))
         for key, value in facts.items():
             pair = self._transport.message("diagnostic_msgs/KeyValue")
             pair.key, pair.value = key, str(value)
@@ -286,11 +271,8 @@ class CorrectorNode:
         if self._stream.refusal:
             return _ERROR, self._stream.refusal
         if not self.received:
-            stamps = ": its stamps are invalid; is the robot homed?"
-            why = stamps if self._stream.invalid else self._writers()
-            return _STALE, f"waiting for {self.topic}{why}"
-        silent = time.monotonic() - self._heard
-        if silent > SILENCE:
+            return _STALE, f"waiting for {self.topic}{self._why_waiting()}"
+        if time.monotonic() - self._heard > SILENCE:
             return _STALE, f"{self.topic} is silent: does the robot still run? Waiting for it"
         if not tally.bits:
             return _OK, f"correcting {self.topic}"
@@ -301,13 +283,11 @@ class CorrectorNode:
         advice = "; ".join(text for bit, text in _ADVICE.items() if bits & bit)
         return _WARN, f"passing through: {bits.name}: {advice or bits.words}"
 
-    def _writers(self) -> str:
+    def _why_waiting(self) -> str:
+        if self._stream.invalid:
+            return ": its stamps are invalid; is the robot homed?"
         try:
             is_written = self.topic in self._transport.topics()
         except RosError as error:
             return f": {error}"
         return "" if is_written else ", which nobody writes: start the robot's node"
-
-
-def _stamp(message: Any) -> Any:
-    return header_of(message).stamp

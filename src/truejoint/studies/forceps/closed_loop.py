@@ -16,7 +16,7 @@ from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.runtime import Compensator, Corrector, Status
-from truejoint.runtime.loop_gain import check_rate
+from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.forceps.load import SwingingLoad
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population

@@ -20,7 +20,7 @@ from truejoint.robots.blocks import StateBlock, TruthBlock
 from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.runtime import Corrector, Status
-from truejoint.runtime.loop_gain import check_rate
+from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.twin import hold
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.twin import WristTwin
