@@ -20,12 +20,10 @@ from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
-from truejoint.export.c_expressions import Expressions
 from truejoint.export.c_function import Function
-from truejoint.export.c_operators import RESERVED
 from truejoint.export.c_statements import wrapped, wrapped_comment
 from truejoint.export.c_structs import Constants, Handle, Side, Struct
-from truejoint.export.c_values import Expr, Kind, Known, Linear, Style, View
+from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Linear, Style, View
 from truejoint.layout import Memory
 
 WIDE: Final = """\
@@ -94,7 +92,7 @@ class Printer:
         self.enums = enums
         self.constants = Constants(style)
         self.functions: dict[str, Function] = {}
-        self.calls: list[tuple[str, Expressions, dict[str, Any]]] = []
+        self.calls: list[tuple[str, Function, dict[str, Any]]] = []
         self._bodies: dict[tuple[Any, ...], Function] = {}
         self._done: dict[tuple[Any, ...], Function] = {}
 
@@ -188,7 +186,7 @@ class Printer:
                         return False
         return True
 
-    def _disjoint(self, a: Any, b: Any, caller: Expressions, callers: tuple[str, ...]) -> bool:
+    def _disjoint(self, a: Any, b: Any, caller: Function, callers: tuple[str, ...]) -> bool:
         if isinstance(a, Handle) or isinstance(b, Handle):
             return False
         if a.root == b.root:
