@@ -64,16 +64,16 @@ def test_numbers_follow_the_arm(page, lagging_arm):
         lagging_arm.move_jp(lagging_arm.robot.home + way * np.eye(7)[0]).wait()
         page._frame()
         now = lagging_arm.measured_js()
-        assert "ENABLED" in page._page.page._status.content
+        assert "ENABLED" in page._page._status.content
         # The row that is shown is the latest that a reading of the encoders follows.
         shown = page._page.rows[-1]
         assert now.t - 0.01 <= shown.t[0] <= now.t
-        assert f"{np.degrees(shown.reported[0, 0]):.2f}" in page._page.page._table.content
-        assert f'data-t="{shown.t[0]:.4f}"' in page._page.page._status.content
+        assert f"{np.degrees(shown.reported[0, 0]):.2f}" in page._page._table.content
+        assert f'data-t="{shown.t[0]:.4f}"' in page._page._status.content
     tool = lagging_arm.robot.kinematics.forward(page._page.rows[-1].reported[0])[:3, 3]
     turned = lagging_arm.robot.kinematics.crtk_from_base[:3, :3] @ tool
-    assert page._page.page._bodies["reported"].tool == pytest.approx(turned, abs=1e-9)
-    assert sorted(page._page.page._bodies) == ["reported", "truth"]
+    assert page._page._bodies["reported"].tool == pytest.approx(turned, abs=1e-9)
+    assert sorted(page._page._bodies) == ["reported", "truth"]
     for _ in range(3):
         page._frame()
     assert len(page._page.rows) == 2  # nothing new was reported
@@ -97,16 +97,14 @@ def test_the_buttons_pause_and_resume_the_arm(page, lagging_arm):
 def test_an_arm_that_stops_reporting_turns_grey(page, lagging_arm, lagging_backend):
     _move(lagging_arm)
     page._frame()
-    tubes = page._page.page._bodies["reported"]._tubes
-    coloured, table = tubes.batched_colors.tolist(), page._page.page._table.content
+    tubes = page._page._bodies["reported"]._tubes
+    coloured, table = tubes.batched_colors.tolist(), page._page._table.content
     lagging_backend.time += 4.0
     page._frame()
-    assert "4.0 s ago" in page._page.page._status.content
-    assert "the newest state message is 4 s old" in page._page.page._status.content
-    assert 'class="stale"' in page._page.page._table.content
-    assert page._page.page._table.content == table.replace(
-        'id="joints"', 'id="joints" class="stale"'
-    )
+    assert "4.0 s ago" in page._page._status.content
+    assert "the newest state message is 4 s old" in page._page._status.content
+    assert 'class="stale"' in page._page._table.content
+    assert page._page._table.content == table.replace('id="joints"', 'id="joints" class="stale"')
     assert tubes.batched_colors.tolist() != coloured
     _move(lagging_arm)
     page._frame()
@@ -119,11 +117,11 @@ def test_a_fault_is_told(by_hand, lagging_backend):
     arm.home()
     with ArmPage(arm, port=0) as page:
         page._frame()
-        assert "no state message yet" in page._page.page._status.content
+        assert "no state message yet" in page._page._status.content
         lagging_backend.time = 3.0
         page._frame()
-        assert "FAULT" in page._page.page._status.content
-        assert "clear the fault on the robot" in page._page.page._status.content
+        assert "FAULT" in page._page._status.content
+        assert "clear the fault on the robot" in page._page._status.content
 
 
 def test_a_model_that_the_arm_cannot_serve_is_named_and_the_arm_still_shown(
@@ -135,11 +133,11 @@ def test_a_model_that_the_arm_cannot_serve_is_named_and_the_arm_still_shown(
     monkeypatch.setattr(page._live, "row", refuse)
     _move(lagging_arm)
     page._frame()
-    assert "does not report x" in page._page.page._status.content
+    assert "does not report x" in page._page._status.content
     _move(lagging_arm)
     page._frame()
-    assert "does not report x" in page._page.page._status.content
-    assert "shoulder" in page._page.page._table.content
+    assert "does not report x" in page._page._status.content
+    assert "shoulder" in page._page._table.content
 
 
 def test_an_arm_that_once_gives_no_answer_is_corrected_on(page, lagging_arm, monkeypatch):
@@ -216,8 +214,8 @@ def test_whose_page_it_is(origin, asked, host, own):
 
 
 def test_nothing_is_shared_with_the_outside(page):
-    assert page._page.page._server.request_share_url(verbose=False) is None
-    assert page._page.page._server._share_tunnel is None
+    assert page._page._server.request_share_url(verbose=False) is None
+    assert page._page._server._share_tunnel is None
 
 
 def test_a_port_that_is_taken_is_refused(by_hand, lagging_arm):
@@ -248,7 +246,7 @@ def test_a_page_that_fails_says_so_and_lets_the_arm_go_on(page, lagging_arm, mon
     with monkeypatch.context() as patch:
         patch.setattr(page, "_row", lambda condition: 1 / 0)
         loop()
-    assert "the page has stopped</b> division by zero" in page._page.page._status.content
+    assert "the page has stopped</b> division by zero" in page._page._status.content
     assert "page has stopped, the arm goes on: division by zero" in caplog.text
     _move(lagging_arm)
     assert not page._inbox
@@ -260,9 +258,9 @@ def test_another_joint_can_be_looked_at_while_the_arm_stands(page, lagging_arm):
         page._frame()
     for _ in range(PLOT_EVERY):
         page._frame()  # nothing new
-    page._page.page._joint.value = "elbow"
-    page._page.page._replot()
-    plot = page._page.page._plots["position"]
+    page._page._joint.value = "elbow"
+    page._page._replot()
+    plot = page._page._plots["position"]
     assert plot.title == "elbow [deg]"
     assert len(plot.data[0]) == 6
 

@@ -9,8 +9,7 @@ from tests.crtk.faulty_backend import Fault, FaultyBackend
 from truejoint.crtk.arm import Arm
 from truejoint.monitor import panels
 from truejoint.monitor.condition import Condition
-from truejoint.monitor.markup import legend_html, status_html, table_html
-from truejoint.monitor.panels import has_band, plots, poses
+from truejoint.monitor.panels import has_band, legend_html, plots, poses, status_html, table_html
 from truejoint.monitor.samples import Samples
 from truejoint.robots import get_robot
 from truejoint.runtime import Status

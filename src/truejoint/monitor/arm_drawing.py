@@ -27,30 +27,12 @@ _BALL: Final = 1.35  # radius of a ball by that of its tube
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """What an arm looks like in several poses, in the frame of its CRTK topics.
+    """What an arm looks like in several poses, in the frame of its CRTK topics."""
 
-    Attributes
-    ----------
-    tubes : ndarray, shape (k, n, 2, 3)
-        Both ends of each straight piece [m].
-    radii : ndarray, shape (n,)
-        Of the tubes [m].
-    balls : ndarray, shape (k, m, 3)
-        Where joints are and, last, the tool [m].
-    ball_radii : ndarray, shape (m,)
-        [m].
-
-    Examples
-    --------
-    >>> robot = truejoint.get_robot("raven2")
-    >>> ArmDrawing(robot).at([robot.home]).balls.shape
-    (1, 7, 3)
-    """
-
-    tubes: Array
-    radii: Array
-    balls: Array
-    ball_radii: Array
+    tubes: Array  # (k, n, 2, 3), both ends of each straight piece [m]
+    radii: Array  # (n,), of the tubes [m]
+    balls: Array  # (k, m, 3), where joints are and, last, the tool [m]
+    ball_radii: Array  # (m,) [m]
 
     def cylinders(self) -> tuple[Array, Array, Array]:
         """Place cylinders of radius and length 1 along z as the tubes.
@@ -76,26 +58,14 @@ class ArmDrawing:
     base's origin, a remote centre of motion, the links between them are arcs about it, as those of
     RAVEN-II are, and the instrument passes through. Jaws are two fingers.
 
-    Parameters
-    ----------
-    robot : Robot
-        One that `can_draw` can draw.
-
-    Attributes
-    ----------
-    size : float
-        Largest distance between two of its axes' origins at home [m].
-
-    Raises
-    ------
-    RobotError
-        If nothing says where its links are.
+    Its `size` is the largest distance between two of its axes' origins at home [m]. Raises
+    RobotError if nothing says where its links are.
 
     Examples
     --------
     >>> robot = truejoint.get_robot("raven2")
-    >>> ArmDrawing(robot).size > 0.3
-    True
+    >>> ArmDrawing(robot).at([robot.home]).balls.shape
+    (1, 7, 3)
     """
 
     def __init__(self, robot: Robot) -> None:
@@ -109,7 +79,13 @@ class ArmDrawing:
         reach = np.linalg.norm(origins[:, None] - origins[None], axis=-1).max()
         self.size = float(max(reach, 0.05))
         self._finger = self._finger or _FINGER * self.size
-        self._n_meeting = _axes_through_origin(frames)
+        # First axes that meet in the base's origin, up to one that slides; 0 for fewer than 3.
+        at, z = frames[:, :3, 3], frames[:, :3, 2]
+        off = np.linalg.norm(at - (at * z).sum(axis=1, keepdims=True) * z, axis=1) > _MEETS
+        slides = np.concatenate([[False], np.linalg.norm(at[:-1], axis=1) > _MEETS])
+        ends = np.flatnonzero(off | slides)
+        count = int(ends[0]) if len(ends) else len(frames)
+        self._n_meeting = count if count >= 3 else 0
         self._arcs = _arcs(frames[: self._n_meeting]) * _ARC_RADIUS * self.size
 
     def at(self, joints: ArrayLike) -> Drawing:
@@ -129,29 +105,18 @@ class ArmDrawing:
             links += [(before, corner), (corner, here)]
             balls.append(here)
             before = here
-        links += [(before, tool), *self._fingers(frames[:, -1], tool, rows)]
+        links.append((before, tool))
+        if self._opening.any():  # both jaws, as far open as they are, about the last axis
+            half = 0.5 * (rows @ self._opening)[:, None]
+            x, y = np.cos(half) * frames[:, -1, :3, 0], np.sin(half) * frames[:, -1, :3, 1]
+            links += [(tool, tool + self._finger * (x + side * y)) for side in (1.0, -1.0)]
         tubes = np.concatenate([pieces, np.array(links).transpose(2, 0, 1, 3)], axis=1)
         radii = np.where(np.arange(tubes.shape[1]) < pieces.shape[1], _ARC_TUBE, _TUBE)
         turn, shift = self._chain.crtk_from_base[:3, :3].T, self._chain.crtk_from_base[:3, 3]
         every = np.stack([*balls, tool], axis=1)
         thick = np.where(np.arange(every.shape[1]) < first, _ARC_TUBE, _TUBE)
-        return Drawing(
-            tubes @ turn + shift,
-            radii * self.size,
-            every @ turn + shift,
-            _BALL * thick * self.size,
-        )
-
-    def _fingers(self, frame: Array, tool: Array, rows: Array) -> list[tuple[Array, Array]]:
-        """Both jaws, as far open as they are, about the last axis."""
-        if not self._opening.any():
-            return []
-        half = 0.5 * (rows @ self._opening)[:, None]
-        x, y = frame[:, :3, 0], frame[:, :3, 1]
-        return [
-            (tool, tool + self._finger * (np.cos(half) * x + side * np.sin(half) * y))
-            for side in (1.0, -1.0)
-        ]
+        ball_radii = _BALL * thick * self.size
+        return Drawing(tubes @ turn + shift, radii * self.size, every @ turn + shift, ball_radii)
 
 
 def can_draw(robot: Robot) -> bool:
@@ -174,18 +139,6 @@ def _jaws(robot: Robot) -> tuple[Array, float]:
     opening = np.zeros(len(robot.joints))
     opening[robot.index(robot.grasper)] = 1.0
     return opening, 0.0
-
-
-def _axes_through_origin(frames: Array) -> int:
-    """How many first axes meet in the base's origin, up to one that slides; 0 for fewer than 3."""
-    count = 0
-    for origin, z in zip(frames[:, :3, 3], frames[:, :3, 2], strict=True):
-        if np.linalg.norm(origin - (origin @ z) * z) > _MEETS:
-            break
-        count += 1
-        if np.linalg.norm(origin) > _MEETS:
-            break
-    return count if count >= 3 else 0
 
 
 def _arcs(meeting: Array) -> Array:

@@ -15,27 +15,16 @@ from truejoint.errors import TruejointError
 class Condition:
     """How an arm, or the recording of one, stands.
 
-    Attributes
-    ----------
-    state : str
-        In a word or two: ``"ENABLED"``, ``"no answer"``.
-    reason : str
-        Why it takes no commands, or reports nothing new; empty where all is well.
-    is_fresh : bool
-        Whether the latest sample is of now.
-    t : float
-        Now, on the robot's clock [s]; NaN if it does not say.
-
     Examples
     --------
     >>> Condition.of(arm).state
     'ENABLED'
     """
 
-    state: str
-    reason: str = ""
-    is_fresh: bool = True
-    t: float = math.nan
+    state: str  # in a word or two: ``"ENABLED"``, ``"no answer"``
+    reason: str = ""  # why it takes no commands, or reports nothing new; empty where all is well
+    is_fresh: bool = True  # whether the latest sample is of now
+    t: float = math.nan  # now, on the robot's clock [s]; NaN if it does not say
 
     @classmethod
     def of(cls, arm: Arm) -> Self:

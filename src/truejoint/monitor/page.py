@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.drawing import Panel
 from truejoint.errors import TruejointError
 from truejoint.extras import require
-from truejoint.monitor import markup, panels
+from truejoint.monitor import panels
 from truejoint.monitor.arm_drawing import ArmDrawing, Drawing, can_draw
 from truejoint.monitor.condition import Condition
 from truejoint.monitor.samples import Samples
@@ -42,22 +42,11 @@ _BAND: Final = {"series": (1, 2), "fill": panels.COLOURS["band"]}
 
 
 class Page:
-    """Shows samples of one arm in the browser.
+    """Shows samples of one arm, of `joints`, in the browser.
 
-    Parameters
-    ----------
-    robot : Robot
-    joints : sequence of str
-        Those that the samples are of.
-    controls : callable
-        Called once with viser's interface for widgets, to add its own.
-    host, port
-        Where to listen; port 0 takes any that is free.
-
-    Raises
-    ------
-    TruejointError
-        If viser is not installed or nothing can listen there.
+    `controls` is called once with viser's interface for widgets, to add its own. It listens at
+    `host` and `port`, 0 for any that is free. Raises TruejointError if viser is not installed or
+    nothing can listen there.
     """
 
     def __init__(
@@ -92,7 +81,7 @@ class Page:
         controls(gui)
         self._table = gui.add_html("")
         self._legend = gui.add_html("")
-        gui.add_html(markup.style_html())
+        gui.add_html(panels.style_html())
         if self._drawing is None:
             missing = "The kinematics of this robot are not known"
             if can_draw(self._robot):
@@ -118,14 +107,14 @@ class Page:
         with _silent():
             self._server.stop()
 
-    def show(self, samples: Samples | None, condition: Condition, *, replot: bool) -> None:
+    def render(self, samples: Samples | None, condition: Condition, *, replot: bool) -> None:
         """Show the last row of `samples`, and with `replot` all of them over time."""
         with self._lock, self._server.atomic():
             self._latest = samples
-            self._status.content = markup.status_html(condition, samples)
+            self._status.content = panels.status_html(condition, samples)
             if samples is None:
                 return
-            table = markup.table_html(samples, self._robot, is_fresh=condition.is_fresh)
+            table = panels.table_html(samples, self._robot, is_fresh=condition.is_fresh)
             if table != self._table.content:
                 self._table.content = table
             self._draw(samples, condition.is_fresh)
@@ -141,7 +130,7 @@ class Page:
     def stopped(self, error: Exception) -> None:
         """Say that nothing new will be shown, and why."""
         condition = Condition("the page has stopped", str(error), is_fresh=False)
-        self._status.content = markup.status_html(condition, self._latest)
+        self._status.content = panels.status_html(condition, self._latest)
 
     def _set_theme(self, *, dark: bool) -> None:
         self._server.gui.configure_theme(
@@ -173,12 +162,10 @@ class Page:
         camera = self._server.initial_camera
         camera.position, camera.look_at = self._views["the arm"]
         camera.near, camera.far = 0.01 * size, 100 * size
-        self._server.on_client_connect(self._welcome)
-
-    def _welcome(self, client: Any) -> None:
-        """Step back for who looks through a narrow window, whose lower half a sheet covers."""
-        if client.camera.aspect < _NARROW:
-            self._look(client, "the arm")
+        # Step back for who looks through a narrow window, whose lower half a sheet covers.
+        self._server.on_client_connect(
+            lambda client: client.camera.aspect < _NARROW and self._look(client, "the arm")
+        )
 
     def _look(self, client: Any, at: str) -> None:
         position, target = self._views[at]
@@ -198,13 +185,10 @@ class Page:
             return
         drawing = self._drawing.at(list(poses.values()))
         positions, wxyz, scales = drawing.cylinders()
-        if not set(poses) <= set(self._bodies):
-            for name in poses:
-                if name not in self._bodies:
-                    self._bodies[name] = _Body(self._server.scene, name, drawing)
-            self._legend.content = markup.legend_html(
-                [n for n in panels.POSES if n in self._bodies]
-            )
+        if new := [name for name in poses if name not in self._bodies]:
+            self._bodies |= {name: _Body(self._server.scene, name, drawing) for name in new}
+            shown = [name for name in panels.POSES if name in self._bodies]
+            self._legend.content = panels.legend_html(shown)
         for k, name in enumerate(poses):
             self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
         for name, body in self._bodies.items():
@@ -221,15 +205,14 @@ class Page:
     def _plot(self, name: str, plot: Panel | None) -> None:
         """Give a plot new values; made anew only when other curves are known."""
         handle = self._plots.get(name)
+        if handle is not None:
+            handle.visible = plot is not None
         if plot is None:
-            if handle is not None:
-                handle.visible = False
             return
         data = (plot.curves[0].x, *(curve.y for curve in plot.curves))
         shape = (plot.y, *(curve.label for curve in plot.curves))
         if handle is not None and shape == self._titles[name]:
             handle.data = data
-            handle.visible = True
             return
         if handle is not None:
             handle.remove()
@@ -301,13 +284,13 @@ class _Body:
 
 def _series(plot: Panel) -> tuple[dict[str, Any], ...]:
     """Describe the curves as uPlot does, the time first."""
-    series: list[dict[str, Any]] = [{"label": "t"}]
-    for curve in plot.curves:
-        named = {"label": curve.label, "width": 2.0}
-        unnamed = {"label": "", "class": "unnamed", "width": 1.0}
-        line = {"stroke": curve.colour, "points": {"show": False}}
-        series.append(line | (named if curve.label else unnamed))
-    return tuple(series)
+    named: dict[str, Any] = {"width": 2.0, "points": {"show": False}}
+    unnamed = named | {"width": 1.0, "class": "unnamed"}
+    curves = (
+        (named if curve.label else unnamed) | {"label": curve.label, "stroke": curve.colour}
+        for curve in plot.curves
+    )
+    return ({"label": "t"}, *curves)
 
 
 def _rgb(colour: str) -> tuple[int, ...]:

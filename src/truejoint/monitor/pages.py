@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import abc
 import logging
 import math
 import sys
@@ -34,7 +33,7 @@ _SPEEDS: Final = ("0.25", "1", "2", "5", "20")
 _log = logging.getLogger(__name__)
 
 
-class _Pictures(abc.ABC):
+class _Pictures:
     """Makes pictures in a thread, from `_start` until its `with` block is left."""
 
     _page: Any
@@ -51,15 +50,16 @@ class _Pictures(abc.ABC):
         self._thread.join(2.0)
         self._page.close()
 
-    @abc.abstractmethod
     def _frame(self) -> None:
         """Make one picture."""
+        raise NotImplementedError
 
-    @abc.abstractmethod
     def _failed(self, error: Exception) -> None:
         """Say that there will be no more."""
+        self._page.stopped(error)
 
     def _start(self) -> None:
+        self.url = self._page.url
         self._closed = threading.Event()
         self._thread = threading.Thread(target=self._loop, name="monitor", daemon=True)
         self._thread.start()
@@ -134,7 +134,6 @@ class ArmPage(_Pictures):
         self._last_arrival = math.nan
         self._refusal = ""
         self._page: PageProcess = PageProcess(arm.robot, self._command, host=host, port=port)
-        self.url: Final = self._page.url
         self._switched = sys.getswitchinterval()
         sys.setswitchinterval(min(self._switched, _SWITCH_INTERVAL))
         arm.subscribe(self._receive)
@@ -169,8 +168,7 @@ class ArmPage(_Pictures):
         self._arm.unsubscribe(self._receive)
         self._inbox.clear()
         _log.warning("the monitor's page has stopped, the arm goes on: %s", error)
-        with suppress(OSError):
-            self._page.show(None, Condition("the page has stopped", str(error), is_fresh=False))
+        super()._failed(error)
 
     def _row(self, condition: Condition) -> Samples | None:
         """Make a row of what came since the last picture."""
@@ -246,8 +244,11 @@ class RecordingPage(_Pictures):
         self._page: Page = Page(
             recording.robot, self._samples.joints, self._add_controls, host=host, port=port
         )
-        self.url: Final = self._page.url
         self._start()
+
+    def _scrub(self, event: Any) -> None:
+        if event.client is not None:  # moved by a person, not by `_frame`
+            self._t = float(self._slider.value)
 
     def _add_controls(self, gui: Any) -> None:
         self._slider = gui.add_slider("Time [s]", self._t, self._end, 0.01, self._t)
@@ -255,36 +256,25 @@ class RecordingPage(_Pictures):
         self._play = gui.add_checkbox("Play", initial_value=False)
         self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
 
-    def _scrub(self, event: Any) -> None:
-        if event.client is not None:  # moved by a person, not by `_frame`
-            self._t = float(self._slider.value)
-
     def _frame(self) -> None:
         now = time.monotonic()
         passed, self._last = now - self._last, now
         if self._play.value:
             self._t = min(self._t + passed * float(self._speed.value), self._end)
             self._slider.value = self._t
-            if self._t >= self._end:
-                self._play.value = False
+            self._play.value = self._t < self._end
         if self._t == self._drawn:
             return
         self._drawn = self._t
         self._count += 1
         replot = not self._play.value or self._count % PLOT_EVERY == 0
         window = self.window(self._t)
-        condition = Condition("recording", t=float(window.t[-1]))
-        self._page.show(window, condition, replot=replot)
-
-    def _failed(self, error: Exception) -> None:
-        self._page.stopped(error)
+        self._page.render(window, Condition("recording", t=float(window.t[-1])), replot=replot)
 
     def window(self, t: float) -> Samples:
         """Rows that the plots show at `t` [s]: the 10 s before it, thinned out to what is seen."""
-        last = int(np.searchsorted(self._samples.t, t, side="right"))
-        first = int(np.searchsorted(self._samples.t, t - WINDOW))
-        last = max(last, 1)
-        first = min(first, last - 1)
+        last = max(int(np.searchsorted(self._samples.t, t, side="right")), 1)
+        first = min(int(np.searchsorted(self._samples.t, t - WINDOW)), last - 1)
         step = max((last - first) // _MOST_POINTS, 1)
         first += (last - 1 - first) % step  # the latest row is among them
         return self._samples.rows(slice(first, last, step))

@@ -39,20 +39,8 @@ _PATIENCE: Final = 2.0  # [s] for it to end by itself
 class PageProcess:
     """Starts the process, and tells it what to show.
 
-    Parameters
-    ----------
-    robot : Robot
-    on_command : callable
-        Called with one of `COMMANDS`, in a thread of its own, when a button is pressed.
-    host, port
-        As those of `Page`, whose errors are raised here.
-
-    Attributes
-    ----------
-    url : str
-        Where the page is.
-    pid : int
-        Of the process.
+    `on_command` is called with one of `COMMANDS`, in a thread of its own, when a button is pressed.
+    Raises as `Page`.
     """
 
     def __init__(
@@ -83,6 +71,11 @@ class PageProcess:
     def show(self, row: Samples | None, condition: Condition) -> None:
         """Show one more row, if there is one; raises BrokenPipeError if the process has ended."""
         self._tell({"row": None if row is None else _plain(row), "condition": vars(condition)})
+
+    def stopped(self, error: Exception) -> None:
+        """Say that nothing new will be shown, and why, if somebody still listens."""
+        with suppress(OSError):
+            self.show(None, Condition("the page has stopped", str(error), is_fresh=False))
 
     def say(self, error: Exception) -> None:
         """Tell all who look that something they asked for was refused, and why."""
@@ -127,17 +120,8 @@ class PageProcess:
                     threading.Thread(target=on_command, args=(command,), daemon=True).start()
 
 
-class ArmView:
-    """The page of an arm, in the process that draws it.
-
-    Parameters
-    ----------
-    robot : Robot
-    on_command : callable
-        Called with one of `COMMANDS` when a button is pressed.
-    host, port
-        As those of `Page`.
-    """
+class ArmView(Page):
+    """The page of an arm, in the process that draws it; `on_command` as of `PageProcess`."""
 
     def __init__(
         self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
@@ -147,25 +131,20 @@ class ArmView:
         self._condition = Condition("no answer", "the arm has said nothing yet", is_fresh=False)
         self._has_new = False  # since the plots were drawn
         self._since = 0  # pictures since then
-        self._lock = threading.Lock()  # of all above
-        self.page: Final = Page(robot, robot.joint_names, self._add_buttons, host=host, port=port)
-        self.url: Final = self.page.url
+        self._taking = threading.Lock()  # of all above
+        super().__init__(robot, robot.joint_names, self._add_buttons, host=host, port=port)
 
     def show(self, row: Samples | None, condition: Condition) -> None:
         """Take what is to be shown in the next picture."""
-        with self._lock:
+        with self._taking:
             self._condition = condition
             if row is not None:
                 self.rows.append(row)
                 self._has_new = True
 
-    def say(self, error: Exception) -> None:
-        """Tell all who look that something they asked for was refused, and why."""
-        self.page.say(error)
-
     def draw(self) -> None:
         """Make a picture of what is to be shown by now."""
-        with self._lock:
+        with self._taking:
             samples = Samples.joined(self.rows) if self.rows else None
             self._since += 1
             condition, replot = self._condition, self._has_new and self._since >= PLOT_EVERY
@@ -174,11 +153,7 @@ class ArmView:
         paused = condition.state.startswith("PAUSED")
         if self.resume.visible != paused:
             self.resume.visible = paused
-        self.page.show(samples, condition, replot=replot)
-
-    def close(self) -> None:
-        """Let the port go."""
-        self.page.close()
+        self.render(samples, condition, replot=replot)
 
     def _add_buttons(self, gui: Any) -> None:
         pause = gui.add_button("Pause the arm", color="red")
@@ -244,7 +219,7 @@ def _draw(view: ArmView, news: threading.Event, over: threading.Event) -> None:
         try:
             view.draw()
         except Exception as error:
-            view.page.stopped(error)
+            view.stopped(error)
             raise
 
 

@@ -30,23 +30,6 @@ _STAMP_ERROR: Final = 1e-4  # [s]
 class Samples:
     """Instants of an arm, a row each; NaN where something is not known.
 
-    Attributes
-    ----------
-    joints : tuple of str
-    t : ndarray, shape (n,)
-        Time stamps on the robot's clock [s].
-    reported, corrected, half_width, truth, setpoint : ndarray, shape (n, n_joints)
-        [rad or m]; `corrected` only where the corrector vouches for it, `half_width` of its
-        interval.
-    effort : ndarray, shape (n, n_joints)
-        As the robot reports it [Nm or N].
-    status : ndarray, shape (n,)
-        Bits of the corrector's `Status`.
-    interval : ndarray, shape (n,)
-        Longest time between two state messages since the row before [s].
-    effort_units : tuple of str
-        Of each joint.
-
     Examples
     --------
     >>> Samples.of_recording(test, model).corrected.shape
@@ -54,15 +37,15 @@ class Samples:
     """
 
     joints: tuple[str, ...]
-    t: Array
-    reported: Array
-    corrected: Array
-    half_width: Array
+    t: Array  # (n,), time stamps on the robot's clock [s]
+    reported: Array  # (n, n_joints) [rad or m], as what follows
+    corrected: Array  # only where the corrector vouches for it
+    half_width: Array  # of its interval
     truth: Array
     setpoint: Array
-    effort: Array
-    status: Integers
-    interval: Array
+    effort: Array  # as the robot reports it [Nm or N]
+    status: Integers  # (n,), bits of the corrector's `Status`
+    interval: Array  # (n,), longest time between two state messages since the row before [s]
     effort_units: tuple[str, ...]
 
     def __len__(self) -> int:
@@ -110,15 +93,12 @@ class Samples:
                 column = joints.index(joint)
                 corrected[:, column], half_width[:, column] = vouched[0][:, k], vouched[1][:, k]
 
+        none = np.full(n, np.nan)
+
         def of(quantity: str) -> Array:
-            joints_of_quantity = recording.joints_of(quantity)
-            none = np.full(n, np.nan)
-            return np.column_stack(
-                [
-                    recording.column(f"{quantity}/{j}") if j in joints_of_quantity else none
-                    for j in joints
-                ]
-            )
+            names = [f"{quantity}/{joint}" for joint in joints]
+            known = [recording.column(name) if name in recording.units else none for name in names]
+            return np.column_stack(known)
 
         return cls(
             joints, t, of("measured"), corrected, half_width, of("truth"), of("setpoint"),
@@ -133,16 +113,7 @@ _ARRAYS: Final = [f.name for f in fields(Samples) if not f.type.startswith("tupl
 class LiveSamples:
     """Makes a row of what an arm reports, however much that is, and corrects all of it.
 
-    Parameters
-    ----------
-    robot : Robot
-    calibration : Calibration, optional
-        Of this arm.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration is of another arm, or does not run in a loop.
+    Raises CalibrationError if the `calibration` is of another arm, or does not run in a loop.
 
     Examples
     --------
@@ -161,7 +132,8 @@ class LiveSamples:
         self._channels = robot.joint_channels
         names = robot.joint_names
         self._effort_units = tuple(default_unit(f"effort/{name}", robot) for name in names)
-        self._period = 0.0 if calibration is None else _sample_period(calibration)
+        counts = calibration is not None and calibration.counts_samples
+        self._period = calibration.origin.sample_dt if calibration and counts else 0.0  # [s]
         self._due = -math.inf  # stamp of the next sample [s]
         self._truth: TruthBlock | None = None  # latest readings
 
@@ -192,12 +164,11 @@ class LiveSamples:
         corrected, half_width, status = self._correct(state, used, shown)
         if shown < 0:
             return None
-        truth = np.full(len(self.robot.joints), np.nan)
+        truth, effort = np.full((2, len(self.robot.joints)), np.nan)
         if readings is not None:
             for name, positions in zip(readings.name, readings.position.T, strict=True):
                 at = np.interp(state.t[shown], readings.t, positions)
                 truth[self.robot.joint_names.index(name)] = at
-        effort = np.full(len(truth), np.nan)
         if state.effort.shape[1]:
             effort = state.effort[shown, self._channels]
         return Samples(
@@ -258,11 +229,6 @@ class LiveSamples:
                     self.corrector.position, self.corrector.half_width, np.array(int(status))
                 )
         return position, half_width, status_shown
-
-
-def _sample_period(calibration: Calibration) -> float:
-    """Period of the samples [s] that a model counts; 0 where it goes by their stamps."""
-    return calibration.origin.sample_dt if calibration.counts_samples else 0.0
 
 
 def _vouched(position: Array, half_width: Array, status: Integers) -> tuple[Array, Array]:
