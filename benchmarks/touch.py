@@ -41,9 +41,8 @@ from truejoint.motion import follow, random_motion, workspace_of, zigzag
 from truejoint.motion.touching import SimulatedHand
 from truejoint.recordings import Recorder
 from truejoint.robots import Robot
-from truejoint.robots.chain import SerialChain
+from truejoint.robots.chain import SerialChain, reach
 from truejoint.robots.parts import Kinematics
-from truejoint.robots.reach import reach
 from truejoint.simulation import TwinOutput
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 from truejoint.simulation.raven2.twin import Raven2Twin

@@ -13,8 +13,7 @@ from truejoint.crtk.limits import checked_backend
 from truejoint.crtk.protocol import Backend, Listener
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, RobotError
-from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import in_grains
+from truejoint.robots.blocks import StateBlock, TruthBlock, in_grains
 
 FaultKind = Literal["fault", "pause", "link", "silence", "slip"]
 FAULTS: Final[tuple[FaultKind, ...]] = get_args(FaultKind)

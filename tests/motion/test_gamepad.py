@@ -1,4 +1,4 @@
-"""Tests of truejoint.motion.gamepad, without a gamepad: through SDL's queue of events."""
+"""Tests of a gamepad, without one: through SDL's queue of events."""
 
 from __future__ import annotations
 
@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 
 from truejoint.errors import CommandRefused
-from truejoint.motion import gamepad
-from truejoint.motion.gamepad import Gamepad
-from truejoint.motion.teleoperation import TOOL_SPEED, Teleoperation
+from truejoint.motion import teleoperation as gamepad
+from truejoint.motion.teleoperation import TOOL_SPEED, Gamepad, Teleoperation
 from truejoint.robots import get_robot
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from truejoint.errors import RobotError
 from truejoint.robots import get_robot
-from truejoint.robots.reach import reach
+from truejoint.robots.chain import reach
 
 
 @pytest.mark.parametrize("name", ["raven2", "dvrk_psm"])

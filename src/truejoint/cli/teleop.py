@@ -22,8 +22,7 @@ from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
 
 if TYPE_CHECKING:
-    from truejoint.motion.gamepad import Gamepad
-    from truejoint.motion.teleoperation import Event, Teleoperation
+    from truejoint.motion.teleoperation import Event, Gamepad, Teleoperation
 
 _PERIOD: Final = 0.02  # [s] between two looks at the keys
 _REDRAW: Final = 0.1
@@ -49,8 +48,7 @@ def teleop(
 
     Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends.
     """
-    from truejoint.motion.gamepad import Gamepad
-    from truejoint.motion.teleoperation import Teleoperation
+    from truejoint.motion.teleoperation import Gamepad, Teleoperation
 
     for target in (record, save_keys):
         if target is not None:

@@ -38,8 +38,7 @@ from truejoint.errors import (
     other_kind,
 )
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import checked_rows, checked_vector
+from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows, checked_vector
 from truejoint.robots.parts import Kinematics
 
 MAX_AGE: Final = 0.1

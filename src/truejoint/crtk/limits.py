@@ -13,7 +13,7 @@ from truejoint.array_types import Array
 from truejoint.crtk.protocol import Backend
 from truejoint.errors import CommandRefused, RobotError, other_kind
 from truejoint.robots import Robot
-from truejoint.robots.joint_rows import at_sample, checked_vector
+from truejoint.robots.blocks import at_sample, checked_vector
 from truejoint.units import shown, shown_range
 
 # Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose

@@ -8,7 +8,8 @@ from typing import Final, Protocol
 from truejoint.array_types import Array
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.blocks import StateBlock as StateBlock  # noqa: PLC0414  # a name of the package
+from truejoint.robots.blocks import TruthBlock as TruthBlock  # noqa: PLC0414
 
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""

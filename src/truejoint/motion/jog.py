@@ -15,7 +15,7 @@ from truejoint.crtk import Arm, Motion
 from truejoint.crtk.arm import as_arm
 from truejoint.crtk.limits import move_speed
 from truejoint.errors import CommandRefused, RobotError
-from truejoint.robots.joint_rows import checked_vector
+from truejoint.robots.blocks import checked_vector
 
 RAMP: Final = 0.1
 """Time in which a joint reaches its speed cap from rest [s]."""

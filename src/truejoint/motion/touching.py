@@ -11,7 +11,7 @@ from truejoint.array_types import Array
 from truejoint.crtk import Arm, StateBlock, TruthBlock
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot
-from truejoint.robots.reach import reach
+from truejoint.robots.chain import reach
 from truejoint.simulation import TwinOutput
 
 AWAY: Final = 2.0

@@ -5,19 +5,23 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.compiled import compiled, local_matrix
 from truejoint.errors import RobotError
 from truejoint.robots.parts import Axis
 
+if TYPE_CHECKING:
+    from truejoint.robots.robot import Robot
+
 _RIGID_TOLERANCE: Final = 1e-6
 # How near a search for joint positions comes [m, rad], far below what any joint encoder resolves.
 _THERE: Final = 1e-11
+_AT_POINT: Final = 1e-9  # [m]
 _STEPS: Final = 100
 _LONGEST_STEP: Final = 0.3  # [rad, m]
 
@@ -155,6 +159,33 @@ def newton(
         largest = np.abs(step).max(axis=1, keepdims=True)
         joint[:, columns] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-12))
     return joint
+
+
+def reach(
+    robot: Robot, points: ArrayLike, seed: ArrayLike, joints: Sequence[str] = ()
+) -> tuple[Array, Mask]:
+    """Find joint positions (m, n_joints) with the tip at `points` (m, 3) of the base [m].
+
+    Newton's method from `seed` (n_joints,) moves `joints`, by default the positioning ones, the
+    shortest way where they are more than three; the others stay. Says as well which points (m,)
+    are reached, within any range of the joints. Raises RobotError if the kinematics are not known.
+    """
+    if robot.kinematics is None:
+        raise RobotError(
+            f"the kinematics of {robot.title} are not known; give its robot file a table "
+            "[kinematics]"
+        )
+    chain, columns = robot.kinematics, robot.index(joints or robot.positioning)
+    goal = np.asarray(points, dtype=np.float64)
+    joint = newton(
+        np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1)),
+        lambda joint: goal - chain.forward(joint)[:, :3, 3],
+        lambda joint: chain.jacobian(joint)[:, :3],
+        columns,
+        0.1 * _AT_POINT,
+    )
+    there = np.abs(goal - chain.forward(joint)[:, :3, 3]).max(axis=1) < _AT_POINT
+    return joint, np.asarray(there)
 
 
 def rigid(pose: ArrayLike) -> Array:

@@ -22,8 +22,7 @@ from truejoint.crtk.limits import move_speed
 from truejoint.crtk.planning import time_law
 from truejoint.errors import CommandRefused, other_kind
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import checked_rows
+from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows
 from truejoint.robots.robot import as_robot
 from truejoint.runtime import compensation as at
 from truejoint.runtime.compensation import begin, compensate

@@ -14,8 +14,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock
 from truejoint.simulation.parameter_file import Parameters
 
 
@@ -70,6 +69,11 @@ class Twin:
     `homing` and `run`, calls this constructor first, and counts its set-points in `_ticks`.
 
     Raises TruejointError unless `seed` is a whole number of 63 bits.
+
+    Examples
+    --------
+    >>> truejoint.simulation.make_twin("forceps", seed=1).time
+    0.0
     """
 
     PARAMETERS: ClassVar[type[Parameters]]

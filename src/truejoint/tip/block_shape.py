@@ -12,8 +12,8 @@ from scipy.spatial import Delaunay
 
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
+from truejoint.robots.chain import reach
 from truejoint.robots.parts import Kinematics
-from truejoint.robots.reach import reach
 from truejoint.robots.robot import Robot, as_robot
 from truejoint.tip.block import Block
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.robots.reach import reach
+from truejoint.robots.chain import reach
 from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipFit, TipPrior, TipRows

@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, TruejointError
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput
 
 _AHEAD: Final = 5e-3

@@ -24,8 +24,7 @@ from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import OperatingState, StateCommand
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import QUANTITIES, StateBlock, TruthBlock
-from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
+from truejoint.robots.blocks import GRAIN, QUANTITIES, SETPOINT_DT, StateBlock, TruthBlock
 
 CONNECT_TIMEOUT: Final = 5.0
 """How long a topic may take to say its first word [s]."""

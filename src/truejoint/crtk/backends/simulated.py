@@ -18,9 +18,8 @@ from truejoint.crtk.protocol import Listener
 from truejoint.crtk.states import OperatingState, StateCommand, next_state
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, other_kind
 from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock
+from truejoint.robots.blocks import GRAIN, SETPOINT_DT, StateBlock
 from truejoint.robots.catalogue import DEFAULT
-from truejoint.robots.joint_rows import GRAIN, SETPOINT_DT
 from truejoint.simulation import Twin, TwinOutput, make_twin
 
 

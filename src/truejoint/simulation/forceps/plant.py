@@ -17,7 +17,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, inlined
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.forceps.parameters import CableConstants, PlantConstants
 from truejoint.simulation.friction import (
     N_ELEMENTS,

@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import get_robot
-from truejoint.robots.blocks import TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
+from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, checked_rows, in_grains
 from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import DT, ForcepsParameters, plant_constants
 from truejoint.simulation.forceps.plant import advance, settled

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, inlined
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.raven2.parameters import Creep, ExternalEncoders, MotorFriction
 
 Words = NDArray[np.uint64]

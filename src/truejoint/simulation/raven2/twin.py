@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import get_robot
-from truejoint.robots.blocks import QUANTITIES, TruthBlock
-from truejoint.robots.joint_rows import checked_rows, in_grains
+from truejoint.robots.blocks import QUANTITIES, TruthBlock, checked_rows, in_grains
 from truejoint.robots.raven2.arm import CHANNELS
 from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel

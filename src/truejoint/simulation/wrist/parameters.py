@@ -10,8 +10,8 @@ from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 import numpy as np
 
 from truejoint.array_types import Array, Integers
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.robots.cable_mechanism import CableMechanism
-from truejoint.robots.joint_rows import SETPOINT_DT
 from truejoint.schema import Bounds
 from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters

@@ -25,7 +25,7 @@ from numba.np.arrayobj import make_array
 from truejoint.array_types import Array
 from truejoint.compiled import compiled, inlined
 from truejoint.mechanics import dahl, solve
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.friction import N_ELEMENTS, guide_travel, maxwell_slip
 from truejoint.simulation.wrist.parameters import PlantConstants
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.blocks import TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT, checked_rows, in_grains
+from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, checked_rows, in_grains
 from truejoint.simulation.twin import Twin, TwinOutput, glide, hold, shaped
 from truejoint.simulation.wrist.parameters import SUBSTEPS, WristParameters, plant_constants
 from truejoint.simulation.wrist.plant import advance, at_rest, empty_log, new_work

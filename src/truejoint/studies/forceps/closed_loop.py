@@ -14,7 +14,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
 from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.runtime import Compensator, Corrector, Status
 from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.forceps.load import SwingingLoad

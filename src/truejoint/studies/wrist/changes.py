@@ -14,7 +14,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import calibrate
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.parameters import WristParameters

@@ -16,8 +16,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
 from truejoint.errors import CommandRefused, StudyError
-from truejoint.robots.blocks import StateBlock, TruthBlock
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock
 from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.runtime import Corrector, Status
 from truejoint.runtime.compensator import check_rate

@@ -10,7 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.recordings import Recording
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.twin import glide
 from truejoint.simulation.wrist.twin import WristTwin
 from truejoint.studies.wrist.record_wrist import record_wrist

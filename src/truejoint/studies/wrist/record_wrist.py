@@ -6,7 +6,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.errors import TruejointError
 from truejoint.recordings.table.recording import Provenance, Recording
-from truejoint.robots.joint_rows import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.wrist.twin import WristTwin
 
 

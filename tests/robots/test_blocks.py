@@ -1,11 +1,11 @@
-"""Tests of truejoint.robots.joint_rows."""
+"""Tests of truejoint.robots.blocks."""
 
 import numpy as np
 import pytest
 
 from truejoint.errors import CommandRefused
 from truejoint.robots import get_robot
-from truejoint.robots.joint_rows import checked_rows, checked_vector
+from truejoint.robots.blocks import checked_rows, checked_vector
 
 ROBOT = get_robot("raven2", "left")
 HOME = ROBOT.home
