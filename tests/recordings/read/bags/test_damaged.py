@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import sqlite3
+import struct
 import sys
-from contextlib import suppress
+from collections.abc import Sequence
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -11,8 +14,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from tests.recordings.read.bags.conftest import make_session
 
-from truejoint.errors import TruejointError
-from truejoint.recordings import bag_topics, read_bag, write_bag
+from truejoint.errors import RecordingError, TruejointError
+from truejoint.recordings import bag_topics, read_bag, read_topic, write_bag
+from truejoint.recordings.read.bags.container import DAMAGED, MCAP_MAGIC, Topic
+from truejoint.recordings.read.bags.fields import Decoder
 
 zstd = pytest.importorskip("backports.zstd" if sys.version_info < (3, 14) else "compression.zstd")
 
@@ -43,3 +48,142 @@ def test_damage_is_survived(bags, tmp_path, suffix, changes, kept):
     for read in (bag_topics, read_bag):
         with suppress(TruejointError):
             read(path)
+
+
+_JOINTS = "float64[1] position\nfloat64[1] velocity\nfloat64[1] effort\nstring[] name\n"
+_JAW = bytes(24) + struct.pack("<II4s", 1, 4, b"jaw\0")
+_JOINT_STATE = "sensor_msgs/msg/JointState"
+_RAVEN = [
+    "runlevel",
+    "jpos",
+    "jvel",
+    "tau",
+    "jpos_d",
+    "mpos",
+    "mvel",
+    "mpos_d",
+    "encVals",
+    "encoffsets",
+    "dac_val",
+]
+_END = "=" * 80
+
+
+def _record(kind: int, data: bytes) -> bytes:
+    return struct.pack("<BQ", kind, len(data)) + data
+
+
+def _text(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode()
+
+
+def _mcap(path: Path, *topics: tuple[str, str, str, bytes], times: Sequence[int] = ()) -> Path:
+    """MCAP of 20 equal messages of each topic: name, type, definition, bytes."""
+    records = [MCAP_MAGIC]
+    for key, (name, kind, definition, message) in enumerate(topics, 1):
+        schema = struct.pack("<H", key) + _text(kind) + _text("ros2msg") + _text(definition)
+        channel = struct.pack("<HH", key, key) + _text(name) + _text("cdr") + bytes(4)
+        records += [_record(3, schema), _record(4, channel)]
+        for number in range(20):
+            time = times[number] if times else number * 10**7
+            head = struct.pack("<HIQQ", key, number, time, time)
+            records.append(_record(5, head + b"\0\1\0\0" + message))
+    path.write_bytes(b"".join(records))
+    return path
+
+
+def _state(definition: str, message: bytes = bytes(400)) -> tuple[str, str, str, bytes]:
+    return "/measured_js", _JOINT_STATE, definition, message
+
+
+@pytest.mark.parametrize(
+    ("topics", "said"),
+    [
+        ([_state(_JOINTS.replace("float64[1]", "string"))], "/measured_js: its position is not as"),
+        (
+            [
+                _state(_JOINTS, _JAW),
+                ("/operating_state", "crtk_msgs/msg/operating_state", "string is_homed", bytes(9)),
+            ],
+            "/operating_state: its is_homed is not as",
+        ),
+    ],
+)
+def test_fields_of_another_kind_are_refused(tmp_path, topics, said):
+    with pytest.raises(RecordingError, match=said):
+        read_bag(_mcap(tmp_path / "run.mcap", *topics), "davinci_grasper")
+
+
+@pytest.mark.parametrize("kind", ["string", "int32[]", "int32[1]", "float64"])
+def test_a_state_of_raven_with_other_fields_is_refused(tmp_path, kind):
+    definition = "".join(f"{kind} {name}\n" for name in _RAVEN)
+    topic = ("/ravenstate", "raven_2/msg/raven_state", definition, bytes(4000))
+    with pytest.raises(RecordingError, match="is not as"):
+        read_bag(_mcap(tmp_path / "run.mcap", topic), "raven2")
+
+
+@pytest.mark.parametrize("seconds", ["int32[] sec", "float64 sec"])
+def test_a_stamp_of_another_kind_is_none(tmp_path, seconds):
+    definition = (
+        f"{_JOINTS}own/head header\n{_END}\nMSG: own/head\nown/when stamp\n"
+        f"{_END}\nMSG: own/when\n{seconds}\nuint32 nanosec"
+    )
+    path = _mcap(tmp_path / "run.mcap", _state(definition, _JAW + bytes(24)))
+    assert len(read_bag(path, "davinci_grasper")) == 20
+
+
+def test_a_time_beyond_all_stamps_is_the_last_of_them(tmp_path):
+    path = _mcap(tmp_path / "run.mcap", _state(_JOINTS, _JAW), times=[2**64 - 1] * 20)
+    stamps, _ = read_topic(path, "/measured_js", "position")
+    assert set(stamps.tolist()) == {2**63 - 1}
+
+
+def test_definitions_that_multiply_are_refused():
+    nested = "".join(
+        f"\n{_END}\nMSG: own/a{k}\n" + "".join(f"own/a{k + 1} f{j}\n" for j in range(9))
+        for k in range(1, 19)
+    )
+    text = f"own/a1 f\n{nested}\n{_END}\nMSG: own/a19\nfloat64 x\n"
+    with pytest.raises(RecordingError, match="more than 65536 fields"):
+        Decoder(Topic("/t", "own/many", text, "ros1"), ())
+
+
+def test_lists_of_lists_of_nothing_are_counted_as_damage():
+    nested = "".join(f"\n{_END}\nMSG: own/a{k}\nown/a{k + 1}[1000] f\n" for k in range(1, 9))
+    text = f"own/a1[1000] f\n{nested}\n{_END}\nMSG: own/a9\n"
+    decoder = Decoder(Topic("/t", "own/empty", text, "ros1"), ())
+    assert not list(decoder.decode([b""]))
+    assert decoder.damaged == 1
+
+
+def _tables(path: Path, *, spoilt: object) -> Path:
+    """Tables of 20 joint states, of which one and a second topic have a value of another kind."""
+    message = bytes([0, 1, 0, 0]) + bytes(8) + struct.pack("<I4xI", 1, 1) + _text("jaw\0")
+    message += struct.pack("<I", 1)
+    message += struct.pack("<dII", 0.5, 0, 0)
+    with closing(sqlite3.connect(path)) as base:
+        base.execute("CREATE TABLE topics (id, name, type, serialization_format)")
+        base.execute("CREATE TABLE messages (topic_id, timestamp, data)")
+        base.execute("INSERT INTO topics VALUES (1, '/measured_js', ?, 'cdr')", [_JOINT_STATE])
+        base.execute("INSERT INTO topics VALUES (2, ?, ?, 'cdr')", [spoilt, _JOINT_STATE])
+        rows = [(1, number * 10**7, message) for number in range(20)]
+        rows += [(1, spoilt, message), (1, 10**9, spoilt)]
+        base.executemany("INSERT INTO messages VALUES (?, ?, ?)", rows)
+        base.commit()
+    return path
+
+
+@pytest.mark.parametrize("spoilt", [None, 1e300])
+def test_values_of_another_kind_in_a_table_are_counted(tmp_path, spoilt):
+    path = _tables(tmp_path / "run.db3", spoilt=spoilt)
+    assert bag_topics(path) == {"/measured_js": ("sensor_msgs/JointState", 20)}
+    found = read_bag(path, "davinci_grasper")
+    assert len(found) == 20
+    assert found.provenance.dropped[DAMAGED] == 2
+
+
+def test_a_folder_in_the_folder_of_a_bag_is_no_part_of_it(tmp_path):
+    folder = tmp_path / "run"
+    (folder / "plots").mkdir(parents=True)
+    _mcap(folder / "run_0.mcap", _state(_JOINTS, _JAW))
+    assert len(read_bag(folder, "davinci_grasper")) == 20
