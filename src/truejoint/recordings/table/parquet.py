@@ -237,8 +237,7 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
         ) as file:
             check_size(source, file)
-            _check_columns(source, file.schema_arrow, texts)
-            header = _header(source, file.schema_arrow)
+            header = _check_schema(source, file.schema_arrow, texts)
             table = file.read(use_threads=False)
         columns = {
             name: table[name].to_pylist() if name in texts else table[name].to_numpy()
@@ -287,7 +286,8 @@ def check_size(source: Path, file: Any) -> None:
         )
 
 
-def _check_columns(source: Path, schema: Any, texts: Collection[str]) -> None:
+def _check_schema(source: Path, schema: Any, texts: Collection[str]) -> dict[str, Any]:
+    """Header of a file whose columns are numbers, those in `texts` text."""
     kinds = {name: pa.string() for name in texts}
     other = [f.name for f in schema if f.type != kinds.get(f.name, pa.float64())]
     if other:
@@ -296,9 +296,6 @@ def _check_columns(source: Path, schema: Any, texts: Collection[str]) -> None:
         )
     if len(set(schema.names)) != len(schema.names):
         raise RecordingError(f"{source}: two columns have the same name; was the file edited?")
-
-
-def _header(source: Path, schema: Any) -> dict[str, Any]:
     if KEY not in (schema.metadata or {}):
         raise RecordingError(
             f"{source}: was not written by truejoint: it states neither robot nor units; "

@@ -272,7 +272,7 @@ class Recording(Summarised):
     def joints_of(self, quantity: str) -> tuple[str, ...]:
         """Names of the channels that have a column of `quantity`, in the table's order."""
         prefix = quantity + "/"
-        return tuple(c.removeprefix(prefix) for c in self.table.columns if c.startswith(prefix))
+        return tuple([c.removeprefix(prefix) for c in self.table.columns if c.startswith(prefix)])
 
     def column(self, name: str) -> Array:
         """One column (n,) by name; raises RecordingError naming the columns that exist."""

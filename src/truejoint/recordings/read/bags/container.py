@@ -82,7 +82,7 @@ def is_bag(path: Path, head: bytes) -> bool:
 def list_topics(path: Path) -> dict[Topic, int]:
     """Topics of a bag and how many messages each has; an index tells, where there is one."""
     if not path.is_dir():
-        with require_file(path).open("rb") as file, suppress(_NoIndexError, struct.error, KeyError):
+        with require_file(path).open("rb") as file, suppress(struct.error, KeyError):
             return _ros1_index(file)
     count: Counter[Topic] = Counter()
     for topic, times, _ in read_batches(path, lambda _: True, Counter()):
@@ -164,10 +164,6 @@ def _parts(folder: Path) -> list[Path]:
     return sorted(parts, key=number)
 
 
-class _NoIndexError(Exception):
-    """The bag has no index that can be read."""
-
-
 class _ChunkError(Exception):
     """A chunk does not unpack."""
 
@@ -237,24 +233,24 @@ def _ros1_records(file: BinaryIO) -> Iterator[tuple[dict[bytes, bytes], int, int
 
 
 def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
-    """Topics and counts by a bag's index; raises _NoIndexError or struct.error without one.
+    """Topics and counts by a bag's index; raises struct.error or KeyError without one.
 
     Nor is an index one that counts more messages than a file so long has places for.
     """
     if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
-        raise _NoIndexError
+        raise struct.error("no index")
     end = file.seek(0, 2)
     file.seek(len(ROS1_MAGIC))
     first: dict[bytes, bytes] = next((fields for fields, _, _ in _ros1_records(file)), {})
     (begin,) = _U64.unpack(first.get(b"index_pos", b""))
     if not 0 < begin < end:
-        raise _NoIndexError
+        raise struct.error("no index")
     file.seek(begin)
     topics: dict[bytes, Topic] = {}
     counts: Counter[bytes] = Counter()
     for fields, at, length in _ros1_records(file):
         if at + length > end:
-            raise _NoIndexError
+            raise struct.error("no index")
         data = file.read(length)
         if fields.get(b"op") == _ROS1_TOPIC:
             topics[fields[b"conn"]] = _ros1_topic(fields, data)
@@ -262,7 +258,7 @@ def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
             for place in range(0, length, 8):
                 counts[data[place : place + 4]] += _U32.unpack_from(data, place + 4)[0]
     if counts.total() * _ROS1_ENTRY > end:
-        raise _NoIndexError
+        raise struct.error("no index")
     by_topic: Counter[Topic] = Counter()
     for key, topic in topics.items():
         by_topic[topic] += counts[key]

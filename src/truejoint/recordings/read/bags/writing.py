@@ -75,16 +75,34 @@ def write_bag(
     """
     target, recording = Path(path), as_recording(recording)
     chosen = profile_of(recording.robot, profile)
-    writers = {".bag": _write_ros1, ".mcap": _write_mcap}
-    if target.suffix not in writers:
+    if target.suffix not in (".bag", ".mcap"):
         raise RecordingError(f"{target}: call it .bag for ROS 1 or .mcap for ROS 2")
     topics = list(_topics(recording, chosen))
     if not topics:
         raise RecordingError(f"{target}: the recording has no position of a joint to write")
-    write = writers[target.suffix]
-    write_atomically(
-        target, lambda part: write(part, topics), overwrite=overwrite, error=RecordingError
-    )
+
+    def write(part: Path) -> None:
+        system = typesys()
+        if target.suffix == ".bag":
+            writer_type = require("rosbags.rosbag1", "ros", PURPOSE).Writer
+            store = system.get_typestore(system.Stores.ROS1_NOETIC)
+            for kind, text in DEFINITIONS.items():
+                store.register(system.get_types_from_msg(text, full_name(kind)))
+            part.unlink()  # rosbags makes its own
+            with writer_type(part) as writer:
+                _write(writer, store, topics, store.serialize_ros1)
+            return
+        module = require("rosbags.rosbag2", "ros", PURPOSE)
+        store = system.get_typestore(system.Stores.ROS2_HUMBLE)
+        for kind in DEFINITIONS:
+            store.register(system.get_types_from_msg(ros2_definition(kind), full_name(kind)))
+        with tempfile.TemporaryDirectory(dir=part.parent, prefix=".truejoint-") as folder:
+            bag, mcap = Path(folder) / "bag", module.StoragePlugin.MCAP
+            with module.Writer(bag, version=9, storage_plugin=mcap) as writer:
+                _write(writer, store, topics, store.serialize_cdr)
+            (bag / "bag.mcap").replace(part)
+
+    write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 
 
 def _topics(recording: Recording, profile: Profile) -> Iterator[_Messages]:
@@ -113,30 +131,6 @@ def _topics(recording: Recording, profile: Profile) -> Iterator[_Messages]:
         names, fields = joint_state_fields(robot, quantity, name, with_truth, profile)
         if names and not (quantity == "setpoint" and profile.no_setpoint):
             yield name, JOINT_STATE, stamps[rows], {"name": list(names), **fields}
-
-
-def _write_ros1(path: Path, topics: list[_Messages]) -> None:
-    writer_type = require("rosbags.rosbag1", "ros", PURPOSE).Writer
-    system = typesys()
-    store = system.get_typestore(system.Stores.ROS1_NOETIC)
-    for kind, text in DEFINITIONS.items():
-        store.register(system.get_types_from_msg(text, full_name(kind)))
-    path.unlink()  # rosbags makes its own
-    with writer_type(path) as writer:
-        _write(writer, store, topics, store.serialize_ros1)
-
-
-def _write_mcap(path: Path, topics: list[_Messages]) -> None:
-    module = require("rosbags.rosbag2", "ros", PURPOSE)
-    system = typesys()
-    store = system.get_typestore(system.Stores.ROS2_HUMBLE)
-    for kind in DEFINITIONS:
-        store.register(system.get_types_from_msg(ros2_definition(kind), full_name(kind)))
-    with tempfile.TemporaryDirectory(dir=path.parent, prefix=".truejoint-") as folder:
-        bag = Path(folder) / "bag"
-        with module.Writer(bag, version=9, storage_plugin=module.StoragePlugin.MCAP) as writer:
-            _write(writer, store, topics, store.serialize_cdr)
-        (bag / "bag.mcap").replace(path)
 
 
 def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> None:
