@@ -128,7 +128,8 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
     >>> robot_of(get_robot("bros").to_dict(), "a recording") is get_robot("bros")
     True
     """
-    from truejoint.robots.robot import Robot  # noqa: PLC0415  # as above
+    from truejoint import schema  # noqa: PLC0415  # as above
+    from truejoint.robots.robot import Robot  # noqa: PLC0415
 
     robot = Robot.from_dict(values, source)
     if robot.name not in robot_names():
@@ -137,8 +138,8 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
         original = _build(robot.name.lower(), robot.arm)
     except RobotError as error:
         raise RobotError(f"{source}: {error}") from None
-    stated = robot.to_dict().get("mechanism")
-    if stated is None or stated == original.to_dict().get("mechanism"):
+    cables = schema.plain(robot.mechanism)
+    if cables is None or cables == schema.plain(original.mechanism):
         return original
     return replace(original, mechanism=robot.mechanism, transmission=robot.transmission)
 

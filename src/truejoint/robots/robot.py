@@ -64,8 +64,8 @@ class _JointTable:
 
     def joint(self) -> Joint:
         """Joint in SI units."""
-        numbers = self.lower, self.upper, self.home, self.max_speed
-        return Joint(self.name, self.kind, *(number * self.factor for number in numbers))
+        factor, numbers = self.factor, (self.lower, self.upper, self.home, self.max_speed)
+        return Joint(self.name, self.kind, *(number * factor for number in numbers))
 
 
 class _BoxTable(NamedTuple):

@@ -76,26 +76,21 @@ def _chain(joints: Sequence[Any], kinds: Mapping[str, str]) -> SerialChain:
             )
         if kinds[name] != kind:
             raise RobotError(f"joint {name!r} is {kind} there, but not in the robot file")
-        turn = _turn_to(np.asarray(joint.joint_axis, dtype=float), name)
+        axis = np.asarray(joint.joint_axis, dtype=float)
+        length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
+        if not length > 0:
+            raise RobotError(f"joint {name!r} has the axis {axis.tolist()}; want a direction")
+        z = axis / length
+        x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+        x /= np.linalg.norm(x)
+        turn = np.eye(4)  # brings z onto the axis
+        turn[:3, :3] = np.column_stack([x, np.cross(z, x), z])
         _append(axes, fixed @ turn, kind)
         rows.append(np.eye(len(names))[names.index(name)])
         fixed = turn.T
     _append(axes, fixed, "revolute")
     rows.append(np.zeros(len(names)))
     return SerialChain(tuple(axes), np.array(rows))
-
-
-def _turn_to(axis: Array, name: str) -> Array:
-    """Rotation (4, 4) that brings z onto `axis`."""
-    length = float(np.linalg.norm(axis)) if axis.shape == (3,) else 0.0
-    if not length > 0:
-        raise RobotError(f"joint {name!r} has the axis {axis.tolist()}; want a direction")
-    z = axis / length
-    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
-    x /= np.linalg.norm(x)
-    turn = np.eye(4)
-    turn[:3, :3] = np.column_stack([x, np.cross(z, x), z])
-    return turn
 
 
 def _append(axes: list[Axis], fixed: Array, kind: Any) -> None:

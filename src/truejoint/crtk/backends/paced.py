@@ -16,7 +16,7 @@ from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
 from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, TruejointError
-from truejoint.robots.blocks import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock
 from truejoint.simulation import Twin, TwinOutput
 
 _AHEAD: Final = 5e-3
@@ -158,6 +158,7 @@ class PacedBackend(SimulatedBackend):
         return dropped
 
     def _loop(self) -> None:
+        """Each period go to a set-point, hold the last one, or stand on the brakes."""
         due = time.perf_counter()
         while not self._closed.is_set():
             due += self.period
@@ -169,32 +170,26 @@ class PacedBackend(SimulatedBackend):
             self._starts[self._passes % _KEPT] = time.perf_counter()
             self._passes += 1
             try:
-                self._pass()
+                self._let_others_in()
+                with self._advancing_twin():
+                    if self._state.is_busy:
+                        continue  # homing lets the time pass itself
+                    if self._state.is_ready:  # to the next set-point, or hold the last one
+                        with self._moved:
+                            self._hold = self._waiting[0] if self._waiting else self._hold
+                        output: StateBlock | None = self._run(self._hold[None])
+                    else:
+                        output = self._stand(self.period)
+                self._deliver(output)
+                with self._moved:  # who waits for a set-point finds it reported
+                    if self._waiting and self._waiting[0] is self._hold:
+                        self._waiting.popleft()
+                    self._moved.notify_all()
             except BaseException as error:  # noqa: BLE001  # a subscriber's: the arm stops
                 self._failure = error
                 with suppress(TruejointError):
                     SimulatedBackend.state_command(self, "pause", 1.0)
                 return
-
-    def _pass(self) -> None:
-        """One period: a set-point if there is one, else hold; or stand on the brakes."""
-        self._let_others_in()
-        with self._advancing_twin():
-            if self._state.is_busy:
-                return  # homing lets the time pass itself
-            output = self._go_on() if self._state.is_ready else self._stand(self.period)
-        self._deliver(output)
-        with self._moved:  # who waits for a set-point finds it reported
-            if self._waiting and self._waiting[0] is self._hold:
-                self._waiting.popleft()
-            self._moved.notify_all()
-
-    def _go_on(self) -> TwinOutput:
-        """Go to the next set-point, or hold the last one."""
-        with self._moved:
-            if self._waiting:
-                self._hold = self._waiting[0]
-        return self._run(self._hold[None])
 
     def _passed(self, piece: TwinOutput) -> None:
         """Let the time of a piece of the homing pass."""

@@ -53,7 +53,13 @@ class SimulatedBackend:
             raise RobotError(other_kind(twin, "Twin", "make_twin(robot) gives one"))
         self.twin = twin
         self.robot: Final[Robot] = twin.robot
-        self._ticks = _ticks_at(rate)  # of the twin, a set-point
+        ticks = 1.0 / (rate * SETPOINT_DT) if isinstance(rate, Real) and rate > 0.0 else 0.0
+        if not (ticks >= 1.0 - 1e-9 and abs(ticks - round(ticks)) < 1e-6 * ticks):
+            raise RobotError(
+                f"simulated arm: {rate!s:.40} set-points a second; a twin runs at "
+                f"{1 / SETPOINT_DT:g} Hz: give that, or a half, a third, ... of it"
+            )
+        self._ticks = round(ticks)  # of the twin, a set-point
         self.rate: Final = float(rate)
         self.grain: Final = max(GRAIN, self._ticks * SETPOINT_DT)
         self._last: StateBlock | None = None  # message since the homing
@@ -207,17 +213,6 @@ class SimulatedBackend:
         self._listener(output)
         if isinstance(output, TwinOutput) and len(output.truth.t):
             self._listener(output.truth)
-
-
-def _ticks_at(rate: float) -> int:
-    """Periods of a twin between two set-points; raises RobotError unless a whole number."""
-    ticks = 1.0 / (rate * SETPOINT_DT) if isinstance(rate, Real) and rate > 0.0 else 0.0
-    if not (ticks >= 1.0 - 1e-9 and abs(ticks - round(ticks)) < 1e-6 * ticks):
-        raise RobotError(
-            f"simulated arm: {rate!s:.40} set-points a second; a twin runs at "
-            f"{1 / SETPOINT_DT:g} Hz: give that, or a half, a third, ... of it"
-        )
-    return round(ticks)
 
 
 def simulated_arm(

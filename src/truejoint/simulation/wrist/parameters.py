@@ -180,6 +180,8 @@ def plant_constants(
 
     Its joints meet stops beyond `limits`, lower and upper (n_joints,) [rad], where they have any.
     """
+    from scipy.linalg import expm  # noqa: PLC0415  # takes longer to import than the rest
+
     cables, motors = mechanism.cables, tuple(mechanism.motors)
     unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
     lower, upper = unbounded if limits is None else limits
@@ -192,8 +194,8 @@ def plant_constants(
     pins = list(mechanism.pins.values())
     radii = mechanism.radii * parts.capstan
     met = mechanism.contact
-    dt = SETPOINT_DT / substeps
-    f = p.joint_friction
+    dt, f = SETPOINT_DT / substeps, p.joint_friction
+    w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
     constants = PlantConstants(
         dt=dt,
         motor_of=np.array([motors.index(c.motor) if c.motor else -1 for c in cables]),
@@ -224,7 +226,8 @@ def plant_constants(
         stop=np.array([p.stops.stiffness, p.stops.damping]),
         contact=np.zeros(2) if met is None else np.array([met.stiffness, met.damping]),
         n_motors=len(motors),
-        motor_step=_motor_step(p, dt),
+        # Over `dt` of e'' = -w**2 e - 2 z w e', exact.
+        motor_step=np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]) * dt)),
         motor_lag=p.motor.lag,
         coulomb=p.motor.coulomb,
         motor_viscous=p.motor.viscous,
@@ -294,11 +297,3 @@ def _wraps(p: WristParameters, mechanism: CableMechanism) -> tuple[Integers, Arr
                 joint_of[c, n] = joints.index(node.joint)
                 slope[c, n] = -mu * side[c, joint_of[c, n]]
     return joint_of, wrap, slope
-
-
-def _motor_step(p: WristParameters, dt: float) -> Array:
-    """Transition (2, 2) over `dt` of ``e'' = -w**2 e - 2 z w e'``, exact."""
-    from scipy.linalg import expm  # noqa: PLC0415  # takes longer to import than the rest
-
-    w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
-    return np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]) * dt))

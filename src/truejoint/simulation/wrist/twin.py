@@ -126,7 +126,15 @@ class WristTwin(Twin):
         something is held where no jaws meet.
         """
         joints = checked_rows(self.robot, setpoint, "run")
-        self._check_limits(joints)
+        beyond = (joints < self.robot.lower - _BEYOND) | (joints > self.robot.upper + _BEYOND)
+        if beyond.any():
+            row, k = np.argwhere(beyond)[0]
+            joint = self.robot.joints[k]
+            raise CommandRefused(
+                f"the setpoint of {joint.name} reaches {math.degrees(joints[row, k]):.1f} deg; its "
+                f"limits are {math.degrees(joint.lower):.1f} and {math.degrees(joint.upper):.1f} "
+                "deg: scale it down"
+            )
         t = self._times(len(joints))
         goal = self._transmission.motor_from_joint(joints) + self._zero
         goal = np.ascontiguousarray(np.vstack([self._goal, goal]))
@@ -220,14 +228,3 @@ class WristTwin(Twin):
             for k, (name, arm) in enumerate(self._arms.items())
         }
         return {**exact, **grips, **arms}
-
-    def _check_limits(self, joints: Array) -> None:
-        beyond = (joints < self.robot.lower - _BEYOND) | (joints > self.robot.upper + _BEYOND)
-        if beyond.any():
-            row, k = np.argwhere(beyond)[0]
-            joint = self.robot.joints[k]
-            raise CommandRefused(
-                f"the setpoint of {joint.name} reaches {math.degrees(joints[row, k]):.1f} deg; its "
-                f"limits are {math.degrees(joint.lower):.1f} and {math.degrees(joint.upper):.1f} "
-                "deg: scale it down"
-            )
