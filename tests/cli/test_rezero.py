@@ -20,7 +20,7 @@ from truejoint.cli.touch import follow_guide, prompted
 from truejoint.errors import CalibrationError
 from truejoint.recordings import write_parquet
 from truejoint.tip import Touches, read_block
-from truejoint.tip.files import block_text
+from truejoint.tip.block import block_text
 from truejoint.tip.guide import Guide, design_pose, of_model
 
 

@@ -21,7 +21,7 @@ from truejoint.tip import (
     read_shots,
     write_pose,
 )
-from truejoint.tip.files import block_text
+from truejoint.tip.block import block_text
 
 POINTS = {"1": np.array([0.0, 0.01, 0.02]), "12": np.array([0.04, -0.03, 0.0])}
 BLOCK = Block("stairs", "raven2", POINTS, 0.08, 0.0803)

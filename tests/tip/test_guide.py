@@ -11,6 +11,7 @@ from tests.tip.touched_arm import ROBOT, Touched, fitted, touched
 
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
 from truejoint.tip import Block, design_block
 from truejoint.tip.guide import (
     Guide,
@@ -141,4 +142,4 @@ def test_a_guide_leads_an_arm_of_which_nothing_is_known(block):
     _, judged = run(helped, block)
     assert judged[4].tip_sd < 0.5 * sd[4]
     with pytest.raises(CalibrationError, match="or a folder of 3 or more"):
-        learning(ROBOT, pose, (replace(fitted(), arm="right"),))
+        learning(ROBOT, pose, (replace(fitted(), machine=get_robot("raven2", "right")),))

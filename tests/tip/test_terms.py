@@ -11,6 +11,7 @@ from tests.tip.touched_arm import ROBOT, fitted
 
 from truejoint import Calibration
 from truejoint.errors import CalibrationError
+from truejoint.robots import get_robot
 from truejoint.tip import calibrate_by_touch
 from truejoint.tip.terms import (
     AGAIN,
@@ -46,7 +47,7 @@ def test_a_linear_calibration_becomes_its_slopes():
     expected = model.predict_error(recording)
     assert basis @ found == pytest.approx(expected, abs=0.02 * np.abs(expected).max())
     # One arm's calibration is taken for another's.
-    other = replace(model, arm="right")
+    other = replace(model, machine=get_robot("raven2", "right"))
     assert TERMS.of_calibration(other, recording) == pytest.approx(found, abs=1e-12)
 
 
@@ -103,15 +104,15 @@ def test_without_calibrations_little_is_expected():
 
 
 @pytest.mark.parametrize(
-    ("count", "change", "said"),
+    ("count", "machine", "said"),
     [
-        (1, {"robot": "forceps", "arm": ""}, "give one of the same robot"),
-        (1, {"arm": "right"}, "or a folder of 3 or more"),
-        (2, {}, "2 calibrations are too few"),
+        (1, get_robot("forceps"), "give one of the same robot"),
+        (1, get_robot("raven2", "right"), "or a folder of 3 or more"),
+        (2, ROBOT, "2 calibrations are too few"),
     ],
 )
-def test_a_prior_that_says_nothing_of_this_arm_is_refused(count, change, said):
-    known = [replace(fitted(), **change)] * count
+def test_a_prior_that_says_nothing_of_this_arm_is_refused(count, machine, said):
+    known = [replace(fitted(), machine=machine)] * count
     with pytest.raises(CalibrationError, match=said):
         check_priors(known, ROBOT)
     with pytest.raises(CalibrationError, match="touches correct shoulder, elbow, insertion"):

@@ -43,7 +43,7 @@ def block(
     as_json: bool = False,
 ) -> None:
     """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
-    from truejoint.tip.files import block_text
+    from truejoint.tip.block import block_text
 
     shape = truejoint.tip.design_block(options.get_robot(robot))
     made = shape.block()
@@ -85,7 +85,7 @@ class Aim:
 
     def task(self, arm: str, model: Path | None) -> Task:
         """Task of the touches; refuse what does not go together."""
-        from truejoint.tip.files import read_block, read_pose
+        from truejoint.tip.block import read_block, read_pose
         from truejoint.tip.guide import design_pose, learning, of_model
 
         if model is None:
@@ -421,7 +421,7 @@ def _fitting(
 ) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, truejoint.tip.TouchReport]]:
     """Read what was touched or shot, and give what fits a recording to it."""
     from truejoint.tip.block import TOUCH_SD
-    from truejoint.tip.files import SHOT_SD
+    from truejoint.tip.touch import SHOT_SD
 
     tip = truejoint.tip
     if sightings.touches is not None and sightings.block is not None:

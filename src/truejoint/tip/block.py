@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Final
+from functools import partial
+from pathlib import Path
+from typing import Annotated, Any, Final
 
 import numpy as np
 
+from truejoint import schema
 from truejoint.array_types import Array, floats
 from truejoint.errors import CalibrationError
+from truejoint.files import write_atomically
 from truejoint.schema import Bounds, Key, Length, Positive, Shape
+from truejoint.toml_file import read_toml
 
 PRINT_SD: Final = 5e-3
 """Standard deviation of a print's size before it is measured, as a share of it."""
@@ -19,6 +26,12 @@ CALLIPER_SD: Final = 3e-5
 """Standard deviation of a calliper's reading [m]."""
 TOUCH_SD: Final = 2e-4
 """Standard deviation of a tip from its dimple at rest, per axis [m]."""
+_COMMENTS: Final = {
+    "calliper_mm": "Measure the print here with a calliper and enter measured_mm = ... below.",
+    "rotation": "Where it stands in the robot's base.",
+    "points_mm": "Where the tip rests in each dimple, in the block's frame.",
+    "covariance": "Of a turn about the block's axes [rad] and a shift along the base's [m].",
+}
 _LARGEST: Final = 10.0  # coordinate [m]
 _MM: Final = 1e-3
 
@@ -182,3 +195,65 @@ def check_rotation(rotation: Array) -> None:
         raise CalibrationError(
             "rotation is not a rotation matrix; was the file edited? Make it again"
         )
+
+
+def read_block(path: str | os.PathLike[str]) -> Block:
+    """Read a block file (docs/touch.md); raises CalibrationError naming the key that is wrong.
+
+    Examples
+    --------
+    >>> text = block_text(Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08))
+    >>> _ = Path("p.toml").write_text(text)
+    >>> read_block(Path("p.toml")).calliper
+    0.08
+    """
+    values = read_toml(Path(path), CalibrationError)
+    return schema.read(Block, values, str(path), CalibrationError)
+
+
+def block_text(block: Block) -> str:
+    """Text of a block file, which `read_block` reads; lengths are rounded to 0.1 um."""
+    return _toml(schema.plain(block), digits=4)
+
+
+def read_pose(path: str | os.PathLike[str]) -> BlockPose:
+    """Read the pose of a bolted block; raises CalibrationError naming the key that is wrong.
+
+    Examples
+    --------
+    >>> block = Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08)
+    >>> pose = BlockPose(block, "raven2", "left", np.eye(3), np.zeros(3), np.eye(6), 1.0, 0.001)
+    >>> write_pose(pose, Path("pose.toml"))
+    >>> read_pose(Path("pose.toml")).title
+    'test in the base of raven2 left'
+    """
+    values = read_toml(Path(path), CalibrationError)
+    return schema.read(BlockPose, values, str(path), CalibrationError)
+
+
+def write_pose(pose: BlockPose, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+    """Write the pose of a bolted block as TOML; raises CalibrationError if that fails.
+
+    Examples
+    --------
+    >>> block = Block("test", "raven2", {"1": np.zeros(3)}, calliper=0.08)
+    >>> where = np.eye(3), np.zeros(3), np.eye(6)
+    >>> write_pose(BlockPose(block, "raven2", "left", *where, 1.0, 0.001), Path("pose.toml"))
+    """
+    write = partial(Path.write_text, data=_toml(schema.plain(pose)), encoding="utf-8")
+    write_atomically(Path(path), write, overwrite=overwrite, error=CalibrationError)
+
+
+def _toml(values: Mapping[str, Any], name: str = "", digits: int | None = None) -> str:
+    """Plain values as TOML, tables last; numbers of keys in mm are rounded to `digits`."""
+    text, tables = "", ""
+    for key, value in values.items():
+        comment = f"# {_COMMENTS[key]}\n" if key in _COMMENTS else ""
+        if isinstance(value, Mapping):
+            path = f"{name}.{key}".lstrip(".")
+            tables += f"\n{comment}[{path}]\n{_toml(value, path, digits)}"
+            continue
+        is_rounded = digits is not None and (name + key).endswith("_mm")
+        written = json.dumps(np.round(value, digits).tolist() if is_rounded else value)
+        text += f"{comment}{json.dumps(key) if name.endswith('_mm') else key} = {written}\n"
+    return text + tables

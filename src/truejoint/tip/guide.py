@@ -21,13 +21,16 @@ from truejoint.tip.touch import (
     FEWEST_OF_BLOCK,
     Touches,
     check_pose,
+    features_of,
+    fewest_touches,
     fit_block,
+    fit_terms,
     fit_zero,
     resting,
+    terms_prior,
     tip_rows,
     zero_prior,
 )
-from truejoint.tip.touch_calibration import features_of, fewest_touches, fit_terms, terms_prior
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration

@@ -149,7 +149,7 @@ class Terms:
                 f"the prior {calibration.title} corrects {', '.join(calibration.joints)}; touches "
                 f"correct {', '.join(self.joints)}"
             )
-        same = replace(calibration, arm=recording.robot.arm)
+        same = replace(calibration, machine=recording.robot)
         rows = slice(None, None, max(1, len(recording) // _PROJECTED))
         order = [calibration.joints.index(joint) for joint in self.joints]
         error = same.predict_error(recording)[rows, order] / self.scale

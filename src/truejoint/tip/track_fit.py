@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import pairwise
-from typing import Final
+from pathlib import Path
+from typing import Annotated, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from truejoint import schema
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.recordings.read.track import Track
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import GAP_STEPS
+from truejoint.robots import Robot
 from truejoint.robots.parts import Kinematics
+from truejoint.schema import Bounds, Key, Positive, Shape
 from truejoint.tip.fit import (
     GATE,
     Settled,
@@ -32,6 +37,8 @@ from truejoint.tip.fit import (
     inverted,
 )
 from truejoint.tip.terms import Terms
+from truejoint.toml_file import read_toml
+from truejoint.units import display_unit
 
 # A joint that moves less is held: its motor shows its cable, and no motion of the tool.
 _HELD: Final = {"rad": 0.1, "m": 5e-3}
@@ -411,3 +418,91 @@ def _covariance(settled: Settled, prior: TipPrior) -> Array:
     covariance[block] = (_STRETCHES - 1) / _STRETCHES * off.T @ off
     covariance[block] += inverse @ prior.precision[block] @ inverse
     return covariance
+
+
+_Point = Annotated[Array, Shape((3,))]
+_Above = Bounds(0.0, above=True)
+
+
+class _Base(NamedTuple):
+    position: Annotated[_Point, Key("position_mm", 1e-3)]
+    quaternion: Annotated[Array, Shape((4,))]
+    sd: Annotated[float, _Above, Key("sd_mm", 1e-3)]
+    turn_sd: Annotated[float, _Above, Key("sd_deg", math.pi / 180.0)]
+
+
+class _Marker(NamedTuple):
+    link: str = ""
+    position: Annotated[Array | None, Shape((3,)), Key("position_mm", 1e-3)] = None
+    sd: Annotated[float | None, _Above, Key("sd_mm", 1e-3)] = None
+
+
+class _Touched(NamedTuple):
+    base: Annotated[_Point, Key("base_mm", 1e-3)]
+    tracker: Annotated[_Point, Key("tracker_mm", 1e-3)]
+
+
+class _Stop(NamedTuple):
+    joint: str
+    measured: float
+    true: float
+    sd: Positive
+
+
+class _File(NamedTuple):
+    base: _Base | None = None
+    marker: _Marker = _Marker()
+    touched: tuple[_Touched, ...] = ()
+    touched_sd: Annotated[float | None, _Above, Key("touched_sd_mm", 1e-3)] = None
+    stops: tuple[_Stop, ...] = ()
+
+
+def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registration:
+    r"""Registration of a TOML file (docs/tracker.md), whose numbers are in mm and deg.
+
+    Raises CalibrationError naming the key and the rule that it breaks, RobotError for a joint that
+    `robot` does not have.
+
+    Examples
+    --------
+    >>> text = '[marker]\nlink = "roll"\nposition_mm = [0, 0, 8]\nsd_mm = 0.2'
+    >>> _ = Path("tracker.toml").write_text(text)
+    >>> read_registration(Path("tracker.toml"), get_robot("raven2")).marker
+    array([0.   , 0.   , 0.008])
+    """
+    values = read_toml(Path(path), CalibrationError)
+    file = schema.read(_File, values, str(path), CalibrationError)
+    stated: dict[str, Any] = {"link": file.marker.link}
+    if file.marker.link:
+        robot.joint(file.marker.link)
+    if file.base is not None:
+        length = np.linalg.norm(file.base.quaternion)
+        if not abs(length - 1.0) < 1e-2:
+            raise CalibrationError(
+                f"{path}: base.quaternion is of length {length:.3g}; give x, y, z, w of a unit "
+                "quaternion"
+            )
+        stated["base"] = np.eye(4)
+        stated["base"][:3, :3] = Rotation.from_quat(file.base.quaternion).as_matrix()
+        stated["base"][:3, 3] = file.base.position
+        stated["base_sd"] = np.repeat([file.base.turn_sd, file.base.sd], 3)
+    if file.marker.position is not None:
+        if file.marker.sd is None:
+            raise CalibrationError(f"{path}: marker.sd_mm is missing; state its deviation")
+        stated |= {"marker": file.marker.position, "marker_sd": np.full(3, file.marker.sd)}
+    if (file.touched_sd is None) != (not file.touched):
+        raise CalibrationError(
+            f"{path}: touched_sd_mm and touched points belong together; give both, [[touched]] "
+            "for each point, or neither"
+        )
+    if file.touched:
+        stated["touched"] = np.array([[row.base, row.tracker] for row in file.touched])
+        stated["touched_sd"] = file.touched_sd
+    stops: dict[str, tuple[float, float, float]] = {}
+    for stop in file.stops:
+        joint = robot.joint(stop.joint)
+        if joint.name in stops:
+            raise CalibrationError(f"{path}: two stops of {joint.name}; state one of each joint")
+        scale = display_unit(joint.unit).scale
+        stops[joint.name] = stop.measured / scale, stop.true / scale, stop.sd / scale
+    return Registration(**stated, stops=stops)
