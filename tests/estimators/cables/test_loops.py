@@ -8,10 +8,11 @@ from numba.core.runtime import _nrt_python, rtsys
 
 from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables import run as cable_filter
-from truejoint.estimators.cables.learn import STARTS, constants
+from truejoint.estimators.cables.learn import constants
 from truejoint.robots import get_robot
 
 MECHANISM = get_robot("wrist", "400006").mechanism
+STARTS = {name: rods for name, (*_, rods, _) in cable_filter.SOUGHT.items()}
 PARTS = {"guide": r.GUIDE, "wrist": r.WRIST, "motor": r.MOTOR, "pin": r.PIN, "load": r.LOAD}
 
 

@@ -34,28 +34,6 @@ _OTHER_MOTION: Final = 1.6
 was fitted to: of six virtual instruments that no figure in the documentation is of."""
 _ROUNDS: Final = 25  # of the search, at most
 
-# What is searched for, by name: lowest and highest, and where the search begins: an instrument with
-# rods in its shaft, or one with bare cables, whichever is nearer.
-_BOUNDS: Final[Mapping[str, tuple[float, float, float, float]]] = {
-    "pitch_stiffness": (8e3, 5e5, 9e4, 3.4e4),  # of one cable
-    "jaw1_stiffness": (8e3, 5e5, 9e4, 3.4e4),
-    "jaw2_stiffness": (8e3, 5e5, 9e4, 3.4e4),
-    "shaft_compliance": (0.05, 20.0, 1.0, 3.5),  # times what the mechanism says
-    "pitch_friction": (0.1, 60.0, 4.0, 1.4),  # of a loop over its guides
-    "jaw1_friction": (0.1, 60.0, 4.0, 1.4),
-    "jaw2_friction": (0.1, 60.0, 4.0, 1.4),
-    "wrist_friction": (1e-3, 0.5, 0.1, 0.04),  # coefficient, per radian of wrap
-    "build_up": (1e5, 1e8, 3e6, 3e6),
-    "pitch_pin": (3e-4, 6e-2, 1.2e-2, 1e-2),
-    "jaw_pin": (1e-4, 3e-2, 5e-3, 4e-3),
-    "pin_way": (5e-4, 2e-2, 3e-3, 3e-3),
-    "tension": (12.0, 100.0, 32.0, 24.0),  # of both cables of a loop
-    "motor_way": (5e-4, 5e-2, 5e-3, 5e-3),
-}
-
-STARTS: Final = {name: start for name, (_, _, start, _) in _BOUNDS.items()}
-"""Values of what is sought where the search begins, of an instrument with rods."""
-
 
 @dataclass(frozen=True, eq=False)
 class CableStates:
@@ -66,10 +44,6 @@ class CableStates:
     load: Array  # (n, 3) [Nm]: grip, and torques of the tip's arms
     load_deviation: Array
     states: Array  # (n, 15) of `models.cable_loops`
-
-    def part(self, rows: slice) -> CableStates:
-        """Give some of its rows."""
-        return CableStates(*(values[rows] for values in vars(self).values()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,14 +71,10 @@ class Run:
         return round(_SETTLED / self.step)
 
     @property
-    def known(self) -> int:
-        """Number of rows that count whose joints are known."""
-        return int(np.isfinite(self.truth[self.settled :]).all(axis=1).sum())
-
-    def first(self, seconds: float) -> Run:
-        """Its beginning."""
-        rows = slice(round(seconds / self.step))
-        return Run(self.X[rows], self.truth[rows], self.load[rows], self.dt[rows])
+    def with_truth(self) -> Integers:
+        """Rows that count whose joints are known."""
+        rows = np.flatnonzero(np.isfinite(self.truth).all(axis=1))
+        return rows[rows >= self.settled]
 
 
 def filter_inputs(X: Array, dt: Array) -> Array:
@@ -183,8 +153,7 @@ def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
         (joint, torque), x = np.empty((2, *history.load.shape)), np.empty((len(inputs), r.STATES))
         r.simulate(inputs, history.load, p, x, joint, torque)
         share = x[:, r.MOTOR : r.PIN]
-        with_truth = np.flatnonzero(np.isfinite(history.truth).all(axis=1))
-        rows = with_truth[with_truth >= history.settled][::_THINNED]
+        rows = history.with_truth[::_THINNED]
         angle.append((history.truth - joint)[rows])
         basis.append(geometry(inputs[rows, : r.N] @ rigid.T))
         columns.append(
@@ -226,8 +195,9 @@ def jackknife_deviations(
 
 def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress) -> Arrays:
     """Find stiffness, friction, radii and sensors' gains by least squares on angles and efforts."""
-    short = [history.first(_LONGEST) for history in runs]
-    names, table = tuple(SOUGHT), np.log(np.array([_BOUNDS[name] for name in SOUGHT])).T
+    short = [Run(*(values[: round(_LONGEST / history.step)] for values in vars(history).values()))
+             for history in runs]  # fmt: skip
+    names, table = tuple(SOUGHT), np.log([values for _, *values in SOUGHT.values()]).T
     scale = np.repeat([_ANGLE_NOISE, _EFFORT_NOISE], r.N)
     calls = 0
 
@@ -246,10 +216,8 @@ def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress)
     )
     p = parameters(search.x)
     misfits = _misfit(short, p)
-    signal, recording = (
-        np.tile(np.arange(2 * r.N), len(misfits.rows)),
-        np.repeat(misfits.run, 2 * r.N),
-    )
+    signal = np.tile(np.arange(2 * r.N), len(misfits.rows))
+    recording = np.repeat(misfits.run, 2 * r.N)
     # Where nothing tells, a quantity may be anything that is searched.
     deviation = jackknife_deviations(
         np.asarray(search.jac), search.fun, (signal, recording), 12.0 / (table[1] - table[0]) ** 2
@@ -292,8 +260,7 @@ def structure(runs: Sequence[Run], estimates: Sequence[CableStates]) -> Array:
     """
     shown, stated, loads = [], [], []
     for history, estimate in zip(runs, estimates, strict=True):
-        with_truth = np.flatnonzero(np.isfinite(history.truth).all(axis=1))
-        with_truth = with_truth[with_truth >= history.settled]
+        with_truth = history.with_truth
         truth = history.truth[with_truth]
         white = np.var(np.diff(truth, n=3, axis=0), axis=0) / 20.0  # of the reference
         squares = [
@@ -358,7 +325,7 @@ class CableFilter(JointRegressor):
         may stay unseen.
         """
         rows = zip(SOUGHT.items(), self.arrays_["identified"].tolist(), strict=True)
-        quantities = {name: (value, deviation, unit) for (name, unit), (value, deviation) in rows}
+        quantities = {name: (*pair, unit) for (name, (unit, *_)), pair in rows}
         pins = [quantities[name][:2] for name in ("pitch_pin", "jaw_pin", "jaw_pin")]
         p = self.arrays_["parameters"]
         on_joint = np.abs(p[r.ON_JOINT : r.ON_JOINT + r.N**2].reshape(r.N, r.N))
@@ -448,12 +415,13 @@ class CableFilter(JointRegressor):
         """Histories that have truth, and the rows of each."""
         every = [(rows, Run(X[rows], y[rows], self._loads[rows], dt[rows]))
                  for rows in histories(dt)]  # fmt: skip
-        return [(rows, history) for rows, history in every if history.known > history.settled]
+        return [(rows, run) for rows, run in every if len(run.with_truth) > run.settled]
 
     def _structure(self, estimates: CableStates, X: Array, y: Array, dt: Array) -> Array:
         """`structure` of what was found of all rows."""
-        parts = [(history, estimates.part(rows)) for rows, history in self._runs(X, y, dt)]
-        return structure(*zip(*parts, strict=True))
+        rows, runs = zip(*self._runs(X, y, dt), strict=True)
+        parts = [CableStates(*(values[one] for values in vars(estimates).values())) for one in rows]
+        return structure(runs, parts)
 
 
 def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:

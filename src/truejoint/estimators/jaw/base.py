@@ -32,7 +32,8 @@ class JawEstimator(JointRegressor):
         """Unfitted copy for the mechanism that was recorded.
 
         A parameter that was set to other than Table 1's value stays. Raises CalibrationError for a
-        load on the jaw, a sensor that is not installed, and mechanisms that differ.
+        load on the jaw, a sensor that is not installed, and mechanisms that differ, and RobotError
+        for one that cannot be.
         """
         inputs = self.family.inputs(self.model_params()) if self.family.inputs else ()
         for recording in recordings:
@@ -42,8 +43,21 @@ class JawEstimator(JointRegressor):
                     f"{1e3 * recording.provenance.load:g} g on the jaw; {self.name} learns how "
                     "motor and cables relate without one: record the calibration unloaded"
                 )
-            check_sensors(self.name, inputs, recording)
-        recorded, parameters = mechanism_of(recordings)._asdict(), self.get_params(deep=False)
+            missing = [name for name in inputs if name not in recording.units]
+            if missing:
+                raise CalibrationError(
+                    f"{recording.provenance.source or 'recording'}: no {' and no '.join(missing)}; "
+                    f"{self.name} reads {' and '.join(inputs)}: install the sensor, or choose an "
+                    "estimator that does without"
+                )
+        robots = (recording.robot.mechanism for recording in recordings)
+        mechanism, *others = dict.fromkeys(TABLE_1 if m is None else Forceps.of(m) for m in robots)
+        if others:
+            raise CalibrationError(
+                f"the recordings are of {1 + len(others)} different mechanisms; calibrate each by "
+                "itself"
+            )
+        recorded, parameters = mechanism._asdict(), self.get_params(deep=False)
         usual = {n: v for n, v in recorded.items() if parameters.get(n) == getattr(TABLE_1, n)}
         return self.with_params(**usual)
 
@@ -90,34 +104,6 @@ class MechanismEstimator(JawEstimator):
     spring_stiffness: float = TABLE_1.spring_stiffness
     wheel_radius: float = TABLE_1.wheel_radius
     jaw_radius: float = TABLE_1.jaw_radius
-
-
-def mechanism_of(recordings: Sequence[Recording]) -> Forceps:
-    """Mechanism of the robots that were recorded, else Table 1's.
-
-    Raises CalibrationError where they differ, and RobotError for one that cannot be.
-    """
-    mechanisms = dict.fromkeys(
-        TABLE_1 if recording.robot.mechanism is None else Forceps.of(recording.robot.mechanism)
-        for recording in recordings
-    )
-    if len(mechanisms) > 1:
-        raise CalibrationError(
-            f"the recordings are of {len(mechanisms)} different mechanisms; calibrate each by "
-            "itself"
-        )
-    return next(iter(mechanisms))
-
-
-def check_sensors(estimator: str, inputs: Sequence[str], recording: Recording) -> None:
-    """Raise CalibrationError when a sensor that an estimator reads is not installed."""
-    missing = [name for name in inputs if name not in recording.units]
-    if missing:
-        raise CalibrationError(
-            f"{recording.provenance.source or 'recording'}: no {' and no '.join(missing)}; "
-            f"{estimator} reads {' and '.join(inputs)}: install the sensor, or choose an estimator "
-            "that does without"
-        )
 
 
 def check_changes(estimator: str, name: str, column: Array, how: str = "") -> None:

@@ -192,63 +192,46 @@ def fit_rational(motor: Array, reset: Array, error: Array) -> Arrays:
     margin = ERROR_MARGIN * np.ptp(error)
     arrays = {"scale": scale, "error_range": np.array([error.min() - margin, error.max() + margin])}
     u, v = motor * scale[0], reset * scale[1]
-    problem = _Projection.of(u, v, error)
-    solutions = [
-        least_squares(problem.residuals, start, problem.jacobian, x_scale="jac", max_nfev=200)
-        for start in _STARTS
-    ]
-    best = min(solutions, key=lambda solution: float(solution.cost))
-    design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ best.x)[:, None]
+    denominator = _search(u, v, error)
+    design = _numerator_terms(u, v) / (1.0 + _denominator_terms(u, v) @ denominator)[:, None]
     p = np.empty(COEFFICIENTS)
-    p[0::2], p[1::2] = np.linalg.lstsq(design, error, rcond=None)[0], best.x
+    p[0::2], p[1::2] = np.linalg.lstsq(design, error, rcond=None)[0], denominator
     return {**arrays, "error_coef": p}
 
 
-@dataclass(frozen=True, eq=False)
-class _Projection:
-    """What is left of the problem when the numerator is eliminated."""
+def _search(u: Array, v: Array, error: Array) -> Array:
+    """Find the denominator (5,) that leaves least once the numerator is eliminated."""
+    rows = slice(None, None, max(1, len(error) // _ROWS))
+    shown = np.linspace(-_REACH, _REACH, 27)
+    curve = np.polynomial.Polynomial.fit(u[rows], v[rows], 1)(shown)
+    tube = np.vstack([_denominator_terms(shown, curve + side) for side in (-_TUBE, 0.0, _TUBE)])
+    u, v, error = u[rows], v[rows], error[rows]
+    numerator, denominator = _numerator_terms(u, v), _denominator_terms(u, v)
+    weight = _PENALTY * max(float(np.std(error)) * np.sqrt(len(error)), 1e-12)
 
-    above: Array  # (m, 6)
-    below: Array  # (m, 5)
-    error: Array  # (m,)
-    tube: Array  # (k, 5), denominator terms round the data
-    weight: float
+    def projected(d: Array) -> tuple[Array, Array, Array]:
+        below = 1.0 + denominator @ d
+        below = np.where(np.abs(below) < NEAREST, NEAREST, below)
+        basis = np.linalg.qr(numerator / below[:, None])[0]
+        return below, basis, basis @ (basis.T @ error)
 
-    @classmethod
-    def of(cls, u: Array, v: Array, error: Array) -> _Projection:
-        rows = slice(None, None, max(1, len(error) // _ROWS))
-        shown = np.linspace(-_REACH, _REACH, 27)
-        curve = np.polynomial.Polynomial.fit(u[rows], v[rows], 1)(shown)
-        tube = [_denominator_terms(shown, curve + side) for side in (-_TUBE, 0.0, _TUBE)]
-        spread = float(np.std(error[rows])) * np.sqrt(len(error[rows]))
-        return cls(
-            _numerator_terms(u[rows], v[rows]),
-            _denominator_terms(u[rows], v[rows]),
-            error[rows],
-            np.vstack(tube),
-            _PENALTY * max(spread, 1e-12),
-        )
+    def residuals(d: Array) -> Array:
+        # The error left by the best numerator, and what the tube lacks in denominator.
+        short = np.maximum(SMALLEST_DENOMINATOR - (1.0 + tube @ d), 0.0)
+        return np.concatenate([error - projected(d)[2], weight * short])
 
-    def residuals(self, d: Array) -> Array:
-        """Error left (m,) by the best numerator, and what the tube lacks in denominator (k,)."""
-        basis = np.linalg.qr(self.above / self._below(d)[:, None])[0]
-        residual = self.error - basis @ (basis.T @ self.error)
-        short = np.maximum(SMALLEST_DENOMINATOR - (1.0 + self.tube @ d), 0.0)
-        return np.concatenate([residual, self.weight * short])
-
-    def jacobian(self, d: Array) -> Array:
-        """Kaufman's form (m + k, 5): the numerator's own change with the denominator left out."""
-        below = self._below(d)
-        basis = np.linalg.qr(self.above / below[:, None])[0]
-        fitted = basis @ (basis.T @ self.error)
-        change = self.below * (fitted / below)[:, None]
+    def jacobian(d: Array) -> Array:
+        # Kaufman's form: the numerator's own change with the denominator left out.
+        below, basis, fitted = projected(d)
+        change = denominator * (fitted / below)[:, None]
+        active = 1.0 + tube @ d < SMALLEST_DENOMINATOR
         slopes = change - basis @ (basis.T @ change)
-        active = 1.0 + self.tube @ d < SMALLEST_DENOMINATOR
-        return np.vstack([slopes, -self.weight * self.tube * active[:, None]])
+        return np.vstack([slopes, -weight * tube * active[:, None]])
 
-    def _below(self, d: Array) -> Array:
-        below = 1.0 + self.below @ d
-        return np.where(np.abs(below) < NEAREST, NEAREST, below)
+    solutions = [
+        least_squares(residuals, start, jacobian, x_scale="jac", max_nfev=200) for start in _STARTS
+    ]
+    return np.asarray(min(solutions, key=lambda solution: float(solution.cost)).x)
 
 
 def _numerator_terms(u: Array, v: Array) -> Array:

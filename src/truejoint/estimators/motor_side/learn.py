@@ -254,13 +254,6 @@ def _response(motion: Motion, states: Array, spread: Array, target: Array) -> tu
     return coefficients[0], np.sqrt(max(mean_square - float(by_state.mean()), 0.1 * mean_square))
 
 
-def regress(columns: Array, y: Array) -> Array:
-    """Ridge regression of `y` (n,) on standardised `columns` (n, k), the first constant."""
-    weights, constant = ridge(columns, y, _PENALTY)
-    weights[0] = constant
-    return weights
-
-
 def respond(columns: Array, y: Array, load: Array, history: Integers, dt: Array) -> Array:
     """Responses (n_outputs, k) to `columns` (n, k), the first constant, of outputs `y` (n, ...).
 
@@ -321,7 +314,9 @@ class _Static:
         columns = self.columns(widths)
         residual = regress_torque(columns, self.torque, self.load[self.history])[1]
         columns = columns[self.has_truth]
-        return residual, self.jaw - columns @ regress(columns, self.jaw)
+        weights, constant = ridge(columns, self.jaw, _PENALTY)
+        weights[0] = constant  # of the first column, which is constant
+        return residual, self.jaw - columns @ weights
 
     def find_widths(self, elements: int) -> Array:
         """Widths by variable projection: the responses are solved for at every trial."""
