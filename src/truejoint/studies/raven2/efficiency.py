@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame, Series
+from pandas import DataFrame, MultiIndex, Series
 
 from truejoint.array_types import Array
 from truejoint.calibration import ENOUGH, Calibration, expected_gain
@@ -15,7 +15,7 @@ from truejoint.errors import CalibrationError
 from truejoint.motion import PROFILES, designed_motion, random_motion
 from truejoint.recordings import Recording
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.rows import groups, select, values
+from truejoint.studies.rows import groups, select
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
@@ -24,7 +24,7 @@ _OFFSET: Final = 900_000  # of the arms' seeds, so that no other study has the s
 _MOTION_SEED: Final = 2_000_000  # between the seed of an arm and that of its motion
 _REFERENCE: Final = "zigzag"
 _DESIGNED: Final = "designed"
-_MOTIONS: Final = {_REFERENCE: "tab:gray", "random": "tab:orange", _DESIGNED: "tab:blue"}
+_MOTIONS: Final = (_REFERENCE, "random", _DESIGNED)
 FIRST, WHOLE, STOPPED = "first seconds", "whole", "stopped"
 """What a calibration is made of: the first seconds of a motion, all of it, or up to its stop."""
 _MINUTES: Final = 2.5  # in which the designed motion is to reach the zig-zags' accuracy
@@ -104,9 +104,11 @@ def rmse_of(model: Calibration, recording: Recording) -> dict[str, float]:
     return {row["joint"]: row["rmse"] for row in rows if row["method"] == "model"}
 
 
-def errors(rows: DataFrame, **where: Any) -> Array:
-    """RMSE (n, 3) of rows with a column for each joint."""
-    return np.asarray(select(rows, **where)[list(s.JOINTS)].to_numpy(dtype=np.float64))
+def shares(rows: DataFrame, base: DataFrame, *keys: str) -> Array:
+    """RMSE of rows (n,) over that of `base` with the same `keys`, geometric mean over joints."""
+    joints = list(s.JOINTS)
+    whole = base.set_index([*keys])[joints].reindex(MultiIndex.from_frame(rows[[*keys]]))
+    return np.asarray(np.exp(np.log(rows[joints].to_numpy() / whole.to_numpy()).mean(axis=1)))
 
 
 def stopped(recording: Recording, estimator: str, features: Sequence[str] | None) -> float:
@@ -132,109 +134,97 @@ def until(recordings: Sequence[Recording], seconds: float) -> list[Recording]:
     return [recording for recording in cut if len(recording) > 1]
 
 
-def relative(rmse: Array, whole: Array | Sequence[float]) -> Array:
-    """RMSE (n, 3) as a share (n,) of that of the zig-zags, geometric mean over the joints."""
-    return np.asarray(np.exp(np.log(rmse / np.array(whole)).mean(axis=1)))
+def reached(rows: DataFrame) -> Series:
+    """Give the minutes at which a ``share`` is 1 or below ``first``, and from on for ``good``.
 
-
-def reached(share: Array, seconds: Array) -> tuple[float, float]:
-    """Give the `seconds` (n,) at which a share (k,) is 1 or below first, and from on for good.
-
-    Infinite where that is never in the first k.
+    Infinite where that is never.
     """
-    times, above = np.append(seconds[: len(share)], np.inf), np.append(~(share <= 1.0), False)
-    first, last = np.argmin(above), np.flatnonzero(np.append(True, above[:-1]))[-1]
-    return float(times[first]), float(times[last])
+    times = np.append(rows.minutes, np.inf)
+    above = np.append(~(rows.share <= 1.0), False)
+    last = np.flatnonzero(np.append(True, above[:-1]))[-1]
+    return Series({"first": times[np.argmin(above)], "good": times[last]})
 
 
 def summarise(results: Results) -> Summary:
     """Accuracy against minutes, and the minutes until that of the zig-zags."""
-    settings = results.settings
-    seconds = np.array(parts(settings)[0].arguments["seconds"])
-    lines, claims, panels = [], [], []
-    for title, rows in groups(results.rows, "specimen"):
-        whole = errors(rows, case=_REFERENCE, of=WHOLE)
-        total = np.median(select(rows, case=_REFERENCE, of=WHOLE).seconds)
-        lines.append(_line(f"{title}, zig-zags", np.full(2, total), whole, 1.0))
-        first = select(rows, of=FIRST)
-        share = np.concatenate(
-            [relative(errors(group), whole[n]) for n, group in groups(first, "session")]
-        )
-        order = np.concatenate([group.index for _, group in groups(first, "session")])
-        first = first.assign(share=Series(share, order), minutes=first.seconds / 60.0)
-        times = {}
-        for motion, group in groups(first, "case"):
-            shares = [one.share.to_numpy() for _, one in groups(group, "session")]
-            times[motion] = np.array([reached(one, seconds) for one in shares])
-            if motion == _REFERENCE:
-                continue
-            for minutes in (_MINUTES, float(seconds[-1]) / 60.0):
-                end = seconds[np.abs(seconds - 60.0 * minutes).argmin()]
-                name = f"{title}, {motion}, {end / 60:.1f} min"
-                middle = np.median(values(group, "share", seconds=end))
-                spent = np.median(times[motion], axis=0)
-                lines.append(_line(name, spent, errors(group, seconds=end), float(middle)))
-        panels.append(
-            by_condition(
-                first, "minutes", "share", "case", each="session", colours=_MOTIONS,
-                x="minutes", y="RMSE / that of all zig-zags", title=str(title), log="xy",
+    settings, rows, keys = results.settings, results.rows, ["specimen", "case", "session"]
+    whole = select(rows, case=_REFERENCE, of=WHOLE)
+    share = shares(rows, whole, "specimen", "session")
+    rows = rows.assign(share=share, minutes=rows.seconds / 60.0)
+    first = select(rows, of=FIRST)
+    times = first.groupby(keys, sort=False)[["share", "minutes"]].apply(reached)
+    grid, body = np.unique(first.minutes), []
+    for (title, motion), spent in times.groupby(keys[:2], sort=False):
+        ends: Sequence[Any] = [grid[np.abs(grid - end).argmin()] for end in (_MINUTES, grid[-1])]
+        middle, name = spent.median().tolist(), motion
+        if motion == _REFERENCE:
+            total = select(rows, specimen=title, case=motion, of=WHOLE)
+            ends, middle, name = ["all"], [total.minutes.median()] * 2, "zig-zags"
+        for end in ends:
+            shown = (
+                total if end == "all" else select(first, specimen=title, case=motion, minutes=end)
             )
-        )  # fmt: skip
-        claims += [*_claims(str(title), times), _stopping(str(title), rows)]
+            at = "" if end == "all" else f", {end:.1f} min"
+            body.append(accuracy_line(f"{title}, {name}{at}", shown, shown.share, *middle))
     header = ("motion", *s.TITLES, "to the zig-zags'", "as good from [min]", "for good [min]")
-    chosen = f"{settings['estimator']}, features of {settings['features']} joints"
     notes = (
         f"RMSE on {settings['test']:g} minutes of random motion of the laboratory's profile after "
         f"the training, mean over {settings['sessions']} sessions with an arm's seed and a homing "
-        f"each; {chosen}. "
+        f"each; {settings['estimator']}, features of {settings['features']} joints. "
         "The last three are medians over the sessions: of the geometric mean over the joints of "
         "the RMSE over that of the session's zig-zags, and of the minutes until that is 1 or "
         "below, for the first time and for good.",
     )
-    table = Table("Accuracy against minutes of training", header, tuple(lines), notes)
+    table = Table("Accuracy against minutes of training", header, tuple(body), notes)
+    panels = [
+        by_condition(
+            group, "minutes", "share", "case", each="session", x="minutes",
+            y="RMSE / that of all zig-zags", title=str(title), log="xy",
+        )
+        for title, group in groups(first, "specimen")
+    ]  # fmt: skip
     caption = "Bold: median over the sessions, which are the thin lines. 1: all zig-zags."
     asked = "How soon is a calibration as good as by all zig-zags?"
     figure = Figure(asked, (panels,), caption, legend=True)
+    claims = [
+        claim
+        for title, group in groups(rows, "specimen")
+        for claim in _claims(str(title), times.loc[title].groupby("case").median(), group)
+    ]
     return Summary((table,), {"efficiency": figure}, claims)
 
 
-def _line(name: str, spent: Array, rmse: Array, share: float) -> tuple[str, ...]:
-    means = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
-    return (name, *means, fixed(share, 2), *(fixed(float(one) / 60.0, 2) for one in spent))
+def accuracy_line(name: str, rows: DataFrame, *values: Any) -> tuple[str, ...]:
+    """Line of a table: mean RMSE of each joint [deg, deg, mm], and medians of values (n,)."""
+    means = rows[list(s.JOINTS)].mean() * s.SCALES
+    texts = [fixed(float(np.median(value)), 2) for value in values]
+    return (name, *(fixed(mean, 3) for mean in means), *texts)
 
 
-def _claims(title: str, times: Mapping[str, Array]) -> list[Claim]:
-    """Judge times (n, 2) by motion: those from which a session is as good for good."""
-    ours, theirs = (np.median(times[motion], axis=0) / 60.0 for motion in (_DESIGNED, "random"))
-    against = f"{ours[1]:.2f} against {theirs[1]:.2f} minutes for good, median"
+def _claims(title: str, times: DataFrame, rows: DataFrame) -> list[Claim]:
+    """Judge the median minutes of each motion, and where the designed one was stopped."""
+    ours, theirs = times.loc[_DESIGNED], times.loc["random"]
+    designed = select(rows, case=_DESIGNED)
+    stops = select(designed, of=STOPPED)
+    least = select(designed, of=(FIRST, STOPPED)).groupby("session", sort=False).share.min()
+    near = int((stops.share.to_numpy() <= _NEAR * least.to_numpy()).sum())
     return [
         Claim(
             f"the designed motion is as good as all zig-zags within {_MINUTES:g} minutes",
-            "ours", bool(ours[1] <= _MINUTES), f"{ours[1]:.2f} minutes for good, median", title,
+            "ours", bool(ours.good <= _MINUTES), f"{ours.good:.2f} minutes for good, median", title,
         ),
         Claim(
             f"it takes at most {100 * _SHARE:g} % of the time of random motion",
-            "ours", bool(ours[1] <= _SHARE * theirs[1]),
-            f"{against}; {ours[0]:.2f} against {theirs[0]:.2f} for the first time", title,
+            "ours", bool(ours.good <= _SHARE * theirs.good),
+            f"{ours.good:.2f} against {theirs.good:.2f} minutes for good, median; "
+            f"{ours['first']:.2f} against {theirs['first']:.2f} for the first time", title,
+        ),
+        Claim(
+            f"stopped when twice the time is expected to lower no error by {100 * ENOUGH:g} %, the "
+            f"designed motion ends within {100 * (_NEAR - 1.0):.0f} % of the least error that it "
+            "ever reaches",
+            "ours", near >= _STOPS * len(stops),
+            f"{near} of {len(stops)} sessions, after {stops.minutes.median():.1f} minutes "
+            f"({stops.minutes.min():.1f} to {stops.minutes.max():.1f})", title,
         ),
     ]  # fmt: skip
-
-
-def _stopping(title: str, rows: DataFrame) -> Claim:
-    near, minutes = 0, []
-    for _, group in groups(select(rows, case=_DESIGNED), "session"):
-        at_stop = select(group, of=STOPPED)
-        reachable = np.vstack([errors(group, of=FIRST), errors(at_stop)])
-        shares = relative(reachable, np.ones(3))
-        near += bool(shares[-1] <= _NEAR * np.nanmin(shares))
-        minutes.append(float(at_stop.seconds.iloc[0]) / 60.0)
-    text = (
-        f"stopped when twice the time is expected to lower no error by {100 * ENOUGH:g} %, the "
-        f"designed motion ends within {100 * (_NEAR - 1.0):.0f} % of the least error that it ever "
-        "reaches"
-    )
-    found = (
-        f"{near} of {len(minutes)} sessions, after {np.median(minutes):.1f} minutes "
-        f"({min(minutes):.1f} to {max(minutes):.1f})"
-    )
-    return Claim(text, "ours", near >= _STOPS * len(minutes), found, title)

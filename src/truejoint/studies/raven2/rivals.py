@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Final, NamedTuple
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 from pandas import DataFrame
-from sklearn.ensemble import RandomForestRegressor
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
-from sklearn.pipeline import make_pipeline
-from sklearn.preprocessing import StandardScaler
 
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
-from truejoint.estimators import Stack, get_estimator
+from truejoint.estimators import estimator_names
 from truejoint.evaluation.metrics import rmse, tool_error
 from truejoint.recordings import Recording
 from truejoint.studies.paper_tables import reported, reported_text
@@ -45,45 +40,10 @@ _OTHERS: Final = (
 """Table, condition and method of what peng2024 quotes of others."""
 
 
-class Rival(NamedTuple):
-    """A kind of model, and how many rows a second it is fitted to [Hz]; None: all."""
-
-    title: str
-    fit_rate: float | None = None
-
-
-RIVALS: Final[Mapping[str, Rival]] = {
-    "dnn": Rival("network (peng2024)"),
-    "linear": Rival("linear (peng2024)"),
-    "poly2": Rival("polynomial (peng2024)"),
-    "gru": Rival("gated recurrent units"),
-    "tcn": Rival("temporal convolutions, as Park 2024"),
-    "gpr": Rival("Gaussian process, as Mahler's kind", 1.0),
-    "forest": Rival("random forest"),
-    "network_forest": Rival("network and a random forest on what it leaves, as Seita 2018"),
-    "rich_play": Rival("plays of every signal, ridge (ours)"),
-    "rich_trees": Rival("boosted trees on what plays leave (ours)"),
-}
-"""By the key that stands in options and numbers."""
-
-
-def _unfitted(name: str) -> Any:
-    if name == "gpr":
-        kernel = ConstantKernel(1.0) * RBF(3.0) + WhiteKernel(1e-2)
-        process = GaussianProcessRegressor(kernel, normalize_y=True, random_state=0)
-        return make_pipeline(StandardScaler(), process)
-    forest = RandomForestRegressor(60, min_samples_leaf=5, n_jobs=1, random_state=0)
-    if name == "forest":
-        return forest
-    if name == "network_forest":
-        return Stack(("dnn", forest))
-    return get_estimator(name)
-
-
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     settings.check_positive("sessions")
-    settings.check_names("model", "models", RIVALS)
+    settings.check_names("model", "models", estimator_names())
     s.combination(settings["training"])
     if settings["hours"] < 2:
         raise StudyError(f"hours={settings['hours']}; first and last make at least 2")
@@ -99,9 +59,7 @@ def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hou
     if hours > 2:
         s.work(arm, (hours - 2) * s.HOUR, 2 * s.TEST_SEED + seed)
     tests.append(s.random_test(arm, s.HOUR, 3 * s.TEST_SEED + seed))
-    fitted = {
-        name: s.model_of(sets, _unfitted(name), fit_rate=RIVALS[name].fit_rate) for name in models
-    }
+    fitted = {name: s.model_of(sets, name) for name in models}
     rows: Rows = []
     for when, test in zip(WHEN, tests, strict=True):
         estimates = {RAW: test.columns("measured", s.JOINTS)}
@@ -151,7 +109,7 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
     for method in unique(rows, "method"):
         ends = [[_mean(rows, when, method, one) for when in WHEN] for one in quantities]
         cells = [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in ends]
-        body.append((RIVALS[method].title if method in RIVALS else method, *cells))
+        body.append((method, *cells))
     for method in ("dnn", "linear"):
         condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
         cells = [

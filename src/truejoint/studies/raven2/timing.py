@@ -11,13 +11,13 @@ from pandas import DataFrame
 
 from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
+from truejoint.estimators import estimator_names
 from truejoint.runtime import Corrector
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.rivals import RIVALS
-from truejoint.studies.rows import Cell, table_of
+from truejoint.studies.raven2.claims import Verdict
+from truejoint.studies.rows import frame_table
 from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
-from truejoint.tables import fixed
 
 SERVO: Final = 1e-3
 """Period of RAVEN-II's servo loop [s]."""
@@ -28,8 +28,7 @@ _RATIO: Final = 160.0  # of the network's inference time to the linear model's (
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One: times of one machine are only comparable one after the other."""
-    compiled = [name for name in RIVALS if name not in ("gpr", "forest")]
-    settings.check_names("model", "models", compiled)
+    settings.check_names("model", "models", estimator_names())
     settings.check_positive("samples", "repeats")
     s.combination(settings["training"])
     if settings["samples"] < 1000:
@@ -91,44 +90,35 @@ def summarise(results: Results) -> Summary:
     """Table V beside the paper's."""
     times = results.rows.set_index("method")
 
-    def printed(row: str, metric: str, form: str, scale: float = 1.0) -> Cell:
-        def cell(rows: DataFrame) -> str:
-            value = reported("peng2024", "V", row, rows.method.iloc[0], "all").get(metric)
-            return "" if value is None else form.format(scale * value)
+    def printed(row: str, metric: str, form: str, scale: float = 1.0) -> list[str]:
+        found = [
+            reported("peng2024", "V", row, method, "all").get(metric) for method in times.index
+        ]
+        return ["" if value is None else form.format(scale * value) for value in found]
 
-        return cell
-
-    def took(column: str, decimals: int, scale: float = 1e6) -> Cell:
-        return lambda rows: fixed(scale * rows[column].iloc[0], decimals)
-
-    cells = {
-        "fit [s of CPU]": took("fit", 2, 1.0),
-        "paper": printed("training time", "upper bound", "< {:g}"),
-        "a sample in the loop [us]": took("step", 2),
-        "99 %": took("step_99", 2),
-        "a call on a table [us]": took("table", 0),
-        "paper [us]": printed("inference one sample", "mean", "{:g}", 1e3),
-    }
+    table = DataFrame(
+        {
+            "fit [s of CPU]": times.fit,
+            "paper": printed("training time", "upper bound", "< {:g}"),
+            "a sample in the loop [us]": 1e6 * times.step,
+            "99 %": 1e6 * times.step_99,
+            "a call on a table [us]": (1e6 * times.table).map("{:.0f}".format),
+            "paper [us]": printed("inference one sample", "mean", "{:g}", 1e3),
+        }
+    )
     notes = (
         f"{times.rows.iloc[0]} rows, sparsities {results.settings['training']}; medians, "
         "one thread, of the machine that ran this, with whatever else it did.",
         "The paper's are of a 2.2 GHz Xeon and a framework's call for each sample.",
     )
-    table = table_of(
-        "peng2024 Table V: time", results.rows, "method", cells, notes,
-        names=lambda name: RIVALS[name].title, head="model",
-    )  # fmt: skip
     judged = [c.judged(times) for c in CLAIMS] if {"dnn", "linear"} <= set(times.index) else []
-    return Summary((table,), claims=judged)
-
-
-Verdict = tuple[bool | None, str]
+    title = "peng2024 Table V: time"
+    return Summary((frame_table(title, table, notes, decimals=2, head="model"),), claims=judged)
 
 
 def _fits(times: DataFrame) -> Verdict:
-    took = {name: float(times.fit[name]) for name in _BOUNDS}
-    texts = [f"{name} {seconds:.2f} s" for name, seconds in took.items()]
-    return all(took[name] < most for name, most in _BOUNDS.items()), ", ".join(texts)
+    texts = [f"{name} {times.fit[name]:.2f} s" for name in _BOUNDS]
+    return all(times.fit[name] < most for name, most in _BOUNDS.items()), ", ".join(texts)
 
 
 def _servo(name: str, *, expected: bool) -> Callable[[DataFrame], Verdict]:
@@ -151,18 +141,15 @@ def _ratio(times: DataFrame) -> Verdict:
 CLAIMS: Final = (
     Statement("fitting takes < 50 s (network), < 2 s (linear)", "peng2024, Table V", _fits),
     Statement(
-        "the linear model keeps up with the 1 kHz servo loop",
-        "peng2024, III",
+        "the linear model keeps up with the 1 kHz servo loop", "peng2024, III",
         _servo("linear", expected=True),
     ),
     Statement(
-        "the network is too slow for the 1 kHz servo loop",
-        "peng2024, III",
+        "the network is too slow for the 1 kHz servo loop", "peng2024, III",
         _servo("dnn", expected=False),
     ),
     Statement(
-        "the linear model infers about 160 times faster than the network",
-        "peng2024, abstract",
+        "the linear model infers about 160 times faster than the network", "peng2024, abstract",
         _ratio,
     ),
-)
+)  # fmt: skip

@@ -9,17 +9,16 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.array_types import Array
 from truejoint.calibration import Calibration, adapted
 from truejoint.crtk import Arm
-from truejoint.drawing import Curve, Figure, Panel
+from truejoint.drawing import Figure, Panel, by_condition
 from truejoint.errors import CalibrationError
 from truejoint.motion import designed_motion
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.efficiency import errors, features, relative, rmse_of, until
-from truejoint.studies.rows import select
+from truejoint.studies.raven2.efficiency import accuracy_line, features, rmse_of, shares, until
+from truejoint.studies.rows import groups, select
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
-from truejoint.tables import Table, fixed
+from truejoint.tables import Table
 
 _OFFSET: Final = 1_000_000  # of the arms' seeds, so that no other study has the same
 _MOTION_SEED: Final = 3_000_000  # between the seed of an arm and that of its motion
@@ -31,12 +30,11 @@ _HEAVIER: Final = 0.1  # [kg] of another tool
 _STIFFER: Final = 1.5  # friction of another tool
 _SAME: Final = 1.1  # of the error of a whole calibration, up to which the accuracy is the same
 _MOST: Final = 0.8  # share of the sessions that shall be as accurate
-_DRAWN: Final = 3.0  # of the error of a whole calibration, beyond which none is drawn
 
 _REFERENCE: Final = "prior, reference"
 BEFORE, OWN = "before", "own"
 """The prior before the change, and a whole calibration after it."""
-_WAYS: Final = {_REFERENCE: "tab:blue", "prior": "tab:green", "anew": "tab:orange"}
+_WAYS: Final = (_REFERENCE, "prior", "anew")
 """What is made of the first motion, followed again: the prior adapted, beside its own recording or
 without, or a fit of its own."""
 CHANGES: Final = {"homing": 10.0, "day": 60.0, "tool": 60.0, "arm": None}
@@ -131,84 +129,56 @@ def _varied(value: Any, random: np.random.Generator) -> Any:
 
 def summarise(results: Results) -> Summary:
     """Accuracy against seconds of the new motion, as a share of that of a whole calibration."""
-    settings = results.settings
+    settings, rows, keys = results.settings, results.rows, ("specimen", "case", "session")
+    to = {base: shares(rows, select(rows, made_by=base), *keys) for base in (BEFORE, OWN)}
+    rows = rows.assign(**to)
+    drawn = select(rows, made_by=_WAYS)
+    brief = [{"made_by": way, "seconds": seconds} for way in _WAYS for seconds in _SHOWN]
+    chosen: list[dict[str, Any]] = [*({"made_by": m} for m in (BEFORE, "as it was", OWN)), *brief]
     lines, claims = [], []
     panels: list[list[Panel]] = []
-    for title, found in results.rows.groupby("specimen", sort=False):
-        line: list[Panel] = []
-        for change in (name for name in CHANGES if name in settings["changes"]):
-            rows = select(found, case=change)
-            lines += _lines(f"{title}, {change}", rows)
+    for title, of_title in groups(rows, "specimen"):
+        panels.append([])
+        for change, group in groups(of_title, "case"):
+            name = f"{title}, {change}"
+            for where in chosen:
+                what = where["made_by"] + (f", {where['seconds']:g} s" if len(where) > 1 else "")
+                one = select(group, **where)
+                lines.append(accuracy_line(f"{name}, {what}", one, one[BEFORE], one[OWN]))
             if CHANGES[change] is not None:
-                claims.append(_claim(str(title), change, rows))
-            line.append(_panel(f"{title}, {change}", rows))
-        panels.append(line)
+                claims.append(_claim(str(title), change, group))
+            panels[-1].append(
+                by_condition(
+                    select(drawn, specimen=title, case=change), "seconds", OWN, "made_by",
+                    x="motion [s]", y="RMSE / own calibration", title=name, log="xy",
+                )
+            )  # fmt: skip
     notes = (
         f"RMSE on {settings['test']:g} minutes of random motion, mean over {settings['sessions']} "
         f"sessions; {settings['estimator']}, features of {settings['features']} joints, first "
         f"fitted to {settings['first']:g} minutes of designed motion, which is followed again for "
-        "so many "
-        "seconds after the change. Own: as long a calibration after the change. The last columns: "
-        "medians over the sessions of the geometric mean over the joints, as shares of the error "
-        "before the change and of that of the own calibration.",
+        "so many seconds after the change. Own: as long a calibration after the change. The last "
+        "columns: medians over the sessions of the geometric mean over the joints, as shares of "
+        "the error before the change and of that of the own calibration.",
     )
     header = ("what", *s.TITLES, "to before", "to own")
     table = Table("After a change", header, tuple(lines), notes)
     caption = (
-        "Medians over the sessions. Blue: the first calibration as the prior, beside its own "
-        "recording; green: without that; orange: without a prior. Dotted: "
-        f"{_SAME:g}, what counts as the same. Above {_DRAWN:g} nothing is drawn."
+        "Medians over the sessions: the first calibration as the prior, beside its own recording "
+        f"or without, and no prior. Up to {_SAME:g} counts as the same."
     )
     asked, height = "What is a calibration worth after a change?", 1.2 + 2.4 * len(panels)
     figure = Figure(asked, panels, caption, height=height, legend=True)
     return Summary((table,), {"transfer": figure}, claims)
 
 
-def _lines(name: str, rows: DataFrame) -> list[tuple[str, ...]]:
-    """Lines of the table: before and after a change, and by what was made of how many seconds."""
-    chosen: dict[str, dict[str, Any]] = {
-        what: {"made_by": what} for what in (BEFORE, "as it was", OWN)
-    }
-    chosen |= {
-        f"{way}, {seconds:g} s": {"made_by": way, "seconds": seconds}
-        for way in _WAYS
-        for seconds in _SHOWN
-    }
-    lines = []
-    for what, where in chosen.items():
-        rmse = errors(rows, **where)
-        means = (fixed(float(value), 3) for value in rmse.mean(axis=0) * s.SCALES)
-        shares = (float(np.median(_shares(rows, rmse, base))) for base in (BEFORE, OWN))
-        lines.append((f"{name}, {what}", *means, *(fixed(share, 2) for share in shares)))
-    return lines
-
-
-def _shares(rows: DataFrame, rmse: Array, base: str) -> Array:
-    """RMSE (sessions, 3) as shares (sessions,) of another, geometric mean over the joints."""
-    return np.concatenate(
-        [relative(a[None], b) for a, b in zip(rmse, errors(rows, made_by=base), strict=True)]
-    )
-
-
-def _panel(name: str, rows: DataFrame) -> Panel:
-    curves = []
-    for way, colour in _WAYS.items():
-        shares = [_shares(rows, errors(rows, made_by=way, seconds=t), OWN) for t in _SECONDS]
-        middle = np.median(shares, axis=1)
-        near = np.where(middle <= _DRAWN, middle, np.nan)
-        curves.append(Curve(_SECONDS, near, way, colour, "-o"))
-    curves.append(Curve(_SECONDS, np.full(len(_SECONDS), _SAME), "", "0.5", ":"))
-    return Panel(curves, "motion [s]", "RMSE / own calibration", name, log="xy")
-
-
 def _claim(title: str, change: str, rows: DataFrame) -> Claim:
-    wanted = CHANGES[change]
-    rmse = errors(rows, made_by=_REFERENCE, seconds=wanted)
-    shares = _shares(rows, rmse, OWN)
-    same, before = int((shares <= _SAME).sum()), np.median(_shares(rows, rmse, BEFORE))
-    text = f"a new {change} takes {wanted:g} s for the accuracy of a whole calibration"
+    seconds = CHANGES[change]
+    rows = select(rows, made_by=_REFERENCE, seconds=seconds)
+    same = int((rows[OWN] <= _SAME).sum())
+    text = f"a new {change} takes {seconds:g} s for the accuracy of a whole calibration"
     found = (
-        f"{same} of {len(shares)} sessions within {_SAME:g} of it, median {np.median(shares):.2f}; "
-        f"of the error before the change {before:.2f}"
+        f"{same} of {len(rows)} sessions within {_SAME:g} of it, median {rows[OWN].median():.2f}; "
+        f"of the error before the change {rows[BEFORE].median():.2f}"
     )
-    return Claim(text, "ours", same >= _MOST * len(shares), found, title)
+    return Claim(text, "ours", same >= _MOST * len(rows), found, title)
