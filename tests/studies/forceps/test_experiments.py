@@ -15,7 +15,6 @@ from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import get_study, run_study, write_study
 from truejoint.studies.forceps import closed_loop, load, methods, motions
-from truejoint.studies.forceps.loaded import worst
 from truejoint.studies.forceps.motions import built, plain_specimen, record
 from truejoint.studies.forceps.population import load_test, share, unseen_turn
 from truejoint.studies.forceps.sweep import front
@@ -68,7 +67,7 @@ def test_errors_are_those_of_the_estimates(unloaded):
 
 def test_tables_say_what_the_numbers_are(unloaded):
     text = unloaded.summary.tables[0].markdown()
-    assert "| least squares (29) | 0.522 | 0.57 | 1.62 | 1.45 |" in text
+    assert "| least squares (29) | motor, x1, x2 | 0.522 | 0.57 | 1.62 | 1.45 |" in text
     assert "specimen A" in text
 
 
@@ -76,7 +75,7 @@ def test_claims_of_the_paper_are_judged(unloaded):
     verdicts = {claim.text: claim.verdict for claim in unloaded.summary.claims}
     assert verdicts["the filter's RMS error on (28) stays below 0.2 deg"] == "agrees"
     assert verdicts["the filter's largest error on (28) stays below 0.5 deg"] == "does not agree"
-    assert len(verdicts) == 4
+    assert len(verdicts) == 5
 
 
 def test_table_3_separates_the_methods(drawn):
@@ -88,10 +87,10 @@ def test_table_3_separates_the_methods(drawn):
         f"250g-{way}{draw}" for draw in ("", "-1") for way in ("opposing", "along")
     ]
     cases = result.rows
-    both = ("opposing", "along")
-    assert worst(cases, "ukf_compensated", "I", *both) <= np.radians(0.2)
-    assert worst(cases, "play_gated", "IV", *both) <= np.radians(0.15)
-    assert worst(cases, "ukf_compensated", "IV", "along") > np.radians(0.5)
+    worst = np.degrees(cases.groupby(["method", "phase", "direction"]).rms.max())
+    assert worst["ukf_compensated", "I"].max() <= 0.2
+    assert worst["play_gated", "IV"].max() <= 0.15
+    assert worst["ukf_compensated", "IV", "along"] > 0.5
     assert "0.12/0.05/0.29" in result.summary.tables[0].markdown()
     verdicts = [claim.verdict for claim in result.summary.claims]
     assert verdicts[:2] == ["agrees", "agrees"]  # of phases I and II
@@ -115,12 +114,11 @@ def test_table_3_separates_the_methods(drawn):
 
 
 @pytest.mark.usefixtures("briefer")
-def test_strategies_name_their_sensors(drawn):
+def test_a_sensor_on_the_reset_cable_sees_a_weight(drawn):
     options = {"specimen": "B", "masses_g": "100", "methods": "play_motor,play_gated,play_cables"}
     result = run_study("forceps-strategies", options)
-    assert [row[1] for row in result.summary.tables[0].rows] == ["1", "2", "3"]
-    rms = select(result.rows, motion="verification").set_index("method").rms
-    assert rms["play_motor"] > rms["play_gated"]
+    rms = select(result.rows, phase="IV").groupby("method").rms.max()
+    assert rms["play_motor"] > rms["play_cables"] > rms["play_gated"]
     assert drawn(result)
 
 
@@ -185,7 +183,7 @@ def test_shares_count_specimens():
     assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
 
 
-def test_loads_are_weighed(drawn, monkeypatch):
+def test_loads_are_weighed(monkeypatch):
     monkeypatch.setattr(load, "CALIBRATION_WEIGHTS", (0.1, 0.25))
     result = run_study("forceps-load", {"specimen": "nominal", "masses_g": "200"})
     opposing, along, unloaded, _ = result.rows.itertuples()
@@ -199,7 +197,6 @@ def test_loads_are_weighed(drawn, monkeypatch):
     weights, errors = result.summary.tables
     assert "Dead band" in weights.markdown()
     assert "Stiffness within 5 % in 100 %." in errors.markdown()
-    assert drawn(result)
 
 
 @pytest.mark.usefixtures("briefer")

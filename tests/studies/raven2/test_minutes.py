@@ -4,26 +4,30 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pandas import DataFrame
 
 from truejoint.errors import StudyError
 from truejoint.simulation.raven2 import Raven2Parameters
 from truejoint.studies import run_study
 from truejoint.studies.raven2 import efficiency, transfer
+from truejoint.studies.raven2.sessions import JOINTS
 from truejoint.studies.rows import select
 
 
 def test_a_time_is_that_at_which_the_joints_together_are_as_good():
-    rmse = np.array([[4.0, 1.0, 1.0], [2.0, 1.0, 0.5], [1.0, 1.0, 1.0]])
-    share = efficiency.relative(rmse, [1.0, 1.0, 1.0])
+    errors = [[4.0, 1.0, 1.0], [2.0, 1.0, 0.5], [1.0, 1.0, 1.0]]
+    rows = DataFrame(errors, columns=list(JOINTS)).assign(specimen="A", session=0)
+    share = efficiency.shares(rows, rows[2:], "specimen", "session")
     np.testing.assert_allclose(share, [4.0 ** (1 / 3), 1.0, 1.0])
-    seconds = np.array([5.0, 10.0, 15.0, 20.0])
+    minutes = [5.0, 10.0, 15.0, 20.0]
     for shares, first, good in (
         ([1.4, 1.0, 1.1, 0.9], 10.0, 20.0),
         ([0.9, 0.8, 1.0, 0.9], 5.0, 5.0),
         ([np.nan, 0.8, 1.2, 1.1], 10.0, np.inf),
         ([1.1, 1.2, 1.2, 1.1], np.inf, np.inf),
     ):
-        assert efficiency.reached(np.array(shares), seconds) == (first, good)
+        found = efficiency.reached(DataFrame({"share": shares, "minutes": minutes}))
+        assert found.tolist() == [first, good]
 
 
 def test_recordings_are_cut_by_the_time_of_all(recording):
@@ -45,8 +49,9 @@ def test_efficiency_compares_three_motions(drawn, tmp_path, monkeypatch):
     assert set(rows.case) == {"zigzag", "random", "designed"}
     first = select(rows, of=efficiency.FIRST)
     assert (first.groupby("case").seconds.count() == 2).all()
-    assert (efficiency.errors(first) > 0.0).all()
-    at_end = efficiency.errors(first, case="designed")[-1]  # of a minute: a degree, a millimetre
+    errors = select(first, case="designed")[list(JOINTS)].to_numpy()
+    assert (errors > 0.0).all()
+    at_end = errors[-1]  # of a minute: a degree, a millimetre
     assert (at_end < [np.radians(1.0), np.radians(1.0), 1e-3]).all()
     stop = select(rows, of=efficiency.STOPPED).seconds.item()
     assert 30.0 <= stop < 65.0  # with the way to the start
@@ -60,11 +65,10 @@ def test_transfer_starts_from_the_first_calibration(drawn, monkeypatch):
     monkeypatch.setattr(transfer, "_SECONDS", transfer._SHOWN)
     options = {"specimens": "nominal", "sessions": 1, "first": 2, "test": 0.5}
     result = run_study("transfer", {**options, "changes": "homing"})
-    (own,) = efficiency.errors(result.rows, made_by=transfer.OWN)
-    shares = {
-        way: efficiency.relative(efficiency.errors(result.rows, made_by=way), own)
-        for way in transfer._WAYS
-    }
+    keys = ("specimen", "session")
+    own = select(result.rows, made_by=transfer.OWN)
+    made = {way: select(result.rows, made_by=way) for way in transfer._WAYS}
+    shares = {way: efficiency.shares(rows, own, *keys) for way, rows in made.items()}
     assert (shares["prior, reference"] < 1.2).all()
     # Nobody learns a workspace in ten seconds; not a zero either, without a reference.
     assert shares["prior, reference"][0] < shares["prior"][0]

@@ -18,7 +18,6 @@ from truejoint.studies import PartResult, Results, get_study
 from truejoint.studies.rows import select
 from truejoint.studies.wrist import motions
 from truejoint.studies.wrist.accuracy import LOADS, honesty, judge, summarise
-from truejoint.studies.wrist.record_wrist import record_wrist
 
 FEW = {
     "free_s": "20", "loaded_s": "12", "test_s": "8", "count": "1", "family": "measured",
@@ -148,7 +147,7 @@ def test_what_cannot_be_is_refused():
     with pytest.raises(TruejointError, match="no arm called '42'"):
         study.parts(study.settings(options={"instrument": "42"}))
     with pytest.raises(TruejointError, match=r"a log rate of 0\.0 Hz"):
-        record_wrist(WristTwin(), np.zeros((1, 3)), log_rate=0.0)
+        motions.record_wrist(WristTwin(), np.zeros((1, 3)), log_rate=0.0)
     with pytest.raises(StudyError, match=r"free_s=-1\.0; it must be above 0"):
         study.parts(study.settings(options={"free_s": "-1"}))
     with pytest.raises(StudyError, match="test_s=1; it must be above 2"):

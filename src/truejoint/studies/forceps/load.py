@@ -12,7 +12,6 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
-from truejoint.drawing import Curve, Figure, Panel
 from truejoint.estimators.jaw.learn import JawFilter
 from truejoint.estimators.jaw_load.identify import identify_stiffness
 from truejoint.estimators.jaw_load.learn import FrictionFilter
@@ -23,7 +22,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_
 from truejoint.studies.forceps.loaded import cases, load_test
 from truejoint.studies.forceps.methods import rms, settled, within
 from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
-from truejoint.studies.rows import each, frame_table, groups, select
+from truejoint.studies.rows import each, frame_table, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -182,20 +181,7 @@ def summarise(results: Results) -> Summary:
     weighed = select(rows, case=("along", "opposing"))
     first = rows.specimen.iloc[0]
     tables = (_weights(select(rows, specimen=first)), _population(results.settings, rows, weighed))
-    weighed = weighed.assign(load="load " + weighed.direction)
-    panels = []
-    for way, group in groups(weighed, "load"):
-        true = group.grams * group.torque
-        curves = [Curve(np.sort(true), np.sort(true), "as it is", "k")]
-        for key, label in _ESTIMATES.items():
-            curves.append(Curve(true, group.grams * group[key], label, style="."))
-        panels.append(Panel(curves, "true load [g]", "estimate [g]", way))
-    caption = (
-        "Each weight while it hangs still. Against the motion the jaw's friction hides part of it, "
-        "which no estimate sees."
-    )
-    figure = Figure("External load", (panels,), caption, height=4.4, legend=True)
-    return Summary(tables, {"forceps-load": figure})
+    return Summary(tables)
 
 
 def _weights(rows: DataFrame) -> Table:

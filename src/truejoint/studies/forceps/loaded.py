@@ -27,8 +27,8 @@ _AVERAGE: Final = 0.25  # [s]
 
 
 def parts(settings: Settings) -> Sequence[Part]:
-    """One a weight, direction and draw of the hand; a study without draws has one of them."""
-    common, draws = m.common_arguments(settings), int(cast("int", settings.options.get("draws", 1)))
+    """One a weight, direction and draw of the hand."""
+    common, draws = m.common_arguments(settings), settings["draws"]
     if not 1 <= draws <= MAX_DRAWS:
         raise StudyError(f"draws={draws}; it must be 1 to {MAX_DRAWS}")
     return [
@@ -135,11 +135,6 @@ def _spread(group: DataFrame) -> str:
 def _extremes(group: DataFrame) -> str:
     ends = group.largest.max(), group.smallest.min()
     return "/".join(fixed(float(np.degrees(end)), 2) for end in ends)
-
-
-def worst(rows: DataFrame, method: str, phase: str, *directions: str) -> float:
-    """Largest RMS error [rad] of a method in a phase over the weights, pulling as `directions`."""
-    return float(select(rows, method=method, phase=phase, direction=directions).rms.max())
 
 
 def _claims(rows: DataFrame) -> Iterator[Claim]:

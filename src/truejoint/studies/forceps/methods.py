@@ -36,12 +36,10 @@ class Method:
     estimator: str = ""  # where that is not the method's key
 
     @property
-    def cables(self) -> tuple[str, ...]:
-        """Cables on which a sensor must sit: ``x1`` on the drive cable, ``x2`` on the reset one.
-
-        Their number and 1 is the strategy of yan2020, II-B: (29) and (30) need both.
-        """
-        return tuple(x for name, x in ((DRIVE, "x1"), (RESET, "x2")) if name in self.inputs)
+    def sensors(self) -> tuple[str, ...]:
+        """Where sensors must sit: one on a cable is strategy 2 of yan2020, II-B, both are 3."""
+        cables = ((DRIVE, "x1"), (RESET, "x2"))
+        return ("motor", *(x for name, x in cables if name in self.inputs))
 
 
 METHODS: Final[Mapping[str, Method]] = {

@@ -15,7 +15,7 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.calibration import Calibration, calibrate
+from truejoint.calibration import calibrate
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
@@ -36,7 +36,6 @@ FEATURES: Final = ("suited", "plain")
 """Of linear, poly2 and dnn: those of the data set, or measured positions and efforts alone."""
 _TITLE: Final = "Recordings of real joints"
 _DVRK: Final = "dvrk_psm_berkeley"
-_COLOURS: Final = 10  # of the cycle that "C0" begins; then marks change
 _SEEN: Final = 0.1
 _WINDOW: Final = 4
 _OFFSET: Final = "offset"
@@ -81,46 +80,36 @@ def judge(
     features: Sequence[str] | None = None
     if suited and estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
-    unfitted = [_unfitted(about, estimator, seed) for seed in seeds]
+    unfitted: list[Any] = [get_estimator(estimator)]
+    if estimator == "dnn":
+        params = about.settings.get("dnn", {})
+        unfitted = [NeuralNetwork(**params, random_state=seed) for seed in seeds]
     rate = about.fit_rate
     try:
         models = [calibrate(training, one, features=features, fit_rate=rate) for one in unfitted]
     except CalibrationError as reason:
         return [{"refused": str(reason)}]
-    joints = models[0].joints
-    rmses = [(estimator, _rmse(model, testing)) for model in models]
+    judged = [(estimator, model) for model in models]
     if estimator == "linear":
-        rmses.append((_OFFSET, _rmse(models[0].baselines[_OFFSET], testing)))
-        error = np.concatenate([one.with_truth(joints).error(joints) for one in testing])
-        rmses.append(("raw", rmse(error).tolist()))
-    robot = testing[0].robot
-    return [
-        {"method": method, "joint": joint, "unit": robot.joint(joint).unit, "rmse": value}
-        for method, errors in rmses
-        for joint, value in zip(joints, errors, strict=True)
-    ]
+        judged += [(name, models[0].baselines.get(name)) for name in (_OFFSET, "raw")]
+    joints, robot = models[0].joints, testing[0].robot
+    rows: Rows = []
+    for method, model in judged:
+        errors = []
+        for one in (recording.with_truth(joints) for recording in testing):
+            estimate = one.columns("measured", joints) if model is None else model.correct(one)
+            errors.append(estimate - one.columns("truth", joints))
+        rows += [
+            {"method": method, "joint": joint, "unit": robot.joint(joint).unit, "rmse": value}
+            for joint, value in zip(joints, rmse(np.concatenate(errors)).tolist(), strict=True)
+        ]
+    return rows
 
 
 def _window(recording: Recording) -> list[str]:
     """All measured joints, and where they were the samples before."""
     now = [f"measured/{joint}" for joint in recording.joints_of("measured")]
     return now + [f"lag({name}, {k})" for k in range(1, _WINDOW) for name in now]
-
-
-def _unfitted(about: Any, estimator: str, seed: int) -> Any:
-    if estimator == "dnn":
-        return NeuralNetwork(**about.settings.get("dnn", {}), random_state=seed)
-    return get_estimator(estimator)
-
-
-def _rmse(model: Calibration, testing: Sequence[Recording]) -> list[float]:
-    """RMSE (n_joints,) over all rows with truth."""
-    errors = []
-    for recording in testing:
-        truth = recording.columns("truth", model.joints)
-        has_truth = np.isfinite(truth).all(axis=1)
-        errors.append((model.correct(recording) - truth)[has_truth])
-    return [float(value) for value in rmse(np.concatenate(errors))]
 
 
 def summarise(results: Results) -> Summary:
@@ -130,29 +119,29 @@ def summarise(results: Results) -> Summary:
     rows = rows.drop(refused.index)
     scale = rows.unit.map(lambda unit: display_unit(unit).scale)
     names = rows.unit.map(lambda unit: display_unit(unit).name)
-    name = rows.dataset + ", " + rows.split + ": " + rows.joint
-    rows = rows.assign(rmse=scale * rows.rmse, name=name, row=name + " [" + names + "]")
-    estimators = settings["estimators"]
-    cells: dict[str, Cell] = {
-        method: of(_cell, method=method) for method in (*_BASELINES, *estimators)
-    }
-    networks = settings["networks"] if "dnn" in estimators else 1
+    name = rows.dataset + ", " + rows.split + ": " + rows.joint + " [" + names + "]"
+    rows = rows.assign(rmse=scale * rows.rmse, name=name)
     why = dict(zip(refused.estimator + " on " + refused.dataset, refused.refused, strict=True))
     notes = (
-        "RMSE on whole recordings, or the last part by time, that no fit saw; all features are "
-        "causal. "
-        + (f"dnn: mean ± standard deviation over {networks} seeds. " if networks > 1 else "")
-        + (
-            "linear, poly2 and dnn take the features of the data set, the others what it measures."
-            if settings["features"] == FEATURES[0]
-            else "All take measured positions and efforts as they come."
-        ),
+        "RMSE on whole recordings, or the last part by time, that no fit saw, ± standard deviation "
+        "over the seeds of a network; all features are causal, those of linear, poly2 and dnn "
+        f"{settings['features']}.",
         f"{HWANG}: both motions together, four samples of all joints, the first tenth held out.",
         *(f"{what}: {reason}" for what, reason in why.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
-    table = table_of(_TITLE, rows, "row", cells, notes, head="held out")
-    return Summary((table,), {"real": _figure(estimators, rows)}, _claims(rows))
+    methods = (*_BASELINES, *settings["estimators"])
+    cells: dict[str, Cell] = {method: of(_cell, method=method) for method in methods}
+    table = table_of(_TITLE, rows, "name", cells, notes, head="held out")
+    means = rows.pivot_table("rmse", "name", "method", sort=False)
+    curves = [
+        Curve(means[name] / means[_OFFSET], np.arange(len(means)), name, f"C{n % 10}", "o")
+        for n, name in enumerate(settings["estimators"])
+        if {name, _OFFSET} <= set(means)
+    ]
+    panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(means.index))
+    figure = Figure(_TITLE, ((panel,),), "", 11.0, 2.0 + 0.3 * len(means), legend=True)
+    return Summary((table,), {"real": figure}, _claims(rows))
 
 
 def _cell(rows: DataFrame) -> str:
@@ -162,19 +151,6 @@ def _cell(rows: DataFrame) -> str:
     decimals = decimals_for([float(errors.mean())], most=4)
     spread = f" ± {fixed(float(errors.std(ddof=1)), decimals)}" if len(errors) > 1 else ""
     return fixed(float(errors.mean()), decimals) + spread
-
-
-def _figure(estimators: Sequence[str], rows: DataFrame) -> Figure:
-    """Draw the estimators' shares of the fixed offset's error by what was held out."""
-    means = rows.pivot_table("rmse", "name", "method", sort=False)
-    place, curves = np.arange(len(means)), []
-    for i, name in enumerate(estimators):
-        share = means.get(name, np.nan) / means.get(_OFFSET, np.nan) * np.ones(len(means))
-        look = f"C{i % _COLOURS}", "os"[i // _COLOURS % 2]
-        curves.append(Curve(share, place, name, *look))
-    panel = Panel(curves, "RMSE over the fixed offset's", log="x", rows=list(means.index))
-    caption = "Every estimator on what was held out; 1: no better than a fixed offset."
-    return Figure(_TITLE, ((panel,),), caption, 11.0, 2.0 + 0.3 * len(means), legend=True)
 
 
 def _claims(rows: DataFrame) -> list[Claim]:
