@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from sklearn.base import clone
 from tests.runtime.registered import fit, in_loop, model, ready, training, unseen
+from tests.runtime.streams import stepped
 
 from truejoint.calibration import (
     Calibration,
@@ -48,11 +49,10 @@ def test_single_rows_give_the_bits_of_all_rows(name):
     calibration, X, dt = rows(name)
     estimator = calibration.model
     whole = estimator.evaluate(X, dt)
-    state = estimator.start()
-    single = [estimator.step(state, dt[i], X[i]) for i in range(len(X))]
+    single, widths = stepped(estimator, X, dt)
     np.testing.assert_array_equal(single, whole)
     assert np.isfinite(whole).all()
-    assert np.isinf(state.half_width).all()  # what a row states of itself is the corrector's wish
+    assert np.isinf(widths).all()  # what a row states of itself is the corrector's wish
 
 
 @pytest.mark.parametrize("name", in_loop())

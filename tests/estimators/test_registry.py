@@ -120,7 +120,9 @@ def test_the_page_of_estimators_says_of_each_how_it_runs() -> None:
             family.counts_samples,
             name in automatic,
             "in the loop, in C" if family.row is not None else "on recordings",
-            "its own" if family.knows_deviation(estimator.model_params()) else "of the calibration",
+            "its own"
+            if family.states_deviation(estimator.model_params())
+            else "of the calibration",
         )
     assert found == {
         name: ("by samples" in sees, auto.startswith("yes"), runs, half_width)

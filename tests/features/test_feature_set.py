@@ -193,13 +193,6 @@ def test_defaults_need_a_signal():
         default_features(get_robot("davinci_grasper"), bare)
 
 
-def test_units_follow_the_signal():
-    units = FeatureSet.parse(["rate(measured/jaw, 0.1)", "play(measured/jaw, 0.1)"]).units(
-        {"measured/jaw": "rad"}
-    )
-    assert units == ("rad/s", "rad")
-
-
 def test_missing_signal_is_named():
     with pytest.raises(RecordingError, match="current/jaw"):
         FeatureSet.parse(["current/jaw"]).compute(jaw_recording(np.arange(5.0), np.arange(5.0)))

@@ -79,3 +79,16 @@ def faulty(t, samples, seed: int, kinds=range(8)):
         else:
             samples[row : row + 10, column] += 0.05 * span[column] * np.arange(10)
     return t, samples
+
+
+def stepped(
+    model: JointRegressor, X: np.ndarray, dt: np.ndarray, deviations: float | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Predict one row after the other: outputs (n, n_outputs), and half-widths of its own."""
+    memory, n = model.memory(), model.n_outputs_
+    if deviations is not None:
+        memory.memory[memory.layout.fields["deviations"].index] = deviations
+    out, widths = np.empty((len(X), n)), np.full((len(X), n), np.inf)
+    for i in range(len(X)):
+        model.family.row(memory.numbers, memory.memory, dt[i], X[i], out[i], widths[i])
+    return out, widths

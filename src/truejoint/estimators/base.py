@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Self
 
 import numpy as np
@@ -32,15 +31,6 @@ _REGULAR: Final = 5e-3  # [s], 200 Hz
 
 def untold(_fraction: float) -> None:
     """Progress that nobody asked for."""
-
-
-@dataclass(frozen=True, eq=False)
-class RowState:
-    """What an estimator remembers between rows; made by `JointRegressor.start`."""
-
-    memory: Memory
-    out: Array
-    half_width: Array
 
 
 class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]  # sklearn: untyped
@@ -90,7 +80,13 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """
         self.check_params()
         if self.family.remembers:
-            inputs, targets = self._sequence(X, y)
+            inputs, targets = self._rows(X), np.array(y, dtype=np.float64)
+            if targets.ndim not in (1, 2) or len(targets) != len(inputs) or np.isinf(targets).any():
+                raise CalibrationError(
+                    f"{self.name}: y has shape {targets.shape} for {len(inputs)} rows; give a "
+                    "finite value for each row, NaN where unknown"
+                )
+            self.n_features_in_ = inputs.shape[1]
         else:
             takes_nan = self.partial and isinstance(y, np.ndarray) and y.dtype.kind == "f"
             unknown = np.isnan(y) if takes_nan else np.False_
@@ -106,13 +102,16 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         self.check_shape(inputs.shape[1], self.n_outputs_)
         # One thread: blocks of a few thousand rows are too small to share. Two threads on two busy
         # cores were 6 times slower than one for a polynomial and 12 times for a network.
+        names, n = self.truth_beside(), len(inputs)
+        self._loads = np.zeros((n, len(names))) if loads is None else np.array(loads, np.float64)
+        if self._loads.shape != (n, len(names)):
+            raise CalibrationError(
+                f"{self.name}: loads have shape {self._loads.shape}; give {(n, len(names))}: "
+                f"{', '.join(names) or 'it takes none'}"
+            )
         with one_thread():
-            times = self.time_steps(dt, len(inputs))
-            self._loads = self._known_loads(loads, len(inputs))
-            try:
-                self.arrays_ = self._learn(inputs, targets, times, progress or untold)
-            finally:
-                del self._loads
+            self.arrays_ = self._learn(inputs, targets, self.time_steps(dt, n), progress or untold)
+        del self._loads
         return self
 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
@@ -122,27 +121,13 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
             inputs = self._rows(X)
         else:
             inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
-        outputs = self.evaluate(inputs, self.time_steps(dt, len(inputs)))
+        outputs = self.evaluate(inputs, dt)
         return outputs[:, 0] if self.single_output_ else outputs
 
-    def evaluate(self, X: Array, dt: Array | None = None) -> Array:
+    def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
         """Predict (n, n_outputs) for finite, C-ordered rows `X` (n, k), without checks."""
-        times = self.time_steps(dt, len(X))
-        return evaluate(self.family, self.memory(), X, times, self.n_outputs_)
-
-    def start(self) -> RowState:
-        """State before the first row, for `step`; raises CalibrationError if it works offline."""
-        n = self.n_outputs_
-        return RowState(self.memory(), np.empty(n), np.full(n, np.inf))
-
-    def step(self, state: RowState, dt: float, row: Array) -> Array:
-        """Predict one finite row (k,), `dt` [s] after the one before; 0 starts a history.
-
-        `state`, of `start`, is changed in place; the same bits as `evaluate` gives for all rows.
-        """
-        numbers, memory = state.memory.numbers, state.memory.memory
-        self.family.row(numbers, memory, dt, row, state.out, state.half_width)
-        return state.out.copy()
+        steps = self.time_steps(dt, len(X))
+        return evaluate(self.family, self.memory(), X, steps, self.n_outputs_)
 
     def memory(self) -> Memory:
         """Memory of the row before the first row."""
@@ -160,8 +145,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
     def model_params(self) -> Params:
         """Parameters as the family knows them."""
-        params = self.get_params(deep=False)
-        return {name: value for name, value in params.items() if name not in self.training}
+        params = self.get_params(deep=False).items()
+        return {name: value for name, value in params if name not in self.training}
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
@@ -178,8 +163,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         estimator = cls.from_params(data.params)
         estimator.arrays_, estimator.single_output_ = dict(data.arrays), False
         estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
-        if cls.family.row is not None:
-            estimator.memory()
+        estimator.memory()
         return estimator
 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
@@ -258,19 +242,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         times[:1] = 0.0
         return times
 
-    def _known_loads(self, loads: ArrayLike | None, n: int) -> Array:
-        """Check loads (n, m) of what `truth_beside` names; 0 where they are not given."""
-        names = self.truth_beside()
-        checked = np.asarray(
-            np.zeros((n, len(names))) if loads is None else loads, dtype=np.float64
-        )
-        if checked.shape != (n, len(names)):
-            raise CalibrationError(
-                f"{self.name}: loads have shape {checked.shape}; give {(n, len(names))}: "
-                f"{', '.join(names) or 'it takes none'}"
-            )
-        return checked
-
     def _known(self, y: Array) -> Flags:
         """Rows (n,) of `y` (n, n_outputs) that are known; CalibrationError if they are too few."""
         labelled = np.asarray(np.isfinite(y).all(axis=1))
@@ -280,17 +251,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
                 f"{self.least_rows}"
             )
         return labelled
-
-    def _sequence(self, X: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
-        rows = self._rows(X)
-        targets = np.array(y, dtype=np.float64)
-        if targets.ndim not in (1, 2) or len(targets) != len(rows) or np.isinf(targets).any():
-            raise CalibrationError(
-                f"{self.name}: y has shape {targets.shape} for {len(rows)} rows; give a finite "
-                "value for each row, NaN where unknown"
-            )
-        self.n_features_in_ = rows.shape[1]
-        return rows, targets
 
     def _rows(self, X: ArrayLike) -> Array:
         rows = np.ascontiguousarray(X, dtype=np.float64)

@@ -70,9 +70,9 @@ def integer(low: int, high: int) -> Rule:
 
 def one_of(*choices: object) -> Rule:
     """Rule of one value among a few."""
-    texts = ", ".join(str(choice) for choice in choices)
     return Rule(
-        lambda value: any(type(value) is type(c) and value == c for c in choices), f"one of {texts}"
+        lambda value: any(type(value) is type(c) and value == c for c in choices),
+        f"one of {', '.join(map(str, choices))}",
     )
 
 
@@ -88,16 +88,13 @@ def numbers(most: int, low: float, high: float, what: str, *, least: int = 1) ->
 
 POSITIVE: Final = number(1.0 / LARGEST, LARGEST)
 """Rule of a physical parameter."""
-
-
-def random_state() -> Rule:
-    """Rule of the seed of an estimator that draws."""
-
-    def holds(value: object) -> bool:
-        is_state = value is None or isinstance(value, np.random.RandomState)
-        return is_state or is_integer(value, 0, 2**32 - 1)
-
-    return Rule(holds, "None or an integer from 0 to 2**32 - 1")
+RANDOM_STATE: Final = Rule(
+    lambda value: (
+        value is None or isinstance(value, np.random.RandomState) or is_integer(value, 0, 2**32 - 1)
+    ),
+    "None or an integer from 0 to 2**32 - 1",
+)
+"""Rule of the seed of an estimator that draws."""
 
 
 def optional(rule: Rule) -> Rule:
@@ -155,12 +152,12 @@ class Family:
     counts_samples: bool = False  # whether what was learnt belongs to one time step
     inputs: Callable[[Params], tuple[str, ...]] | None = None  # features, in order; None: any
     targets: tuple[Target, ...] = TARGETS  # what it can be fitted to, the usual one first
-    states_deviation: Callable[[Params], bool] | None = None  # whether the row knows its own
+    states_deviation: Callable[[Params], bool] = lambda _params: False  # whether it has its own
     beside: Callable[[Params], Mapping[str, Path]] = lambda _params: {}
     """Quantities that the row tells beside the position, in SI units, each with the parts of its
     layout, outermost first, in the last of which (of none: in its own) it stands: an array of that
     name, (2,), of the value and its half-width, ``beside_deviations`` of the model's own."""
-    bears_load: Callable[[Params], bool] | None = None
+    bears_load: Callable[[Params], bool] = lambda _params: False
     """Whether it still holds where a load moves the joint off what its motor says, so that signals
     that disagree more than in training are no fault."""
     gives_way: Callable[[Mapping[str, Array]], Array] | None = None
@@ -179,10 +176,6 @@ class Family:
             return self
         self.check_params(params)
         return replace(self, **self.specialise(params))
-
-    def knows_deviation(self, params: Params) -> bool:
-        """Whether the row states half-widths of its own, with these parameters."""
-        return self.states_deviation is not None and self.states_deviation(params)
 
     def check_params(self, params: Params) -> None:
         """Raise CalibrationError, naming parameter, value and rule, when one breaks its rule."""
@@ -262,24 +255,15 @@ def evaluate(
     family: Family, memory: Memory, X: Array, dt: Sequence[float] | Array, n_outputs: int
 ) -> Array:
     """Predict (n, n_outputs) for finite rows `X` (n, k), `dt` (n,) [s] after those before."""
-    out = np.empty((len(X), n_outputs))
-    run_rows(
-        family.row_address(), memory.numbers, memory.memory, np.asarray(dt, dtype=np.float64),
-        np.ascontiguousarray(X), out, np.full(n_outputs, np.inf),
-    )  # fmt: skip
+    out, steps = np.empty((len(X), n_outputs)), np.asarray(dt, dtype=np.float64)
+    rows, half_width = np.ascontiguousarray(X), np.full(n_outputs, np.inf)
+    run_rows(family.row_address(), memory.numbers, memory.memory, steps, rows, out, half_width)
     return out
 
 
 @intrinsic
 def call_row(
-    _typing: Any,
-    function: Any,
-    numbers: Any,
-    memory: Any,
-    dt: Any,
-    x: Any,
-    out: Any,
-    half_width: Any,
+    _typing: Any, function: Any, numbers: Any, memory: Any, dt: Any, x: Any, out: Any, width: Any
 ) -> Any:
     """Call the row at an address."""
     return types.void(types.int64, *ROW.args), call_address

@@ -102,8 +102,6 @@ PRESETS: Final[dict[str, Preset]] = {
     "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
     "hybrid_cables": Preset("cables.hybrid.CableHybrid", "cables.hybrid_rows"),
 }
-_COMPONENTS: Final = {"trees.run"}
-"""Modules that run what other estimators are made of."""
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
@@ -179,11 +177,11 @@ def name_of(estimator: Any) -> str:
 
 def family_modules() -> dict[str, str]:
     """Give the module of each family by its name: its path below this package without ``.run``."""
-    modules = sorted({preset.runs for preset in PRESETS.values()} | _COMPONENTS)
-    return {module.removesuffix(".run"): f"{__package__}.{module}" for module in modules}
+    modules = {preset.runs for preset in PRESETS.values()} | {"trees.run"}  # of other estimators
+    return {module.removesuffix(".run"): f"{__package__}.{module}" for module in sorted(modules)}
 
 
-def preset_of_family(name: str) -> Preset | None:
-    """First preset that a family runs; None where there is none."""
-    module = family_modules().get(name, "").removeprefix(f"{__package__}.")
-    return next((preset for preset in PRESETS.values() if preset.runs == module), None)
+def class_of_family(name: str) -> Any:
+    """Class that learns what the family called so runs; None where none of truejoint's own does."""
+    presets = (preset for preset in PRESETS.values() if preset.runs.removesuffix(".run") == name)
+    return next(map(class_of_preset, presets), None)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -26,26 +25,13 @@ _LEAST_ROWS: Final = 50  # of new rows, by which a model is changed
 _APART: Final = 1.5  # least gap between levels, in largest gaps within them
 
 
-@dataclass(frozen=True, eq=False)
-class PenalisedFit:
-    """Ridge regression of some outputs on terms, and what was chosen for each output.
+class PenalisedFit(NamedTuple):
+    """Ridge regression of some outputs on terms, and what was chosen for each output."""
 
-    Attributes
-    ----------
-    coefficients : ndarray, shape (1 + n_terms, n_outputs)
-        Constants first.
-    penalties : ndarray, shape (n_outputs,)
-        Chosen of `PENALTIES`.
-    weights : ndarray, shape (n_outputs,)
-        Which of the weights tried were chosen.
-    errors : ndarray, shape (n_outputs,)
-        Sum of squared errors on what was left out.
-    """
-
-    coefficients: Array
-    penalties: Array
-    weights: Integers
-    errors: Array
+    coefficients: Array  # (1 + n_terms, n_outputs), constants first
+    penalties: Array  # (n_outputs,), chosen of `PENALTIES`
+    weights: Integers  # (n_outputs,), which of the weights tried were chosen
+    errors: Array  # (n_outputs,), sum of squared errors on what was left out
 
 
 def cross_validated(
@@ -77,32 +63,20 @@ def cross_validated(
     array([0., 3., 0.])
     """
     n_outputs = products.shape[1] - 1 - len(weights[0])
-    errors = np.empty((len(weights), len(penalties), n_outputs))
+    errors = np.zeros((len(weights), len(penalties), n_outputs))
+    whole = products.sum(axis=0)
     for number, trial in enumerate(weights):
-        errors[number] = _errors(products, trial, n_outputs, penalties)
+        for block in products:
+            for at, table in enumerate(solutions(whole - block, trial, n_outputs, penalties)):
+                residual_of = np.vstack([-table, np.eye(n_outputs)])
+                errors[number, at] += np.sum(residual_of * (block @ residual_of), axis=0)
         if progress is not None:
             progress((number + 1) / len(weights))
     flat = errors.reshape(-1, n_outputs)
     chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
-    whole = products.sum(axis=0)
-    fits = [_solutions(whole, trial, n_outputs, penalties) for trial in weights]
+    fits = [solutions(whole, trial, n_outputs, penalties) for trial in weights]
     columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
     return PenalisedFit(np.array(columns).T, np.array(penalties)[penalty], chosen, flat.min(axis=0))
-
-
-def penalised(products: Array, weights: Array, penalty: float) -> Array:
-    """Constant and coefficients (1 + n_terms,) of one output with a penalty.
-
-    Of sums of `products` (m, m) and of `weights` (n_terms,) as `cross_validated` takes them.
-
-    Examples
-    --------
-    >>> x = np.linspace(-1.0, 1.0, 90)
-    >>> table = np.column_stack([np.ones(90), x, 3.0 * x])
-    >>> penalised(table.T @ table, np.ones(1), 0.5).round(3) + 0.0  # two thirds of it
-    array([0., 2.])
-    """
-    return np.asarray(_solutions(products, weights, 1, (penalty,))[0, :, 0])
 
 
 def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
@@ -118,12 +92,11 @@ def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
     return np.asarray(weights), constant - float(weights @ mean)
 
 
-def _solutions(
-    products: Array, weights: Array, n_outputs: int, penalties: Sequence[float] = PENALTIES
-) -> Array:
+def solutions(products: Array, weights: Array, n_outputs: int, penalties: Sequence[float]) -> Array:
     """Constants and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
 
-    Of terms that are scaled to variance 1 and then by `weights` (n_terms,).
+    Of sums of `products` (m, m) of terms that are scaled to variance 1, then by `weights`
+    (n_terms,).
     """
     n_terms, n = len(weights), products[0, 0]
     mean = products[0] / n
@@ -136,23 +109,12 @@ def _solutions(
     inner = spread[terms, terms][np.ix_(used, used)] * np.outer(factors, factors)
     values, vectors = np.linalg.eigh(inner)
     right = vectors.T @ (spread[terms, targets][used] * factors[:, None])
-    solutions = np.zeros((len(penalties), 1 + n_terms, n_outputs))
+    table = np.zeros((len(penalties), 1 + n_terms, n_outputs))
     for at, penalty in enumerate(penalties):
         shrunk = right / (np.maximum(values, 0.0) + penalty)[:, None]
-        solutions[at, 1 + used] = factors[:, None] * (vectors @ shrunk)
-        solutions[at, 0] = mean[targets] - mean[terms] @ solutions[at, 1:]
-    return solutions
-
-
-def _errors(products: Array, weights: Array, n_outputs: int, penalties: Sequence[float]) -> Array:
-    """Sum of squared errors (n_penalties, n_outputs) on blocks that a fit did not see."""
-    total = np.zeros((len(penalties), n_outputs))
-    whole = products.sum(axis=0)
-    for block in products:
-        for at, solution in enumerate(_solutions(whole - block, weights, n_outputs, penalties)):
-            residual_of = np.vstack([-solution, np.eye(n_outputs)])
-            total[at] += np.sum(residual_of * (block @ residual_of), axis=0)
-    return total
+        table[at, 1 + used] = factors[:, None] * (vectors @ shrunk)
+        table[at, 0] = mean[targets] - mean[terms] @ table[at, 1:]
+    return table
 
 
 def blocks(dt: Array) -> list[Integers]:
@@ -216,11 +178,10 @@ def changes(terms: Array, residuals: Array) -> tuple[Array, Array, Array]:
     """
     check_row_count(len(terms))
     rows = np.arange(len(terms))
-    blocks = np.array_split(rows, BLOCKS)
     errors = np.zeros((len(CHANGE_PENALTIES), residuals.shape[1]))
-    for block in blocks:
-        others = np.setdiff1d(rows, block)
-        for at, (slopes, offset) in enumerate(_ridges(terms[others], residuals[others])):
+    for block in np.array_split(rows, BLOCKS):
+        rest = np.setdiff1d(rows, block)
+        for at, (slopes, offset) in enumerate(_ridges(terms[rest], residuals[rest])):
             errors[at] += np.sum((residuals[block] - terms[block] @ slopes - offset) ** 2, axis=0)
     best = errors.argmin(axis=0)
     every = _ridges(terms, residuals)

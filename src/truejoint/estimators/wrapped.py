@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol, Self
 
 import numpy as np
+from numpy.typing import ArrayLike
 from sklearn.base import clone
 from sklearn.neural_network import MLPRegressor
 
@@ -16,10 +18,9 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.family import EstimatorData, Family, Params, find_family
 from truejoint.estimators.registry import (
     OWN,
-    class_of_preset,
+    class_of_family,
     estimator_names,
     plugged_in,
-    preset_of_family,
     registered,
     tried,
 )
@@ -118,7 +119,7 @@ class WrappedRegressor(JointRegressor):
     def check_shape(self, n_features: int, n_outputs: int) -> None:
         """Take any number of either: which family runs it is known once it is fitted."""
 
-    def evaluate(self, X: Array, dt: Array | None = None) -> Array:
+    def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
         """Predict (n, n_outputs) for finite rows `X` (n, k); CalibrationError if it cannot."""
         if self.family.row is not None:
             return super().evaluate(X, dt)
@@ -135,7 +136,7 @@ class WrappedRegressor(JointRegressor):
         estimator = cls()
         estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
         estimator.single_output_ = False
-        estimator.arrays_ = estimator._take(data)
+        estimator._take(data)
         estimator.memory()
         return estimator
 
@@ -152,9 +153,23 @@ class WrappedRegressor(JointRegressor):
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         scales = scaling(X, y)
         mean, scale = scales["target_mean"], scales["target_scale"]
-        scaled = (y - mean) / scale
-        self._fit_parts(X, scaled, progress)
-        return self._converted(np.ascontiguousarray(X[:: -(-len(X) // _COMPARED)]), mean, scale)
+        self._fit_parts(X, (y - mean) / scale, progress)
+        rows = np.ascontiguousarray(X[:: -(-len(X) // _COMPARED)])
+        answers, shape = self._predict(rows), (X.shape[1], len(mean))
+        try:
+            data = convert(self.parts_, shape[0], mean, scale)
+            if data is not None:
+                find_family(data.family).check(data, *shape)
+                self._take(data)
+                residuals = (self.evaluate(rows) - mean) / scale - answers
+                limit = 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))
+                if (np.abs(residuals) <= limit).all():
+                    return self.arrays_
+        except CalibrationError as error:
+            raise CalibrationError(f"{self.name}: {error}") from None
+        self.family = _FAMILY  # type: ignore[misc]  # as `_take`
+        self.params_ = dict[str, Any]()
+        return {"target_mean": mean, "target_scale": scale}
 
     def _fit_parts(self, X: Array, y: Array, progress: Progress) -> None:
         """Fit one clone to all columns of `y` (n, n_outputs) or, if it takes one, a clone each."""
@@ -167,61 +182,28 @@ class WrappedRegressor(JointRegressor):
         self.parts_ = []
         for number, target in enumerate(targets):
             part = clone(self.regressor, safe=False)
-            try:
+            with _of_others(f"{self.name} cannot be fitted"):
                 part.fit(X, target)
-            except Exception as error:  # code of others may raise anything
-                raise CalibrationError(
-                    f"{self.name} cannot be fitted: {_one_line(error)}"
-                ) from error
             self.parts_.append(part)
             progress((number + 1) / len(targets))
 
-    def _converted(self, rows: Array, mean: Array, scale: Array) -> dict[str, Array]:
-        """Become arrays of a family of ours, if they predict the same on `rows` (n, k).
-
-        `mean` and `scale` (n_outputs,) are of the targets.
-        """
-        answers = self._predict(rows)
-        shape = rows.shape[1], len(mean)
-        try:
-            data = convert(self.parts_, shape[0], mean, scale)
-            if data is not None:
-                find_family(data.family).check(data, *shape)
-                arrays = self._take(data)
-                residuals = (self.evaluate(rows) - mean) / scale - answers
-                limit = 1e-9 * (1.0 + np.abs(answers) + np.abs(mean / scale))
-                if (np.abs(residuals) <= limit).all():
-                    return arrays
-        except CalibrationError as error:
-            raise CalibrationError(f"{self.name}: {error}") from None
-        self.family = _FAMILY  # type: ignore[misc]  # as `_take`
-        self.params_ = dict[str, Any]()
-        return {"target_mean": mean, "target_scale": scale}
-
-    def _take(self, data: EstimatorData) -> dict[str, Array]:
-        """Become what is run by the family of `data`; its arrays."""
+    def _take(self, data: EstimatorData) -> None:
+        """Become what is run by the family of `data`."""
         self.family = find_family(data.family)  # type: ignore[misc]  # known once it is fitted
-        self.params_ = dict(data.params)
-        self.arrays_ = dict(data.arrays)
-        return self.arrays_
+        self.params_, self.arrays_ = dict(data.params), dict(data.arrays)
 
     def _predict(self, X: Array) -> Array:
         """Predict (n, n_outputs) by the parts themselves."""
-        columns: list[Array] = []
+        name, columns = type(self.parts_[0]).__name__, []
         for part in self.parts_:
-            try:
-                column = np.asarray(part.predict(X), dtype=np.float64)
-            except Exception as error:  # code of others may raise anything
-                raise CalibrationError(
-                    f"{type(part).__name__} cannot predict: {_one_line(error)}"
-                ) from error
-            columns.append(column[:, None] if column.ndim == 1 else column)
-        name = type(self.parts_[0]).__name__
-        shapes = [column.shape for column in columns]
-        if shapes != [(len(X), self.n_outputs_ // len(columns))] * len(columns):
+            with _of_others(f"{name} cannot predict"):
+                columns.append(np.asarray(part.predict(X), dtype=np.float64))
+        columns = [column[:, None] if column.ndim == 1 else column for column in columns]
+        shapes, n = [column.shape for column in columns], self.n_outputs_ // len(columns)
+        if shapes != [(len(X), n)] * len(columns):
             raise CalibrationError(
-                f"{name} predicts an array {shapes[0]} for {len(X)} rows; it must give "
-                f"{self.n_outputs_ // len(columns)} numbers for each"
+                f"{name} predicts an array {shapes[0]} for {len(X)} rows; it must give {n} numbers "
+                "for each"
             )
         predicted = np.concatenate(columns, axis=1)
         if not np.isfinite(predicted).all():
@@ -255,9 +237,9 @@ def get_estimator(name: str) -> JointRegressor:
     if name in OWN:
         return joint_regressor(registered(name))
     point = plugged_in()[name]
-    made = call_plugin(point, load_plugin(point, type))
+    regressor = call_plugin(point, load_plugin(point, type))
     try:
-        return joint_regressor(made)
+        return joint_regressor(regressor)
     except CalibrationError as error:
         raise CalibrationError(f"{origin(point)}: {error}") from None
 
@@ -275,13 +257,17 @@ def candidates() -> list[JointRegressor]:
 
 def class_of(family: str) -> type[JointRegressor]:
     """Class of estimators whose family is called so: one by name, or what runs any family."""
-    preset = preset_of_family(family)
-    return WrappedRegressor if preset is None else class_of_preset(preset)
+    return class_of_family(family) or WrappedRegressor
 
 
-def _one_line(error: Exception) -> str:
-    """Class and message of an error that code of others raised, cut to a line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())[:300]
+@contextmanager
+def _of_others(what: str) -> Iterator[None]:
+    """Say in one line, as CalibrationError, what code of others may raise: anything."""
+    try:
+        yield
+    except Exception as error:
+        line = " ".join(f"{type(error).__name__}: {error}".split())
+        raise CalibrationError(f"{what}: {line[:300]}") from error
 
 
 def _last(regressor: Any) -> Any:

@@ -274,7 +274,7 @@ def _precision_context(
 
 def _calibration_context(data: Calibration) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
-    by_itself = data.family.knows_deviation(data.fitted.params)
+    by_itself = data.family.states_deviation(data.fitted.params)
     return {
         "stated_by": "for such motions as the interval was made of"
         if data.interval is not None

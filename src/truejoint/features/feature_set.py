@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
@@ -118,8 +118,6 @@ class Feature:
 
         Raises CalibrationError if the text is none of the known forms.
         """
-        if not isinstance(text, str):
-            raise CalibrationError(f"feature {text!r:.80} is no text; write one of {_FORMS}")
         text = text.strip()
         call = _CALL.fullmatch(text)
         if call is None:
@@ -134,15 +132,6 @@ class Feature:
         if operation == "value":
             raise CalibrationError(f"feature {text[:80]!r}: write {signal!r} for the value itself")
         return cls(signal, operation, parameter)  # type: ignore[arg-type]  # checked there
-
-    def unit(self, signal_unit: str) -> str:
-        """SI unit of the feature when its signal is in `signal_unit`."""
-        return f"{signal_unit}/s" if self.operation == "rate" else signal_unit
-
-    @property
-    def memory(self) -> int:
-        """Length of the feature's state."""
-        return {"value": 0, "lag": int(self.parameter) + 1, "play": 1}.get(self.operation, 2)
 
 
 @dataclass
@@ -175,7 +164,7 @@ class FeatureSet(Summarised):
             raise CalibrationError(
                 f"{len(self.features)} features chosen; a model takes 1 to {MAX_FEATURES}"
             )
-        twice = sorted({n for n in self.names if self.names.count(n) > 1})
+        twice = sorted({name for name in self.names if self.names.count(name) > 1})
         if twice:
             raise CalibrationError(f"features {', '.join(twice)} stand twice; name each once")
 
@@ -184,10 +173,13 @@ class FeatureSet(Summarised):
         """Feature set of the texts of its features, or of one; raises CalibrationError."""
         if isinstance(texts, FeatureSet):
             return texts
-        texts = [texts] if isinstance(texts, str) else texts
         if not isinstance(texts, Iterable):
             raise CalibrationError(f"features are {texts!r:.80}; give a list, each one of {_FORMS}")
-        return cls(tuple(Feature.parse(text) for text in texts))
+        parts = (texts,) if isinstance(texts, str) else tuple(texts)
+        for text in parts:
+            if not isinstance(text, str):
+                raise CalibrationError(f"feature {text!r:.80} is no text; write one of {_FORMS}")
+        return _parsed(parts)
 
     def __len__(self) -> int:
         return len(self.features)
@@ -200,40 +192,39 @@ class FeatureSet(Summarised):
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Text of each feature, in order; `parse` reads it back."""
-        return tuple(str(feature) for feature in self.features)
+        return tuple([str(feature) for feature in self.features])
 
     @cached_property
     def signals(self) -> tuple[str, ...]:
         """Columns that the features are made of, each once, in order of first use."""
-        return tuple(dict.fromkeys(feature.signal for feature in self.features))
+        return tuple(dict.fromkeys([feature.signal for feature in self.features]))
 
     @property
     def counts_samples(self) -> bool:
         """Whether a feature counts samples and thus means something else at another rate."""
-        return any(feature.operation == "lag" for feature in self.features)
-
-    def units(self, signal_units: Mapping[str, str]) -> tuple[str, ...]:
-        """SI unit of each feature, of the units of the signals by column name."""
-        return tuple(feature.unit(signal_units[feature.signal]) for feature in self.features)
+        return bool((self.program[0] == kernels.LAG).any())
 
     @cached_property
     def program(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, NDArray[np.int64]]:
         """Operation, source, parameter and state slot (k,) of each feature, for the kernels."""
-        lengths = [feature.memory for feature in self.features]
-        return (
-            np.array([_CODES[feature.operation] for feature in self.features], dtype=np.int64),
-            np.array([self.signals.index(f.signal) for f in self.features], dtype=np.int64),
-            np.array([feature.parameter for feature in self.features], dtype=float),
-            np.cumsum([0, *lengths[:-1]], dtype=np.int64),
-        )
+        rows = [(_CODES[f.operation], self.signals.index(f.signal)) for f in self.features]
+        operation, source = np.array(rows, dtype=np.int64).T.copy()
+        parameter = np.array([f.parameter for f in self.features], dtype=float)
+        return operation, source, parameter, self._ends[:-1]
 
     def start(self) -> FeatureState:
         """State before the first sample."""
-        return FeatureState(np.zeros(self._memory_size), np.zeros(2))
+        return FeatureState(np.zeros(self._ends[-1]), np.zeros(2))
 
     @cached_property
-    def _memory_size(self) -> int:
-        return sum(feature.memory for feature in self.features)
+    def _ends(self) -> NDArray[np.int64]:
+        """Where the state (k + 1,) of each feature begins, and where that of the last ends."""
+        lengths = {"value": 0, "play": 1}
+        sizes = [
+            int(f.parameter) + 1 if f.operation == "lag" else lengths.get(f.operation, 2)
+            for f in self.features
+        ]
+        return np.cumsum([0, *sizes])
 
     def step(
         self, state: FeatureState, t: float, sample: Array, gap_limit: float, out: Array
@@ -249,7 +240,7 @@ class FeatureSet(Summarised):
         )
 
     def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
-        """Features (n, k) of every row of a recording, in the units that `units` states.
+        """Features (n, k) of every row of a recording in units of the signals, a rate per second.
 
         The history starts at the first row and after each gap of more than `gap_limit` [s], by
         default that of `default_gap_limit`. Raises RecordingError, naming the columns, if a signal
@@ -264,6 +255,11 @@ class FeatureSet(Summarised):
             self.start().memory, out,
         )  # fmt: skip
         return out
+
+
+@lru_cache(maxsize=256)
+def _parsed(texts: tuple[str, ...]) -> FeatureSet:
+    return FeatureSet(tuple([Feature.parse(text) for text in texts]))
 
 
 def sample_dt(recordings: Sequence[Recording]) -> float:

@@ -127,7 +127,7 @@ def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
     be of, or the estimator only works offline.
     """
     family = data.family
-    knows_deviation = family.knows_deviation(data.fitted.params)
+    knows_deviation = family.states_deviation(data.fitted.params)
     if level is not None:
         check_level(level)
         if not knows_deviation:

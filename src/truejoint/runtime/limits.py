@@ -137,9 +137,8 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * domain.distance
     correction_lower, correction_upper = believable_corrections(domain)
-    bears = family.bears_load
     hold = max(FROZEN_MARGIN * domain.hold, FROZEN_STEPS * domain.dt)
-    if bears is not None and bears(data.fitted.params):
+    if family.bears_load(data.fitted.params):
         # It holds a load as still as its encoders' counts show, for as long as it takes.
         distance = hold = np.inf
         turned = LOAD_TURNS * (high - low)[[signals.index(f"measured/{j}") for j in data.joints]]

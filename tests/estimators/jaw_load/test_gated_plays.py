@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.estimators.conftest import columns, fitted, loaded_run
+from tests.runtime.streams import stepped
 
 from truejoint.estimators import GatedPlays, JawPlays
-from truejoint.estimators.jaw_load.gated import LAYOUT, no_more, redescending
+from truejoint.estimators.jaw_load.gated import no_more, redescending
 from truejoint.simulation.forceps.load import LoadTest
 
 
@@ -13,12 +14,9 @@ def test_its_deviation_grows_with_a_load_as_its_error_does(pair):
     model = fitted(pair, GatedPlays())
     test = LoadTest(0.2)
     run = loaded_run(test)
-    state, angles, widths = model.start(), [], []
-    state.memory.memory[LAYOUT.fields["deviations"].index] = 1.0
-    for i, row in enumerate(columns(run, model)):
-        angles.append(model.step(state, 5e-3 if i else 0.0, row)[0])
-        widths.append(state.half_width[0])
-    errors, widths = np.array(angles) - run.column("truth/jaw"), np.array(widths)
+    X = columns(run, model)
+    angles, widths = stepped(model, X, np.where(np.arange(len(X)) == 0, 0.0, 5e-3), 1.0)
+    errors, widths = angles[:, 0] - run.column("truth/jaw"), widths[:, 0]
     moving, hung = (
         (run.t >= test.phases[phase][0]) & (run.t <= test.phases[phase][1]) for phase in ("I", "IV")
     )

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
-from tests.runtime.streams import trained
+from tests.runtime.streams import stepped, trained
 
 from truejoint.errors import CalibrationError, TruejointError
 from truejoint.estimators.family import EstimatorData
@@ -104,9 +104,7 @@ def test_one_row_at_a_time_gives_the_bits_of_all(small):
     X, y = delayed(300)
     model = clone(small).fit(X, y)
     dt = model.time_steps(np.where(np.arange(300) % 70 == 0, 0.0, 0.004), 300)
-    state = model.start()
-    rows = [model.step(state, interval, row) for interval, row in zip(dt, X, strict=True)]
-    assert np.array(rows).tobytes() == model.evaluate(X, dt).tobytes()
+    assert stepped(model, X, dt)[0].tobytes() == model.evaluate(X, dt).tobytes()
     again = type(model).from_data(model.data, 2, 2)
     assert again.evaluate(X, dt).tobytes() == model.evaluate(X, dt).tobytes()
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, Final
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 import scipy.linalg
@@ -87,21 +87,12 @@ class GaussianProcess(JointRegressor):
         }
 
 
-@dataclass(frozen=True, eq=False)
-class Kernel:
-    """Kernel of the largest marginal likelihood.
+class Kernel(NamedTuple):
+    """Kernel of the largest marginal likelihood; variances are shares of that of what is told."""
 
-    Attributes
-    ----------
-    inverse_lengths : ndarray, shape (k,)
-        Of each feature; 0 of one that never changes.
-    noise, zero : float
-        Variances of noise and of the zeros of histories, as shares of that of what is told.
-    """
-
-    inverse_lengths: Array
+    inverse_lengths: Array  # (k,), of each feature; 0 of one that never changes
     noise: float
-    zero: float = 0.0
+    zero: float = 0.0  # of the zeros of histories
 
 
 def likeliest_kernel(X: Array, y: Array, history: Integers | None = None) -> Kernel:

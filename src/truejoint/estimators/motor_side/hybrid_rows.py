@@ -61,5 +61,5 @@ FAMILY: Final = replace(
         scales={"centre": (N_SIGNALS,), "inverse_half_range": (N_SIGNALS,)},
         signals=lambda params, arrays: play_bank.packed(bank(params), arrays, N_SIGNALS),
     ),
-    states_deviation=None,
+    states_deviation=lambda _params: False,
 )

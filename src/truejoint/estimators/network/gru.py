@@ -16,13 +16,13 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, fill, vector
 from truejoint.estimators.family import (
+    RANDOM_STATE,
     Family,
     Params,
     Rule,
     Shape,
     integer,
     number,
-    random_state,
 )
 from truejoint.estimators.network.run import logistic, scaling_shapes
 from truejoint.estimators.products import BLOCK, layer, padded, rescale, standardise
@@ -35,7 +35,7 @@ TRAINING: Final[Mapping[str, Rule]] = {
     "window": integer(2, 10**5),
     "batch_size": integer(1, 10**5),
     "epochs": integer(1, 10**6),
-    "random_state": random_state(),
+    "random_state": RANDOM_STATE,
 }
 """Rules of what every network that remembers is trained by."""
 

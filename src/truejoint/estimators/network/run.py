@@ -12,6 +12,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, matrix, unrolled, vector
 from truejoint.estimators.family import (
+    RANDOM_STATE,
     Family,
     Params,
     Rule,
@@ -19,7 +20,6 @@ from truejoint.estimators.family import (
     integer,
     is_integer,
     number,
-    random_state,
 )
 from truejoint.estimators.products import layer, padded, rescale, standardise
 from truejoint.layout import Layout, Memory
@@ -123,7 +123,7 @@ FAMILY: Final = Family(
         "learning_rate": number(1e-9, 10.0),
         "batch_size": integer(1, 10**6),
         "epochs": integer(0, 10**6),
-        "random_state": random_state(),
+        "random_state": RANDOM_STATE,
     },
     shapes=_shapes,
     pack=_pack,

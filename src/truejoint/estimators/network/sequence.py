@@ -63,6 +63,7 @@ class SequenceNetwork(JointRegressor):
 
     least_rows: ClassVar[int] = 1000
     rows_per_feature: ClassVar[int] = 50
+    looks_back = 0  # rows before a window that training sees
     units: int = 24
     period: float = 0.02
     weight_decay: float = 50.0
@@ -71,11 +72,6 @@ class SequenceNetwork(JointRegressor):
     batch_size: int = 16
     epochs: int = 60
     random_state: int | np.random.RandomState | None = 0
-
-    @property
-    def looks_back(self) -> int:
-        """Rows before a window that training sees."""
-        return 0
 
     @abstractmethod
     def forward(self, weights: Tensors, X: Any, within: Any, state: Any) -> Any:
@@ -109,12 +105,9 @@ class SequenceNetwork(JointRegressor):
         line = np.linalg.lstsq(X[labelled], y[labelled], rcond=1e-4)[0]
         first = np.searchsorted(history, history)
         steps = Steps(X.astype(np.float32), (y - X @ line).astype(np.float32), first)
-        shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1])
-        weights = {
-            name: np.zeros(shape, np.float32)
-            for name, shape in shapes.items()
-            if name.endswith(("weights", "bias"))
-        }
+        shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1]).items()
+        learnt = {name: shape for name, shape in shapes if name.endswith(("weights", "bias"))}
+        weights = {name: np.zeros(shape, np.float32) for name, shape in learnt.items()}
         self._train(weights, steps, float(self.weight_decay) / int(labelled.sum()), progress)
         arrays = {name: weight.astype(np.float64) for name, weight in weights.items()}
         arrays["output_weights"][int(self.units) :] += line
@@ -144,14 +137,8 @@ class SequenceNetwork(JointRegressor):
                     some = starts[place : place + size]
                     rows, within = steps.batch(some, before, window)
                     goes_on = (some > steps.first[some])[:, None]
-                    X, valid, state = map(
-                        torch.from_numpy,
-                        (
-                            steps.X[rows],
-                            within[..., None].astype(np.float32),
-                            states[some] * goes_on,
-                        ),
-                    )
+                    tables = steps.X[rows], within[..., None].astype(np.float32)
+                    X, valid, state = map(torch.from_numpy, (*tables, states[some] * goes_on))
                     units = self.forward(weights, X, valid, state)
                     y = np.where(within[..., None], steps.y[rows], np.nan)[before:]
                     loss = loss_of(torch, weights, (units[before:], X[before:]), y, decay)
@@ -241,13 +228,8 @@ class GRU(SequenceNetwork):
 
         bias = weights["state_bias"]
         inner = torch.cat([torch.zeros(2 * int(self.units), dtype=bias.dtype), bias])
-        params = (
-            in_order(weights["input_weights"]),
-            in_order(weights["state_weights"]),
-            in_order(weights["input_bias"]),
-            inner,
-        )
-        return torch.gru(X, state[None], params, True, 1, 0.0, True, False, False)[0]
+        outer = [in_order(weights[n]) for n in ("input_weights", "state_weights", "input_bias")]
+        return torch.gru(X, state[None], (*outer, inner), True, 1, 0.0, True, False, False)[0]
 
 
 @dataclass(eq=False, repr=False)
@@ -288,7 +270,7 @@ class TCN(SequenceNetwork):
     batch_size: int = 8
 
     @property
-    def looks_back(self) -> int:
+    def looks_back(self) -> int:  # type: ignore[override]  # by a parameter
         """Rows before a window that training sees."""
         return int(2 ** int(self.layers)) - 1
 

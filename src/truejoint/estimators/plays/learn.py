@@ -15,14 +15,13 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, constant_columns
 from truejoint.estimators.family import (
+    RANDOM_STATE,
     Family,
     Params,
     Rule,
     check_rules,
     integer,
-    one_of,
     optional,
-    random_state,
 )
 from truejoint.estimators.gp.learn import GaussianProcess
 from truejoint.estimators.plays import run as play_bank
@@ -43,7 +42,6 @@ _PRIOR: Final = 0.02  # weight of joints that do not pull at each other and are 
 _RIDGE: Final = 1e-3  # on plays of variance 1
 _TRIALS: Final = 12
 _STEP: Final = 0.02  # of a parameter, for a slope
-_LEARNERS: Final = {"polynomial": "ridge", "stack": "trees", "gp": "gaussian_process"}
 _LEAVES: Final = 31  # of a tree; half as many, and fewer trees, where each of more joints has trees
 _FEW_JOINTS: Final = 2  # of its own, which a control loop walks through at every sample
 _FEWER_TREES: Final = 70
@@ -132,15 +130,13 @@ class Plays(JointRegressor):
     family: ClassVar[Family] = play_bank.FAMILY
     least_rows: ClassVar[int] = 300
     training: ClassVar[Mapping[str, Rule]] = {
-        "learner": one_of(*_LEARNERS.values()),
-        **dict.fromkeys(("couple", "turn"), one_of(False, True)),
         "positions": optional(
             Rule(lambda value: isinstance(value, tuple | list), "places of features")
         ),
         "rows": integer(1, 10**9),
         "leading": optional(integer(0, MOST_PRODUCTS)),
         "squared": integer(0, MOST_PRODUCTS),
-        "random_state": random_state(),
+        "random_state": RANDOM_STATE,
     }
     learner: str = "ridge"
     couple: bool = False
@@ -209,19 +205,15 @@ class Plays(JointRegressor):
             "shares": self.shares,
             "turns": self.turns or () if self.turn else (),
             "members": ((Polynomial.family.name, Polynomial(0).model_params(), ()),),
+            **{name: getattr(self, name) for name in ("learner", "couple", "turn")},
         }
 
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters; the model among them is to be run only."""
         fitted = {name: params[name] for name in ("pairs", "coupled", "members")}
-        made = cls(
-            learner=_LEARNERS.get(params["members"][0][0], "ridge"),
-            couple=bool(params["coupled"]),
-            positions=params["coupled"] or None,
-            turn=bool(params["turns"]),
-            **{name: params[name] for name in params if name not in ("members", "coupled")},
-        )
+        usual = {name: params[name] for name in params if name not in ("members", "coupled")}
+        made = cls(positions=params["coupled"] or None, **usual)
         vars(made).update({f"{name}_": value for name, value in fitted.items()})
         return made
 

@@ -34,6 +34,7 @@ from truejoint.estimators.family import (
     is_integer,
     is_number,
     numbers,
+    one_of,
 )
 from truejoint.estimators.products import standardise
 from truejoint.estimators.stack.run import are_members, members
@@ -370,6 +371,8 @@ def _are_places(value: object, most: int) -> bool:
 FAMILY: Final = Family(
     "plays",
     rules={
+        "learner": one_of("ridge", "trees", "gaussian_process"),
+        **dict.fromkeys(("couple", "turn"), one_of(False, True)),
         "plays": numbers(MAX_PLAYS, 1e-6, 1.0, "half-widths in half ranges of a feature", least=0),
         "time_constants": numbers(MAX_LOWPASSES, 1e-6, MAX_TIME_CONSTANT, "times [s]", least=0),
         "growing": numbers(MAX_PLAYS, 1e-6, 1.0, "largest half-widths in half ranges of a feature"),

@@ -29,7 +29,7 @@ from truejoint.estimators.ridge import (
     blocks,
     changes,
     cross_validated,
-    penalised,
+    solutions,
 )
 
 ROWS_PER_COEFFICIENT: Final = 10  # for each joint; with fewer rows, a fit fits the noise
@@ -142,9 +142,10 @@ class Polynomial(JointRegressor):
         first = usual if self.first is None else self.first
         crossed = first if self.crossed is None else self.crossed
         by_squares = crossed if self.by_squares is None else self.by_squares
-        sizes = {"first": first, "crossed": crossed, "squared": self.squared}
-        params = {"degree": self.degree, "ridge": self.ridge, **sizes}
-        return {**params, "by_squares": by_squares if self.squared else 0}
+        return {
+            "degree": self.degree, "ridge": self.ridge, "first": first, "crossed": crossed,
+            "squared": self.squared, "by_squares": by_squares if self.squared else 0,
+        }  # fmt: skip
 
     def minimum_rows(self, n_features: int) -> int:
         """Ten rows for each coefficient of a joint, two for each input of a ridge regression."""
@@ -155,7 +156,8 @@ class Polynomial(JointRegressor):
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
         """Fitted copy, as `JointRegressor.adapted` says."""
         labelled = self._known(y)
-        factors, residuals = self._factors(X), y[labelled] - self.evaluate(X[labelled])
+        factors = factors_of(self.model_params(), X.shape[1])
+        residuals = y[labelled] - self.evaluate(X[labelled])
         if not len(factors):
             arrays = {"intercept": self.arrays_["intercept"] + residuals.mean(axis=0)}
             return self.with_arrays(arrays), np.zeros(y.shape[1])
@@ -168,11 +170,8 @@ class Polynomial(JointRegressor):
         }
         return self.with_arrays(arrays), penalties
 
-    def _factors(self, X: Array) -> Integers:
-        return factors_of(self.model_params(), X.shape[1])
-
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        factors = self._factors(X)
+        factors = factors_of(self.model_params(), X.shape[1])
         if self.ridge:
             return self._learn_ridge(X, y, dt, factors, progress)
         mean, inverse_scale = standardisation(X)
@@ -314,22 +313,18 @@ def _without_far(
     table, n_terms = fit.coefficients.copy(), len(factors)
     before = np.zeros(y.shape, dtype=bool)
     for _ in range(_ROUNDS):
-        residuals = np.abs(y - _values(scaled, factors, table))
+        chunks = (scaled[i : i + _CHUNK] for i in range(0, len(scaled), _CHUNK))
+        values = [table[0] + polynomial_design(rows, factors) @ table[1:] for rows in chunks]
+        residuals = np.abs(y - np.concatenate(values))
         far = residuals > _FAR / _NORMAL * np.median(residuals, axis=0)
         far &= far.mean(axis=0) <= _MOST_FAR
         for j in np.flatnonzero((far != before).any(axis=0)):
             rows = np.flatnonzero(far[:, j])
             inliers = products - _products(scaled[rows], y[rows], factors)
             places = [*range(1 + n_terms), 1 + n_terms + j]
-            table[:, j] = penalised(inliers[np.ix_(places, places)], weights[j], fit.penalties[j])
+            inner = inliers[np.ix_(places, places)]
+            table[:, j] = solutions(inner, weights[j], 1, fit.penalties[j : j + 1])[0, :, 0]
         if (far == before).all():
             break
         before = far
     return table
-
-
-def _values(scaled: Array, factors: Integers, table: Array) -> Array:
-    """Values (n, n_outputs) of coefficients (1 + n_terms, n_outputs), the constants first."""
-    chunks = (scaled[i : i + _CHUNK] for i in range(0, len(scaled), _CHUNK))
-    values = [table[0] + polynomial_design(rows, factors) @ table[1:] for rows in chunks]
-    return np.concatenate(values)

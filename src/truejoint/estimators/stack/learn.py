@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -16,13 +15,13 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.family import (
+    RANDOM_STATE,
     EstimatorData,
     Family,
     Params,
     Rule,
     integer,
     optional,
-    random_state,
 )
 from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
@@ -81,7 +80,7 @@ class Stack(JointRegressor):
 
     family: ClassVar[Family] = _FamilyOfMembers()  # type: ignore[assignment]  # by its members
     training: ClassVar[Mapping[str, Rule]] = {
-        "random_state": random_state(),
+        "random_state": RANDOM_STATE,
         "rows": optional(integer(1, 10**9)),
     }
     members: Sequence[Regressor | str] = (registry.LINEAR, "boosted_trees")
@@ -158,13 +157,12 @@ class Stack(JointRegressor):
         """Unfitted copy whose members know features and joints; raises as they do."""
         return self._of(member.for_features(names, robot, joints) for member in self._unfitted())
 
-    def _of(self, members: Iterable[JointRegressor]) -> Self:
+    def _of(self, informed: Iterable[JointRegressor]) -> Self:
         """Unfitted copy of other members; of those that it has, names too, where they are alike."""
-        informed = tuple(members)
-        uninformed = self._unfitted()
-        same = _described(informed) == _described(uninformed) and [*map(repr, informed)] == [
-            *map(repr, uninformed)
-        ]
+        informed, members = tuple(informed), self._unfitted()
+        same = (_described(informed), [*map(repr, informed)]) == (
+            _described(members), [*map(repr, members)]
+        )  # fmt: skip
         return self.with_params(**({} if same else {"members": informed}))
 
     def model_params(self) -> Params:
@@ -190,7 +188,7 @@ class Stack(JointRegressor):
     def settled(self) -> Self:
         """Unfitted copy, of settled members."""
         fitted = vars(self).get("members_")
-        if self._is_named() or fitted is None:
+        if fitted is None or all(isinstance(member, str) for member in self.members):
             return super().settled()
         return self.with_params(
             members=tuple(member.settled() for member in fitted),
@@ -208,7 +206,6 @@ class Stack(JointRegressor):
         residuals, loads = y.copy(), self.truth_beside()
         for number, (member, member_weights) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(member_weights)
-            share = partial(_share, progress, number, len(unfitted))
             if self.random_state is not None:
                 seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
                 member.set_params(**dict.fromkeys(seeds, self.random_state))
@@ -218,8 +215,10 @@ class Stack(JointRegressor):
             steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
             taken = [loads.index(name) for name in member.truth_beside()]
             member.fit(
-                X[rows], residuals[rows][:, outputs], share, steps, self._loads[rows][:, taken]
-            )
+                X[rows], residuals[rows][:, outputs],
+                lambda done, i=number: progress((i + done) / len(unfitted)),
+                steps, self._loads[rows][:, taken],
+            )  # fmt: skip
             member.memory()  # refuses what only works offline
             if self.weights is None and number + 1 < len(unfitted):
                 residuals -= member.evaluate(X, dt)
@@ -227,10 +226,6 @@ class Stack(JointRegressor):
             arrays |= {f"{number}/{name}": array for name, array in member.arrays_.items()}
         self.params_ = _described(self.members_, weights)
         return arrays
-
-    def _is_named(self) -> bool:
-        """Whether all members are names, which what is learnt of recordings does not change."""
-        return all(isinstance(member, str) for member in self.members)
 
     def _unfitted(self) -> list[JointRegressor]:
         """Give members of one's own."""
@@ -251,7 +246,3 @@ def _described(members: Sequence[JointRegressor], weights: Array | None = None) 
             for member, row in zip(members, rows, strict=True)
         )
     }
-
-
-def _share(progress: Progress, done: int, count: int, fraction: float) -> None:
-    progress((done + fraction) / count)

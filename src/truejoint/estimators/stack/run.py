@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from typing import Any, Final
 
@@ -36,12 +36,9 @@ LAYOUT.integers("first", "of the outputs of each member", "n_members")
 LAYOUT.integers("output", "that each output of the members adds to", "n_weights")
 LAYOUT.array("weights", "of each output of the members", "n_weights")
 LAYOUT.array("predicted", "by one member", "n_outputs")
-ROW: Final = LAYOUT.address("row_0", "prediction of a member")
-for _i in range(1, MAX_MEMBERS):
-    LAYOUT.address(f"row_{_i}", "prediction of a member")
-MEMBER: Final = LAYOUT.part("member_0", "of the sum")
-for _i in range(1, MAX_MEMBERS):
-    LAYOUT.part(f"member_{_i}", "of the sum")
+_ROWS: Final = [LAYOUT.address(f"row_{i}", "prediction of a member") for i in range(MAX_MEMBERS)]
+_PARTS: Final = [LAYOUT.part(f"member_{i}", "of the sum") for i in range(MAX_MEMBERS)]
+ROW, MEMBER = _ROWS[0], _PARTS[0]
 unpack = LAYOUT.unpacker()
 
 
@@ -55,24 +52,14 @@ def stack_row(
     for i in range(unrolled(m.n_members)):
         first, count = m.first[i], m.count[i]
         predicted = vector(m.predicted, 0, count)
-        call_row(
-            numbers[ROW + i],
-            part_numbers(numbers, MEMBER + PART_SIZE * i),
-            part_memory(numbers, memory, MEMBER + PART_SIZE * i),
-            dt,
-            x,
-            predicted,
-            half_width,
+        member = MEMBER + PART_SIZE * i
+        own_numbers, own_memory = (
+            part_numbers(numbers, member),
+            part_memory(numbers, memory, member),
         )
-        output = vector(m.output, first, count)
-        add_weighted(predicted, vector(m.weights, first, count), output, out)
-
-
-@compiled
-def add_weighted(predicted: Array, weights: Array, output: Integers, out: Array) -> None:
-    """Add what a member predicts, weighted, to the outputs that it is for."""
-    for i in range(predicted.shape[0]):
-        out[output[i]] += weights[i] * predicted[i]
+        call_row(numbers[ROW + i], own_numbers, own_memory, dt, x, predicted, half_width)
+        for j in range(count):
+            out[m.output[first + j]] += m.weights[first + j] * predicted[j]
 
 
 def are_members(value: object, depth: int = DEPTH) -> bool:
@@ -102,10 +89,8 @@ def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[Estimat
     """Give each member as data, of arrays called ``<number>/<name>``, and its outputs."""
     for number, (family, member_params, outputs) in enumerate(params["members"]):
         prefix = f"{number}/"
-        member_arrays = {
-            n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)
-        }
-        yield EstimatorData(family, member_params, member_arrays), list(outputs)
+        own = {n.removeprefix(prefix): a for n, a in arrays.items() if n.startswith(prefix)}
+        yield EstimatorData(family, member_params, own), list(outputs)
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -129,26 +114,18 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
-    parts = {f"member_{i}": Layout().pack() for i in range(MAX_MEMBERS)}
-    functions: dict[str, Any] = {}
-    rows: dict[str, int] = {}
-    used: list[Sequence[int]] = []
+    table: dict[str, Any] = {f"member_{i}": Layout().pack() for i in range(MAX_MEMBERS)}
+    functions, used = {}, []
     for i, (data, outputs) in enumerate(members(params, arrays)):
         family = find_family(data.family)
-        parts[f"member_{i}"] = family.memory(data, n_features, len(outputs))
-        functions[f"row_{i}"], rows[f"row_{i}"] = family.row, family.row_address()
+        table[f"member_{i}"] = family.memory(data, n_features, len(outputs))
+        table[f"row_{i}"], functions[f"row_{i}"] = family.row_address(), family.row
         used.append(outputs)
     count = [len(outputs) for outputs in used]
     return LAYOUT.pack(
-        functions,
-        count=count,
-        first=np.cumsum([0, *count[:-1]]),
-        output=np.concatenate(used),
-        weights=arrays["weights"],
-        predicted=np.zeros(n_outputs),
-        **rows,
-        **parts,
-    )
+        functions, count=count, first=np.cumsum([0, *count[:-1]]), output=np.concatenate(used),
+        weights=arrays["weights"], predicted=np.zeros(n_outputs), **table,
+    )  # fmt: skip
 
 
 def _beside(params: Params) -> dict[str, Path]:

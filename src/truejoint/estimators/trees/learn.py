@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from sklearn.dummy import DummyRegressor
@@ -33,8 +33,7 @@ _SCALERS: Final = {StandardScaler: "mean_", RobustScaler: "center_", MaxAbsScale
 """Steps that take away the attribute of this name and divide by ``scale_``."""
 
 
-@dataclass(frozen=True, eq=False)
-class _Scaled:
+class _Scaled(NamedTuple):
     """A regressor that sees features less `mean` over `scale` (k,)."""
 
     regressor: Any
@@ -51,10 +50,8 @@ def convert(
     `target_scale` (n_outputs,). Whoever calls compares what both predict: a class may inherit from
     one of scikit-learn's and predict otherwise. Raises CalibrationError for too large trees.
     """
-    separate = [
-        p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts
-    ]  # one by one, where they are fitted so
-    scaled = [_scaled(regressor, n_features) for ones in separate for regressor in ones]
+    separate = [p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts]
+    scaled = [_scaled(regressor, n_features) for single in separate for regressor in single]
     scaled_parts = [part for part in scaled if part is not None]
     if len(scaled_parts) != len(scaled) or len(scaled_parts) not in (1, len(target_mean)):
         return None
@@ -62,24 +59,14 @@ def convert(
     if any((part.mean != mean).any() or (part.scale != scale).any() for part in scaled_parts):
         return None
     sums = [tree_sum(part.regressor) for part in scaled_parts]
-    trees = [own_trees for own_trees in sums if own_trees is not None and own_trees.trees]
-    if len(trees) == len(sums):
-        means, scales = (np.split(a, len(trees)) for a in (target_mean, target_scale))
-        rescaled = [
-            trees_of_output.rescaled(*by)
-            for trees_of_output, *by in zip(trees, means, scales, strict=True)
-        ]
-        return trees_data(rescaled, mean, scale)
+    if all(part is not None and part.trees for part in sums):
+        means, scales = (np.split(a, len(sums)) for a in (target_mean, target_scale))
+        by = zip(filter(None, sums), means, scales, strict=True)
+        return trees_data([trees.rescaled(*scaling) for trees, *scaling in by], mean, scale)
     if isinstance(scaled_parts[0].regressor, MLPRegressor):
-        return (
-            _network(scaled_parts[0], target_mean, target_scale) if len(scaled_parts) == 1 else None
-        )
+        together = len(scaled_parts) == 1
+        return _network(scaled_parts[0], target_mean, target_scale) if together else None
     return _linear(scaled_parts, target_mean, target_scale)
-
-
-def is_convertible_step(step: object) -> bool:
-    """Whether a step of a pipeline before its last can become a part of arrays of ours."""
-    return step is None or step == "passthrough" or type(step) in _SCALERS
 
 
 def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
@@ -90,7 +77,7 @@ def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
         return _Scaled(searched, mean, scale)
     *before, (_, last) = searched.steps
     steps: list[Any] = [step for _, step in before if step not in (None, "passthrough")]
-    if len(steps) > 1 or not all(map(is_convertible_step, steps)):
+    if len(steps) > 1 or any(type(step) not in _SCALERS for step in steps):
         return None
     for step in steps:
         taken = getattr(step, _SCALERS[type(step)] or "", None)
@@ -104,11 +91,12 @@ def _linear(
 ) -> EstimatorData | None:
     """Polynomial of degree 1, of whatever has coefficients and an intercept."""
     shape = len(target_mean) // len(parts), len(parts[0].mean)
-    regressors = [part.regressor for part in parts]
+    fitted = [part.regressor for part in parts]
     try:
-        coefs = [np.asarray(regressor.coef_, np.float64).reshape(shape) for regressor in regressors]
-        each = [np.ravel(regressor.intercept_).astype(np.float64) for regressor in regressors]
-        intercepts = [np.broadcast_to(intercept, shape[0]) for intercept in each]
+        coefs = [np.asarray(r.coef_, np.float64).reshape(shape) for r in fitted]
+        intercepts = [
+            np.broadcast_to(np.ravel(r.intercept_).astype(np.float64), shape[0]) for r in fitted
+        ]
     except (AttributeError, TypeError, ValueError):
         return None
     arrays = {
@@ -260,23 +248,20 @@ def _averaged(regressor: Any) -> TreeSum | None:
         weights = np.array([weight for (_, member), weight in named if member != "drop"])
     scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
     if isinstance(regressor, BaggingRegressor):  # of which each sees some features
-        with_columns = zip(scaled, regressor.estimators_features_, strict=True)
+        seen = [np.asarray(columns) for columns in regressor.estimators_features_]
         scaled = [
-            replace(member_sum, trees=[
-                replace(t, feature=np.where(t.feature < 0, -1, np.asarray(columns)[t.feature]))
-                for t in member_sum.trees
+            replace(part, trees=[
+                replace(t, feature=np.where(t.feature < 0, -1, columns[t.feature]))
+                for t in part.trees
             ])
-            for member_sum, columns in with_columns
+            for part, columns in zip(scaled, seen, strict=True)
         ]  # fmt: skip
     return added(scaled)
 
 
 def added(sums: Sequence[TreeSum]) -> TreeSum:
     """One sum of what several give."""
-    return TreeSum(
-        [t for member_sum in sums for t in member_sum.trees],
-        np.sum([s.offset for s in sums], axis=0),
-    )
+    return TreeSum([t for part in sums for t in part.trees], np.sum([s.offset for s in sums], 0))
 
 
 def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:

@@ -63,12 +63,7 @@ def trees_row(
 
 @inlined
 def find_leaves(
-    feature: Integers,
-    child: Integers,
-    threshold: Array,
-    x: Array,
-    levels: int,
-    node: Integers,
+    feature: Integers, child: Integers, threshold: Array, x: Array, levels: int, node: Integers
 ) -> None:
     """Go so many levels down from each `node` (ABREAST,) of `ABREAST` trees.
 
