@@ -92,7 +92,7 @@ def with_interval(
     >>> with_interval(model, pieces).interval.trajectories
     9
     """
-    check_interval(levels, rezero, growth)
+    _check_interval(levels, rezero, growth)
     recordings = distinct(as_recordings(recordings))
     for recording in recordings:
         if as_calibration(calibration).origin.includes(recording):
@@ -101,22 +101,17 @@ def with_interval(
                 "interval; give recordings that the calibration has not seen"
             )
     units = exchangeable_units(recordings, per_homing=rezero == 0.0)
-    possible = possible_levels(levels, len(units))
-    parts = [rows_with_truth(fit_for(calibration, rezero), recording) for recording in recordings]
-    calibration = knowing_errors(calibration, [(fit_for(calibration, rezero), parts)])
-    used = fit_for(calibration, rezero)
+    possible = _possible_levels(levels, len(units))
+    used = calibration.for_rezeroing if rezero > 0.0 else calibration
+    parts = [rows_with_truth(used, recording) for recording in recordings]
+    calibration = knowing_errors(calibration, [(used, parts)])
+    used = replace(used, effort_baseline=calibration.effort_baseline)
     scores = [trajectory_scores(used, part, rezero, growth) for part in parts]
     joined = [np.concatenate([scores[i] for i in unit], axis=2) for unit in units]
-    interval = interval_of(joined, possible, recordings, growth=growth, rezero=rezero)
-    return state_interval(calibration, interval, recordings)
+    return _stating(calibration, joined, possible, recordings, growth=growth, rezero=rezero)
 
 
-def fit_for(calibration: Calibration, rezero: float) -> Calibration:
-    """Fit that is used for motions that begin with `rezero` [s] of truth; 0 for none."""
-    return calibration.for_rezeroing if rezero > 0.0 else calibration
-
-
-def check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
+def _check_interval(levels: Sequence[float], rezero: float, growth: float) -> None:
     """Raise CalibrationError for what no interval can be made with."""
     if not np.size(levels) or not (0.0 <= growth <= MAX_GROWTH and 0.0 <= rezero < math.inf):
         raise CalibrationError(
@@ -125,7 +120,7 @@ def check_interval(levels: Sequence[float], rezero: float, growth: float) -> Non
         )
 
 
-def possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
+def _possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
     """Those that so many trajectories are enough for; raises CalibrationError if there are none."""
     wanted = np.unique(levels).tolist()
     possible = [level for level in wanted if needed_trajectories(level) <= n_units]
@@ -138,35 +133,31 @@ def possible_levels(levels: Sequence[float], n_units: int) -> list[float]:
     return possible
 
 
-def interval_of(
+def _stating(
+    calibration: Calibration,
     scores: Sequence[Array],
     levels: Sequence[float],
     recordings: Sequence[Recording],
     **how: float,
-) -> Interval:
-    """Interval of the scores (3, n_joints, m) of each unit, as `trajectory_scores` gives them.
+) -> Calibration:
+    """Calibration with the interval of the scores of each unit, as `trajectory_scores` gives them.
 
-    `how` are numbers of an `Interval`.
+    One of re-zeroed positions belongs to the fit for re-zeroing, where there is one. `how` are
+    numbers of an `Interval`.
     """
-    widths = [
-        [
-            [
-                conformal_threshold(scores_of_joint, level)
-                for scores_of_joint in zip(*kind, strict=True)
-            ]
-            for level in levels
-        ]
-        for kind in zip(*scores, strict=True)
-    ]
-    return Interval(
-        levels=np.array(levels),
-        half_widths=np.array(widths[0]),
-        offset_half_widths=np.array(widths[1]),
-        raw_half_widths=np.array(widths[2]),
-        trajectories=len(scores),
-        homings=len({r.provenance.homing_id for r in recordings} - {""}),
-        **how,  # type: ignore[arg-type]  # counts among them
+    model, offset, raw = (
+        np.array([[conformal_threshold(joint, level) for joint in joints] for level in levels])
+        for joints in (list(zip(*kind, strict=True)) for kind in zip(*scores, strict=True))
     )
+    homings = len({r.provenance.homing_id for r in recordings} - {""})
+    counts: dict[str, Any] = {"trajectories": len(scores), "homings": homings, **how}
+    interval = Interval(np.array(levels), model, offset, raw, **counts)
+    origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
+    fit = calibration.rezeroed_fit
+    if interval.rezero > 0.0 and fit is not None:
+        fit = replace(fit, interval=interval)
+        return replace(calibration, rezeroed_fit=fit, interval=None, origin=origin)
+    return replace(calibration, interval=interval, origin=origin)
 
 
 def knowing_errors(
@@ -188,21 +179,6 @@ def knowing_errors(
         beginning=np.sqrt(np.mean(np.square(beginnings), axis=0)),
     )
     return replace(calibration, effort_baseline=baseline)
-
-
-def state_interval(
-    calibration: Calibration, interval: Interval, recordings: Sequence[Recording]
-) -> Calibration:
-    """Calibration with an interval that was made of these recordings.
-
-    One of re-zeroed positions belongs to the fit for re-zeroing, where there is one.
-    """
-    origin = replace(calibration.origin, interval_sessions=tuple(map(Session.of, recordings)))
-    fit = calibration.rezeroed_fit
-    if interval.rezero > 0.0 and fit is not None:
-        fit = replace(fit, interval=interval)
-        return replace(calibration, rezeroed_fit=fit, interval=None, origin=origin)
-    return replace(calibration, interval=interval, origin=origin)
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,19 +356,33 @@ def cross_interval(
     >>> truejoint.calibration.cross_interval(training, "linear").interval.levels.tolist()
     [0.8, 0.9]
     """
-    check_interval(levels, rezero, growth)
+    _check_interval(levels, rezero, growth)
     recordings = as_recordings(recordings)
     common_robot(recordings)
     report = progress or untold
     different = distinct(recordings)
     plans = _plans(different, per_homing=rezero == 0.0)
-    possible = possible_levels(levels, len(plans[0].units))
+    possible = _possible_levels(levels, len(plans[0].units))
     share = 1.0 / (len(plans[0].left_out) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
-    plan, fits = _cross_fits(
-        fitted, different, plans, rezero, how.get("fit_rate"), within(report, share, 1.0 - share)
-    )
-    held_out = [plan.held_out(different, fold) for fold in plan.left_out]
+    rest = (1.0 - share) / len(plans)
+    for number, plan in enumerate(plans):  # the first that works
+        try:
+            fits = cross_fit(
+                fitted, different, plan.left_out, fit_rate=how.get("fit_rate"),
+                for_rezeroing=rezero > 0.0, progress=within(report, share + number * rest, rest),
+            )  # fmt: skip
+            break
+        except CalibrationError:
+            if plan is plans[-1]:
+                raise
+    report(1.0)
+    held_out = [
+        [different[i] for i in _recordings_of(fold)]
+        if plan.whole
+        else [different[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
+        for fold in plan.left_out
+    ]
     fitted = knowing_errors(fitted, list(zip(fits, held_out, strict=True)))
     scores: dict[Part, list[Array]] = {}
     for fit, fold in zip(fits, plan.left_out, strict=True):
@@ -402,46 +392,11 @@ def cross_interval(
             seen = rows[part.recording]
             found = trajectory_scores(used, seen, rezero, growth, part.rows(len(seen)))
             scores.setdefault(part, []).append(found)
-    interval = interval_of(
-        [np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in plan.units],
-        possible,
-        different,
-        growth=growth,
-        rezero=rezero,
-        folds=len(plan.left_out),
-        cut=plan.cut,
-        whole=plan.whole,
-    )
-    return state_interval(fitted, interval, different)
-
-
-def _cross_fits(
-    fitted: Calibration,
-    recordings: Sequence[Recording],
-    plans: Sequence[_Plan],
-    rezero: float,
-    fit_rate: float | None,
-    report: Progress,
-) -> tuple[_Plan, list[Calibration]]:
-    """Fits without what each fold of a plan leaves out, of the first plan that works."""
-    fractions = [0.0]  # done, of the plans so far
-    for number, plan in enumerate(plans):
-        rest = within(report, fractions[-1], 1.0 - fractions[-1])
-
-        def told(fraction: float, rest: Progress = rest, begin: float = fractions[-1]) -> None:
-            fractions.append(begin + (1.0 - begin) * fraction)
-            rest(fraction)
-
-        try:
-            fits = cross_fit(
-                fitted, recordings, plan.left_out, fit_rate=fit_rate,
-                for_rezeroing=rezero > 0.0, progress=told,
-            )  # fmt: skip
-            return plan, fits
-        except CalibrationError:
-            if number == len(plans) - 1:
-                raise
-    raise AssertionError  # there is a plan
+    joined = [
+        np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in plan.units
+    ]
+    counts = {"folds": len(plan.left_out), "cut": plan.cut, "whole": plan.whole}
+    return _stating(fitted, joined, possible, different, growth=growth, rezero=rezero, **counts)
 
 
 @dataclass(frozen=True)
@@ -452,12 +407,6 @@ class _Plan:
     left_out: list[Fold]
     cut: int = 0  # recordings that were cut into the units
     whole: int = 0  # of these, or of homings, that are left out whole all the same
-
-    def held_out(self, recordings: Sequence[Recording], fold: Fold) -> list[Recording]:
-        """Give what the fit without a fold did not use: recordings, or parts of them."""
-        if self.whole:
-            return [recordings[i] for i in _recordings_of(fold)]
-        return [recordings[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
 
 
 def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:

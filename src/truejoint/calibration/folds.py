@@ -175,7 +175,11 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
         "homing": [recording.provenance.homing_id or None for recording in recordings],
         "load": [None if math.isnan(r.provenance.load) else r.provenance.load for r in recordings],
     }
-    by_kind |= {name: _by_value(parts, values) for name, values in stated.items()}
+    for name, values in stated.items():
+        different = list(dict.fromkeys(value for value in values if value is not None))
+        if 2 <= len(different) < len(parts):  # some have the same
+            pairs = list(zip(parts, values, strict=True))
+            by_kind[name] = [[part for part, v in pairs if v == value] for value in different]
     if not any(by_kind.values()):
         by_kind["recordings"] = [[part] for part in parts]
     for name, units in by_kind.items():
@@ -233,34 +237,25 @@ def without_levels(
     ]
 
 
-def _by_value(parts: Sequence[Part], values: Sequence[str | float | None]) -> list[list[Part]]:
-    """Give the recordings of each value, where there are two or more and some have the same."""
-    different = list(dict.fromkeys(value for value in values if value is not None))
-    if not 2 <= len(different) < len(parts):
-        return []
-    return [[p for p, v in zip(parts, values, strict=True) if v == value] for value in different]
-
-
 def _speeds(recordings: Sequence[Recording]) -> Array:
     """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
     speeds = []
-    for recording in recordings:
+    for recording, positions in zip(recordings, _common(recordings, "measured"), strict=True):
         every = _every(recording)
-        t, q = recording.t[::every], _common(recordings, recording, "measured")[::every]
-        speeds.append(np.diff(q, axis=0) / np.diff(t)[:, None])
+        dt = np.diff(recording.t[::every])
+        speeds.append(np.diff(positions[::every], axis=0) / dt[:, None])
     return _sizes(speeds)
 
 
 def _efforts(recordings: Sequence[Recording]) -> Array:
     """How large efforts of recordings (n,) are: mean of the logarithms of the joints' RMS."""
-    return _sizes([_common(recordings, recording, "effort") for recording in recordings])
+    return _sizes(_common(recordings, "effort"))
 
 
-def _common(recordings: Sequence[Recording], recording: Recording, quantity: str) -> Array:
-    """Columns (n, k) of a recording that all recordings have of a quantity."""
-    common = set.intersection(*(set(r.joints_of(quantity)) for r in recordings))
-    joints = sorted(common)
-    return recording.columns(quantity, joints) if joints else np.empty((len(recording), 0))
+def _common(recordings: Sequence[Recording], quantity: str) -> list[Array]:
+    """Columns (n, k) of each recording that all recordings have of a quantity."""
+    joints = sorted(set.intersection(*(set(r.joints_of(quantity)) for r in recordings)))
+    return [r.columns(quantity, joints) if joints else np.empty((len(r), 0)) for r in recordings]
 
 
 def _sizes(values: Sequence[Array]) -> Array:
