@@ -12,6 +12,7 @@ from truejoint.calibration import adapted, calibrate, find_zero, read_calibratio
 from truejoint.errors import CalibrationError
 from truejoint.estimators.ridge import CHANGE_PENALTIES, changes
 from truejoint.recordings import Provenance, Recording
+from truejoint.robots import get_robot
 
 FEATURES = ("measured/jaw", "effort/jaw")
 
@@ -151,7 +152,7 @@ def test_what_cannot_be_a_prior_is_refused():
     pair = [motion(0), motion(1)]
     linear = calibrate(pair, "linear", features=FEATURES)
     for change, says in (
-        ({"robot": "raven2"}, "recordings are of davinci_grasper"),
+        ({"machine": get_robot("raven2", "left")}, "recordings are of davinci_grasper"),
         ({"moves": np.ones((2, 1))}, "a zero for each homing"),
     ):
         with pytest.raises(CalibrationError, match=says):

@@ -88,14 +88,15 @@ def adapted(
     parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
     check_row_count(sum(int(part.known.sum()) for part in parts))
     reference_rows = _rows(before, reference, 1) if reference else []
+    models = {**after.baselines, "model": after}
     usual = _usual_residuals(
-        before, reference_rows, parts, is_each_zeroed=prior.rezeroed_fit is not None
+        models, reference_rows, parts, is_each_zeroed=prior.rezeroed_fit is not None
     )
+    penalties = np.full(len(after.joints), math.inf)
     if sum(recording.duration for recording in recordings) < SLOPES_FROM:
-        penalties = np.full(len(after.joints), math.inf)
-        after = _at_mean(after, parts, usual)
+        after = _at_mean(after, models, parts, usual)
     else:
-        after, penalties = _changed(after, parts, usual)
+        after, penalties = _changed(after, models, parts, usual)
     origin, facts = training_origin(parts)
     sessions = [*origin.sessions, *before.origin.sessions]  # so that none is judged on
     known_sessions = replace(origin, sessions=tuple(sessions))
@@ -114,8 +115,26 @@ def adapted(
         "reference": [recording.provenance.source for recording in reference],
     }
     old = {name: value for name, value in prior.metadata.items() if name not in _OF_THE_PRIOR}
-    metadata = {**old, **facts, "prior": of_prior}
-    return _widened(replace(after, metadata=metadata, origin=origin, zero=None), parts)
+    X, error = (
+        np.concatenate([getattr(part, name)[part.known] for part in parts])
+        for name in ("X", "error")
+    )
+    domain = before.training_domain  # what counts as trained is the prior's, and the new rows
+    if domain is not None:
+        lower = np.minimum(domain.error_lower, error.min(axis=0))
+        upper = np.maximum(domain.error_upper, error.max(axis=0))
+        domain = replace(domain, error_lower=lower, error_upper=upper)
+    return replace(
+        after,
+        lower=np.minimum(after.lower, X.min(axis=0)),
+        upper=np.maximum(after.upper, X.max(axis=0)),
+        training_domain=domain,
+        interval=None,
+        effort_baseline=None,
+        metadata={**old, **facts, "prior": of_prior},
+        origin=origin,
+        zero=None,
+    )
 
 
 def _check_prior(prior: Calibration, robot: Robot) -> None:
@@ -132,25 +151,6 @@ def _check_prior(prior: Calibration, robot: Robot) -> None:
         )
 
 
-def _widened(calibration: Calibration, parts: Sequence[Rows]) -> Calibration:
-    """Count the new rows as trained, and leave out what may no longer hold."""
-    X = np.concatenate([part.X[part.known] for part in parts])
-    error = np.concatenate([part.error[part.known] for part in parts])
-    domain = calibration.training_domain
-    if domain is not None:
-        lower = np.minimum(domain.error_lower, error.min(axis=0))
-        upper = np.maximum(domain.error_upper, error.max(axis=0))
-        domain = replace(domain, error_lower=lower, error_upper=upper)
-    return replace(
-        calibration,
-        lower=np.minimum(calibration.lower, X.min(axis=0)),
-        upper=np.maximum(calibration.upper, X.max(axis=0)),
-        training_domain=domain,
-        interval=None,
-        effort_baseline=None,
-    )
-
-
 def _rows(calibration: Calibration, recordings: Sequence[Recording], stride: int) -> list[Rows]:
     """Rows of recordings that fit a calibration."""
     for recording in recordings:
@@ -159,29 +159,28 @@ def _rows(calibration: Calibration, recordings: Sequence[Recording], stride: int
     return training_rows(recordings, c.feature_set, c.joints, c.gap_limit, stride)
 
 
-def _with_baselines(calibration: Calibration) -> dict[str, Calibration]:
-    """Give a calibration, as ``model``, and its baselines."""
-    return {**calibration.baselines, "model": calibration}
-
-
 def _residuals(calibration: Calibration, part: Rows) -> Array:
     """Truth minus corrected position (n, n_joints) of every row."""
     return np.asarray(part.truth - calibration.correct(part))
 
 
 def _usual_residuals(
-    prior: Calibration, known: Sequence[Rows], parts: Sequence[Rows], *, is_each_zeroed: bool
+    models: Mapping[str, Calibration],
+    known: Sequence[Rows],
+    parts: Sequence[Rows],
+    *,
+    is_each_zeroed: bool,
 ) -> dict[str, Array]:
     """Residuals (n, n_joints) of each model on rows of the reference like those of `parts`.
 
     Where each recording of the reference has a zero of its own, that is no part of them.
     """
-    n = sum(len(part) for part in parts)
     if not known:
-        return dict.fromkeys(_with_baselines(prior), np.zeros((n, len(prior.joints))))
+        shape = sum(len(part) for part in parts), len(parts[0].joints)
+        return dict.fromkeys(models, np.zeros(shape))
     near = _most_alike(parts, known)
     usual = {}
-    for name, model in _with_baselines(prior).items():
+    for name, model in models.items():
         residuals = [_residuals(model, part)[part.known] for part in known]
         if is_each_zeroed:
             residuals = [values - values.mean(axis=0) for values in residuals]
@@ -194,38 +193,43 @@ def _most_alike(parts: Sequence[Rows], reference: Sequence[Rows]) -> Integers:
     tables = [part.recording.table for part in (*parts, *reference)]
     names = [f"{quantity}/{joint}" for quantity in _LIKE for joint in parts[0].joints]
     names = [name for name in names if all(name in table.columns for table in tables)]
-    there = np.concatenate(
-        [part.recording.table[names].to_numpy()[part.known] for part in reference]
-    )
+    values = [table[names].to_numpy() for table in tables]
+    here = np.concatenate(values[: len(parts)])
+    is_known = np.concatenate([part.known for part in reference])
+    there = np.concatenate(values[len(parts) :])[is_known]
     deviation = there.std(axis=0)
     inverse = np.divide(1.0, deviation, out=np.zeros(len(names)), where=deviation > 0.0)
-    here = np.concatenate([part.recording.table[names].to_numpy() for part in parts])
     nearest = np.arange(1, 1 + min(_NEIGHBOURS, len(there)))
     return np.asarray(KDTree(there * inverse).query(here * inverse, nearest)[1], dtype=np.int64)
 
 
-def _at_mean(prior: Calibration, parts: Sequence[Rows], usual: Mapping[str, Array]) -> Calibration:
+def _at_mean(
+    prior: Calibration,
+    models: Mapping[str, Calibration],
+    parts: Sequence[Rows],
+    usual: Mapping[str, Array],
+) -> Calibration:
     """Move the zero alone, of the model and of each baseline, to the mean residual."""
     is_known = np.concatenate([part.known for part in parts])
     offsets = {}
-    for name, model in _with_baselines(prior).items():
+    for name, model in models.items():
         residuals = np.concatenate([_residuals(model, part) for part in parts]) - usual[name]
         offsets[name] = residuals[is_known].mean(axis=0)
-    domain = prior.training_domain  # of the prior: the errors of the new rows widen it
-    zero = Zero(offsets.pop("model"), baselines=offsets)
-    return replace(prior.at(zero), training_domain=domain)
+    return prior.at(Zero(offsets.pop("model"), baselines=offsets))
 
 
 def _changed(
-    prior: Calibration, parts: Sequence[Rows], usual: Mapping[str, Array]
+    prior: Calibration,
+    models: Mapping[str, Calibration],
+    parts: Sequence[Rows],
+    usual: Mapping[str, Array],
 ) -> tuple[Calibration, Array]:
     """Change coefficients by ridge regression; also its penalties (n_joints,) on the model's."""
     X, dt = (np.concatenate([getattr(p, name) for p in parts]) for name in ("X", "dt"))
-    models, penalties = {}, np.empty(0)
-    for name, model in _with_baselines(prior).items():
+    changed, penalties = {}, np.empty(0)
+    for name, model in models.items():
         y = np.concatenate([part.fitted_targets(model.target) for part in parts])
-        models[name], penalties = model.model.adapted(X, y - model.offset - usual[name], dt)
-    fitted = models.pop("model")
-    baselines = {name: model.data for name, model in models.items()}
-    after = replace(prior, fitted=fitted.data, learnt=fitted, fitted_baselines=baselines)
-    return after, penalties
+        changed[name], penalties = model.model.adapted(X, y - model.offset - usual[name], dt)
+    fitted = changed.pop("model")
+    baselines = {name: model.data for name, model in changed.items()}
+    return replace(prior, fitted=fitted.data, learnt=fitted, fitted_baselines=baselines), penalties

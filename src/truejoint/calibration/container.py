@@ -125,13 +125,11 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
             f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
             "truejoint reads; update truejoint"
         )
-    if version in range(1, FORMAT_VERSION) and version is not True:
+    if version is True or version != FORMAT_VERSION:
         raise ModelFileError(
-            f"format version {version} is older than {FORMAT_VERSION}, the only one that this "
+            f"format version {version!r:.40} is not {FORMAT_VERSION}, the only one that this "
             "truejoint reads; calibrate again"
         )
-    if version is True or version != FORMAT_VERSION:
-        raise ModelFileError(f"format version {version!r:.40} is unknown; {_DAMAGED}")
     arrays = _arrays(data)
     digest = description.pop("sha256", None)
     if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Final, NamedTuple, Self
@@ -135,7 +135,8 @@ class FoldErrors:
     @classmethod
     def of(cls, rows: FoldRows, models: Sequence[JointRegressor]) -> Self:
         """Table of models before the first fold."""
-        simple = [model for model in simple_models() if rows.target in model.family.targets]
+        usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
+        simple = [model for model in usual if rows.target in model.family.targets]
         names = [model.name for model in simple]
         others = [model for model in models if model.name not in names]
         candidates = tuple(map(Candidate, [*simple, *others]))
@@ -196,7 +197,10 @@ class FoldErrors:
         """
         m, best, usable = len(self.candidates), self.weights(), self.usable
         others = [self.weights(without=number) for number in range(len(self.products))]
-        square = np.array([_square(p, w) for p, w in zip(self.products, others, strict=True)])
+        square = np.empty((len(others), self.spreads.shape[1]))
+        for row, product, w in zip(square, self.products, others, strict=True):
+            weighs = w.T[:, :, None] * w.T[:, None, :] > 0.0  # the others may be NaN
+            row[:] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
         weights, errors = np.zeros_like(best), np.empty_like(square)
         for joint in range(errors.shape[1]):
             options = [(best[:, joint], square[:, joint])] + [
@@ -212,27 +216,23 @@ class FoldErrors:
             weights[:, joint], errors[:, joint] = chosen
         return weights, errors
 
+    def _noting(self, notes: Mapping[int, str]) -> Self:
+        """Say why candidates of these numbers are not tried any more."""
+        noted = [c._replace(note=notes.get(k, c.note)) for k, c in enumerate(self.candidates)]
+        return replace(self, candidates=tuple(noted))
+
     def given_up(self) -> Self:
         """Say of what was still tried that it is not any more."""
-        return replace(
-            self,
-            candidates=tuple(
-                c._replace(note=c.note or c.lacking or _given_up(c)) for c in self.candidates
-            ),
-        )
+        tried = enumerate(self.candidates)
+        return self._noting({k: c.note or c.lacking or _given_up(c) for k, c in tried})
 
     def passed_by(self, other: Self) -> Self:
         """Do not try what is hopeless in another table, where this one has more features."""
         if not set(other.features.names) <= set(self.features.names):
             return self
-        note = "hopeless with fewer features"
-        candidates = [
-            c._replace(note=note)
-            if number >= self.n_simple and c.model.name in other.hopeless and not c.note
-            else c
-            for number, c in enumerate(self.candidates)
-        ]
-        return replace(self, candidates=tuple(candidates))
+        others = list(enumerate(self.candidates))[self.n_simple :]
+        lost = [k for k, c in others if c.model.name in other.hopeless and not c.note]
+        return self._noting(dict.fromkeys(lost, "hopeless with fewer features"))
 
     def without_hopeless(self) -> Self:
         """Try no more what no joint needs, nor what is hopeless in every one."""
@@ -242,15 +242,16 @@ class FoldErrors:
         unneeded = (worse > math.log1p(_AT_ONCE if is_first else _HOPELESS)).all(axis=1)
         if not is_first:
             unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
-        candidates, hopeless = list(self.candidates), set(self.hopeless)
-        for number, c in enumerate(candidates):
-            tried = number >= self.n_simple and c.is_member and not c.note
-            enough = len(c.folds) >= min(TRIED_ON, len(self.products))
-            if tried and unneeded[number] and enough:
-                candidates[number] = c._replace(note=_given_up(c))
-                if is_first:
-                    hopeless.add(c.model.name)
-        return replace(self, candidates=tuple(candidates), hopeless=frozenset(hopeless))
+        least = min(TRIED_ON, len(self.products))
+        lost = {
+            k: c
+            for k, c in enumerate(self.candidates)
+            if k >= self.n_simple and c.is_member and not c.note
+            if unneeded[k] and len(c.folds) >= least
+        }
+        names = {c.model.name for c in lost.values()} if is_first else set()
+        table = self._noting({k: _given_up(c) for k, c in lost.items()})
+        return replace(table, hopeless=self.hopeless | names)
 
 
 def cross_validate(
@@ -282,8 +283,11 @@ def cross_validate(
                 tried = candidate._replace(note=str(reason))
             else:
                 tried = candidate._replace(lacking=str(reason))
+                # Other folds may show what it does: here the best simple model stands in.
+                simple = errors[: table.n_simple]
                 usable = replace(table, spreads=spreads).usable[: table.n_simple]
-                errors[number] = _stand_in(errors[: table.n_simple], usable)
+                best = np.nanargmin(np.where(usable, np.mean(simple**2, axis=1), np.inf), axis=0)
+                errors[number] = simple[best, :, np.arange(len(best))].T
         seconds = tried.seconds + time.perf_counter() - began
         candidates[number] = tried._replace(seconds=seconds)
     product = np.einsum("mnj,pnj->jmp", errors, errors) / len(test)
@@ -293,17 +297,6 @@ def cross_validate(
         products=(*table.products, product),
         spreads=spreads,
     ).without_hopeless()
-
-
-def _stand_in(errors: Array, usable: Mask) -> Array:
-    """Errors (n, n_joints) of the best of simple models, of theirs (m, n, n_joints).
-
-    They count for what cannot be fitted without a fold, as of few rows beside a long recording:
-    other folds may show what it does, and it is not used where they are few.
-    """
-    square = np.where(usable, np.mean(errors**2, axis=1), np.inf)
-    best = np.nanargmin(square, axis=0)
-    return np.stack([errors[number, :, joint] for joint, number in enumerate(best)], axis=1)
 
 
 def _predict(
@@ -349,11 +342,6 @@ def _given_up(candidate: Candidate) -> str:
     return f"given up after {count} fold{'s' * (count != 1)}"
 
 
-def simple_models() -> list[JointRegressor]:
-    """Models that are kept unless another is better: linear, fixed offset, and none."""
-    return [get_estimator(LINEAR), get_estimator(OFFSET), Raw()]
-
-
 def decoupled(features: Array, feature_set: FeatureSet) -> Array:
     """Features (n, k) of one recording with every signal taken from another time of it.
 
@@ -369,14 +357,7 @@ def decoupled(features: Array, feature_set: FeatureSet) -> Array:
 
 
 def share_of(sizes: Sequence[int], most: int) -> int:
-    """Rows that each recording may give for all to give `most`: short ones give all they have.
-
-    Examples
-    --------
-    >>> from truejoint.calibration.cross_validate import share_of
-    >>> share_of([10, 500, 900], most=410)
-    200
-    """
+    """Rows that each recording may give for all to give `most`: short ones give all they have."""
     rest = most
     for done, size in enumerate(sorted(sizes)):
         share = rest // (len(sizes) - done)
@@ -424,9 +405,3 @@ def is_better(ratios: Array) -> bool:
 def log_ratio(square: Array, other: Array) -> Array:
     """Logarithm of the ratio of two errors, of their squares."""
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
-
-
-def _square(products: Array, weights: Array) -> Array:
-    """Mean square (n_joints,) of errors, weighted by `weights` (m, n_joints)."""
-    known = np.where(weights.T[:, :, None] * weights.T[:, None, :] > 0.0, products, 0.0)
-    return np.asarray(np.einsum("mj,jmp,pj->j", weights, known, weights))

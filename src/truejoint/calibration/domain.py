@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled
-from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
     from truejoint.features.feature_set import FeatureSet
@@ -30,8 +29,8 @@ others says little, and is new after each homing; how far it may go is said by i
 _MEDIAN_OF_NORMAL: Final = 0.6745  # absolute value, in standard deviations
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class TrainingDomain(Summarised):
+@dataclass(frozen=True, eq=False)
+class TrainingDomain:
     """Bounds of the training rows, all observed, none assumed."""
 
     dt: float  # median time between rows [s]
@@ -51,15 +50,6 @@ class TrainingDomain(Summarised):
     distance: float  # largest length of a whitened row
     error_lower: Array  # (n_joints,), range of truth minus measured [rad or m]
     error_upper: Array
-
-    def summary(self) -> dict[str, str]:
-        """How often there was a row, and of how much bounds are known, by label."""
-        return {
-            "a row every": f"{self.dt:.4g} s",
-            "signals": str(len(self.signal_lower)),
-            "features": str(len(self.feature_mean)),
-            "joints": str(len(self.error_lower)),
-        }
 
 
 def fit_training_domain(

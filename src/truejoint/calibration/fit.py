@@ -303,35 +303,11 @@ def cross_fit(
     for_rezeroing: bool = False,
     progress: Progress | None = None,
 ) -> list[Calibration]:
-    """Fit as a calibration was fitted, without each of some folds in turn.
+    """Fit as a calibration was fitted, without each of some folds of its recordings in turn.
 
     Features are computed once for all fits. A fit keeps what the first one settled, such as the
-    epochs of a network. Intervals, checks and effort baselines are left out.
-
-    Parameters
-    ----------
-    fitted : Calibration
-    recordings : sequence of Recording
-        Those that it was fitted to.
-    left_out : sequence of Fold
-    fit_rate : float, optional
-        As it was fitted at [Hz].
-    for_rezeroing : bool
-        Whether the fits are for motions that begin with re-zeroing.
-    progress : callable, optional
-        Called with the fraction done, 0 to 1.
-
-    Raises
-    ------
-    CalibrationError
-        If a fold leaves too few rows.
-
-    Examples
-    --------
-    >>> from truejoint.calibration.folds import FOLDS, blocks, dealt
-    >>> parts = [[part] for part in blocks(training, FOLDS)]
-    >>> len(cross_fit(calibrate(training, "linear"), training, dealt(parts, "time")))
-    5
+    epochs of a network. Intervals, checks and effort baselines are left out. Raises
+    CalibrationError if a fold leaves too few rows.
     """
     settled = fitted.model.settled()
     task = FitTask.of(recordings, settled, fitted.feature_set, fitted.joints, fitted.target, None)

@@ -42,13 +42,7 @@ class Session:
 
     @classmethod
     def of(cls, recording: Recording, **counts: float) -> Session:
-        """Remember a recording; `counts` are other fields.
-
-        Examples
-        --------
-        >>> Session.of(test).last
-        3.99
-        """
+        """Remember a recording; `counts` are other fields."""
         origin = recording.provenance.to_dict()
         names = ("source", "sha256", "session", "homing_id", "start")
         return cls(

@@ -88,15 +88,12 @@ def fit_parity_equations(
         for name in dict.fromkeys((*columns, *(f"measured/{joint}" for joint in joints)))
     }
     found = list(_equations(tables, joints, columns))
+    if not found:
+        return None, {}
     # By name, as a model file lists them, whatever their order in the recordings is.
     used = sorted(c for c in columns if any(c in weights for _, weights, _, _ in found))
     names = list(dict.fromkeys((*signals, *used)))
-    if not found:
-        return None, {}
-    matrix = np.zeros((len(found), len(names)))
-    for row, (_, weights, _, _) in zip(matrix, found, strict=True):
-        for name, weight in weights.items():
-            row[names.index(name)] = weight
+    matrix = np.array([[weights.get(name, 0.0) for name in names] for _, weights, _, _ in found])
     joint, _, intercept, rest = zip(*found, strict=True)
     lower, upper = np.transpose([(r.min(), r.max()) for r in rest])
     equations = ParityEquations(matrix, np.array(intercept), lower, upper, np.array(joint, float))
@@ -117,8 +114,7 @@ def _equations(
             chosen = _chosen_columns(tables, position, of_joint, same, _ROUNDING * scale)
             if not chosen:
                 continue
-            coef, intercept = _regress(tables, position, chosen)
-            rest = position - sum(c * tables[n] for n, c in coef.items()) - intercept
+            coef, intercept, rest = _regress(tables, position, chosen)
             if np.ptp(rest) <= _USEFUL * scale:
                 weights = {f"measured/{joint}": 1.0} | {n: -c for n, c in coef.items()}
                 yield k, weights, -intercept, rest
@@ -130,9 +126,7 @@ def _chosen_columns(
     """Columns of the joint's own channel, or of as many as it takes where cables are coupled."""
 
     def deviation(names: list[str]) -> float:
-        coef, intercept = _regress(tables, position, names)
-        fitted = sum((c * tables[n] for n, c in coef.items()), np.zeros(len(position)))
-        return max(float(np.std(position - fitted - intercept)), rounding)
+        return max(float(np.std(_regress(tables, position, names)[2])), rounding)
 
     alone = deviation(own)
     least = deviation(same)
@@ -148,12 +142,14 @@ def _chosen_columns(
 
 def _regress(
     tables: Mapping[str, Array], position: Array, names: list[str]
-) -> tuple[dict[str, float], float]:
-    """Coefficient of each column and intercept, by least squares."""
+) -> tuple[dict[str, float], float, Array]:
+    """Coefficient of each column and intercept, by least squares, and what they leave (n,)."""
     some = slice(None, None, len(position) // _FITTED_ROWS + 1)
     X = np.column_stack([np.ones(len(position[some])), *(tables[n][some] for n in names)])
     middle, spread = X.mean(axis=0), X.std(axis=0)
     middle[0], spread[0] = 0.0, 1.0
-    coef = np.linalg.lstsq((X - middle) / spread, position[some], rcond=None)[0] / spread
-    intercept = float(coef[0] - middle[1:] @ coef[1:])
-    return dict(zip(names, coef[1:].tolist(), strict=True)), intercept
+    weights = np.linalg.lstsq((X - middle) / spread, position[some], rcond=None)[0] / spread
+    intercept = float(weights[0] - middle[1:] @ weights[1:])
+    coef = dict(zip(names, weights[1:].tolist(), strict=True))
+    fitted = sum((c * tables[n] for n, c in coef.items()), np.zeros(len(position)))
+    return coef, intercept, position - fitted - intercept

@@ -102,11 +102,6 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
     zero did not move, the mean square error is 0.12 of that of the whole offset; the price is a
     zero that moved by more than 1.1 deviations: up to 2.2 times (at 2.6). All of an offset whose
     deviation is NaN.
-
-    Examples
-    --------
-    >>> believed([1.2, 10.0], [1.0, 1.0])
-    array([0.   , 9.775])
     """
     whole, spread = (np.asarray(values, dtype=np.float64) for values in (offset, deviation))
     spread = _DOUBT * spread
