@@ -23,7 +23,6 @@ from truejoint.estimators.ridge import check_row_count
 from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings
-from truejoint.robots import Robot
 
 _OF_THE_PRIOR: Final = ("held_out", "command", "fit_seconds", "choice")
 """Metadata that do not hold."""
@@ -82,7 +81,16 @@ def adapted(
     """
     recordings, reference = as_recordings(recordings), as_recordings(reference)
     robot = common_robot(recordings)
-    _check_prior(prior, robot)
+    if robot.name != as_calibration(prior).robot:
+        raise CalibrationError(
+            f"the prior is of {prior.title}, the recordings are of {robot.title}; give a prior of "
+            "the same robot"
+        )
+    if prior.for_rezeroing.moves is not None:
+        raise CalibrationError(
+            "the prior has a zero for each homing, which moves its inputs; give one that was "
+            "calibrated with a shared zero, or one for each recording"
+        )
     before = prior.for_rezeroing
     after = replace(before, machine=robot)
     parts = _rows(after, recordings, stride_of(fit_rate, sample_dt(recordings)))
@@ -135,20 +143,6 @@ def adapted(
         origin=origin,
         zero=None,
     )
-
-
-def _check_prior(prior: Calibration, robot: Robot) -> None:
-    """Refuse a prior that says nothing of such a robot, or whose zeros no recording can move."""
-    if robot.name != as_calibration(prior).robot:
-        raise CalibrationError(
-            f"the prior is of {prior.title}, the recordings are of {robot.title}; give a prior of "
-            "the same robot"
-        )
-    if prior.for_rezeroing.moves is not None:
-        raise CalibrationError(
-            "the prior has a zero for each homing, which moves its inputs; give one that was "
-            "calibrated with a shared zero, or one for each recording"
-        )
 
 
 def _rows(calibration: Calibration, recordings: Sequence[Recording], stride: int) -> list[Rows]:

@@ -234,15 +234,14 @@ def _validated(
         if filled and len(judged) == TRIED_ON:
             usual = rival or next(_options(tables[0]))
             first = 0 if rival else 1
-            behind = [table for table in tables[first:] if _is_behind(table, usual)]
+            square = usual.square[:TRIED_ON]
+            behind = [
+                table
+                for table in tables[first:]
+                if all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
+            ]
             tables = [table for table in tables if table not in behind]
     return judged, tables, [table.given_up() for table in behind]
-
-
-def _is_behind(table: FoldErrors, chosen: _Option) -> bool:
-    """Whether a table is not, so far, as much better as it must be in the end."""
-    reference = chosen.square[: len(table.products)]
-    return all(log_ratio(o.square, reference).mean() > GAIN for o in _options(table))
 
 
 def _options(table: FoldErrors) -> Iterator[_Option]:
@@ -450,7 +449,7 @@ def _with_their_features(
 def validate_zeros(
     parts: Sequence[Rows],
     left_out: Sequence[Fold],
-    fit: Pair,
+    fit_pair: Pair,
     say: Callable[[str, float], None],
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better without doubt, and how that was found, as JSON.
@@ -462,7 +461,7 @@ def validate_zeros(
     """
     began = time.perf_counter()
     stretch = min(_REZERO, _SHARE * min(part.recording.duration for part in parts))
-    judged, squares = list[str](), list[Array]()
+    judged, squares = list[str](), list[list[Array]]()
     left_out = left_out[:: -(-len(left_out) // FOLDS)]
     for number, fold in enumerate(left_out):
         out = sorted({part.recording for part in fold.parts})
@@ -472,38 +471,28 @@ def validate_zeros(
         say(f"Judging a zero for each recording without {fold.name}", number / len(left_out))
         testing = [parts[index] for index in out]
         try:
-            pair = fit(training)
-            squares.append(np.array([_square(each, testing, stretch) for each in pair]))
+            pair = fit_pair(training)
+            errors = [[judged_error(fit, one, stretch)[0] for one in testing] for fit in pair]
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
-        means = _ratios(squares).mean(axis=0)
+        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in errors])
+        shared, own = np.moveaxis(np.array(squares), 1, 0)
+        ratios = log_ratio(own, shared)
+        means = ratios.mean(axis=0)
         if len(judged) >= _ZEROS_TRIED_ON and (means.min() > GAIN or means.max() > 0.0):
             break
     if not squares:
         return False, {"kept": False, "note": "no part can be left out for it"}
-    square, ratios = np.array(squares), _ratios(squares)
     is_better_fit = any(map(is_better, ratios.T)) and bool((ratios.mean(axis=0) <= 0.0).all())
     joints = pair[0].joints
     return is_better_fit, {
         "kept": is_better_fit,
         "rezeroed_from": stretch,
         "left_out": judged,
-        "shared": by_joint(joints, square[:, 0]),
-        "recording": by_joint(joints, square[:, 1]),
+        "shared": by_joint(joints, shared),
+        "recording": by_joint(joints, own),
         "ratio": math.exp(ratios.mean()),
         "ratios": np.exp(ratios.mean(axis=1)).tolist(),
         "seconds": round(time.perf_counter() - began, 3),
     }
-
-
-def _ratios(squares: Sequence[Array]) -> Array:
-    """Logarithms (n_folds, n_joints) of the ratio of the errors of pairs (2, n_joints)."""
-    shared, each = np.moveaxis(np.array(squares), 1, 0)
-    return log_ratio(each, shared)
-
-
-def _square(calibration: Calibration, parts: Sequence[Rows], stretch: float) -> Array:
-    """Mean square (n_joints,) of the errors of recordings after their first seconds."""
-    errors = [judged_error(calibration, part, stretch)[0] for part in parts]
-    return np.asarray(np.mean(np.concatenate(errors) ** 2, axis=0))

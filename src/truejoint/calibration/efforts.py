@@ -270,9 +270,16 @@ def fit_effort_baseline(
     shift, friction, monitored = np.zeros((3, len(joints)))
     for j in range(len(joints)):
         of_joint = [rows[rows[:, 0] == j] for rows in steps]
-        if not has_effort[j] or not _enough(np.concatenate(of_joint), n_terms):
+        rows = np.concatenate(of_joint)
+        each_way = [np.sum(rows[way * rows[:, 2] > 0.0, 3]) for way in (1.0, -1.0)]
+        if (
+            not has_effort[j]
+            or min(each_way) < RANGES_EACH_WAY
+            or len(rows) < max(RANGES_EACH_WAY * STEPS_PER_RANGE, STEPS_PER_TERM * n_terms)
+            or not rows[:, 1].std() > 0.0
+        ):
             continue
-        coef[j], scale[j] = _fit_effort(np.concatenate(of_joint))
+        coef[j], scale[j] = _fit_effort(rows)
         shift[j], friction[j] = _held_out_shifts(of_joint)
         monitored[j] = 1.0
     return replace(
@@ -322,13 +329,6 @@ def _steps(
     rows = np.empty((most + 1, 4 + count_effort_terms(n_joints)))
     count = effort_steps(np.array(recording.t), position, effort, lower, upper, rows)
     return rows[:count]
-
-
-def _enough(rows: Array, n_terms: int) -> bool:
-    """Whether steps of one joint pin its baseline down in both directions."""
-    needed = max(RANGES_EACH_WAY * STEPS_PER_RANGE, STEPS_PER_TERM * n_terms)
-    each_way = (np.sum(rows[:, 3] * (rows[:, 2] > 0.0)), np.sum(rows[:, 3] * (rows[:, 2] < 0.0)))
-    return bool(min(each_way) >= RANGES_EACH_WAY and len(rows) >= needed and rows[:, 1].std() > 0.0)
 
 
 def _fit_effort(rows: Array) -> tuple[Array, float]:

@@ -166,21 +166,14 @@ def fit_model(
         for values in zip(*((p.X, p.fitted_targets(target), p.dt) for p in parts), strict=True)
     )
     names = model.truth_beside()
-    loads = np.concatenate([known_loads(part.recording, names) for part in parts])
+    loads = np.zeros((len(inputs), len(names)))  # [Nm], 0 where a recording has none
+    pieces = np.split(loads, np.cumsum([len(part) for part in parts])[:-1])
+    for part, columns in zip(parts, pieces, strict=True):
+        for column, name in zip(columns.T, names, strict=True):
+            if name in part.recording.units:
+                check_unit(part.recording, name, "Nm", "and is learnt in")
+                column[:] = part.recording.column(name)
     return model.fit(inputs, targets, report, dt, loads)
-
-
-def known_loads(recording: Recording, names: Sequence[str]) -> Array:
-    """Look up loads (n, k) [Nm] in the columns called so, 0 where a recording has none.
-
-    Raises CalibrationError if one is in another unit.
-    """
-    columns = np.zeros((len(recording), len(names)))
-    for column, name in zip(columns.T, names, strict=True):
-        if name in recording.units:
-            check_unit(recording, name, "Nm", "and is learnt in")
-            column[:] = recording.column(name)
-    return columns
 
 
 def data_of(model: JointRegressor) -> EstimatorData:

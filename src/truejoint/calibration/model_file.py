@@ -160,21 +160,16 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
             raise ModelFileError("the model counts samples, and the time step is not stated")
         for fit in {id(fit): fit for fit in (calibration, calibration.for_rezeroing)}.values():
             for name, data in {**fit.fitted_baselines, "model": fit.fitted}.items():
-                _check(name, data, len(fit.feature_set), len(fit.joints))
+                family, sizes = find_family(data.family), (len(fit.feature_set), len(fit.joints))
+                try:
+                    family.check(data, *sizes)
+                    if family.row is not None:
+                        family.memory(data, *sizes)
+                except CalibrationError as error:
+                    raise ModelFileError(f"estimator {name!r}: {error}") from None
     except TruejointError as error:
         raise ModelFileError(f"{path}: {error}; copy or calibrate it again") from None
     return calibration
-
-
-def _check(name: str, data: EstimatorData, n_features: int, n_outputs: int) -> None:
-    """Refuse an estimator whose numbers make no model."""
-    try:
-        family = find_family(data.family)
-        family.check(data, n_features, n_outputs)
-        if family.row is not None:
-            family.memory(data, n_features, n_outputs)
-    except CalibrationError as error:
-        raise ModelFileError(f"estimator {name!r}: {error}") from None
 
 
 def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:

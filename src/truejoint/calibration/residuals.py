@@ -122,13 +122,9 @@ def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
     """Offsets (n,) [rad or m] of the first `BEGINNINGS`, of one joint (m,); NaN where too long."""
     offsets = np.full(len(BEGINNINGS), np.nan)
     ends = np.searchsorted(in_motion, BEGINNINGS)
-    is_even = (weights == weights[0]).all()  # as for all models without a memory
     for row, (end, duration) in enumerate(zip(ends, BEGINNINGS, strict=True)):
         if end and (row == 0 or in_motion[-1] >= _NEARLY * duration):
-            median = (
-                np.median(error[:end]) if is_even else weighted_median(error[:end], weights[:end])
-            )
-            offsets[row] = median
+            offsets[row] = weighted_median(error[:end], weights[:end])
     return offsets
 
 

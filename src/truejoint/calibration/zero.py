@@ -158,7 +158,7 @@ def find_zero(
 
 def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
     """Zero of the model alone, as `find_zero` says."""
-    error, known = _error(calibration, rows)
+    error, known = known_error(calibration, rows)
     used = np.flatnonzero(known)[at_start(rows.t[known], duration)]
     baseline = calibration.effort_baseline
     step = np.zeros(len(rows.joints)) if baseline is None else baseline.step  # else, all of time
@@ -170,7 +170,7 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
         brief = rows.recording.rows(slice(0, int(used[-1]) + 1))
         remaining = offset
         for _ in range(_MOST_ROUNDS):
-            again, is_known = _error(calibration.shifted(offset), brief)
+            again, is_known = known_error(calibration.shifted(offset), brief)
             now = _medians(again[is_known], weights)
             if not np.abs(now).max() < np.abs(remaining).max():
                 break
@@ -179,8 +179,12 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
     if baseline is not None:
         chosen = np.linspace(0, len(used) - 1, min(len(used), _MOST_ROWS)).astype(np.int64)
         times = CORRELATION_MARGIN * baseline.correlation
-        by_joint = zip(in_motion[used[chosen]].T, weights[chosen].T, times, strict=True)
-        variance = [_variance_of_mean(*joint) for joint in by_joint]
+        variance = []  # of the mean of readings whose correlation falls with the time in motion
+        for moving, w, time in zip(
+            in_motion[used[chosen]].T, weights[chosen].T, times, strict=True
+        ):
+            distance = np.abs(np.subtract.outer(moving, moving))
+            variance.append((np.outer(w, w) * np.exp(-distance / time)).sum() / w.sum() ** 2)
         at_beginnings = baseline.beginning_sd(in_motion[used[-1]])
         deviation = np.maximum(baseline.residual * np.sqrt(variance), at_beginnings)
     origin = rows.recording.provenance
@@ -194,33 +198,6 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
         rows=len(used),
         duration=float(rows.t[used[-1]] - rows.t[used[0]]),
     )
-
-
-def _error(calibration: Calibration, recording: Recording | Rows) -> tuple[Array, Mask]:
-    """Truth minus corrected position (n, n_joints), and in which rows (n,) it is known.
-
-    Raises CalibrationError if it is in none.
-    """
-    rows = calibration.rows(recording)
-    error = np.asarray(rows.truth - calibration.correct(rows))
-    is_known = np.asarray(np.isfinite(error).all(axis=1))
-    if not is_known.any():
-        raise CalibrationError(
-            f"{source_of(rows.recording)}: no row has the truth of "
-            f"{', '.join(calibration.joints)}; an interval is made of, and judged by, true "
-            "positions"
-        )
-    return error, is_known
-
-
-def _variance_of_mean(in_motion: Array, weights: Array, time: float) -> float:
-    """Variance of the mean of readings of these `weights` (m,), each of a variance of 1.
-
-    Those that are a `time` [s] apart `in_motion` (m,) [s] have a correlation of 1/e.
-    """
-    distance = np.abs(np.subtract.outer(in_motion, in_motion))
-    pairs = np.outer(weights, weights) * np.exp(-distance / time)
-    return float(pairs.sum() / weights.sum() ** 2)
 
 
 def _medians(error: Array, weights: Array) -> Array:
@@ -259,14 +236,21 @@ def rows_with_truth(calibration: Calibration, recording: Recording | Rows) -> Ro
     return calibration.rows(recording)
 
 
-def known_error(calibration: Calibration, recording: Recording | Rows) -> tuple[Array, Array, Mask]:
-    """Stamps (m,), truth minus corrected (m, n_joints), and places (n,) of the rows with truth.
+def known_error(calibration: Calibration, recording: Recording | Rows) -> tuple[Array, Mask]:
+    """Truth minus corrected position (n, n_joints), and in which rows (n,) it is known.
 
     Raises CalibrationError if the recording does not fit, or no row has the truth of all joints.
     """
     rows = rows_with_truth(calibration, recording)
-    error, is_known = _error(calibration, rows)
-    return rows.t[is_known], error[is_known], is_known
+    error = np.asarray(rows.truth - calibration.correct(rows))
+    is_known = np.asarray(np.isfinite(error).all(axis=1))
+    if not is_known.any():
+        raise CalibrationError(
+            f"{source_of(rows.recording)}: no row has the truth of "
+            f"{', '.join(calibration.joints)}; an interval is made of, and judged by, true "
+            "positions"
+        )
+    return error, is_known
 
 
 def judged_error(
@@ -281,11 +265,12 @@ def judged_error(
     rows = rows_with_truth(calibration, recording)
     if among is not None:
         rows = rows.hide(~among)
-    t, error, is_known = known_error(zeroed(calibration, rows, rezero), rows)
-    used = at_start(t, rezero)
+    error, is_known = known_error(zeroed(calibration, rows, rezero), rows)
+    used = at_start(rows.t[is_known], rezero)
     if used.all():
         raise CalibrationError(
             f"{source_of(rows.recording)}: all of its truth lies within the "
             f"{rezero:g} s that re-zero it; nothing is left to judge, so give a longer recording"
         )
-    return error[~used], np.flatnonzero(is_known)[~used]
+    judged = np.flatnonzero(is_known)[~used]
+    return error[judged], judged

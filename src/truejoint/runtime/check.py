@@ -123,9 +123,10 @@ def check_calibration(
         as_calibration(calibration).required_interval().index(level)
     level = LEVEL if level is None else level
     rows = as_calibration(calibration).rows(recording)
-    t, error, has_truth = known_error(calibration, rows)
+    error, has_truth = known_error(calibration, rows)
+    t, error = rows.t[has_truth], error[has_truth]
     zero = find_zero(replace(calibration, rezeroed_fit=None), rows)  # of positions as they come
-    rezeroed = known_error(calibration.at(find_zero(calibration, rows)), rows)[1]
+    rezeroed = known_error(calibration.at(find_zero(calibration, rows)), rows)[0][has_truth]
     allowed = np.full_like(error, math.nan)
     inside = np.full(error.shape[1], math.nan)
     if calibration.interval is not None:
