@@ -13,8 +13,8 @@ from tests.cli.conftest import Call
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import ZeroShift
 from truejoint.studies.forceps.motions import record
 
 PLANT = specimen("A")

@@ -9,7 +9,7 @@ import pytest
 
 from truejoint.errors import RobotError
 from truejoint.robots import Robot, arm_names, get_robot, robot_names, robot_of
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import Forceps
 
 ARMS = [(name, "") for name in robot_names()] + [
     ("raven2", "left"),

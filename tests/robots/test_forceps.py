@@ -5,7 +5,7 @@ import pytest
 from truejoint import schema
 from truejoint.errors import RobotError
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import Forceps
 
 TABLE_1 = Forceps()
 

@@ -14,8 +14,7 @@ import numpy as np
 from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, other_kind, unknown
-from truejoint.robots.cable_mechanism import CableMechanism
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import CableMechanism, Forceps
 from truejoint.robots.parts import (
     UNITS,
     Axis,

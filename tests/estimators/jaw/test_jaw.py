@@ -12,7 +12,7 @@ from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
 from truejoint.recordings import Recording
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import Forceps
 
 
 def test_history_starts_anew_after_a_gap(pair):

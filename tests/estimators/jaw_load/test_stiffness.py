@@ -19,8 +19,8 @@ from truejoint.estimators.jaw_load.run import SHOWN, TURNING, UNSHOWN, hidden_lo
 from truejoint.motion.forceps_trajectories import calibration_trajectory, sine_trajectory
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import friction_at_pretension
-from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import ZeroShift
 from truejoint.studies.forceps.load import effective_stiffness, rocking_test
 from truejoint.studies.forceps.record_forceps import record_forceps
 

@@ -3,7 +3,7 @@ import pytest
 from scipy import linalg
 
 from truejoint.errors import TruejointError
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import Forceps
 from truejoint.simulation.forceps.parameters import (
     ForcepsParameters,
     eigenfrequencies,

@@ -6,13 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
-from truejoint.simulation.forceps.sensors import (
+from truejoint.simulation.forceps.specimens import specimen
+from truejoint.simulation.forceps.twin import (
     Sensors,
     ZeroShift,
     quantised,
     reference_error,
 )
-from truejoint.simulation.forceps.specimens import specimen
 
 NOMINAL = specimen()
 N = 20_000

@@ -5,10 +5,10 @@ import pytest
 
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.forceps.twin import (
     ForcepsTwin,
+    ZeroShift,
     simulate_forceps,
 )
 

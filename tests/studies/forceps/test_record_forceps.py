@@ -5,9 +5,8 @@ import pytest
 
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
-from truejoint.simulation.forceps.sensors import ZeroShift
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import simulate_forceps
+from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
 from truejoint.studies.forceps.record_forceps import record_forceps
 
 T = np.arange(2001) / 1000

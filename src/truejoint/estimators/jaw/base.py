@@ -13,7 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.recordings import Recording
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import Forceps
 
 TABLE_1: Final = Forceps()
 MIN_ROWS: Final = 400  # rows that a fit needs at least: two seconds at 200 Hz

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.errors import TruejointError
-from truejoint.robots.forceps import Forceps
+from truejoint.robots.cable_mechanism import Forceps
 from truejoint.schema import Bounds
 from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters

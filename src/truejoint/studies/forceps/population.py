@@ -17,8 +17,8 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.forceps.sensors import ZeroShift, reference_error
 from truejoint.simulation.forceps.specimens import population
+from truejoint.simulation.forceps.twin import ZeroShift, reference_error
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, built, record
 from truejoint.studies.rows import ecdf_figure, frame_table, groups, select, unique

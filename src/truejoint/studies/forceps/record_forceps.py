@@ -11,8 +11,7 @@ from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.forceps.sensors import ZeroShift
-from truejoint.simulation.forceps.twin import simulate_forceps
+from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
 
 
 def record_forceps(

@@ -12,7 +12,7 @@ from truejoint.drawing import Figure, by_condition
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.identify import find_encoder_zero
 from truejoint.motion.forceps_trajectories import RAMP
-from truejoint.simulation.forceps.sensors import ZeroShift
+from truejoint.simulation.forceps.twin import ZeroShift
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.load import signals, unloaded_filter
 from truejoint.studies.forceps.motions import Plain, built, changed, drawn_specimens, record

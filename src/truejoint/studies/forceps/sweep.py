@@ -20,8 +20,8 @@ from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
-from truejoint.simulation.forceps.sensors import ZeroShift, quantised
 from truejoint.simulation.forceps.specimens import population
+from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.forceps.methods import settled
 from truejoint.studies.forceps.motions import Plain, built, changed, record
 from truejoint.studies.rows import each, frame_table, groups, unique
