@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.evaluation.report.plot import columns, every, extreme_rows, packed, plain, thinned
+from truejoint.evaluation.report.plot import every, extreme_rows, packed, panels, plain, thinned
 from truejoint.evaluation.report.residuals import binned
 
 
@@ -36,7 +36,8 @@ def test_a_gap_breaks_the_curve() -> None:
 
 
 def test_panels_fill_the_width_without_touching() -> None:
-    domains = columns(3, 0.05)
+    layout = panels([({}, {}, [])] * 3, 100, gap=0.05)["layout"]
+    domains = [layout[f"xaxis{number}"]["domain"] for number in ("", 2, 3)]
     assert domains[0][0] == 0.0
     assert domains[2][1] == pytest.approx(1.0)
     assert domains[1][0] - domains[0][1] == pytest.approx(0.05)

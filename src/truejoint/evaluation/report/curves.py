@@ -142,7 +142,7 @@ def loops(evaluation: Evaluation) -> Figure:
         "Error against true position, as the motion runs through it: before (fixed offset) and "
         "after calibration. Width of a loop is hysteresis, slope is stretch under changing load."
     )
-    return Figure("loops", "Hysteresis loops", caption, [plot.grid(panels, 300)])
+    return Figure("loops", "Hysteresis loops", caption, [plot.panels(panels, 300)])
 
 
 def distributions(evaluation: Evaluation, colours: Mapping[str, str]) -> Figure:
@@ -177,4 +177,4 @@ def distributions(evaluation: Evaluation, colours: Mapping[str, str]) -> Figure:
         "Share of the test's rows within a given error: absolute error of each joint, and distance "
         "of the tool from its true position where its kinematics are known."
     )
-    return Figure("distribution", "Distribution of errors", caption, [plot.grid(panels, 280)])
+    return Figure("distribution", "Distribution of errors", caption, [plot.panels(panels, 280)])

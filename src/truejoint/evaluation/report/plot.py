@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import html
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Final
@@ -69,11 +69,8 @@ def plain(text: str) -> str:
     return html.escape(text, quote=False)
 
 
-def coloured(
-    axes: Mapping[str, Array], colour: Array, title: str, highest: float, **style: Any
-) -> Spec:
-    """Draw dots in a plane or in space, `axes` x, y (and z) of (n,), by `colour` (n,) from 0 on."""
-    places = {name: packed(values) for name, values in axes.items()}
+def coloured(x: Array, y: Array, colour: Array, title: str, highest: float, **style: Any) -> Spec:
+    """Draw dots in a plane by `colour` (n,) from 0 on; the legend leaves them out."""
     bar = {
         "len": 0.8,
         "y": 0.45,
@@ -85,8 +82,7 @@ def coloured(
         "color": packed(colour), "cmin": 0.0, "cmax": highest, "colorscale": "Viridis",
         "showscale": True, "colorbar": bar, "line": {"width": 0}, **style,
     }  # fmt: skip
-    kind = "scatter3d" if "z" in axes else "scatter"
-    return {"type": kind, "mode": "markers", **places, "marker": marker, "name": plain(title)}
+    return scatter("markers", x, y, title, marker=marker, showlegend=False)
 
 
 def scatter(mode: str, x: Array, y: Array, name: str, /, **options: Any) -> Spec:
@@ -134,36 +130,28 @@ def drawing(data: Sequence[Spec], height: int, **options: Any) -> Spec:
     return {"data": data, "layout": layout}
 
 
-def panels(parts: Iterable[Panel], height: int) -> Spec:
-    """Draw panels, each with its curves on axes of its own."""
+def panels(
+    parts: Sequence[Panel], height: int, across: int = 0, gap: float = 0.075, width: float = 1.0
+) -> Spec:
+    """Draw panels, each with its curves on axes of its own, in rows of a `height` [px].
+
+    So many stand side by side, at most three if that is not said, over a share `width` of the page.
+    """
+    across = across or (min(3, len(parts)) if len(parts) != 4 else 2)
+    down = -(-len(parts) // across)
+    wide, band = width * (1.0 - gap * (across - 1)) / across, 1.0 / down
     data: list[Spec] = []
     axes: Spec = {}
     for index, (x, y, curves) in enumerate(parts):
         number = str(index + 1) if index else ""
         names = {"xaxis": f"x{number}", "yaxis": f"y{number}"}
-        axes[f"xaxis{number}"] = axis(**x, anchor=names["yaxis"])
-        axes[f"yaxis{number}"] = axis(**y, anchor=names["xaxis"])
-        data += [{**curve, **names} for curve in curves]
-    return drawing(data, height, **axes)
-
-
-def grid(parts: Sequence[Panel], row_height: int) -> Spec:
-    """Draw panels at most three side by side, in rows of a height [px]."""
-    across = min(3, len(parts)) if len(parts) != 4 else 2
-    down = -(-len(parts) // across)
-    placed, band, domains = [], 1.0 / down, columns(across, 0.075)
-    for i, (x, y, curves) in enumerate(parts):
-        row, column = divmod(i, across)
-        top = 1.0 - row * band
+        row, column = divmod(index, across)
+        left, top = column * (wide + width * gap), 1.0 - row * band
         bottom = top - band + (0.3 * band if row < down - 1 else 0.0)
-        placed.append((x | {"domain": domains[column]}, y | {"domain": [bottom, top]}, curves))
-    return panels(placed, row_height * down + 40)
-
-
-def columns(count: int, gap: float) -> list[list[float]]:
-    """Domains of `count` panels side by side, as shares of the width."""
-    width = (1.0 - gap * (count - 1)) / count
-    return [[i * (width + gap), i * (width + gap) + width] for i in range(count)]
+        axes[f"xaxis{number}"] = axis(**x, anchor=names["yaxis"], domain=[left, left + wide])
+        axes[f"yaxis{number}"] = axis(**y, anchor=names["xaxis"], domain=[bottom, top])
+        data += [{**curve, **names} for curve in curves]
+    return drawing(data, height * down + 40, **axes)
 
 
 def thinned(t: Array, values: Array, buckets: int) -> tuple[Array, Array]:

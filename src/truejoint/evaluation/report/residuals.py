@@ -22,7 +22,7 @@ _BINS: Final = 24
 _FEW: Final = 8  # rows below which a bin has no median
 
 _WAYS: Final = (("moving up", BLUE, 1), ("moving down", ORANGE, -1))
-_HEIGHT: Final = 320  # of the figures of the interval
+_HEIGHT: Final = 280  # of the figures of the interval
 _EQUAL: Final = {"width": 1.0, "dash": "dash", "hoverinfo": "skip"}
 
 
@@ -91,9 +91,8 @@ def error_panels(panels: Sequence[Panel], moves: Array, unit: DisplayUnit, most:
     every = np.concatenate([panel.error for panel in panels])
     low, high = float(every.min()), float(every.max())
     margin = 0.05 * (high - low) or 1e-9
-    domains = plot.columns(len(panels), 0.035)
-    for i, (panel, domain) in enumerate(zip(panels, domains, strict=True)):
-        across: Spec = {"title": panel.title, "domain": domain, "nticks": 6}
+    for i, panel in enumerate(panels):
+        across: Spec = {"title": panel.title, "nticks": 6}
         up: Spec = {"title": "" if i else f"error [{unit.name}]", "zeroline": True}
         up |= {"range": [low - margin, high + margin], "showticklabels": i == 0}
         curves: list[Spec] = []
@@ -107,7 +106,7 @@ def error_panels(panels: Sequence[Panel], moves: Array, unit: DisplayUnit, most:
             elif len(x):
                 curves += _cloud(x, y, name, colour, most, legend=i == 0)
         drawn.append((across, up, curves))
-    return plot.panels(drawn, 270)
+    return plot.panels(drawn, 230, len(panels), 0.035)
 
 
 def _cloud(
@@ -150,64 +149,60 @@ def _quantiles(groups: Iterable[tuple[float, Array]]) -> Array:
 
 def stated_interval(evaluation: Evaluation) -> list[Figure]:
     """Found against stated coverage, with several levels; coverage of each of several motions."""
-    levels = {score.level for score in evaluation.intervals}
+    figures = []
+    stated = np.array(sorted({score.level for score in evaluation.intervals}))
     several = len(evaluation.interval_trajectories) > 1
-    figures = [_calibration(evaluation, sorted(levels), several=several)] if len(levels) > 1 else []
-    return figures + ([_by_trajectory(evaluation)] if levels and several else [])
-
-
-def _calibration(evaluation: Evaluation, stated: list[float], *, several: bool) -> Figure:
-    low, high = 100 * stated[0], 100 * stated[-1]
-    margin = 0.15 * (high - low)
-    ends = 100 * np.array([max(stated[0] - 0.2, 0.0), 1.0])
-    data = [plot.curve(ends, ends, "equal", drawing.INK, **_EQUAL)]
-    for joint, colour, beside in _joints(evaluation):
-        rows = [score for score in evaluation.intervals if score.joint == joint]
-        level = 100 * np.array([row.level for row in rows]) + 0.06 * margin * beside
-        coverage = 100 * np.array([row.coverage for row in rows])
-        style = _dots(colour) | {"line": {"color": colour, "width": 1.3}}
-        if several:
-            errors = 100 * np.array([row.standard_error for row in rows])
-            style["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
-        data.append(plot.scatter("lines+markers", level, coverage, joint, **style))
-    lowest = min(stated[0], *(score.coverage for score in evaluation.intervals))
-    across = [low - margin, min(high + margin, 100.0)]
-    x = plot.axis("stated [%]", range=across, tickvals=[100 * level for level in stated])
-    bottom = max(0.0, 100 * lowest - 8.0)
-    y = plot.axis("found inside [%]", rangemode="normal", range=[bottom, 101.0])
-    errors_text = "; bars are its sampling error over trajectories" if several else ""
-    caption = (
-        "Share of the test's samples inside the interval against what it states, joint by "
-        f"joint{errors_text}. On the dashed line both are equal; below it the interval is too "
-        "narrow."
-    )
-    spec = plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)
-    return Figure("calibration", "Stated and found coverage", caption, [spec], wide=False)
-
-
-def _by_trajectory(evaluation: Evaluation) -> Figure:
-    level, names = evaluation.interval_level, evaluation.interval_trajectories
-    number = np.arange(1.0, len(names) + 1.0)
-    ends = np.array([0.5, len(names) + 0.5])
-    stated = np.full(2, 100 * level), f"stated {100 * level:g} %"
-    data = [plot.curve(ends, *stated, drawing.INK, **_EQUAL)]
-    lowest = 1.0
-    text = {"text": [plot.plain(n) for n in names], "hovertemplate": "%{text}: %{y:.1f} %"}
-    for joint, colour, beside in _joints(evaluation):
-        (row,) = (s for s in evaluation.intervals if s.joint == joint and s.level == level)
-        lowest = min(lowest, *row.shares)
-        inside = 100 * np.array(row.shares)
-        style = _dots(colour) | text
-        data.append(plot.scatter("markers", number + 0.12 * beside, inside, joint, **style))
-    x = plot.axis("trajectory of the test", range=list(ends), dtick=max(1, len(names) // 10))
-    y = plot.axis("inside [%]", range=[max(0.0, 95 * lowest - 2), 102.0])
-    caption = (
-        f"Share of the samples of each trajectory inside the {100 * level:g} % interval, in the "
-        "order of the test. The statement is about their mean: one may lie inside altogether, "
-        "another half outside."
-    )
-    spec = plot.drawing(data, _HEIGHT, xaxis=x, yaxis=y)
-    return Figure("coverage", "Coverage of each trajectory", caption, [spec], wide=False)
+    if len(stated) > 1:
+        margin = 15 * (stated[-1] - stated[0])
+        ends = 100 * np.array([max(stated[0] - 0.2, 0.0), 1.0])
+        data = [plot.curve(ends, ends, "equal", drawing.INK, **_EQUAL)]
+        for joint, colour, beside in _joints(evaluation):
+            rows = [score for score in evaluation.intervals if score.joint == joint]
+            level = 100 * np.array([row.level for row in rows]) + 0.06 * margin * beside
+            coverage = 100 * np.array([row.coverage for row in rows])
+            style = _dots(colour) | {"line": {"color": colour, "width": 1.3}}
+            if several:
+                errors = 100 * np.array([row.standard_error for row in rows])
+                style["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
+            data.append(plot.scatter("lines+markers", level, coverage, joint, **style))
+        lowest = min(stated[0], *(score.coverage for score in evaluation.intervals))
+        across = [100 * stated[0] - margin, min(100 * stated[-1] + margin, 100.0)]
+        x = {"title": "stated [%]", "range": across, "tickvals": (100 * stated).tolist()}
+        y = {"title": "found inside [%]", "range": [max(0.0, 100 * lowest - 8.0), 101.0]}
+        errors_text = "; bars are its sampling error over trajectories" if several else ""
+        caption = (
+            "Share of the test's samples inside the interval against what it states, joint by "
+            f"joint{errors_text}. On the dashed line both are equal; below it the interval is too "
+            "narrow."
+        )
+        spec = plot.panels([(x, y, data)], _HEIGHT)
+        title = "Stated and found coverage"
+        figures.append(Figure("calibration", title, caption, [spec], wide=False))
+    if len(stated) and several:
+        level, names = evaluation.interval_level, evaluation.interval_trajectories
+        number, ends = np.arange(1.0, len(names) + 1.0), np.array([0.5, len(names) + 0.5])
+        title = f"stated {100 * level:g} %"
+        data = [plot.curve(ends, np.full(2, 100 * level), title, drawing.INK, **_EQUAL)]
+        text = {"text": [plot.plain(n) for n in names], "hovertemplate": "%{text}: %{y:.1f} %"}
+        shares = {
+            s.joint: 100 * np.array(s.shares) for s in evaluation.intervals if s.level == level
+        }
+        for joint, colour, beside in _joints(evaluation):
+            place = number + 0.12 * beside
+            data.append(
+                plot.scatter("markers", place, shares[joint], joint, **_dots(colour), **text)
+            )
+        x = {"title": "trajectory of the test", "range": list(ends), "dtick": -(-len(names) // 10)}
+        lowest = min(values.min() for values in shares.values())
+        y = {"title": "inside [%]", "range": [max(0.0, 0.95 * lowest - 2), 102.0]}
+        caption = (
+            f"Share of the samples of each trajectory inside the {100 * level:g} % interval, in "
+            "the order of the test. The statement is about their mean: one may lie inside "
+            "altogether, another half outside."
+        )
+        spec, title = plot.panels([(x, y, data)], _HEIGHT), "Coverage of each trajectory"
+        figures.append(Figure("coverage", title, caption, [spec], wide=False))
+    return figures
 
 
 def _dots(colour: str) -> Spec:

@@ -107,24 +107,22 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
         if len(half) == len(bounds):
             layers.append((f"half-width [{unit.name}]", mean(unit.scale * np.concatenate(half))))
         panels: list[plot.Panel] = []
-        for (title, values), domain in zip(layers, plot.columns(len(layers), 0.2), strict=True):
+        for title, values in layers:
             highest = float(np.quantile(values, 0.95)) if len(values) else 1.0
-            dots = plot.coloured({"x": x, "y": y}, values, title, highest, symbol="square")
-            dots |= {"showlegend": False, "meta": {"cells": count}}  # for the size of the squares
-            bounded = {
-                "domain": [0.9 * end for end in domain],
-                "range": [edges[0][0], edges[0][-1]],
-            }
-            across = {"title": names[a], **bounded}
-            up = {"title": names[b], "range": [edges[1][0], edges[1][-1]], "zeroline": False}
-            panels.append((across | {"zeroline": False}, up, [dots]))
+            dots = plot.coloured(x, y, values, title, highest, symbol="square")
+            dots["meta"] = {"cells": count}  # for the size of the squares
+            across, up = (
+                {"title": names[i], "range": [edge[0], edge[-1]], "zeroline": False}
+                for i, edge in zip((a, b), edges, strict=True)
+            )
+            panels.append((across, up, [dots]))
         said = " and the mean half-width that is stated" if len(layers) > 1 else ""
         caption = (
             f"{joint}: RMSE of {estimator_phrase(evaluation.chosen)}{said} over {where}, in "
             f"cells that at least {_FEW} rows of the test crossed; scales end at the 95th "
             "percentile."
         )
-        spec = plot.panels(panels, 320)
+        spec = plot.panels(panels, 280, gap=0.2, width=0.9)
         title, wide = f"{joint}: error over the workspace", len(layers) > 1
         yield Figure(f"map-{column}", title, caption, [spec], wide=wide)
 
@@ -191,4 +189,4 @@ def _plane(groups: _Groups, names: Sequence[str]) -> Spec:
     drawn = [(name, colour, plot.joined(paths, _POINTS)) for name, colour, paths in groups if paths]
     style = {"width": 1.0, "opacity": 0.7, "hoverinfo": "skip"}
     curves = [plot.curve(path[:, 0], path[:, 1], *who, **style) for *who, path in drawn]
-    return plot.panels([({"title": names[0]}, {"title": names[1]}, curves)], 400)
+    return plot.panels([({"title": names[0]}, {"title": names[1]}, curves)], 360)

@@ -115,8 +115,8 @@ def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
     rejected = " Crosses were rejected." if report.fit.left_out.any() else ""
     for a, b, where in _VIEWS:
         panels: list[Panel] = []
-        for (title, error), domain in zip(errors, plot.columns(2, 0.2), strict=True):
-            x = {"title": f"{'xyz'[a]} of the {frame} [mm], {title}", "domain": domain}
+        for title, error in errors:
+            x = {"title": f"{'xyz'[a]} of the {frame} [mm], {title}"}
             y = {"title": f"{'xyz'[b]} [mm]", "scaleanchor": "x" if not panels else "x2"}
             panels.append((x, y, _arrows(report.point, error, (a, b), report.fit.left_out)))
         caption = (
@@ -126,7 +126,9 @@ def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
             "not see it, its own error included." + rejected
         )
         key = f"map-{'xyz'[a]}{'xyz'[b]}"
-        yield Figure(key, f"Errors of the tip, {where}", caption, [plot.panels(panels, 380)])
+        yield Figure(
+            key, f"Errors of the tip, {where}", caption, [plot.panels(panels, 340, gap=0.2)]
+        )
 
 
 def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -> list[plot.Spec]:
@@ -137,9 +139,8 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     tip = place + _ARROW * np.ptp(place, axis=0).max() / longest * error[:, axes]
     lines = np.full((3 * good.sum(), 2), np.nan)
     lines[0::3], lines[1::3] = place[good], tip[good]
-    xy = {"x": place[good, 0], "y": place[good, 1]}
-    dots = plot.coloured(xy, size[good], "error [mm]", float(size[good].max()), size=9)
-    dots["showlegend"] = False
+    highest = float(size[good].max())
+    dots = plot.coloured(*place[good].T, size[good], "error [mm]", highest, size=9)
     style = {"width": 1.5, "hoverinfo": "skip"}
     drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", drawing.GREY, **style), dots]
     if left_out.any():
