@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import Calibration, calibrate
+from truejoint.errors import TruejointError
 from truejoint.evaluation import evaluate
 from truejoint.recordings.table.recording import Recording
-from truejoint.runtime import Corrector, Status
+from truejoint.runtime import Corrector
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +51,6 @@ def test_errors_inside_and_outside_stand_apart(model: Calibration, test: Recordi
     error = evaluation.error("linear", 0)
     assert score.rmse_inside == pytest.approx(np.sqrt(np.mean(error[inside] ** 2)))
     assert score.rmse_outside == pytest.approx(np.sqrt(np.mean(error[~inside] ** 2)))
-    assert evaluation.domain is not None
     assert evaluation.domain.inside == inside.mean()
     assert evaluation.verdict.level == "warn"
     assert any("pass the raw position" in doubt for doubt in evaluation.verdict.doubts)
@@ -62,7 +62,6 @@ def test_another_instrument_is_called_that(model: Calibration, test: Recording) 
     assert verdict.level == "fail"
     assert "another instrument" in verdict.text
     moved = evaluate(model, _shifted(test, slice(None), truth=0.4))
-    assert moved.domain is not None
     assert moved.domain.inside > 0.9  # the inputs are as in training; only the truth tells
     assert "a zero that has moved" in moved.verdict.text
 
@@ -70,7 +69,6 @@ def test_another_instrument_is_called_that(model: Calibration, test: Recording) 
 def test_a_moved_zero_is_no_objection_once_re_zeroed(model: Calibration, test: Recording) -> None:
     moved = _shifted(test, slice(None), truth=0.4)
     found = evaluate(model, moved, rezero=2.0)
-    assert found.domain is not None
     assert found.domain.beyond == 0.0
     assert found.verdict.objections == ()
     at_zero = evaluate(model, test, rezero=2.0).domain
@@ -108,8 +106,8 @@ def test_a_failed_data_check_is_no_green_pass(model: Calibration, test: Recordin
     assert "data check failed (outliers)" in of_training.doubts[0]
 
 
-def test_no_loop_no_domain(model: Calibration, test: Recording) -> None:
-    evaluation = evaluate(replace(model, training_domain=None), test)
-    assert evaluation.domain is None
-    assert np.isnan(evaluation.score("linear", "jaw").rmse_outside)
-    assert Status.OK == 0
+def test_a_calibration_without_a_training_range_is_refused(
+    model: Calibration, test: Recording
+) -> None:
+    with pytest.raises(TruejointError, match="calibrate it again"):
+        evaluate(replace(model, training_domain=None), test)

@@ -102,10 +102,9 @@ def show(result: truejoint.evaluation.Evaluation) -> None:
     if result.intervals or result.interval_objections:
         for line in (result.interval_note, *result.interval_objections):
             say(line)
-    if result.domain is not None:
-        if result.domain.inside < 1.0:
-            out.print(truejoint.evaluation.domain_table(result))
-        say(truejoint.evaluation.score_rows.domain_line(result))
+    if result.domain.inside < 1.0:
+        out.print(truejoint.evaluation.domain_table(result))
+    say(truejoint.evaluation.score_rows.domain_line(result))
     verdict = result.verdict
     show_verdict(verdict)
     if verdict.advice and verdict.advice not in verdict.doubts:

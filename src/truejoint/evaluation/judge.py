@@ -73,7 +73,13 @@ def judge_recording(
     errors = {key: [value - truth[judged] for value in own] for key, own in estimates.items()}
     tool, tool_errors = _of_the_tool(robot, recording, judged, joints, truth[judged], estimates)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
-    status = loop_status(at_zero[chosen][0], recording)
+    model = at_zero[chosen][0]
+    status = loop_status(model, recording)
+    assert model.training_domain is not None  # noqa: S101  # its corrector refuses others
+    (lower, upper), error = (
+        believable_corrections(model.training_domain),
+        (truth - measured)[judged],
+    )
     trace = Trace(
         name=name,
         provenance=recording.provenance.to_dict(),
@@ -87,8 +93,8 @@ def judge_recording(
         effort_unit={joint: recording.units[f"effort/{joint}"] for joint in efforts},
         estimates={key: seeds[0] for key, seeds in estimates.items()},
         tool={key: tool[key] for key in ("truth", OFFSET, chosen) if key in tool},
-        status=None if status is None else status[judged],
-        believable=believable(at_zero[chosen][0], (truth - measured)[judged]),
+        status=status[judged],
+        believable=((error >= lower) & (error <= upper)).all(axis=1),
     )
     return JudgedRecording(trace, errors, tool_errors)
 
@@ -173,14 +179,12 @@ def all_joints(recording: Recording, robot: Robot) -> Array:
     return positions
 
 
-def loop_status(model: Calibration, recording: Recording) -> Integers | None:
-    """`Status` bits (n,) of every row, by the corrector's own kernel; None if it takes no `model`.
+def loop_status(model: Calibration, recording: Recording) -> Integers:
+    """`Status` bits (n,) of every row, by the corrector's own kernel.
 
     A moved zero is another matter than rows unlike the training, so bits of the homing are left
     out. An estimator that uses later rows runs in no loop; its training domain is judged by alone.
     """
-    if model.training_domain is None:
-        return None
     try:
         corrector = corrector_for(model, [recording])
     except CalibrationError:
@@ -189,30 +193,15 @@ def loop_status(model: Calibration, recording: Recording) -> Integers | None:
     return corrector.run(recording).status & _HOMING
 
 
-def believable(model: Calibration, error: Array) -> Mask | None:
-    """Tell in which rows the loop would believe a correction by `error` (n, n_joints) [rad or m].
-
-    That is truth minus measured position; None if no loop takes the `model`.
-    """
-    if model.training_domain is None:
-        return None
-    lower, upper = believable_corrections(model.training_domain)
-    return np.asarray(((error >= lower) & (error <= upper)).all(axis=1))
-
-
-def domain_of(traces: Sequence[Trace]) -> Domain | None:
+def domain_of(traces: Sequence[Trace]) -> Domain:
     """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
-    statuses = [trace.status for trace in traces if trace.status is not None]
-    fits = [trace.believable for trace in traces if trace.believable is not None]
-    if not statuses or not fits:
-        return None
-    status = np.concatenate(statuses)
+    status = np.concatenate([trace.status for trace in traces])
     shares = {str(bit.name): float(np.mean(status & bit != 0)) for bit in Status if bit}
     flagged = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
     return Domain(
         inside=float(np.mean(np.concatenate([trace.inside for trace in traces]))),
         flags={name: share for share, name in flagged},
-        beyond=1.0 - float(np.concatenate(fits).mean()),
+        beyond=1.0 - float(np.concatenate([trace.believable for trace in traces]).mean()),
     )
 
 

@@ -333,10 +333,10 @@ class Trace:
     lower, upper : ndarray, shape (n, n_joints), or None
         Bounds of the stated interval [rad or m], NaN in rows that it says nothing of; None where
         no interval holds.
-    status : ndarray, shape (n,), or None
+    status : ndarray, shape (n,)
         Bits of `truejoint.runtime.Status` as the loop would give them once homed, and re-zeroed if
-        the test is; None where no loop takes the model.
-    believable : ndarray, shape (n,), or None
+        the test is.
+    believable : ndarray, shape (n,)
         Whether truth minus measured position is a correction that the loop would believe.
 
     Examples
@@ -357,16 +357,14 @@ class Trace:
     effort_unit: Mapping[str, str]
     estimates: Mapping[str, Array]
     tool: Mapping[str, Array]
+    status: Integers
+    believable: Mask
     lower: Array | None = None
     upper: Array | None = None
-    status: Integers | None = None
-    believable: Mask | None = None
 
     @property
     def inside(self) -> Mask:
-        """Rows (n,) that the loop would correct were their zero right; all where not known."""
-        if self.status is None:
-            return np.ones(len(self.t), dtype=bool)
+        """Rows (n,) that the loop would correct were their zero right."""
         return np.asarray(self.status & ~int(Status.ZERO_SUSPECT) == 0)
 
     def error(self, estimator: str) -> Array:
@@ -404,8 +402,8 @@ class Evaluation(Summarised):
     rezero : float
         Time of truth [s] that every recording was re-zeroed from; 0: judged as they come.
     verdict : Verdict
-    check, domain : DataCheck, Domain or None
-        Of the test's recordings; the domain is None where no loop takes the model.
+    check, domain : DataCheck, Domain
+        Of the test's recordings.
     comparisons : tuple of Comparison
         The chosen model's first seed beside every other estimator, joint by joint.
     intervals, interval_trajectories : tuple of IntervalScore, tuple of str
@@ -441,7 +439,7 @@ class Evaluation(Summarised):
     window: float
     verdict: Verdict
     check: DataCheck
-    domain: Domain | None
+    domain: Domain
     comparisons: tuple[Comparison, ...]
     training: Mapping[str, Any]
     traces: tuple[Trace, ...]

@@ -85,6 +85,12 @@ def main_rows(evaluation: Evaluation) -> Iterator[Row]:
 def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
     """Give the chosen model's RMSE of each joint, and of the tool, for the first screen."""
     verdicts = {verdict.joint: verdict for verdict in evaluation.verdict.joints}
+    bands = {
+        row["joint"]: f"± {row['widths'][0]} {row['unit']} stated at {row['level']}; "
+        f"{row['coverage']} found inside"
+        for row in interval_rows(evaluation)
+        if row["chosen"]
+    }
     for name, unit, scores in evaluation.shown_scores():
         rows = {score.estimator: score for score in scores}
         own, verdict = rows[evaluation.chosen], verdicts.get(name)
@@ -98,22 +104,9 @@ def headlines(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
             "unit": unit.name,
             "percent": "" if evaluation.chosen == OFFSET else percent,
             "limit": f"{against} {beside} {unit.name}",
-            "interval": _interval_line(evaluation, name),
+            "interval": bands.get(name, ""),
             "passed": verdict.passed if verdict else None,
         }
-
-
-def _interval_line(evaluation: Evaluation, joint: str) -> str:
-    """Half-width of the band's level and its coverage; empty where none was judged."""
-    for score in evaluation.intervals:
-        if score.joint == joint and score.level == evaluation.interval_level:
-            unit = display_unit(score.unit)
-            (width,) = shown([unit.scale * score.half_width])
-            return (
-                f"± {width} {unit.name} stated at {100 * score.level:g} %; "
-                f"{100 * score.coverage:.1f} % found inside"
-            )
-    return ""
 
 
 def interval_rows(evaluation: Evaluation) -> Iterator[dict[str, Any]]:
@@ -150,10 +143,8 @@ def comparison_rows(evaluation: Evaluation) -> Iterator[Row]:
 
 
 def domain_line(evaluation: Evaluation) -> str:
-    """Share of the test that the loop would correct, and why not the rest; empty if not known."""
+    """Share of the test that the loop would correct, and why not the rest."""
     domain = evaluation.domain
-    if domain is None:
-        return ""
     flags = f"; it flags {flags_text(domain)}." if domain.flags else "."
     return f"The loop would correct {share_text(domain.inside)} of the rows{flags}"
 
@@ -162,33 +153,35 @@ def load_rows(evaluation: Evaluation) -> Iterator[Row]:
     """RMSE before and after by hung mass; empty unless the test has several known masses."""
     masses = known_loads(evaluation.traces)
     loads = [trace.provenance.get("load") for trace in evaluation.traces]
+    sizes = [len(trace.t) for trace in evaluation.traces]
     for mass in masses if len(masses) > 1 else ():
-        mask = np.repeat([load == mass for load in loads], [len(t.t) for t in evaluation.traces])
-        for column, joint, unit in evaluation.shown_joints():
-            cells = [joint, loads.count(mass), *_before_after(evaluation, column, mask)]
-            yield Row(f"{1e3 * mass:.0f} g", cells, unit.name)
+        rows = np.repeat([load == mass for load in loads], sizes)
+        for column, joint, _ in evaluation.shown_joints():
+            cells = [joint, loads.count(mass)]
+            yield _before_after(evaluation, column, rows, f"{1e3 * mass:.0f} g", cells)
 
 
 def direction_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Bias and RMSE of the chosen model by joint and direction of motion."""
-    for column, joint, unit in evaluation.shown_joints():
+    for column, joint, _ in evaluation.shown_joints():
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         for title, way in (("up", 1), ("down", -1), ("standing", 0)):
-            mask = moves == way
-            if mask.any():
-                numbers = _before_after(evaluation, column, mask)
-                yield Row(joint, [title, f"{100 * mask.mean():.0f} %", *numbers], unit.name)
+            if (rows := moves == way).any():
+                cells = [title, f"{100 * rows.mean():.0f} %"]
+                yield _before_after(evaluation, column, rows, joint, cells)
 
 
-def _before_after(evaluation: Evaluation, column: int, rows: Mask) -> list[str]:
-    """Mean error and RMSE of the fixed offset and of the chosen model in some rows."""
+def _before_after(
+    evaluation: Evaluation, column: int, rows: Mask, name: str, cells: Sequence[Any]
+) -> Row:
+    """Row with mean error and RMSE of the fixed offset and of the chosen model in some rows."""
     unit = display_unit(evaluation.units[column])
     numbers: list[float] = []
-    for name in (OFFSET, evaluation.chosen):
-        error = unit.scale * evaluation.error(name, column)[rows]
+    for estimator in (OFFSET, evaluation.chosen):
+        error = unit.scale * evaluation.error(estimator, column)[rows]
         numbers += [error.mean(), np.sqrt(np.mean(error**2))]
     decimals = decimals_for(numbers[1::2])
-    return [fixed(value, decimals) for value in numbers]
+    return Row(name, [*cells, *(fixed(value, decimals) for value in numbers)], unit.name)
 
 
 def recording_rows(evaluation: Evaluation) -> list[dict[str, Any]]:

@@ -245,20 +245,18 @@ def _and(parts: Sequence[str]) -> str:
     return parts[0] if len(parts) == 1 else ", ".join(parts[:-1]) + " and " + parts[-1]
 
 
-def objections_to(
-    origin: Origin, recordings: Sequence[Recording], domain: Domain | None
-) -> Iterator[str]:
+def objections_to(origin: Origin, recordings: Sequence[Recording], domain: Domain) -> Iterator[str]:
     """Object to rows that were in the training, and to a test unlike it."""
     for recording in recordings:
         if origin.includes(recording):
             name = _name(recording) or "a recording"
             yield f"the model was trained on rows of {name}, which it is tested on"
-    if domain and domain.inside < _MOST:
+    if domain.inside < _MOST:
         yield (
             f"the loop would refuse {_refused(domain)}: it is of another instrument, mounting or "
             "unit than the training, or of a motion unlike it"
         )
-    if domain and domain.beyond > 1.0 - _MOST:
+    if domain.beyond > 1.0 - _MOST:
         yield (
             f"in {share_text(domain.beyond)} of the rows the truth is further from the measured "
             "position than any correction that the loop would believe: it is of another "
@@ -270,7 +268,7 @@ def doubts_about(
     origin: Origin,
     zero: Zero | None,
     recordings: Sequence[Recording],
-    domain: Domain | None,
+    domain: Domain,
     check: DataCheck,
     rezero: float = 0.0,
 ) -> Iterator[str]:
@@ -287,9 +285,9 @@ def doubts_about(
     for finding in (finding for finding in check.findings if finding.level == "fail"):
         anyway = ", which was accepted" if finding.name in check.accepted else ""
         yield f"The data check failed{anyway}: {finding.what} ({finding.where})."
-    if domain and domain.inside < 1.0 - _FEW:
+    if domain.inside < 1.0 - _FEW:
         yield f"The loop would refuse {_refused(domain)}, and pass the raw position through there."
-    suspect = domain.flags.get("ZERO_SUSPECT", 0.0) if domain else 0.0
+    suspect = domain.flags.get("ZERO_SUSPECT", 0.0)
     if suspect:
         yield (
             f"The loop would hold the zero for suspect in {share_text(suspect)} of the rows, until "
