@@ -9,16 +9,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, read_calibration, residuals, write_calibration
+from truejoint.calibration import calibrate, efforts, read_calibration, write_calibration
 from truejoint.calibration.efforts import (
     MAX_JOINTS,
     count_effort_terms,
     effort_steps,
     effort_terms,
     has_baseline,
+    residual_statistics,
 )
 from truejoint.calibration.model_file import decode, encode, encode_arrays
-from truejoint.calibration.residuals import residual_statistics
 from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
@@ -161,7 +161,7 @@ def test_beginnings_are_looked_at_from_so_many_starts_in_all_and_of_each(
         counts.append(count)
         return []
 
-    monkeypatch.setattr(residuals, "beginning_offsets", looked_at)
+    monkeypatch.setattr(efforts, "beginning_offsets", looked_at)
     residual_statistics(calibration, [motion(0, duration=20.0)] * recordings, np.zeros(3))
     assert counts == [each] * recordings
 

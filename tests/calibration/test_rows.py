@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from truejoint.calibration import Zero, calibrate, find_zero
-from truejoint.calibration.training_rows import signal_moves
+from truejoint.calibration.fit_task import signal_moves
 from truejoint.errors import CalibrationError
 from truejoint.runtime import Corrector
 

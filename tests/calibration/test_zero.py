@@ -18,14 +18,15 @@ from truejoint.calibration import (
     write_calibration,
 )
 from truejoint.calibration.conformal import knowing_errors
-from truejoint.calibration.efforts import BEGINNINGS, time_in_motion
-from truejoint.calibration.residuals import (
+from truejoint.calibration.efforts import (
+    BEGINNINGS,
     _root_mean_square,
     beginning_offsets,
     residual_statistics,
+    time_in_motion,
 )
+from truejoint.calibration.fit_task import signal_moves
 from truejoint.calibration.rows import Rows, shift_signals
-from truejoint.calibration.training_rows import signal_moves
 from truejoint.calibration.zero import CORRELATION_MARGIN, believed, judged_error
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators import NeuralNetwork, estimator_names
@@ -190,7 +191,7 @@ def test_what_is_forgotten_is_not_run_again(monkeypatch):
 
     found, count = looked_at()
     assert 200 < count <= 210  # seven times a tenth of half of the recording
-    monkeypatch.setattr("truejoint.calibration.residuals._AGREED", -1.0)  # nothing ever agrees
+    monkeypatch.setattr("truejoint.calibration.efforts._AGREED", -1.0)  # nothing ever agrees
     whole, count = looked_at()
     assert 2200 < count <= 7 * (30 + 300)
     near = 0.01 * np.std(np.exp(-20.0 * t))

@@ -18,8 +18,8 @@ from truejoint.calibration import (
     write_calibration,
 )
 from truejoint.calibration.choose import validate_zeros
+from truejoint.calibration.fit_task import zero_groups
 from truejoint.calibration.folds import FOLDS, Fold, Part
-from truejoint.calibration.training_rows import zero_groups
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator

@@ -12,8 +12,8 @@ import pytest
 from sklearn.neighbors import KNeighborsRegressor
 from tests.runtime.streams import faulty
 
+from truejoint.calibration.fit_task import signal_moves
 from truejoint.calibration.interval import Interval
-from truejoint.calibration.training_rows import signal_moves
 from truejoint.errors import TruejointError
 from truejoint.estimators import get_estimator
 from truejoint.export.export_c import export_c

@@ -14,9 +14,9 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.fit import training_origin
+from truejoint.calibration.fit_task import stride_of, training_rows
 from truejoint.calibration.origin import Session
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.training_rows import stride_of, training_rows
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
 from truejoint.estimators.ridge import check_row_count

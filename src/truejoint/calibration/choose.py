@@ -31,11 +31,10 @@ from truejoint.calibration.cross_validate import (
     log_ratio,
     share_of,
 )
-from truejoint.calibration.fit_task import unfitted
+from truejoint.calibration.fit_task import outlying_values, stride_of, training_rows, unfitted
 from truejoint.calibration.folds import FEW, FOLDS, Fold, folds
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.training_rows import outlying_values, stride_of, training_rows
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress, untold

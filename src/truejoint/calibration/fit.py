@@ -22,23 +22,28 @@ from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import (
     STEPS_PER_RANGE,
     EffortBaseline,
+    Residuals,
     fit_effort_baseline,
     has_baseline,
     position_range,
+    residual_statistics,
 )
-from truejoint.calibration.fit_task import FitTask, Fitted, data_of, fit_model, within
-from truejoint.calibration.folds import FEW, FOLDS, Fold, blocks, dealt, folds, wholes, without
-from truejoint.calibration.origin import Origin, Session, TrainingZeros, ZeroOf, distinct
-from truejoint.calibration.redundancy import chosen_redundant, fit_parity_equations
-from truejoint.calibration.residuals import Residuals, residual_statistics
-from truejoint.calibration.rows import Rows
-from truejoint.calibration.training_rows import (
+from truejoint.calibration.fit_task import (
+    FitTask,
+    Fitted,
+    data_of,
+    fit_model,
     fitted_rows,
     signal_moves,
     stride_of,
     take_off_zeros,
+    within,
     zero_groups,
 )
+from truejoint.calibration.folds import FEW, FOLDS, Fold, blocks, dealt, folds, wholes, without
+from truejoint.calibration.origin import Origin, Session, TrainingZeros, ZeroOf, distinct
+from truejoint.calibration.redundancy import chosen_redundant, fit_parity_equations
+from truejoint.calibration.rows import Rows
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.family import Target
 from truejoint.estimators.registry import AUTO, DEFAULT

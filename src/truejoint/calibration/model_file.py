@@ -6,7 +6,7 @@ import os
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Annotated, Any, Final, Literal, NamedTuple, TypeVar
+from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -25,8 +25,6 @@ from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
 from truejoint.robots.catalogue import robot_of
 from truejoint.schema import Bounds, Length, Pattern
-
-_Part = TypeVar("_Part", TrainingDomain, EffortBaseline, ParityEquations, Interval)
 
 MAX_JOINTS: Final = 64
 
@@ -56,7 +54,7 @@ _AXES: Final[Mapping[type, Mapping[str, str]]] = {
 }
 """A letter for each axis of an array: s signals of the loop, f features, j joints, t terms of an
 effort, b beginnings; another one is of any length. A field that is not named is a number."""
-_PARTS: Final = {
+_PARTS: Final[Mapping[str, type[Any]]] = {
     "training_domain": TrainingDomain,
     "effort_baseline": EffortBaseline,
     "parity": ParityEquations,
@@ -342,9 +340,7 @@ def _with_parts(bare: Calibration, parts: _Arrays, again: _Fit | None) -> Calibr
     return replace(bare, **taken)
 
 
-def decode_arrays(
-    kind: type[_Part], arrays: Mapping[str, Array], sizes: Mapping[str, int]
-) -> _Part:
+def decode_arrays(kind: type[Any], arrays: Mapping[str, Array], sizes: Mapping[str, int]) -> Any:
     """Inverse of `encode_arrays` for a part of a model, whose axes have these `sizes`.
 
     Raises ModelFileError when names or shapes are not those of the part, or a number is not finite
@@ -353,7 +349,7 @@ def decode_arrays(
     axes, title = _AXES[kind], re.sub(r"\B([A-Z])", r" \1", kind.__name__).lower()
     lengths = {**sizes, "1": 1}
     for name, letters in axes.items():
-        for letter, length in zip(letters, np.shape(arrays.get(name)), strict=False):
+        for letter, length in zip(letters, np.shape(arrays.get(name, 0.0)), strict=False):
             lengths.setdefault(letter, length)
     types = {field.name: str(field.type) for field in fields(kind)}
     shapes = {

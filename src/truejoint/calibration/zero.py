@@ -13,8 +13,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import as_calibration, as_recorded
 from truejoint.calibration.compatibility import source_of
-from truejoint.calibration.efforts import time_in_motion
-from truejoint.calibration.residuals import past_weights, weighted_median
+from truejoint.calibration.efforts import past_weights, time_in_motion, weighted_median
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
 
