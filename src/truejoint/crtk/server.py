@@ -5,8 +5,9 @@ from __future__ import annotations
 import logging
 import math
 import threading
-from collections.abc import Callable, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
+from functools import partial
 from typing import Any, Final, Self
 
 import numpy as np
@@ -28,13 +29,16 @@ from truejoint.crtk.messages import (
     raven_state_fields,
 )
 from truejoint.crtk.ros.transport import Publisher, Transport
-from truejoint.crtk.states import OperatingState
 from truejoint.crtk.topics import topic_columns
 from truejoint.errors import CommandRefused, MotionStopped, TruejointError
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
 _POSE: Final = "geometry_msgs/PoseStamped"
 _TRANSFORM: Final = "geometry_msgs/TransformStamped"
+_COMMANDS: Final = (
+    "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "move_jp", "move_jr", "move_cp",
+    "hold",
+)  # fmt: skip
 _IDLE: Final = 0.01  # [s] between reports of an arm that does not work
 _DRIFT: Final = 0.1  # [s] by which its clock may be off ROS's
 
@@ -86,17 +90,37 @@ class ArmServer:
         self._spoken = threading.Event()
         self._closed = threading.Event()
         self._move: Motion | None = None
-        self._publishers: dict[str, Publisher] = {}
-        self._endings: list[Callable[[], None]] = []
         self._threads: list[threading.Thread] = []
         self._pose_kind = _TRANSFORM if self._profile.swapped else _POSE
-        self._is_raven = arm.robot.name == "raven2"
+        self._kinds = {
+            "measured_js": JOINT_STATE, "setpoint_js": JOINT_STATE,
+            "operating_state": OPERATING_STATE, "truth": JOINT_STATE,
+        }  # fmt: skip
+        if arm.robot.kinematics is not None:
+            self._kinds["measured_cp"] = self._pose_kind
+        if arm.robot.name == "raven2":
+            self._kinds["ravenstate"] = RAVEN_STATE
+        self._publishers: dict[str, Publisher] = {}
+        self._reading, self._writing = ExitStack(), ExitStack()
 
     def __enter__(self) -> Self:
+        subscribe = self._transport.subscribe
         try:
-            self._open()
+            for name, kind in self._kinds.items():
+                topic = {"ravenstate": RAVEN_TOPIC, "truth": TRUTH_TOPIC}.get(name)
+                made = self._transport.publisher(topic or self._name(name), kind)
+                self._publishers[name] = made
+                self._writing.callback(made.close)
+            for name in _COMMANDS:
+                kind = self._pose_kind if name.endswith(("_cp", "_cr")) else JOINT_STATE
+                kind = "std_msgs/Empty" if name == "hold" else kind
+                receive = partial(self._receive, name)
+                self._reading.callback(subscribe(self._name(name), kind, receive))
+            topic = self._name("state_command")
+            self._reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
         except BaseException:
-            self._close()
+            self._reading.close()
+            self._writing.close()
             raise
         self._arm.subscribe(self._report)
         thread = threading.Thread(target=self._report_idle, name="idle reports", daemon=True)
@@ -104,38 +128,15 @@ class ArmServer:
         thread.start()
         return self
 
-    def _open(self) -> None:
-        kinds = {
-            "measured_js": JOINT_STATE, "setpoint_js": JOINT_STATE,
-            "operating_state": OPERATING_STATE,
-        }  # fmt: skip
-        if self._arm.robot.kinematics is not None:
-            kinds["measured_cp"] = self._pose_kind
-        for name, kind in kinds.items():
-            self._publishers[name] = self._transport.publisher(self._name(name), kind)
-        if self._is_raven:
-            made = self._transport.publisher(RAVEN_TOPIC, RAVEN_STATE)
-            self._publishers["ravenstate"] = made
-        self._publishers["truth"] = self._transport.publisher(TRUTH_TOPIC, JOINT_STATE)
-        self._listen()
-
     def __exit__(self, *_: object) -> None:
         self._closed.set()
         self._arm.unsubscribe(self._report)
-        while self._endings:
-            self._endings.pop()()
+        self._reading.close()
         with suppress(TruejointError):
             self._arm.pause()
         for thread in self._threads:
             thread.join(1.0)
-        self._close()
-
-    def _close(self) -> None:
-        """Give all topics up."""
-        while self._endings:
-            self._endings.pop()()
-        for publisher in self._publishers.values():
-            publisher.close()
+        self._writing.close()
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -147,65 +148,36 @@ class ArmServer:
 
     # Commands.
 
-    def _listen(self) -> None:
-        arm = self._arm
-        joints: Mapping[str, Callable[[Array], Motion | None]] = {
-            "servo_jp": arm.servo_jp, "servo_jr": arm.servo_jr,
-            "move_jp": arm.move_jp, "move_jr": arm.move_jr,
-        }  # fmt: skip
-        for name, act in joints.items():
-            self._on(name, JOINT_STATE, lambda message: np.array(message.position), act)
-        self._on("servo_jv", JOINT_STATE, lambda message: np.array(message.velocity), arm.servo_jv)
-        poses: Mapping[str, Callable[[Array], Motion | None]] = {
-            "servo_cp": arm.servo_cp, "servo_cr": arm.servo_cr, "move_cp": arm.move_cp,
-        }  # fmt: skip
-        for name, act in poses.items():
-            self._on(name, self._pose_kind, matrix_of, act)
-        self._on("hold", "std_msgs/Empty", lambda _: None, lambda _: arm.hold())
-        topic = self._name("state_command")
-        self._endings.append(self._transport.subscribe(topic, STRING_STAMPED, self._on_command))
-
-    def _on(
-        self,
-        name: str,
-        kind: str,
-        value: Callable[[Any], Any],
-        act: Callable[[Any], Motion | None],
-    ) -> None:
-        """Act on the messages of a topic, one after the other."""
-
-        def receive(message: Any) -> None:
-            try:
-                motion = act(value(message))
-            except (TruejointError, ValueError) as refusal:
-                _log.warning("%s: %s", self._name(name), refusal)
-                return
-            if motion is not None:
-                self._move = motion
-
-        self._endings.append(self._transport.subscribe(self._name(name), kind, receive))
+    def _receive(self, name: str, message: Any) -> None:
+        """Carry out a message of a topic of `_COMMANDS`."""
+        act = getattr(self._arm, name)
+        try:
+            if name == "hold":
+                motion = act()
+            elif name.endswith(("_cp", "_cr")):
+                motion = act(matrix_of(message))
+            else:
+                motion = act(np.array(message.velocity if name == "servo_jv" else message.position))
+        except (TruejointError, ValueError) as refusal:
+            _log.warning("%s: %s", self._name(name), refusal)
+            return
+        self._move = motion or self._move
 
     def _on_command(self, message: Any) -> None:
         """Carry a state command out in a thread of its own, so that a homing can be paused."""
-        thread = threading.Thread(target=self._command, args=(message.string,), daemon=True)
+
+        def carry_out() -> None:
+            try:
+                self._arm.state_command(message.string)
+            except TruejointError as refusal:
+                level = logging.INFO if isinstance(refusal, MotionStopped) else logging.WARNING
+                _log.log(level, "%s: %s", self._name("state_command"), refusal)
+
+        thread = threading.Thread(target=carry_out, daemon=True)
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()
 
-    def _command(self, command: str) -> None:
-        try:
-            self._arm.state_command(command)
-        except TruejointError as refusal:
-            level = logging.INFO if isinstance(refusal, MotionStopped) else logging.WARNING
-            _log.log(level, "%s: %s", self._name("state_command"), refusal)
-
     # Reports.
-
-    def _state(self) -> OperatingState:
-        """State, busy with a move or a homing, not with a stream of set-points."""
-        now = self._arm.operating_state()
-        moves = self._move is not None and self._move.is_busy()
-        busy = now.is_busy and (moves or not now.is_homed)
-        return OperatingState(now.state, now.is_homed, busy, now.t)
 
     def _report(self, block: StateBlock | TruthBlock) -> None:
         if isinstance(block, TruthBlock):
@@ -244,7 +216,12 @@ class ArmServer:
         if self._is_read("measured_js"):
             self._publish_joints("measured_js", t, "measured", columns)
         if self._is_read("measured_cp"):
-            self._publish_pose(block, t)
+            pose = topic_columns(robot, "measured_cp", block)
+            message = self._transport.stamped(self._pose_kind, self._stamp(t))
+            place, turn = _parts(message)
+            place.x, place.y, place.z = (float(pose[axis][0]) for axis in "xyz")
+            turn.x, turn.y, turn.z, turn.w = (float(pose[f"q{axis}"][0]) for axis in "xyzw")
+            self._publishers["measured_cp"].publish(message)
         if self._is_read("ravenstate"):
             levels = "stopped", "pedal up", "pedal down"
             state = self._arm.operating_state()
@@ -263,30 +240,18 @@ class ArmServer:
         self._publish(crtk, t, name=list(names), **values)
 
     def _publish_operating_state(self, t: float) -> None:
-        now = self._state()
-        self._publish(
-            "operating_state", t, state=now.state, is_homed=now.is_homed, is_busy=now.is_busy
-        )
-
-    def _publish_pose(self, block: StateBlock, t: float) -> None:
-        columns = topic_columns(self._arm.robot, "measured_cp", block)
-        message = self._transport.stamped(self._pose_kind, self._stamp(t))
-        place, turn = _parts(message)
-        place.x, place.y, place.z = (float(columns[axis][0]) for axis in ("x", "y", "z"))
-        turn.x, turn.y, turn.z, turn.w = (
-            float(columns[axis][0]) for axis in ("qx", "qy", "qz", "qw")
-        )
-        self._publishers["measured_cp"].publish(message)
+        """State, busy with a move or a homing, not with a stream of set-points."""
+        now = self._arm.operating_state()
+        moves = self._move is not None and self._move.is_busy()
+        busy = now.is_busy and (moves or not now.is_homed)
+        self._publish("operating_state", t, state=now.state, is_homed=now.is_homed, is_busy=busy)
 
     def _is_read(self, name: str) -> bool:
         made = self._publishers.get(name)
         return made is not None and made.readers > 0
 
     def _publish(self, crtk: str, t: float, **values: Any) -> None:
-        kinds = {
-            "operating_state": OPERATING_STATE, "ravenstate": RAVEN_STATE,
-        }  # fmt: skip
-        message = self._transport.stamped(kinds.get(crtk, JOINT_STATE), self._stamp(t))
+        message = self._transport.stamped(self._kinds[crtk], self._stamp(t))
         for field, value in values.items():
             setattr(message, field, value)
         self._publishers[crtk].publish(message)
