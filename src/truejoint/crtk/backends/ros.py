@@ -282,8 +282,6 @@ class RosBackend:
 
     def _reach(self, publisher: Publisher) -> None:
         """Raise CommandRefused unless somebody reads a topic of commands, within a while."""
-        if publisher.readers:
-            return
         end = time.monotonic() + CONNECT_TIMEOUT
         while not publisher.readers:
             if time.monotonic() > end or self._closed.wait(GRAIN):
@@ -303,11 +301,10 @@ class RosBackend:
         spaces = sorted(
             t.removesuffix(ending) for t in self._transport.topics() if t.endswith(ending)
         )
-        there = f"arms report under {', '.join(spaces)}: give one" if spaces else "no arm reports"
-        return (
-            f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {there}"
-            f"{'' if spaces else ': start the node of the robot'}"
-        )
+        advice = "no arm reports: start the node of the robot"
+        if spaces:
+            advice = f"arms report under {', '.join(spaces)}: give one"
+        return f"no message on {topic} within {CONNECT_TIMEOUT:g} s; {advice}"
 
     def _on_operating(self, message: Any) -> None:
         t = self._transport.seconds(message)

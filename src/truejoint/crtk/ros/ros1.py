@@ -196,13 +196,21 @@ def _no_master() -> str:
 def _watch(rosgraph: Any, rospy: Any) -> None:
     """Tell a master that was started anew of this node's topics."""
     master = rosgraph.Master(rospy.get_name())
+    node: Any
     was_gone = False
     while not rospy.core.is_shutdown_requested():
         try:
             try:
                 master.lookupNode(rospy.get_name())
             except rosgraph.MasterError:  # it does not know us
-                _register(master, rospy)
+                # By the interfaces that every node has (wiki.ros.org/ROS/Slave_API).
+                name, uri = rospy.get_name(), rospy.get_node_uri()
+                with xmlrpc.client.ServerProxy(uri) as node:
+                    for topic, kind in node.getPublications(name)[2]:
+                        master.registerPublisher(topic, kind, uri)
+                    for topic, kind in node.getSubscriptions(name)[2]:
+                        writers = master.registerSubscriber(topic, kind, uri)
+                        node.publisherUpdate("/master", topic, writers)
                 _log.warning("the ROS master was started anew: told it of our topics")
             was_gone = False
         except OSError:
@@ -212,15 +220,3 @@ def _watch(rosgraph: Any, rospy: Any) -> None:
         except Exception as error:  # noqa: BLE001  # whatever it is, look again
             _log.debug("looking at the ROS master: %s", error)
         time.sleep(_WATCH)
-
-
-def _register(master: Any, rospy: Any) -> None:
-    """Register all topics, by the interfaces that every node has (wiki.ros.org/ROS/Slave_API)."""
-    name, uri = rospy.get_name(), rospy.get_node_uri()
-    node: Any
-    with xmlrpc.client.ServerProxy(uri) as node:
-        for topic, kind in node.getPublications(name)[2]:
-            master.registerPublisher(topic, kind, uri)
-        for topic, kind in node.getSubscriptions(name)[2]:
-            writers = master.registerSubscriber(topic, kind, uri)
-            node.publisherUpdate("/master", topic, writers)

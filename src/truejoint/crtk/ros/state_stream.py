@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -88,9 +89,9 @@ class StateStream:
         """Begin to listen."""
         subscribe = self._transport.subscribe
         if self.reads_raven:
-            self._open.append(subscribe(self.topic, RAVEN_STATE, self._on_raven))
+            self._open.append(subscribe(self.topic, RAVEN_STATE, partial(self._take, self._raven)))
             return
-        self._open.append(subscribe(self.topic, JOINT_STATE, self._on_measured))
+        self._open.append(subscribe(self.topic, JOINT_STATE, partial(self._take, self._measured)))
         if not self._profile.no_setpoint:
             self._open.append(subscribe(self.name("setpoint_js"), JOINT_STATE, self._on_setpoint))
 
@@ -100,24 +101,18 @@ class StateStream:
             self._open.pop()()
         self._setpoint = {}
 
-    def _on_measured(self, message: Any) -> None:
-        def row(t: float) -> Mapping[str, Array]:
-            columns = self.columns_of(message, "measured")
-            unused = (
-                f"{quantity}/{channel}"
-                for quantity in dict.fromkeys(name.partition("/")[0] for name in columns)
-                for channel in self._robot.unused_channels
-            )
-            return {**columns, **dict.fromkeys(unused, np.zeros(1)), **self._newest(t)}
+    def _measured(self, message: Any, t: float) -> Mapping[str, Array]:
+        columns = self.columns_of(message, "measured")
+        unused = (
+            f"{quantity}/{channel}"
+            for quantity in dict.fromkeys(name.partition("/")[0] for name in columns)
+            for channel in self._robot.unused_channels
+        )
+        return {**columns, **dict.fromkeys(unused, np.zeros(1)), **self._newest(t)}
 
-        self._take(message, row)
-
-    def _on_raven(self, message: Any) -> None:
-        def columns(_: float) -> Mapping[str, Array]:
-            fields = {name: np.array([getattr(message, name)]) for name in _RAVEN_FIELDS}
-            return raven_state_columns(self._robot, fields, QUANTITIES)
-
-        self._take(message, columns)
+    def _raven(self, message: Any, _: float) -> Mapping[str, Array]:
+        fields = {name: np.array([getattr(message, name)]) for name in _RAVEN_FIELDS}
+        return raven_state_columns(self._robot, fields, QUANTITIES)
 
     def _on_setpoint(self, message: Any) -> None:
         t = self._transport.seconds(message)
@@ -143,13 +138,13 @@ class StateStream:
         fields = {name: np.array([getattr(message, name)], dtype=float) for name in _FIELDS}
         return joint_state_columns(self._robot, quantity, message.name, fields, self._profile)
 
-    def _take(self, message: Any, columns: Callable[[float], Mapping[str, Array]]) -> None:
+    def _take(self, columns: Callable[[Any, float], Mapping[str, Array]], message: Any) -> None:
         t = self._transport.seconds(message)
         if not t > 0.0:
             self.invalid += 1
             return
         try:
-            row = columns(t)
+            row = columns(message, t)
         except (RobotError, AttributeError) as refusal:  # a variant that lacks a field
             self.refusal = f"{self.topic}: {refusal}"
             return
