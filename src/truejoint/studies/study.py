@@ -86,6 +86,8 @@ class Option:
     default, small : int, float, str or tuple of them
         Its kind is the kind of every value; a tuple is not empty. The preset ``small`` may have a
         default of its own.
+    positive : bool
+        Whether it must be above 0.
 
     Examples
     --------
@@ -97,6 +99,7 @@ class Option:
     default: Value
     meaning: str
     small: Value | None = None
+    positive: bool = False
 
     def parse(self, value: object) -> Value:
         """Value of its text, tuples with commas, or of itself; raises StudyError."""
@@ -145,12 +148,6 @@ class Settings:
 
     def __getitem__(self, option: str) -> Any:
         return self.options[option]
-
-    def check_positive(self, *names: str) -> None:
-        """Raise StudyError naming the first option that is not above 0."""
-        for name in names:
-            if not self[name] > 0:
-                raise StudyError(f"{name}={self[name]}; it must be above 0")
 
     def check_names(self, kind: str, option: str, choices: Collection[str]) -> None:
         """Raise StudyError naming the first name in an option that is not one of the choices."""
@@ -318,6 +315,8 @@ class Study:
                 names = "; ".join(f"{o.name} ({o.meaning})" for o in self.options) or "none"
                 raise StudyError(f"{self.name} has no option {name!r:.60}; it has {names}")
             values[name] = by_name[name].parse(value)
+            if by_name[name].positive and not cast("float", values[name]) > 0:
+                raise StudyError(f"{name}={values[name]}; it must be above 0")
         return Settings(cast("Preset", preset), seed, values)
 
     def parts(self, settings: Settings) -> Sequence[Part]:

@@ -25,7 +25,6 @@ _NAMES: Final = (*DIRECTIONS, s.PUBLISHED)
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, direction and session."""
     settings.check_names("direction", "directions", _NAMES)
-    settings.check_positive("minutes", "sessions", "networks")
     sets = {kind: settings[kind] for kind in KINDS}
     for text in sets.values():
         s.combination(text)

@@ -37,7 +37,6 @@ _SHARE: Final = 0.7  # of the time of random motion that it may take
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, session and motion."""
-    settings.check_positive("sessions", "longest", "every_s", "test")
     steps = max(1, round(60.0 * settings["longest"] / settings["every_s"]))
     common = {
         "seconds": [settings["every_s"] * (1 + k) for k in range(steps)],

@@ -37,7 +37,6 @@ LONGEST, SHORTEST = "longest", "shortest"
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, kind of work and session."""
-    settings.check_positive("hours", "sessions", "networks")
     settings.check_names("kind of work", "works", WORKS)
     s.check_sets(settings)
     if not 0.0 < settings["load_g"] <= 2000.0:

@@ -40,7 +40,6 @@ _LARGE: Final = (600, 500, 400)  # units
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    settings.check_positive("hours", "sessions", "networks")
     settings.check_names("model", "models", ("dnn", WIDE))
     s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "models", "networks", "hours")}

@@ -23,7 +23,6 @@ _METHODS: Final = (*s.MODELS, "offset")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, data set and session."""
-    settings.check_positive("homings", "minutes", "sessions", "networks")
     common = {
         "networks": settings["networks"],
         "homings": settings["homings"],

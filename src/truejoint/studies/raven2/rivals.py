@@ -17,11 +17,9 @@ from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.claims import RULE
-from truejoint.studies.rows import unique, values
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
-from truejoint.tables import Table, fixed
+from truejoint.tables import Table
 
-RAW: Final = "raw"
 WHEN: Final = ("first", "last")
 """Hours that are judged."""
 _OFFSET: Final = 600_000  # of the arms' seeds, so that no other study has the same
@@ -42,7 +40,6 @@ _OTHERS: Final = (
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    settings.check_positive("sessions")
     settings.check_names("model", "models", estimator_names())
     s.combination(settings["training"])
     if settings["hours"] < 2:
@@ -62,7 +59,7 @@ def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hou
     fitted = {name: s.model_of(sets, name) for name in models}
     rows: Rows = []
     for when, test in zip(WHEN, tests, strict=True):
-        estimates = {RAW: test.columns("measured", s.JOINTS)}
+        estimates = {"raw": test.columns("measured", s.JOINTS)}
         estimates |= {name: model.correct(test) for name, model in fitted.items()}
         for name, estimate in estimates.items():
             rows += errors_of(estimate, test, when=when, method=name)
@@ -80,13 +77,10 @@ def errors_of(estimate: Array, test: Recording, **labels: str) -> Rows:
     assert robot.kinematics is not None  # noqa: S101 - for the type checker; RAVEN-II has them
     away = tool_error(robot.kinematics, here, there)
     distance = float(np.sqrt(np.mean((away**2).sum(axis=1))))
-    tool = dict(zip(_AXES, (*rmse(away).tolist(), distance), strict=True))
+    errors = [*rmse(estimate - truth).tolist(), *rmse(away).tolist(), distance]
     return [
         {**labels, "quantity": name, "rmse": value}
-        for name, value in (
-            *zip(s.JOINTS, rmse(estimate - truth).tolist(), strict=True),
-            *tool.items(),
-        )
+        for name, value in zip((*s.JOINTS, *_AXES), errors, strict=True)
     ]
 
 
@@ -103,25 +97,18 @@ def summarise(results: Results) -> Summary:
 
 def _table(title: str, rows: DataFrame, table: str) -> Table:
     joints = table == "III"
-    quantities = s.JOINTS if joints else _AXES
-    printed = [f"joint{k + 1}" for k in range(3)] if joints else _AXES
-    body = []
-    for method in unique(rows, "method"):
-        ends = [[_mean(rows, when, method, one) for when in WHEN] for one in quantities]
-        cells = [f"{fixed(a, 3)} to {fixed(b, 3)}" for a, b in ends]
-        body.append((method, *cells))
-    for method in ("dnn", "linear"):
-        condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
-        cells = [
-            " to ".join(
-                reported_text(_printed(table, f"{condition}{h}", method, one), 3) for h in (0, 5)
-            )
-            for one in printed
-        ]
+    quantities = list(s.JOINTS if joints else _AXES)
+    means = rows.pivot_table("rmse", "method", ["quantity", "when"], sort=False)
+    ends = [means.xs(when, axis=1, level="when")[quantities].map("{:.3f}".format) for when in WHEN]
+    body = [(name, *cells) for name, *cells in (ends[0] + " to " + ends[1]).itertuples()]
+    condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
+    for method in _MEANT:
+        hours = [_prints(table, f"{condition}{hour}", method, quantities) for hour in (0, 5)]
+        cells = map(" to ".join, zip(*hours, strict=True))
         body.append((f"paper: {method}, hour 0 to 5", *cells))
     for group, condition, method in _OTHERS:
         if group == table:
-            cells = [reported_text(_printed(table, condition, method, one), 3) for one in printed]
+            cells = _prints(table, condition, method, quantities)
             body.append((f"paper: {condition}, {method}", *cells))
     notes = (
         "RMSE in the first to the last hour of unloaded work after one calibration.",
@@ -133,11 +120,14 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
     )
 
 
-def _mean(rows: DataFrame, when: str, method: str, quantity: str) -> float:
-    return float(values(rows, "rmse", when=when, method=method, quantity=quantity).mean())
+def _prints(table: str, condition: str, method: str, quantities: Sequence[str]) -> list[str]:
+    found = (_printed(table, condition, method, quantity) for quantity in quantities)
+    return [reported_text(value, 3) for value in found]
 
 
 def _printed(table: str, condition: str, method: str, quantity: str) -> float | None:
+    if quantity in s.JOINTS:
+        quantity = f"joint{s.JOINTS.index(quantity) + 1}"
     return reported("peng2024", table, condition, method, quantity).get("rmse")
 
 
@@ -145,8 +135,7 @@ def _quoted(*sources: tuple[str, str, str]) -> claims.Pick:
     """Smallest of the errors that peng2024 quotes of others, by table, condition and method."""
 
     def pick(rows: DataFrame, quantity: str, **_: Any) -> Array:
-        name = f"joint{s.JOINTS.index(quantity) + 1}" if quantity in s.JOINTS else quantity
-        least = min(_printed(*source, name) or np.inf for source in sources)
+        least = min(_printed(*source, quantity) or np.inf for source in sources)
         return np.full(rows.session.nunique(), least)
 
     return pick

@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
 from truejoint.calibration import Calibration, calibrate
-from truejoint.crtk import Arm, SimulatedBackend
+from truejoint.crtk import Arm
 from truejoint.errors import StudyError
 from truejoint.estimators import Regressor
 from truejoint.evaluation.metrics import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
-from truejoint.simulation import Twin
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
+from truejoint.studies.loop import homed_arm
 from truejoint.studies.study import Part, PartResult, Rows, Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
@@ -110,10 +109,7 @@ def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
     flat = {f"{section}.{key}": v for section, vs in raven.items() for key, v in vs.items()}
     parameters = Raven2Parameters.read().with_values(flat)
     twin = Raven2Twin(parameters, seed=seed)
-    arm = Arm(SimulatedBackend(cast("Twin", twin)))
-    arm.enable()
-    arm.home()
-    return arm, twin
+    return homed_arm(twin), twin
 
 
 def record(arm: Arm, trajectory: Trajectory, rate: float = STATE_RATE) -> Recording:
@@ -207,20 +203,18 @@ def judged(models: Models, recording: Recording, **labels: Any) -> Rows:
         for n, model in enumerate(several)
     }
     errors["raw", 0] = recording.error(JOINTS)
-    return [row for key, error in errors.items() for row in rmse_rows(error, *key, **labels)]
-
-
-def rmse_rows(error: Array, method: str, model: int = 0, **labels: Any) -> Rows:
-    """RMSE of errors (n, 3) as rows, which are those of `judged`."""
     return [
-        {**labels, "method": method, "model": model, "joint": joint, "rmse": value}
+        {**labels, "method": method, "model": n, "joint": joint, "rmse": value}
+        for (method, n), error in errors.items()
         for joint, value in zip(JOINTS, rmse(error).tolist(), strict=True)
     ]
 
 
 def working(arm: Arm, hours: int, seed: int) -> list[Recording]:
     """Random motion without a break, by hour; ten rows a second are enough to judge by."""
-    return cut_by_hour(random_test(arm, hours * HOUR, seed, _LONG_RATE), hours)
+    recording = random_test(arm, hours * HOUR, seed, _LONG_RATE)
+    hour = np.minimum(((recording.t - recording.t[0]) / HOUR).astype(int), hours - 1)
+    return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]
 
 
 def work(arm: Arm, seconds: float, seed: int) -> None:
@@ -242,9 +236,3 @@ def resting(arm: Arm, hours: int, seed: int) -> list[Recording]:
             arm.wait(1.0)  # until it has reported where it is now
         tests.append(random_test(arm, _IDLE_TEST, seed, _LONG_RATE))
     return tests
-
-
-def cut_by_hour(recording: Recording, hours: int) -> list[Recording]:
-    """Cut a recording of so many hours into them."""
-    hour = np.minimum(((recording.t - recording.t[0]) / HOUR).astype(int), hours - 1)
-    return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]

@@ -19,7 +19,6 @@ _METHODS: Final = (*s.MODELS, "offset")
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and repetition."""
-    settings.check_positive("minutes", "repeats", "networks")
     s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "networks")}
     common["seconds"] = 60.0 * settings["minutes"]

@@ -19,7 +19,6 @@ _OFFSET: Final = 500_000  # of the arms' seeds, so that no other study has the s
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    settings.check_positive("hours", "sessions", "networks")
     s.check_sets(settings)
     common = {name: settings[name] for name in ("sets", "networks", "hours")}
     return s.part_for_each(settings, predict, _OFFSET, common)

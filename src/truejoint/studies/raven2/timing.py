@@ -29,7 +29,6 @@ _RATIO: Final = 160.0  # of the network's inference time to the linear model's (
 def parts(settings: Settings) -> Sequence[Part]:
     """One: times of one machine are only comparable one after the other."""
     settings.check_names("model", "models", estimator_names())
-    settings.check_positive("samples", "repeats")
     s.combination(settings["training"])
     if settings["samples"] < 1000:
         raise StudyError(f"samples={settings['samples']}; give 1000 or more")

@@ -43,7 +43,6 @@ CHANGES: Final = {"homing": 10.0, "day": 60.0, "tool": 60.0, "arm": None}
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, change and session."""
-    settings.check_positive("sessions", "first", "test")
     settings.check_names("change", "changes", CHANGES)
     common = {
         "estimator": settings["estimator"],

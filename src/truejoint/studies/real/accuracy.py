@@ -46,7 +46,6 @@ _SUITED: Final = ("linear", "poly2", "dnn")  # that take the features and settin
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a data set, split and estimator."""
-    settings.check_positive("networks")
     settings.check_names("data set", "datasets", [n for n, d in DATASETS.items() if d.splits])
     names = [*(name for name in estimator_names() if name not in _BASELINES), _AUTO]
     settings.check_names("estimator", "estimators", names)

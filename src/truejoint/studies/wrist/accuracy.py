@@ -112,7 +112,6 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def check_times(settings: Settings) -> None:
     """Raise StudyError unless something is calibrated on, and a test lasts beyond `SETTLED`."""
-    settings.check_positive("free_s", "loaded_s")
     if not settings["test_s"] > SETTLED:
         raise StudyError(f"test_s={settings['test_s']:g}; it must be above {SETTLED:g}")
 

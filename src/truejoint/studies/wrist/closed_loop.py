@@ -112,7 +112,6 @@ class PerfectSensor(Corrector):
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
-    settings.check_positive("free_s", "loaded_s", "rate_hz")
     if not settings["seconds"] >= _SETTLED:  # a step of the grip, and what follows it
         raise StudyError(f"seconds={settings['seconds']:g}; it must be {_SETTLED:g} or more")
     if abs(math.remainder(1.0 / SETPOINT_DT, settings["rate_hz"])) > 1e-6:
