@@ -13,8 +13,10 @@ from truejoint.array_types import Array
 from truejoint.calibration import Calibration
 from truejoint.robots import Robot
 from truejoint.runtime import Compensator, Corrector
-from truejoint.runtime import compensation as at
+from truejoint.runtime.compensation import LAYOUT
 
+_LEAD: Final = LAYOUT.fields["lead"].index
+_DOUBTED: Final = LAYOUT.fields["doubted"].index
 _GAIN: Final = 0.4  # share of what is missing that a foreseen set-point moves on by, at every step
 _MEETING: Final = 0.1  # [s] time constant of the opening at which the jaws meet
 
@@ -52,7 +54,7 @@ class ForwardLoop(Compensator):
 
         `now` is the way by the grip that the corrector knows, `wanted` that by the next one.
         """
-        lead = self.memory.memory[at.LEAD] * (wanted - self._ways[2])  # as set-points do
+        lead = self.memory.memory[_LEAD] * (wanted - self._ways[2])  # as set-points do
         self._ways[:] = now, wanted + lead, wanted
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:
@@ -60,7 +62,7 @@ class ForwardLoop(Compensator):
         goal, lost = np.asarray(wanted, dtype=float), np.zeros((2, len(self.joints)))
         if self._still is not None:
             last = np.where(np.isfinite(self._last), self._last, goal)
-            there = goal + self.memory.memory[at.LEAD] * (goal - last)
+            there = goal + self.memory.memory[_LEAD] * (goal - last)
             here = np.asarray(sample, dtype=float)[self.measured]
             self._t += 1.0 / self.rate
             lost[0] = self._lost(self._now, here)
@@ -121,8 +123,9 @@ def gripping(
         wanted = float(opening_rows[first : first + period][-1])
         position = np.where(np.isnan(last), math.nan, measured + correction)
         opened, grip = float(position @ known_way), float(grips[0])
-        is_believed = at.is_believed(loop.memory.numbers, loop.memory.memory)
-        is_sure = bool(is_believed) and math.isfinite(opened + grip)
+        is_doubted = int(loop.status) & int(loop.memory.numbers[_DOUBTED])
+        is_believed = not is_doubted and bool(np.isfinite(correction).all())
+        is_sure = is_believed and math.isfinite(opened + grip)
         held = max(held - 1, 0) if is_sure else hold
         if goal == 0.0:
             met = opened if is_sure else wanted
