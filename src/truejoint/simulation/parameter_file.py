@@ -17,8 +17,6 @@ from truejoint.errors import TruejointError, other_kind, unknown
 from truejoint.toml_file import read_toml
 
 Sections = Mapping[str, Mapping[str, Any]]
-
-
 MAX_POPULATION: Final = 100_000
 
 

@@ -185,14 +185,14 @@ def plant_constants(
     cables, motors = mechanism.cables, tuple(mechanism.motors)
     unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
     lower, upper = unbounded if limits is None else limits
-    parts, drawn = _drawn(p, mechanism)
+    (groove, capstan, eccentricity, phase, whole), drawn = _drawn(p, mechanism)
     side = np.sign(mechanism.moments)
     moved = np.argsort(side == 0.0, axis=1, kind="stable")
-    stiffness = _stiffness(p, mechanism, parts.stiffness)
+    stiffness = _stiffness(p, mechanism, whole)
     wrap_joint, wrap, slope = _wraps(p, mechanism)
-    eccentric = side * parts.eccentricity
+    eccentric = side * eccentricity
     pins = list(mechanism.pins.values())
-    radii = mechanism.radii * parts.capstan
+    radii = mechanism.radii * capstan
     met = mechanism.contact
     dt, f = SETPOINT_DT / substeps, p.joint_friction
     w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
@@ -204,9 +204,9 @@ def plant_constants(
         ),
         n_moved=np.count_nonzero(side, axis=1),
         moved=moved,
-        moments=np.take_along_axis(mechanism.moments * parts.groove, moved, 1),
-        sine=np.take_along_axis(eccentric * np.cos(parts.phase), moved, 1),
-        cosine=np.take_along_axis(eccentric * np.sin(parts.phase), moved, 1),
+        moments=np.take_along_axis(mechanism.moments * groove, moved, 1),
+        sine=np.take_along_axis(eccentric * np.cos(phase), moved, 1),
+        cosine=np.take_along_axis(eccentric * np.sin(phase), moved, 1),
         n_nodes=np.array([len(cable.nodes) for cable in cables]),
         stiffness=stiffness,
         slack=p.cables.pretension / stiffness,
@@ -236,18 +236,12 @@ def plant_constants(
     return constants, drawn
 
 
-class _Parts(NamedTuple):
-    """Deviations of one instrument's cables and pulleys; C cables, J joints, M motors."""
+def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[tuple[Array, ...], Drawn]:
+    """Draw an instrument's parts and sensors, always in this order.
 
-    groove: Array  # (C, J) of the nominal moment
-    capstan: Array  # (M,) of the nominal radius
-    eccentricity: Array  # (C, J) [m]
-    phase: Array  # (C, J) [rad]
-    stiffness: Array  # (C,) [N/m] of a whole cable
-
-
-def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[_Parts, Drawn]:
-    """Draw an instrument's parts and sensors, always in this order."""
+    Its parts are moments as shares of the nominal ones (C, J), capstans' radii alike (M,),
+    eccentricities [m] and their phases [rad] (C, J), and the cables' stiffness [N/m] (C,).
+    """
     v, rng = p.variation, np.random.default_rng(p.variation.seed)
     cables, motors = mechanism.cables, tuple(mechanism.motors)
     n_cables, n_motors = len(cables), len(motors)
@@ -266,7 +260,7 @@ def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[_Parts, Drawn
         p.sensors.tension_offset * rng.standard_normal(n_cables),
         p.homing.assembly * rng.standard_normal(n_motors),
     )
-    return _Parts(groove[loop], capstan, size[loop], phase[loop], whole), sensors
+    return (groove[loop], capstan, size[loop], phase[loop], whole), sensors
 
 
 def _stiffness(p: WristParameters, mechanism: CableMechanism, whole: Array) -> Array:

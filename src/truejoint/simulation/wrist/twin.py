@@ -156,6 +156,13 @@ class WristTwin(Twin):
         effort = log.effort * (1.0 + self._drawn.effort_gain)
         effort += self._white("effort", effort.shape, "effort_noise")
         reference = log.joint + self._white("truth", log.joint.shape, "reference_noise")
+        names = self.robot.joint_names
+        exact = {f"truth_exact/{name}": log.joint[:, k].copy() for k, name in enumerate(names)}
+        grips = {"truth_load/grip": log.grip} if self._meets else {}
+        pulls = {
+            f"truth_load/{name}": pull * float(np.abs(arm).sum())
+            for (name, arm), pull in zip(self._arms.items(), force[1:].T, strict=True)
+        }
         return TwinOutput(
             t=t[1:],
             name=self.robot.channels,
@@ -165,7 +172,7 @@ class WristTwin(Twin):
             setpoint=joints,
             motor=motor,
             motor_velocity=speed,
-            extra={**self._tensions(log.tension), **self._known(log.joint, log.grip, force[1:])},
+            extra={**self._tensions(log.tension), **exact, **grips, **pulls},
             truth=TruthBlock(t[1:], self.robot.positioning, reference),
             joint=log.joint,
         )
@@ -215,16 +222,3 @@ class WristTwin(Twin):
             for n, name in enumerate(self._cable_names)
             if motors[n] >= 0 and (which == "both" or motors[n] not in motors[:n])
         }
-
-    def _known(self, joint: Array, grip: Array, force: Array) -> dict[str, Array]:
-        """Name what only a simulation knows, by column."""
-        exact = {
-            f"truth_exact/{name}": joint[:, k].copy()
-            for k, name in enumerate(self.robot.joint_names)
-        }
-        grips = {"truth_load/grip": grip} if self._meets else {}
-        arms = {
-            f"truth_load/{name}": force[:, k] * float(np.abs(arm).sum())
-            for k, (name, arm) in enumerate(self._arms.items())
-        }
-        return {**exact, **grips, **arms}
