@@ -27,25 +27,6 @@ def test_robot_carries_the_name_it_is_found_by(robot: Robot) -> None:
     assert get_robot(robot.name, robot.arm) is robot
 
 
-def test_joints_are_distinct_and_among_the_channels(robot: Robot) -> None:
-    assert len(set(robot.joint_names)) == len(robot.joints) > 0
-    assert [c for c in robot.channels if c in robot.joint_names] == list(robot.joint_names)
-    assert len(robot.channels) == len(robot.joints) + len(robot.unused_channels)
-
-
-def test_positioning_joints_exist_in_order(robot: Robot) -> None:
-    indices = robot.index(robot.positioning)
-    assert indices == sorted(set(indices))
-    assert indices
-
-
-def test_home_lies_within_the_limits(robot: Robot) -> None:
-    assert (robot.lower < robot.upper).all()
-    assert (robot.lower <= robot.home).all()
-    assert (robot.home <= robot.upper).all()
-    assert all(joint.max_speed > 0 for joint in robot.joints)
-
-
 def test_limits_are_in_si(robot: Robot) -> None:
     for joint in robot.joints:
         longest = 1.0 if joint.unit == "m" else 2 * np.pi

@@ -53,18 +53,6 @@ def test_home_pose_and_limits(robot: Robot) -> None:
 
 @given(
     side=st.sampled_from(["left", "right"]),
-    fraction=st.lists(st.floats(0, 1), min_size=7, max_size=7),
-)
-def test_motor_and_joint_positions_are_inverse(side: Side, fraction: list[float]) -> None:
-    robot = get_robot("raven2", side)
-    transmission = transmission_of(robot)
-    joint = robot.lower + np.array(fraction) * (robot.upper - robot.lower)
-    back = transmission.joint_from_motor(transmission.motor_from_joint(joint))
-    np.testing.assert_allclose(back, joint, atol=1e-12)
-
-
-@given(
-    side=st.sampled_from(["left", "right"]),
     motor=st.lists(st.floats(-500, 500), min_size=7, max_size=7),
 )
 def test_coupling_is_the_published_one(side: Side, motor: list[float]) -> None:

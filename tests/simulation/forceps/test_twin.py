@@ -39,14 +39,6 @@ def test_the_jaw_lags_the_motor_by_stretch_and_friction_only():
     assert np.abs(drive - run.extra["cable/drive"]).max() < 31e-6  # gear torsion, run-out, counts
 
 
-def test_the_same_seed_gives_the_same_run_and_the_plant_needs_none():
-    one, two, other = (simulate_forceps(NOMINAL, MOTION, seed=s) for s in (1, 1, 2))
-    for name, values in columns(one).items():
-        np.testing.assert_array_equal(values, columns(two)[name], err_msg=name)
-    np.testing.assert_array_equal(one.joint, other.joint)
-    assert not np.array_equal(one.truth.position, other.truth.position)
-
-
 @pytest.mark.parametrize("rate", [50.0, 1000.0])
 def test_the_log_rate_changes_which_rows_are_kept_and_nothing_else(rate):
     run, base = simulate_forceps(NOMINAL, MOTION, log_rate=rate), simulate_forceps(NOMINAL, MOTION)

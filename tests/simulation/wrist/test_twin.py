@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from tests.robots.test_cable_mechanism import TOOL
 
-from truejoint.crtk.backends.simulated import simulated_arm
 from truejoint.errors import CommandRefused, RobotError, TruejointError
 from truejoint.simulation.wrist.parameters import WristParameters
 from truejoint.simulation.wrist.specimens import FAMILIES, family_of, population
@@ -87,15 +86,6 @@ def test_what_a_mechanism_lacks_is_not_ignored(tmp_path):
     twin.held = lambda t: np.zeros(len(t))
     with pytest.raises(RobotError, match="finger states no jaws that hold"):
         twin.run(np.zeros((2, 1)))
-
-
-def test_an_arm_moves_it():
-    arm = simulated_arm("wrist", "420006", seed=2)
-    arm.enable()
-    arm.home()
-    goal = arm.robot.home + np.array([0.2, -0.05, 0.05])
-    arm.move_jp(goal).wait()
-    np.testing.assert_allclose(arm.measured_js().position, goal, atol=0.01)
 
 
 def test_what_cannot_be_is_refused():
