@@ -62,8 +62,8 @@ MIRRORS = {
     "calibration/interval": ("tests/calibration/test_conformal.py",),
     "calibration/redundancy": ("tests/runtime/test_parity.py",),
     "calibration/compatibility": ("tests/calibration/test_zero.py",),
-    "calibration/residuals": ("tests/calibration/test_zero.py",),
-    "calibration/training_zeros": ("tests/calibration/test_zero.py",),
+    "calibration/efforts": ("tests/calibration/test_zero.py",),
+    "calibration/fit_task": ("tests/calibration/test_zero.py",),
 }
 """Tests of a module beside those of its own name."""
 LONGEST = 120  # s of processor time

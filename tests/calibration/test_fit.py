@@ -181,8 +181,8 @@ def test_recordings_that_do_not_belong_together_are_refused(build, recording):
 def test_missing_columns_are_named(recording):
     refused("no truth column of shoulder, elbow, insertion",
             without(recording, *(f"truth/{joint}" for joint in JOINTS)))  # fmt: skip
-    refused("no column 'truth/elbow'", without(recording, "truth/elbow"), joints=["elbow"])
-    refused("no column 'truth/wrist'", recording, joints=["wrist"])
+    refused("lacks truth/elbow, which the calibration of elbow needs", without(recording, "truth/elbow"), joints=["elbow"])
+    refused("lacks truth/wrist", recording, joints=["wrist"])
     refused("lacks effort/wrist", [recording, without(recording, "effort/wrist")])
     refused("lacks current/elbow", recording, features=["measured/elbow", "current/elbow"])
     refused("lacks current/m0, .*, current/m11, 8 more, which the features need",

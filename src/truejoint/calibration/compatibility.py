@@ -100,13 +100,9 @@ def chosen_joints(
             raise CalibrationError(
                 f"no joints to correct; {robot.title} has {', '.join(robot.joint_names)}"
             )
+    needed = [f"{quantity}/{joint}" for quantity in ("measured", "truth") for joint in chosen]
     for recording in recordings:
-        for column in (f"{q}/{joint}" for q in ("measured", "truth") for joint in chosen):
-            if column not in recording.table.columns:
-                raise CalibrationError(
-                    f"{source_of(recording)} has no column {column!r}, which calibrating "
-                    f"{', '.join(chosen)} needs; it has {listed(list(recording.units))}"
-                )
+        check_columns(recording, needed, f"calibration of {', '.join(chosen)} needs")
     return chosen
 
 
@@ -118,14 +114,13 @@ def chosen_features(
 ) -> FeatureSet:
     """Features asked for, which must be as many as the model takes; its own by default."""
     params, inputs = model.model_params(), model.family.inputs
-    if features is None:
-        chosen = (
-            FeatureSet.parse(inputs(params)) if inputs else default_features(robot, recordings[0])
-        )
-    else:
-        chosen = FeatureSet.parse(features)
     if features is not None:
+        chosen = FeatureSet.parse(features)
         model.family.check_size(params, len(chosen))
+    elif inputs is not None:
+        chosen = FeatureSet.parse(inputs(params))
+    else:
+        chosen = default_features(robot, recordings[0])
     for recording in recordings:
         check_columns(recording, chosen.signals, "features need")
     return chosen

@@ -284,7 +284,11 @@ def fit_effort_baseline(
     """
     joints, bare = parts[0].joints, EffortBaseline.of_residuals(parts, residuals)
     has_effort = [f"effort/{joint}" in signals for joint in joints]
-    steps = [_steps(piece, joints, has_effort, bare.lower, bare.upper) for piece in _pieces(parts)]
+    pieces = [part.recording for part in parts]
+    if len(pieces) == 1 and len(pieces[0]) >= 4:  # in three by time, each held out in turn
+        thirds = np.array_split(np.arange(len(pieces[0]), dtype=np.int64), 3)
+        pieces = [pieces[0].rows(third) for third in thirds]
+    steps = [_steps(piece, joints, has_effort, bare.lower, bare.upper) for piece in pieces]
     n_terms = count_effort_terms(len(joints))
     coef, scale = np.zeros((len(joints), n_terms)), np.ones(len(joints))
     shift, friction, monitored = np.zeros((3, len(joints)))
@@ -324,15 +328,6 @@ def has_baseline(parts: Sequence[Rows]) -> bool:
     return len(lower) <= MAX_JOINTS and bool((upper > lower).all())
 
 
-def _pieces(parts: Sequence[Rows]) -> list[Recording]:
-    """Split into what can be held out in turn: a single recording is cut in three by time."""
-    recordings = [part.recording for part in parts]
-    thirds = np.array_split(np.arange(len(recordings[0])), 3)
-    if len(recordings) > 1 or len(thirds[0]) < 2:
-        return recordings
-    return [recordings[0].rows(rows.astype(np.int64)) for rows in thirds]
-
-
 def _steps(
     recording: Recording, joints: Sequence[str], known: Sequence[bool], lower: Array, upper: Array
 ) -> Array:
@@ -340,15 +335,13 @@ def _steps(
     n_joints = len(joints)
     position = np.ascontiguousarray(recording.columns("measured", joints))
     effort = np.zeros_like(position)
-    for j, joint in enumerate(joints):
-        if known[j]:
-            effort[:, j] = recording.column(f"effort/{joint}")
+    for column, joint, is_known in zip(effort.T, joints, known, strict=True):
+        column[:] = recording.column(f"effort/{joint}") if is_known else 0.0
     # A step is at least 1/200 of a range, so that travel bounds their number.
     travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (upper - lower)
     most = min(position.size, int(travel.sum() * STEPS_PER_RANGE) + n_joints)
     rows = np.empty((most + 1, 4 + count_effort_terms(n_joints)))
-    count = effort_steps(np.array(recording.t), position, effort, lower, upper, rows)
-    return rows[:count]
+    return rows[: effort_steps(np.array(recording.t), position, effort, lower, upper, rows)]
 
 
 def _fit_effort(rows: Array) -> tuple[Array, float]:
@@ -363,11 +356,9 @@ def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
     """Largest shifts that recordings show against the baseline of the others, in its scale."""
     shift, friction = 0.0, 0.0
     for i, own in enumerate(pieces):
-        others = [rows for k, rows in enumerate(pieces) if k != i and len(rows)]
-        if not others or not len(own):
-            continue
+        others = [own[:0], *pieces[:i], *pieces[i + 1 :]]
         rest = np.concatenate(others)
-        if len(rest) < STEPS_PER_TERM * (rest.shape[1] - 4):
+        if not len(own) or not len(rest) or len(rest) < STEPS_PER_TERM * (rest.shape[1] - 4):
             continue
         coef, scale = _fit_effort(rest)
         deviation = (own[:, 1] - own[:, 4:] @ coef) / scale
@@ -461,10 +452,11 @@ def beginning_offsets(
 def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
     """Offsets (n,) [rad or m] of the first `BEGINNINGS`, of one joint (m,); NaN where too long."""
     offsets = np.full(len(BEGINNINGS), np.nan)
-    ends = np.searchsorted(in_motion, BEGINNINGS)
+    ends, is_even = np.searchsorted(in_motion, BEGINNINGS), bool((weights == weights[0]).all())
     for row, (end, duration) in enumerate(zip(ends, BEGINNINGS, strict=True)):
         if end and (row == 0 or in_motion[-1] >= _NEARLY * duration):
-            offsets[row] = weighted_median(error[:end], weights[:end])
+            begun = error[:end]
+            offsets[row] = np.median(begun) if is_even else weighted_median(begun, weights[:end])
     return offsets
 
 

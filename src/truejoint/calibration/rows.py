@@ -118,9 +118,8 @@ class Rows:
     @cached_property
     def known(self) -> Mask:
         """Rows (n,) in which the truth of every joint is known and no outlier."""
-        if self.outlier is None:
-            return self.has_truth
-        return self.has_truth & ~self.outlier.any(axis=1)
+        is_good = True if self.outlier is None else ~self.outlier.any(axis=1)
+        return self.has_truth & is_good
 
     @cached_property
     def fitted(self) -> Integers:
@@ -145,12 +144,10 @@ class Rows:
 
     def partly_known(self, target: Target) -> tuple[Array, Array]:
         """Features and targets of rows (m, ...) with truth, outlying values NaN."""
-        if self.outlier is None:
-            rows = np.flatnonzero(self.has_truth)[:: self.stride]
-            return self.X[rows], self.target(target)[rows]
-        rows = np.flatnonzero(self.has_truth & ~self.outlier.all(axis=1))[:: self.stride]
+        outlier = np.zeros(self.truth.shape, bool) if self.outlier is None else self.outlier
+        rows = np.flatnonzero(self.has_truth & ~outlier.all(axis=1))[:: self.stride]
         values = self.target(target)[rows]
-        return self.X[rows], np.where(self.outlier[rows], np.nan, values)
+        return self.X[rows], np.where(outlier[rows], np.nan, values)
 
     def of_recording(self, recording: Recording) -> Self:
         """Give the same rows of a recording whose signals were changed."""
