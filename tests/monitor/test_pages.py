@@ -22,10 +22,9 @@ from websockets.typing import Subprotocol
 from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
 from truejoint.monitor import ArmPage, RecordingPage, pages
-from truejoint.monitor.condition import Condition
 from truejoint.monitor.page import is_own_page
 from truejoint.monitor.process import PLOT_EVERY, ArmView, PageProcess, _plain, _samples
-from truejoint.monitor.samples import Samples
+from truejoint.monitor.samples import Condition, Samples
 from truejoint.recordings import Recording
 
 SPOKEN = [Subprotocol(f"viser-v{viser.__version__}")]

@@ -18,8 +18,7 @@ from truejoint.errors import TruejointError
 from truejoint.extras import require
 from truejoint.monitor import panels
 from truejoint.monitor.arm_drawing import ArmDrawing, Drawing, can_draw
-from truejoint.monitor.condition import Condition
-from truejoint.monitor.samples import Samples
+from truejoint.monitor.samples import Condition, Samples
 from truejoint.robots import Robot
 
 LOOPBACK: Final = "127.0.0.1"
@@ -81,7 +80,7 @@ class Page:
         controls(gui)
         self._table = gui.add_html("")
         self._legend = gui.add_html("")
-        gui.add_html(panels.style_html())
+        gui.add_html(panels.filled("style"))
         if self._drawing is None:
             missing = "The kinematics of this robot are not known"
             if can_draw(self._robot):
@@ -140,8 +139,7 @@ class Page:
     def _set_stage(self, drawing: ArmDrawing) -> None:
         """Set light, floor and camera for an arm of this size."""
         scene, size = self._server.scene, drawing.size
-        at_home = drawing.at([self._robot.home])
-        points = at_home.balls[0]
+        points = drawing.at([self._robot.home]).balls[0]
         middle, lowest = 0.5 * (points.min(axis=0) + points.max(axis=0)), points[:, 2].min()
         scene.world_axes.visible = False
         scene.add_grid(
@@ -188,7 +186,8 @@ class Page:
         if new := [name for name in poses if name not in self._bodies]:
             self._bodies |= {name: _Body(self._server.scene, name, drawing) for name in new}
             shown = [name for name in panels.POSES if name in self._bodies]
-            self._legend.content = panels.legend_html(shown)
+            colours = [(panels.TITLES[name], panels.COLOURS[name]) for name in shown]
+            self._legend.content = panels.filled("legend", colours)
         for k, name in enumerate(poses):
             self._bodies[name].place(positions[k], wxyz[k], scales[k], drawing.balls[k])
         for name, body in self._bodies.items():
@@ -196,11 +195,10 @@ class Page:
 
     def _replot(self) -> None:
         with self._lock, self._server.atomic():
-            if self._window is None:
-                return
-            plots = panels.plots(self._window, self._robot, self._joint.value)
-            for name in panels.PLOTS:
-                self._plot(name, plots.get(name))
+            if self._window is not None:
+                plots = panels.plots(self._window, self._robot, self._joint.value)
+                for name in panels.PLOTS:
+                    self._plot(name, plots.get(name))
 
     def _plot(self, name: str, plot: Panel | None) -> None:
         """Give a plot new values; made anew only when other curves are known."""
@@ -220,7 +218,7 @@ class Page:
             self._plots[name] = self._server.gui.add_uplot(
                 data, _series(plot), title=plot.y,
                 height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
-                bands=(_BAND,) if panels.has_band(plot) else (),
+                bands=(_BAND,) if len(plot.curves) > 2 and not plot.curves[1].label else (),
                 scales={"x": {"time": False}},
                 axes=(_axis(24), _axis(44)),
                 legend={"show": len(plot.curves) > 1, "live": False},
@@ -243,12 +241,9 @@ class _Body:
         self._colour = _rgb(panels.COLOURS[name])
         self._thickness = _THICKNESS[name]
         common = {
-            "opacity": _OPACITY[name],
-            "batched_colors": self._colour,
-            "lod": "off",
-            "cast_shadow": False,
-            "receive_shadow": False,
-        }
+            "opacity": _OPACITY[name], "batched_colors": self._colour, "lod": "off",
+            "cast_shadow": False, "receive_shadow": False,
+        }  # fmt: skip
         mesh = require("trimesh", "monitor", "the monitor").creation
         tube, ball = mesh.cylinder(1.0, 1.0, _SIDES), mesh.icosphere(1)
         positions, wxyz, scales = (part[0] for part in drawing.cylinders())

@@ -17,10 +17,9 @@ import numpy as np
 from truejoint.calibration import Calibration
 from truejoint.crtk.arm import Arm, as_arm
 from truejoint.errors import TruejointError
-from truejoint.monitor.condition import Condition
 from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
 from truejoint.monitor.process import PLOT_EVERY, PageProcess
-from truejoint.monitor.samples import MOST_ROWS, LiveSamples, Samples
+from truejoint.monitor.samples import MOST_ROWS, Condition, LiveSamples, Samples
 from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Panel
-from truejoint.monitor.condition import Condition
-from truejoint.monitor.samples import Samples
+from truejoint.monitor.samples import Condition, Samples
 from truejoint.robots import Robot
 from truejoint.runtime.status import Status
 from truejoint.units import display_unit
@@ -97,11 +96,6 @@ def plots(samples: Samples, robot: Robot, joint: str) -> dict[str, Panel]:
     return {name: panel for name, panel in panels.items() if panel.curves}
 
 
-def has_band(panel: Panel) -> bool:
-    """Whether the first two curves bound a band about a third."""
-    return len(panel.curves) > 2 and not panel.curves[1].label
-
-
 def _finite(curves: Sequence[Curve], t: Array) -> list[Curve]:
     """Leave out curves of which nothing was known of late, then rows where one is missing.
 
@@ -121,11 +115,12 @@ def status_html(condition: Condition, samples: Samples | None) -> str:
     if condition.state in ("FAULT", "no answer"):
         colour = COLOURS["fault"]
     if samples is None:
-        return _filled("status", colour, condition, None, "", "")
-    t = float(samples.t[-1])
-    age = _duration(condition.t - t) if not condition.is_fresh and condition.t > t else ""
+        return filled("status", colour, condition, None, "", "")
+    t, age = float(samples.t[-1]), ""
+    if not condition.is_fresh and (seconds := condition.t - t) > 0.0:
+        age = f"{seconds:.1f} s" if seconds < 60.0 else f"{seconds / 60.0:.0f} min"
     words = Status(int(samples.status[-1]))
-    return _filled("status", colour, condition, t, age, words.words if words else "")
+    return filled("status", colour, condition, t, age, words.words if words else "")
 
 
 def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
@@ -153,20 +148,11 @@ def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
         rows.append(
             {"joint": joint, "unit": unit.name, "cells": cells, "effort": has_effort and effort}
         )
-    return _filled("table", [(TITLES[name], COLOURS[name]) for name in columns], rows, is_fresh)
+    return filled("table", [(TITLES[name], COLOURS[name]) for name in columns], rows, is_fresh)
 
 
-def legend_html(shown: Sequence[str]) -> str:
-    """Name the colours of the poses that are drawn."""
-    return _filled("legend", [(TITLES[name], COLOURS[name]) for name in shown])
-
-
-def style_html() -> str:
-    """Give the style sheet of all these."""
-    return _filled("style")
-
-
-def _filled(macro: str, *values: Any) -> str:
+def filled(macro: str, *values: Any) -> str:
+    """Fill in a macro of the template."""
     return str(getattr(_macros(), macro)(*values)).strip()
 
 
@@ -179,7 +165,3 @@ def _macros() -> Any:
 
 def _number(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if math.isfinite(value) else "-"
-
-
-def _duration(seconds: float) -> str:
-    return f"{seconds:.1f} s" if seconds < 60.0 else f"{seconds / 60.0:.0f} min"

@@ -22,9 +22,8 @@ import numpy as np
 
 import truejoint
 from truejoint.errors import TruejointError
-from truejoint.monitor.condition import Condition
 from truejoint.monitor.page import FRAME_RATE, WINDOW, Page
-from truejoint.monitor.samples import Samples
+from truejoint.monitor.samples import Condition, Samples
 from truejoint.robots import Robot
 
 COMMANDS: Final = ("pause", "resume")
@@ -57,6 +56,8 @@ class PageProcess:
             env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         )  # fmt: skip
         self.pid: Final = self._process.pid
+        self._input: Any = self._process.stdin
+        self._output: Any = self._process.stdout
         with suppress(BrokenPipeError):
             self._tell({"robot": robot.to_dict(), "host": host, "port": port})
         said: dict[str, str] = json.loads(self._output.readline() or "{}")
@@ -97,14 +98,6 @@ class PageProcess:
             self._process.wait()
         with suppress(OSError):
             self._output.close()
-
-    @property
-    def _input(self) -> Any:
-        return self._process.stdin
-
-    @property
-    def _output(self) -> Any:
-        return self._process.stdout
 
     def _tell(self, message: Mapping[str, Any]) -> None:
         with self._telling:
@@ -187,10 +180,9 @@ def main() -> None:
 
     asked = json.loads(sys.stdin.readline())
     robot = Robot.from_dict(asked["robot"], "the arm")
+    place = {"host": asked["host"], "port": asked["port"]}
     try:
-        view = ArmView(
-            robot, lambda name: tell(command=name), host=asked["host"], port=asked["port"]
-        )
+        view = ArmView(robot, lambda name: tell(command=name), **place)
     except TruejointError as error:
         tell(error=str(error))
         return
@@ -214,13 +206,13 @@ def main() -> None:
 
 def _draw(view: ArmView, news: threading.Event, over: threading.Event) -> None:
     """Draw when there is something new; what came meanwhile goes into the next picture."""
-    while news.wait() and not over.is_set():
-        news.clear()
-        try:
+    try:
+        while news.wait() and not over.is_set():
+            news.clear()
             view.draw()
-        except Exception as error:
-            view.stopped(error)
-            raise
+    except Exception as error:
+        view.stopped(error)
+        raise
 
 
 if __name__ == "__main__":
