@@ -7,7 +7,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
@@ -132,7 +132,11 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     jump = np.where(is_position, np.minimum(JUMP_MARGIN * domain.signal_bend, reach), reach)
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * domain.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
-    held = _held(data, is_position & ~moves, high - low)
+    # How far positions that stood in training may move; other signals do as they like.
+    held, units = np.full(len(signals), np.inf), np.array([data.units[name] for name in signals])
+    for i in np.flatnonzero(is_position & ~moves):
+        alike = is_position & moves & (units == units[i])
+        held[i] = HELD_MARGIN * np.min((high - low)[alike], initial=np.inf)
     used = varies(data.lower, data.upper)
     feature_lower, feature_upper = _widened(data.lower, data.upper, range_margin)
     distance = DISTANCE_MARGIN * domain.distance
@@ -169,20 +173,6 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
         correction_lower=correction_lower,
         correction_upper=correction_upper,
     )
-
-
-def _held(data: Calibration, standing: Mask, span: Array) -> Array:
-    """How far (n_signals,) positions that stood in training may move; others do as they like."""
-    reach = np.full(len(standing), np.inf)
-    for i in np.flatnonzero(standing):
-        unit = data.units[data.loop_signals[i]]
-        alike = [
-            float(span[k])
-            for k, signal in enumerate(data.loop_signals)
-            if signal.startswith("measured/") and data.units[signal] == unit and span[k] > 0.0
-        ]
-        reach[i] = HELD_MARGIN * min(alike, default=np.inf)
-    return reach
 
 
 def _parity(data: Calibration, domain: TrainingDomain) -> dict[str, Any]:

@@ -29,6 +29,16 @@ SCALE: Final = "scale"
 TURN: Final = ("marker turn x", "marker turn y", "marker turn z")
 
 
+HUBER: Final = 2.8
+"""Whitened residuals longer than this get Huber's weight; one good residual in twenty is."""
+GATE: Final = 4.5
+"""Points further than this from what the others expect [deviations] are outliers. In sets of 30
+good points, one set in two hundred has such a point."""
+_MOST_STEPS: Final = 50
+_SETTLED: Final = 1e-4  # of a parameter's standard deviation
+_OPEN: Final = 1e-13  # eigenvalue of the scaled normal equations below which a direction is open
+
+
 @dataclass(frozen=True, eq=False)
 class TipState:
     """Parameters of the rows."""
@@ -219,45 +229,35 @@ class TipRows:
         tool = self.kinematics.forward(self.corrected(state))
         return tool[:, :3, :3], tool[:, :3, 3] + tool[:, :3, :3] @ state.marker
 
-    def predict(self, state: TipState) -> Array:
-        """Points (m, 3) of the tool in the frame, in true size [m]."""
-        return np.asarray((self.tool_points(state)[1] - state.translation) @ state.rotation)
-
     def residual(self, state: TipState) -> Array:
-        """Predicted less stated points (m, 3) [m]."""
-        return self.predict(state) - state.scale * self.point
+        """Predicted less stated points (m, 3), of the tool in the frame [m]."""
+        seen = (self.tool_points(state)[1] - state.translation) @ state.rotation
+        return np.asarray(seen - state.scale * self.point)
 
     def equations(self, state: TipState) -> Equations:
         """Residuals and Jacobians at a state, the latter by parameters and by joints."""
-        m, k, back = len(self), len(state.coefficients), state.rotation.T
+        k, back = len(state.coefficients), state.rotation.T
         turn, place = self.tool_points(state)
         moves = self.kinematics.jacobian(self.corrected(state))
         moves[:, :3] += np.cross(moves[:, 3:], (turn @ state.marker)[:, :, None], axis=1)
         by_joint = back @ moves[:, :3]
         point = (place - state.translation) @ state.rotation
         residual = point - state.scale * self.point
-        parts = [
-            by_joint[:, :, self.columns] @ self.basis,
-            cross_matrix(point),
-            np.broadcast_to(-back, (m, 3, 3)),
-            back @ turn,
-            -self.point[:, :, None],
-            np.zeros((m, 3, 3)),
-        ]
-        by_parameter = np.concatenate(parts, axis=2)
+        by_parameter = np.zeros((len(self), 3 if self.orientation is None else 6, k + 13))
+        by_parameter[:, :3, :k] = by_joint[:, :, self.columns] @ self.basis
+        by_parameter[:, :3, k : k + 3] = cross_matrix(point)
+        by_parameter[:, :3, k + 3 : k + 6] = -back
+        by_parameter[:, :3, k + 6 : k + 9] = back @ turn
+        by_parameter[:, :3, k + 9] = -self.point
         if self.orientation is None:
             return Equations(residual, by_parameter, by_joint)
         predicted, turns = back @ turn @ state.turn, back @ moves[:, 3:]
         off = Rotation.from_matrix(predicted @ self.orientation.transpose(0, 2, 1)).as_rotvec()
-        by_turn = np.zeros((m, 3, k + 13))
-        by_turn[:, :, :k] = turns[:, :, self.columns] @ self.basis
-        by_turn[:, :, k : k + 3] = -np.eye(3)
-        by_turn[:, :, k + 10 :] = predicted
-        return Equations(
-            np.hstack([residual, off]),
-            np.concatenate([by_parameter, by_turn], axis=1),
-            np.concatenate([by_joint, turns], axis=1),
-        )
+        by_parameter[:, 3:, :k] = turns[:, :, self.columns] @ self.basis
+        by_parameter[:, 3:, k : k + 3] = -np.eye(3)
+        by_parameter[:, 3:, k + 10 :] = predicted
+        by_joint = np.concatenate([by_joint, turns], axis=1)
+        return Equations(np.hstack([residual, off]), by_parameter, by_joint)
 
 
 def known_kinematics(robot: Robot) -> Kinematics:
@@ -288,21 +288,7 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
 
 def cross_matrix(vectors: Array) -> Array:
     """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
-    matrices = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    matrices[:, 0, 1], matrices[:, 0, 2], matrices[:, 1, 2] = -z, y, -x
-    matrices[:, 1, 0], matrices[:, 2, 0], matrices[:, 2, 1] = z, -y, x
-    return matrices
-
-
-HUBER: Final = 2.8
-"""Whitened residuals longer than this get Huber's weight; one good residual in twenty is."""
-GATE: Final = 4.5
-"""Points further than this from what the others expect [deviations] are outliers. In sets of 30
-good points, one set in two hundred has such a point."""
-_MOST_STEPS: Final = 50
-_SETTLED: Final = 1e-4  # of a parameter's standard deviation
-_OPEN: Final = 1e-13  # eigenvalue of the scaled normal equations below which a direction is open
+    return np.cross(vectors[:, None], np.eye(3)).transpose(0, 2, 1)
 
 
 @dataclass(frozen=True, eq=False)

@@ -153,20 +153,9 @@ def design_pose(block: Block, robot: Robot) -> BlockPose:
 
 
 class Guide:
-    """Plans touches of a block, and judges each by those before it.
+    """Plans `count` touches of a block, and judges each by those before it.
 
-    Parameters
-    ----------
-    task : Task
-    count : int
-        How many dimples.
-    seed : int
-        Of the sides.
-
-    Raises
-    ------
-    CalibrationError
-        If fewer dimples can be reached than asked for.
+    The `seed` is of the sides. Raises CalibrationError if fewer dimples can be reached.
     """
 
     def __init__(self, task: Task, count: int, *, seed: int = 0) -> None:
@@ -180,10 +169,11 @@ class Guide:
         speed = np.ones(len(moving)) if space is None else space.speed
         chosen = chosen[shortest_order(joint[chosen][:, moving], speed)]
         sides = approach_sides(count, len(robot.positioning), seed)
-        self._stops = [
-            Stop(names[k], block.points[names[k]], side, _words(robot, side))
-            for k, side in zip(chosen, sides, strict=True)
-        ]
+        self._stops = []
+        for k, side in zip(chosen, sides, strict=True):
+            ways = ("rising" if sign < 0 else "falling" for sign in side)
+            words = ", ".join(map(" ".join, zip(robot.positioning, ways, strict=True)))
+            self._stops.append(Stop(names[k], block.points[names[k]], side, words))
         self._made: list[tuple[float, str]] = []
 
     def next_stop(self) -> Stop | None:
@@ -220,12 +210,6 @@ class Guide:
             self._made.pop()
             self._stops.append(replace(stop, is_again=True))
         return Verdict(len(self._made), off, self._task.tip_sd(self._rows, fit))
-
-
-def _words(robot: Robot, side: Array) -> str:
-    """From which side each joint comes, for a person."""
-    pairs = zip(robot.positioning, side, strict=True)
-    return ", ".join(f"{name} {'rising' if sign < 0 else 'falling'}" for name, sign in pairs)
 
 
 def reachable(robot: Robot, pose: BlockPose) -> tuple[tuple[str, ...], Array]:

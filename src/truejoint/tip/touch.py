@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -25,7 +25,6 @@ from truejoint.estimators.polynomial.run import of_degree
 from truejoint.features.feature_set import default_gap_limit
 from truejoint.files import read_small
 from truejoint.recordings import Recording
-from truejoint.robots.robot import Robot
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
 from truejoint.tip.terms import (
@@ -282,19 +281,11 @@ def find_block(
     _check_misfit(fit, touches)
     robot, state = recording.robot, fit.state
     pose = BlockPose(
-        block,
-        robot.name,
-        robot.arm,
-        state.rotation,
-        state.translation,
-        fit.covariance[:6, :6],
-        state.scale,
-        float(fit.sd[9]),
-        rows.corrected_sd,
-        datetime.now(UTC).isoformat(timespec="seconds"),
-        recording.provenance.homing_id,
+        block, robot.name, robot.arm, state.rotation, state.translation, fit.covariance[:6, :6],
+        state.scale, float(fit.sd[9]), rows.corrected_sd,
+        datetime.now(UTC).isoformat(timespec="seconds"), recording.provenance.homing_id,
         str(calibration.metadata.get("data_sha256", "")),
-    )
+    )  # fmt: skip
     return pose, fit
 
 
@@ -370,7 +361,14 @@ def zero_by_touch(
         fit = fit_zero(rezeroed, recording, touches, pose, np.inf, touch_sd)
         _check_misfit(fit, touches)
         moved = fit.state.coefficients
-        _check_offsets(recording.robot, dict(zip(calibration.joints, moved, strict=True)), touches)
+        for joint, offset in zip(calibration.joints, moved.tolist(), strict=True):
+            unit = recording.robot.joint(joint).unit
+            if abs(offset) > _FARTHEST[unit]:
+                raise CalibrationError(
+                    f"{touches.source}: the zero of {joint} would move by {shown(offset, unit)}, "
+                    "more than a homing does; has the block moved since its pose was found, or is "
+                    "the model of another arm?"
+                )
         rezeroed = rezeroed.shifted(moved)
         # Outputs whose inputs are moved go about as far, but not just as far.
         if rezeroed.moves is None or (np.abs(moved) < 0.1 * fit.sd[: len(moved)]).all():
@@ -410,18 +408,6 @@ def fit_zero(
     if len(pose.joint_sd) == n:
         rows = rows.with_joint_sd(pose.joint_sd)
     return fit_rows(rows, zero_prior(pose, np.broadcast_to(offset_sd, n)))
-
-
-def _check_offsets(robot: Robot, offsets: Mapping[str, float], touches: Touches) -> None:
-    """Refuse offsets [rad or m] by joint that no homing makes."""
-    for joint, offset in offsets.items():
-        unit = robot.joint(joint).unit
-        if abs(offset) > _FARTHEST[unit]:
-            raise CalibrationError(
-                f"{touches.source}: the zero of {joint} would move by {shown(offset, unit)}, more "
-                "than a homing does; has the block moved since its pose was found, or is the model "
-                "of another arm?"
-            )
 
 
 def check_pose(calibration: Calibration, pose: BlockPose) -> None:
