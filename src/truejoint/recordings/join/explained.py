@@ -103,9 +103,20 @@ def explain(
     spans = [np.ptp(np.quantile(error[groups == k], [0.02, 0.98])) for k in range(len(parts))]
     least = finest * abs(ratio) * float(np.ptp(inputs[:, 0]))
     least = max(least, _FINEST_LEFT * float(np.median(spans)), 1e-12)
-    coefficients, weights, spread = _bisquare((inputs - centre) / scale, error, groups, least)
-    samples = tuple(Sample(*part, weights[groups == k]) for k, part in enumerate(parts))
-    return Explained(joint, quantity, ratio, features, centre, scale, coefficients, spread, samples)
+    n, k = inputs.shape
+    member = groups[:, None] == np.arange(len(parts))  # an intercept for each recording
+    design = np.hstack([(inputs - centre) / scale, member])
+    penalty = np.diag(np.r_[np.full(k, _RIDGE * n), np.full(len(parts), 1e-9 * n)])
+    residual = error - np.array([np.median(error[members]) for members in member.T])[groups]
+    for _ in range(_ROUNDS):
+        spread = max(robust_spread(residual), least)
+        weights = np.clip(1.0 - (residual / (_BISQUARE * spread)) ** 2, 0.0, None) ** 2
+        weighted = design * weights[:, None]
+        solution = np.linalg.solve(design.T @ weighted + penalty, weighted.T @ error)
+        residual = error - design @ solution
+    spread = max(robust_spread(residual), least)
+    samples = tuple(Sample(*part, weights[groups == i]) for i, part in enumerate(parts))
+    return Explained(joint, quantity, ratio, features, centre, scale, solution[:k], spread, samples)
 
 
 def robust_spread(values: Array) -> float:
@@ -154,24 +165,6 @@ def _features(
 def _own(values: Array) -> Array:
     """Position of the joint itself (n,), the first feature, about its median."""
     return np.asarray(values[:, 0] - np.median(values[:, 0]))
-
-
-def _bisquare(
-    scaled: Array, error: Array, groups: Integers, least: float
-) -> tuple[Array, Array, float]:
-    """Coefficients (k,), weights (n,) and spread of the regression; an intercept for each group."""
-    n, k = scaled.shape
-    member = groups[:, None] == np.arange(groups.max() + 1)
-    design = np.hstack([scaled, member])
-    penalty = np.diag(np.r_[np.full(k, _RIDGE * n), np.full(member.shape[1], 1e-9 * n)])
-    residual = error - np.array([np.median(error[members]) for members in member.T])[groups]
-    for _ in range(_ROUNDS):
-        spread = max(robust_spread(residual), least)
-        weights = np.clip(1.0 - (residual / (_BISQUARE * spread)) ** 2, 0.0, None) ** 2
-        weighted = design * weights[:, None]
-        solution = np.linalg.solve(design.T @ weighted + penalty, weighted.T @ error)
-        residual = error - design @ solution
-    return solution[:k], weights, max(robust_spread(residual), least)
 
 
 _STEP: Final = 5.0  # spreads of the residual

@@ -99,8 +99,19 @@ def coarse_offset(
 
 
 def joint_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
-    """Log of the residual variances of all joints (n, k), and the best explained joint's share."""
-    explained = np.array([_explained(*pair, lags) for pair in zip(ours.T, theirs.T, strict=True)])
+    """Log of the residual variances of all joints (n, k), and the best explained joint's share.
+
+    The share is the squared correlation, if it is positive, at `lags`: rows by which `theirs`
+    begins later.
+    """
+    shares = []
+    for pair in zip(ours.T, theirs.T, strict=True):
+        covariance, variance, of_theirs = _moments(*pair, lags)
+        # Where one stands still there is nothing to compare, but for rounding.
+        moves = (variance > 1e-9 * variance.max()) & (of_theirs > 1e-9 * of_theirs.max())
+        product = np.where(moves, variance * of_theirs, np.inf)
+        shares.append(np.clip(np.maximum(covariance, 0.0) ** 2 / product, 0.0, 1.0 - 1e-12))
+    explained = np.array(shares)
     return -np.log(1.0 - explained).sum(axis=0), explained.max(axis=0)
 
 
@@ -119,15 +130,6 @@ def path_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Ar
     fit = np.clip(2.0 * alike / np.maximum(spread, 1e-9 * np.max(spread)), 0.0, 1.0 - 1e-12)
     # Residual variances of three axes, as of three joints.
     return -3.0 * np.log(1.0 - fit), fit
-
-
-def _explained(ours: Array, theirs: Array, lags: Integers) -> Array:
-    """Squared correlation, if it is positive, at `lags`: rows by which `theirs` begins later."""
-    covariance, variance, of_theirs = _moments(ours, theirs, lags)
-    # Where one stands still there is nothing to compare, but for rounding.
-    moves = (variance > 1e-9 * variance.max()) & (of_theirs > 1e-9 * of_theirs.max())
-    product = np.where(moves, variance * of_theirs, np.inf)
-    return np.clip(np.maximum(covariance, 0.0) ** 2 / product, 0.0, 1.0 - 1e-12)
 
 
 def _moments(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array, Array]:

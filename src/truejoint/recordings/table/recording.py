@@ -369,7 +369,17 @@ def recordings_of_file(
     """
     robot = get_robot(robot) if isinstance(robot, str) else robot
     _check_shapes(columns, path.name)
-    columns, missing = _whole_rows(columns, path.name)
+    gaps = {n: np.isnan(values) for n, values in columns.items() if not n.startswith("truth")}
+    whole = ~np.logical_or.reduce(list(gaps.values()))
+    missing = int((~whole).sum())
+    if missing > _MAX_MISSING * whole.size:
+        worst = max(gaps, key=lambda name: int(gaps[name].sum()))
+        raise RecordingError(
+            f"{path.name}: {missing} of {whole.size} rows lack a value, {worst!r} in "
+            f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
+        )
+    if missing:
+        columns = {name: values[whole] for name, values in columns.items()}
     last = last_of_each_stamp(columns["t"])
     if not last.all():
         columns = {name: values[last] for name, values in columns.items()}
@@ -390,22 +400,6 @@ def recordings_of_file(
             origin = replace(origin, session=f"{provenance.session}#{count}")
         recordings.append(Recording.from_columns(rows, origin, units, robot=robot))
     return recordings
-
-
-def _whole_rows(columns: Mapping[str, Array], source: str) -> tuple[Mapping[str, Array], int]:
-    """Rows in which nothing but truth is NaN, and how many others there are."""
-    gaps = {n: np.isnan(values) for n, values in columns.items() if not n.startswith("truth")}
-    whole = ~np.logical_or.reduce(list(gaps.values()))
-    missing = int((~whole).sum())
-    if missing > _MAX_MISSING * whole.size:
-        worst = max(gaps, key=lambda name: int(gaps[name].sum()))
-        raise RecordingError(
-            f"{source}: {missing} of {whole.size} rows lack a value, {worst!r} in "
-            f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
-        )
-    if not missing:
-        return columns, 0
-    return {name: values[whole] for name, values in columns.items()}, missing
 
 
 def _sessions(t: Array) -> list[tuple[int, int]]:

@@ -138,7 +138,11 @@ def synchronise(
     dropped: dict[str, int] = {}
     state, truth = usable_rows(state, "state", dropped), usable_rows(truth, "truth", dropped)
     early, late = state.t < truth.t[0], state.t > truth.t[-1]
-    gap = _in_gap(state.t, truth.t, gap_limit)
+    wide = np.flatnonzero(np.diff(truth.t) > gap_limit)
+    edge = np.zeros(state.t.size + 1, dtype=np.int8)
+    np.add.at(edge, np.searchsorted(state.t, truth.t[wide], side="right"), 1)
+    np.add.at(edge, np.searchsorted(state.t, truth.t[wide + 1], side="left"), -1)
+    gap = np.cumsum(edge[:-1], dtype=np.int8) > 0
     unknown = early | late | gap
     columns = {"t": state.t, **state.columns}
     for name, values in truth.columns.items():
@@ -147,15 +151,6 @@ def synchronise(
     counts = {BEFORE: early, AFTER: late, GAP: gap}
     dropped |= {reason: int(rows.sum()) for reason, rows in counts.items() if rows.any()}
     return columns, dropped
-
-
-def _in_gap(t: Array, samples: Array, limit: float) -> Mask:
-    """Which rising stamps (n,) lie between two of those `samples` (m,) that are `limit` apart."""
-    wide = np.flatnonzero(np.diff(samples) > limit)
-    edge = np.zeros(t.size + 1, dtype=np.int8)
-    np.add.at(edge, np.searchsorted(t, samples[wide], side="right"), 1)
-    np.add.at(edge, np.searchsorted(t, samples[wide + 1], side="left"), -1)
-    return np.asarray(np.cumsum(edge[:-1], dtype=np.int8) > 0)
 
 
 def forward_rows(t: Array) -> Mask:
