@@ -93,19 +93,13 @@ def test_a_column_map_as_mapping_and_as_file(tmp_path: Path) -> None:
         """,
     )
     check_map(read_recording(path, "csv", column_map=toml))
-
-
-def test_a_map_of_positions_needs_no_header(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.txt", "0 1 2\n1 3 4\n")
-    recording = read_recording(
-        path, robot="bros", column_map={"columns": {"t": 0, "measured/joint2": 2}}
-    )
-    assert recording.column("measured/joint2").tolist() == [2.0, 4.0]
-
-
-def test_the_caller_overrules_the_map(tmp_path: Path) -> None:
-    path = write(tmp_path / "a.csv", TABLE)
     assert read_recording(path, arm="left", column_map=MAP).robot.arm == "left"
+    bare = write(tmp_path / "a.txt", "0 1 2\n1 3 4\n")  # positions need no header
+    columns = {"columns": {"t": 0, "measured/joint2": 2}}
+    recording = read_recording(bare, robot="bros", column_map=columns)
+    assert recording.column("measured/joint2").tolist() == [2.0, 4.0]
+    with pytest.raises(RecordingError, match="No such file"):
+        read_column_map(tmp_path / "none.toml")
 
 
 def test_stamps_since_1970_count_from_the_first_row(tmp_path: Path) -> None:
@@ -353,8 +347,3 @@ def test_a_file_that_is_no_toml_is_refused(tmp_path: Path, text: str) -> None:
     with pytest.raises(RecordingError, match=r"map.toml: is not TOML") as caught:
         read_column_map(path)
     assert "\n" not in str(caught.value)
-
-
-def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match="No such file"):
-        read_column_map(tmp_path / "map.toml")

@@ -65,6 +65,9 @@ def test_garbage_is_read_or_refused_in_one_line(
         ("1,2,3\n4,,6\n6,7,8\n", "line 2, column 1 is ''"),
         ("1,2,3\n4,5,nan\n6,7,8\n", "line 2, column 2 is 'nan'"),
         ("1,2,3\n4,5\n", "line 2 has 2 columns, expected 3"),
+        ("1,2,3\n" * 700 + "1,2,3,4\n" + "1,2,3\n" * 300, "line 701 has 4 columns"),
+        ("1,2,3\n1,2,3,4\n6,7,8\n9,", "line 2 has 4"),  # though the last is cut short
+        ("1,2,3\n1,2\n6,7,8\n9,", "line 2 has 2"),
         ("# nothing\n", "holds no rows"),
     ],
 )
@@ -90,13 +93,6 @@ def test_only_named_columns_may_miss(tmp_path: Path) -> None:
     assert np.isnan(table.values[1, 1])
     with pytest.raises(RecordingError, match="line 2, column 1"):
         read_numbers(path, TextLayout(3), (0, 1))
-
-
-@pytest.mark.parametrize("fault", ["1,2,3,4", "1,2"])
-def test_a_fault_is_found_although_the_last_line_is_cut_short(tmp_path: Path, fault: str) -> None:
-    path = write(tmp_path / "t.csv", f"1,2,3\n{fault}\n6,7,8\n9,")
-    with pytest.raises(RecordingError, match="line 2 has"):
-        read_numbers(path, TextLayout(3), (0, 1, 2))
 
 
 def test_the_line_of_a_fault_counts_from_the_start_of_the_file(
@@ -125,14 +121,8 @@ def test_a_form_feed_in_a_comment_is_no_line_end(tmp_path: Path) -> None:
     assert (number, header) == (2, "t,a")
     table = read_numbers(path, TextLayout(2, comment="#", skip=number), (0, 1))
     assert np.array_equal(table.values, [[1, 2], [3, 4]])
-
-
-def test_a_surplus_column_is_seen_in_a_long_file(tmp_path: Path) -> None:
-    rows = ["1,2,3"] * 1000
-    rows[700] = "1,2,3,4"
-    path = write(tmp_path / "t.csv", "\n".join(rows) + "\n")
-    with pytest.raises(RecordingError, match="line 701 has 4 columns"):
-        read_numbers(path, TextLayout(3), (0,))
+    with pytest.raises(RecordingError, match="not a text file"):
+        Head(path, b"\x00\x01\x02").first_line()
 
 
 def test_more_than_is_kept_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,10 +130,3 @@ def test_more_than_is_kept_is_refused(tmp_path: Path, monkeypatch: pytest.Monkey
     path = write(tmp_path / "t.csv", "1,2,3\n" * 11)
     with pytest.raises(RecordingError, match="more than 10 rows of 3 columns"):
         read_numbers(path, TextLayout(3), (0, 1, 2))
-
-
-def test_a_binary_file_has_no_first_line(tmp_path: Path) -> None:
-    path = tmp_path / "t.bin"
-    path.write_bytes(b"\x00\x01\x02")
-    with pytest.raises(RecordingError, match="not a text file"):
-        Head.of(path).first_line()
