@@ -134,11 +134,6 @@ class JointEncoders:
         if callback in self._listeners:
             self._listeners.remove(callback)
 
-    @property
-    def is_registered(self) -> bool:
-        """Whether the hard stops were registered, so that positions are reported."""
-        return self._zero is not None
-
     def start_registration(self) -> None:
         """Keep the counts from now on, for at most 60 s: the arm is going to its hard stops."""
         self._zero, self._began, self._readings = None, self._clock(), []

@@ -33,6 +33,8 @@ from truejoint.recordings.table.stream_file import (
 )
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
+LONGEST: Final = 12 * 3600.0
+"""Rows later than this after the first [s] are counted and not kept."""
 PAST_END: Final = "state: past the longest duration"
 
 
@@ -79,8 +81,8 @@ class Recorder:
     """Records an arm from entering to leaving a ``with`` block.
 
     The state is thinned out to `state_rate` as it arrives, so memory grows by about 10 kB per
-    second of motion whatever the arm's own rate. If the block is left by an exception or by
-    Ctrl-C, what was recorded is kept; with a `path` it is written beside it, as
+    second of motion whatever the arm's own rate, for 12 h at most. If the block is left by an
+    exception or by Ctrl-C, what was recorded is kept; with a `path` it is written beside it, as
     ``<name>.partial.parquet``, and no whole recording is replaced. Meanwhile it is written, twice a
     second of the arm's clock, to ``<name>.unfinished.arrows``, which any command reads: there it is
     if the program is killed, or where `path` cannot be written at the end.
@@ -90,15 +92,11 @@ class Recorder:
     arm : Arm
     state_rate : float
         Rate of the rows [Hz]; peng2024 (IV-A) records the state at 30 Hz.
-    truth_rate : float, optional
-        Thin the joint encoders out to this rate [Hz]; all readings by default.
     truth : TruthSource, optional
         Joint encoders that are read in place of the arm's own, such as `JointEncoders`, stamped by
         the arm's clock.
     gap_limit : float
         Longest time between two readings of the joint encoders to interpolate across [s].
-    max_duration : float
-        Rows later than this after the first are counted and not kept [s].
     path : path-like, optional
         Parquet file to write when the block is left; where it was written is in `written`.
     topics : mapping of str to float, optional
@@ -124,11 +122,9 @@ class Recorder:
 
     arm: Arm
     state_rate: float = 30.0
-    truth_rate: float | None = None
     _: KW_ONLY
     truth: TruthSource | None = None
     gap_limit: float = BRIDGED_TIME
-    max_duration: float = 12 * 3600.0
     path: str | os.PathLike[str] | None = None
     topics: Mapping[str, float] = field(default_factory=dict)
     overwrite: bool = False
@@ -138,11 +134,8 @@ class Recorder:
     command: str = ""
 
     def __post_init__(self) -> None:
-        if not (self.gap_limit > 0 and self.max_duration > 0):
-            raise RecordingError(
-                f"recorder: gap limit {self.gap_limit} s and longest duration {self.max_duration} "
-                "s; both must be above 0 s"
-            )
+        if not (self.gap_limit > 0):
+            raise RecordingError(f"recorder: gap limit {self.gap_limit} s; give one above 0 s")
         self.written: Path | None = None
         self._stream: StreamWriter | None = None
         self._lock = threading.Lock()
@@ -265,7 +258,7 @@ class Recorder:
 
     def _clear(self) -> None:
         self._state = _Rows(STATE, self.state_rate)
-        self._truth = _Rows(TRUTH, math.inf if self.truth_rate is None else self.truth_rate)
+        self._truth = _Rows(TRUTH, math.inf)
         self._thinning = {topic: Decimator(rate) for topic, rate in self.topics.items()}
         self._states: list[OperatingState] = []  # not yet written
         self._first = math.nan
@@ -282,7 +275,7 @@ class Recorder:
         chosen = stream.decimator.pick(block.t)
         if stream is self._state and math.isnan(self._first) and chosen.any():
             self._first = float(block.t[chosen][0])
-        late = block.t - self._first > self.max_duration  # never, before the first state
+        late = block.t - self._first > LONGEST  # never, before the first state
         if isinstance(block, TruthBlock):
             columns = {f"truth/{n}": block.position[:, k] for k, n in enumerate(block.name)}
         else:

@@ -122,11 +122,11 @@ def row_ranges(rows: Integers) -> Rows:
     return tuple(ranges)
 
 
-def row_text(ranges: Rows, most: int = 3) -> str:
+def row_text(ranges: Rows) -> str:
     """Row numbers for a person: ``"rows 3, 17-20, ..."``."""
-    texts = [f"{a}" if b == a + 1 else f"{a}-{b - 1}" for a, b in ranges[:most]]
+    texts = [f"{a}" if b == a + 1 else f"{a}-{b - 1}" for a, b in ranges[:3]]
     few = len(ranges) == 1 and ranges[0][1] == ranges[0][0] + 1
-    return ("row " if few else "rows ") + ", ".join(texts) + (", ..." if len(ranges) > most else "")
+    return ("row " if few else "rows ") + ", ".join(texts) + (", ..." if len(ranges) > 3 else "")
 
 
 def count(number: int, thing: str) -> str:
