@@ -164,10 +164,6 @@ def _parts(folder: Path) -> list[Path]:
     return sorted(parts, key=number)
 
 
-class _ChunkError(Exception):
-    """A chunk does not unpack."""
-
-
 class _Pending:
     """Messages of topics that wait to be given out, a batch a topic."""
 
@@ -207,10 +203,10 @@ def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
 
 
 def _ros1_topic(fields: dict[bytes, bytes], data: bytes) -> Topic:
-    said = _ros1_fields(data)
+    about = _ros1_fields(data)
     name, kind, text = (
         value.decode(errors="replace")
-        for value in (fields[b"topic"], said[b"type"], said[b"message_definition"])
+        for value in (fields[b"topic"], about[b"type"], about[b"message_definition"])
     )
     return Topic(name, kind, text, "ros1")
 
@@ -237,13 +233,11 @@ def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
 
     Nor is an index one that counts more messages than a file so long has places for.
     """
-    if file.read(len(ROS1_MAGIC)) != ROS1_MAGIC:
-        raise struct.error("no index")
-    end = file.seek(0, 2)
-    file.seek(len(ROS1_MAGIC))
+    end, _ = file.seek(0, 2), file.seek(0)
+    is_ros1 = file.read(len(ROS1_MAGIC)) == ROS1_MAGIC
     first: dict[bytes, bytes] = next((fields for fields, _, _ in _ros1_records(file)), {})
     (begin,) = _U64.unpack(first.get(b"index_pos", b""))
-    if not 0 < begin < end:
+    if not (is_ros1 and 0 < begin < end):
         raise struct.error("no index")
     file.seek(begin)
     topics: dict[bytes, Topic] = {}
@@ -265,37 +259,31 @@ def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
     return dict(by_topic)
 
 
-def _ros1_chunk(data: bytes, fields: dict[bytes, bytes], lost: Counter[str]) -> bytes:
-    """Unpack a chunk; empty if that fails, which is counted."""
-    with suppress(_ChunkError):
-        return _unpacked(data, fields.get(b"compression", b"").decode(errors="replace"))
-    lost[DAMAGED] += 1
-    return b""
-
-
 def _ros1(
     file: BinaryIO,
     wanted: Wanted,
     lost: Counter[str],
-    known: dict[bytes, Topic | None] | None = None,
+    topics: dict[bytes, Topic | None] | None = None,
 ) -> Iterator[Batch]:
-    """Messages of a file, or of a chunk of one whose topics so far are `known`.
+    """Messages of a file, or of a chunk of one whose `topics` so far are there.
 
     The last chunk of a bag that was never closed states no length: what should be in it lies in the
     file itself.
     """
     whole, end = file.tell(), file.seek(0, 2)
     file.seek(whole)
-    topics = {} if known is None else known
+    in_chunk = topics is not None
+    topics = {} if topics is None else topics
     pending = _Pending()
     try:
         for fields, begin, length in _ros1_records(file):
             op = fields.get(b"op")
-            if op == b"\x05" and known is None:
+            if op == b"\x05" and not in_chunk:
                 yield from pending.take()
                 if begin + length > end:
                     lost[CUT_SHORT] += end - begin
-                chunk = _ros1_chunk(file.read(min(length, _MOST_CHUNK)), fields, lost)
+                packing = fields.get(b"compression", b"").decode(errors="replace")
+                chunk = _unpacked(file.read(min(length, _MOST_CHUNK)), packing, lost)
                 yield from _ros1(io.BytesIO(chunk), wanted, lost, topics)
             elif begin + length > end:
                 raise struct.error("not whole")
@@ -315,25 +303,21 @@ def _ros1(
     yield from pending.take()
 
 
-def _unpacked(data: bytes, packing: str) -> bytes:
-    """Unpack a chunk, or as much as there is of it; raises _ChunkError if nothing comes out."""
+def _unpacked(data: bytes, packing: str, lost: Counter[str]) -> bytes:
+    """Unpack a chunk, or as much as there is of it; one of which nothing comes is counted."""
     if packing in ("none", ""):
         return data
-    unpacker: Any
-    if packing == "bz2":
-        unpacker = bz2.BZ2Decompressor()
-    elif packing == "lz4":
-        unpacker = require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor()
-    elif packing == "zstd":
-        unpacker = _zstd().ZstdDecompressor()
-    else:
-        raise _ChunkError(packing)
-    try:
-        unpacked: bytes = unpacker.decompress(data, _MOST_CHUNK)
-    except Exception as error:  # each packing has errors of its own
-        raise _ChunkError from error
-    if not unpacked:
-        raise _ChunkError
+    unpackers: dict[str, Callable[[], Any]] = {
+        "bz2": bz2.BZ2Decompressor,
+        "lz4": lambda: require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor(),
+        "zstd": lambda: _zstd().ZstdDecompressor(),
+    }
+    unpacked = b""
+    if packing in unpackers:
+        unpacker = unpackers[packing]()
+        with suppress(Exception):  # each packing has errors of its own
+            unpacked = unpacker.decompress(data, _MOST_CHUNK)
+    lost[DAMAGED] += not unpacked
     return unpacked
 
 
@@ -398,11 +382,11 @@ def _mcap(
                 chunk = file.read(min(length, _MOST_CHUNK, end - begin))
                 packing, place = _text(chunk, _MCAP_CHUNK.size)
                 (size,) = _U64.unpack_from(chunk, place)
-                records = _unpacked(chunk[place + 8 : place + 8 + size], packing)
+                records = _unpacked(chunk[place + 8 : place + 8 + size], packing, lost)
                 yield from _mcap(io.BytesIO(records), lost, state, in_chunk=True)
             elif op in (_MCAP_SCHEMA, 0x04, _MCAP_MESSAGE) and begin + length <= end:
                 state.take(op, file.read(length), pending)
-        except (struct.error, _ChunkError):
+        except struct.error:
             lost[DAMAGED] += 1
         if pending.count >= _ROWS:
             yield from pending.take()
@@ -444,13 +428,14 @@ def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
                 for key, time, data in batch:
                     if topics.get(key) is None:
                         continue
-                    if isinstance(time, int) and isinstance(data, bytes):
-                        packed = data[:4] == ZSTD_MAGIC  # each message by itself
-                        pending.add(topics[key], time, _unpacked(data, "zstd") if packed else data)
-                    else:
+                    if not (isinstance(time, int) and isinstance(data, bytes)):
                         lost[DAMAGED] += 1
+                        continue
+                    packing = "zstd" if data[:4] == ZSTD_MAGIC else ""  # each message by itself
+                    if message := _unpacked(data, packing, lost):
+                        pending.add(topics[key], time, message)
                 yield from pending.take()
-        except (sqlite3.DatabaseError, TypeError, _ChunkError) as error:
+        except (sqlite3.DatabaseError, TypeError) as error:
             if isinstance(error, sqlite3.OperationalError) and "no such table" in str(error):
                 raise RecordingError(f"{path}: is an SQLite file, but no bag of ROS 2") from None
             lost["tables that cannot be read further: the file is damaged"] += 1
