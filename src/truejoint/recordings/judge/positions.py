@@ -293,10 +293,10 @@ def left_out_zeros(explained: Explained) -> tuple[Array, float]:
     all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)
     medians, spreads = [], []
     for matrix, own_right, (design, sample) in zip(normal, right, pairs, strict=True):
-        others = all_normal - matrix
-        k = len(others) - 1
-        others[np.arange(k), np.arange(k)] += _RIDGE_LEFT_OUT * others[-1, -1]
-        residual = sample.error - design @ np.linalg.solve(others, all_right - own_right)
+        rest = all_normal - matrix
+        k = len(rest) - 1
+        rest[np.arange(k), np.arange(k)] += _RIDGE_LEFT_OUT * rest[-1, -1]
+        residual = sample.error - design @ np.linalg.solve(rest, all_right - own_right)
         medians.append(float(np.median(residual)))
         spreads.append(robust_spread(residual))
     return np.array(medians), float(np.median(spreads))

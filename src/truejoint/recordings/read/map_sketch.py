@@ -73,14 +73,14 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     numbers = [_number(name) for name, _ in columns]
     from_zero = 0 in numbers
     sketched: dict[str, str] = {}
-    others = []
+    rest = []
     for (name, example), number in zip(columns, numbers, strict=True):
         ours = _guess(name, machine, None if number is None else number + from_zero)
         entry = f"{{ column = {_quoted(name)}{_unit(ours, name, machine)} }}  # {example}"
         if ours and ours not in sketched:
             sketched[ours] = entry
         else:
-            others.append(f'# "<quantity>/<joint>" = {entry}')
+            rest.append(f'# "<quantity>/<joint>" = {entry}')
     lines = [
         f"# Columns of {_quoted(path.name)[1:-1]} as their names suggest; mend what is wrong, "
         "delete what is not needed."
@@ -90,7 +90,12 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
         lines.append('# robot = "<name, or a robot file beside this one>"')
     if "t" not in sketched:
         lines.append("# rate_hz = <rate of the rows, unless one of the columns is t>")
-    lines += ["", "[columns]", *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()), *others]
+    lines += [
+        "",
+        "[columns]",
+        *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()),
+        *rest,
+    ]
     return "\n".join(lines)
 
 

@@ -179,16 +179,16 @@ def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
 
 
 def _read(
-    head: Head, robot: Robot, columns: int, start: int = 0, others: tuple[int, ...] = ()
+    head: Head, robot: Robot, columns: int, start: int = 0, extra: tuple[int, ...] = ()
 ) -> NumericTable:
-    """Columns of `_state_columns`, which begin at `start`, then the `others`; any may be empty."""
+    """Columns of `_state_columns`, which begin at `start`, then the `extra`; any may be empty."""
     count = len(split_fields(head.first_line()[1], ","))
     if count != columns:
         raise RecordingError(
             f"{head.path}: {count} columns, expected {columns}; the RAVEN layouts have "
             f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
         )
-    use = [*(start + column for column, _ in _state_columns(robot).values()), *others]
+    use = [*(start + column for column, _ in _state_columns(robot).values()), *extra]
     return read_numbers(head.path, TextLayout(columns), use, use)
 
 
@@ -196,18 +196,18 @@ def _recording(
     path: Path,
     robot: Robot,
     table: NumericTable,
-    others: Mapping[str, Array],
+    extra: Mapping[str, Array],
     dropped: Mapping[str, int],
 ) -> list[Recording]:
     layout = _state_columns(robot)
     state = zip(layout.items(), table.values.T, strict=False)
-    columns = {name: values * factor for (name, (_, factor)), values in state} | dict(others)
+    columns = {name: values * factor for (name, (_, factor)), values in state} | dict(extra)
     keep, homing = without_homing(columns["state/run_level"])
     return recordings_of_file(
         path,
         robot,
         {name: rows[keep] for name, rows in columns.items()},
-        {name: robot.joint(name[5:]).unit for name in others if name.startswith("crtk/")},
+        {name: robot.joint(name[5:]).unit for name in extra if name.startswith("crtk/")},
         sha256=table.sha256,
         dropped={
             **dropped,
@@ -231,9 +231,9 @@ def _check_truth_unit(
     if fits(truth_unit).all():
         return
     joint = robot.positioning[int(np.argmin(fits(truth_unit)))]
-    others = [unit for unit in TRUTH_UNITS if fits(unit).all()]
+    fitting = [unit for unit in TRUTH_UNITS if fits(unit).all()]
     advice = (
-        f"it would fit truth_unit={others[0]!r} (--metadata)" if others else "check units and arm"
+        f"it would fit truth_unit={fitting[0]!r} (--metadata)" if fitting else "check units and arm"
     )
     raise RecordingError(
         f"{path}: truth of {joint} is far from its measured position when read as "

@@ -106,8 +106,8 @@ class Provenance:
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:
         """Inverse of `to_dict`; raises RecordingError on unknown keys and wrong kinds of value."""
         unknown = [name for name in ("load", "start") if values.get(name) is None]
-        known = {key: value for key, value in values.items() if key not in unknown}
-        return schema.read(cls, known, "provenance", RecordingError)
+        stated = {key: value for key, value in values.items() if key not in unknown}
+        return schema.read(cls, stated, "provenance", RecordingError)
 
 
 def _plain(name: str, kind: str, value: Any) -> Any:

@@ -87,21 +87,21 @@ def find_wiring(
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
     space = state.rpartition("/")[0]
-    others, homed = [], ""
+    added, homed = [], ""
     if topics[state][0] == JOINT_STATE:
         for name in sorted(of_robot):
             what, near = crtk_name(name), name.rpartition("/")[0]
             inside = near.startswith(space + "/") and what == "measured_js"
             aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
             if name != state and of_robot[name][0] == JOINT_STATE and (inside or aim):
-                others.append(name)
+                added.append(name)
             of_arm = chosen.arm_of(name)
             here = of_arm == robot.arm if of_arm else near == space
             if of_robot[name][0] in OPERATING_STATES and what == "operating_state" and here:
                 homed = name
-    others_left = {name: about for name, about in of_robot.items() if name not in (state, *others)}
+    others_left = {name: about for name, about in of_robot.items() if name not in (state, *added)}
     truth_topic = "" if truth is None else truth or _find_truth(others_left)
-    return Wiring(state, tuple(others), truth_topic, homed, chosen)
+    return Wiring(state, tuple(added), truth_topic, homed, chosen)
 
 
 def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile) -> str:
@@ -144,14 +144,14 @@ def _find_truth(topics: Topics) -> str:
     """Topic of joint sensors: the known one, or the only joint state that is nothing of CRTK's."""
     joints = [n for n, (kind, count) in topics.items() if kind == JOINT_STATE and count]
     standard = [name for name in joints if f"/{crtk_name(name)}" == TRUTH_TOPIC]
-    others = [
+    candidates = [
         name
         for name in joints
         if crtk_name(name) not in _NO_TRUTH and not crtk_name(name).startswith(_COMMANDS)
     ]
     if standard:
         return max(standard, key=lambda name: topics[name][1])
-    return others[0] if len(others) == 1 else ""
+    return candidates[0] if len(candidates) == 1 else ""
 
 
 def listed(topics: Topics) -> str:
@@ -313,9 +313,9 @@ def _leave_out_unhomed(
 
     One that never says that it is homed has no homing.
     """
-    stamps, said = homed.joined()
+    stamps, flags = homed.joined()
     order = np.argsort(stamps, kind="stable")
-    t, is_homed = (stamps[order] - base) / _SECOND, said[HOMED][order] > 0.0
+    t, is_homed = (stamps[order] - base) / _SECOND, flags[HOMED][order] > 0.0
     last = np.maximum(np.searchsorted(t, columns["t"], side="right") - 1, 0)
     if not is_homed[last].any():
         return
