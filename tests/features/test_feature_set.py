@@ -10,6 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.features import Feature, FeatureSet, default_features
+from truejoint.features.kernels import feature_row
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 
@@ -139,11 +140,13 @@ def test_online_equals_offline_bit_for_bit(x, steps, gap_limit):
     recording = jaw_recording(np.cumsum(steps), x)
     feature_set = FeatureSet.parse(EVERY_OPERATION)
     offline = feature_set.compute(recording, gap_limit)
-    state, out = feature_set.start(), np.empty(len(feature_set))
+    memory, clock = np.zeros(feature_set.memory_size), np.zeros(2)
+    out = np.empty(len(feature_set))
     signals = np.column_stack([recording.column(s) for s in feature_set.signals])
     starts = np.diff(recording.t, prepend=-np.inf) > gap_limit
     for row, t in enumerate(recording.t):
-        assert feature_set.step(state, t, signals[row], gap_limit, out) == starts[row]
+        fresh = feature_row(*feature_set.program, gap_limit, t, signals[row], memory, clock, out)
+        assert fresh == starts[row]
         assert out.tobytes() == offline[row].tobytes()
 
 

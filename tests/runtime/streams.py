@@ -81,14 +81,26 @@ def faulty(t, samples, seed: int, kinds=range(8)):
     return t, samples
 
 
+class OneByOne:
+    """A fitted estimator's row in the loop, with what it remembers and its own half-widths."""
+
+    def __init__(self, model: JointRegressor, deviations: float | None = None) -> None:
+        self.memory, n = model.memory(), model.n_outputs_
+        self.out, self.half_width, self._row = np.empty(n), np.full(n, np.inf), model.family.row
+        if deviations is not None:
+            self.memory.memory[self.memory.layout.fields["deviations"].index] = deviations
+
+    def step(self, dt: float, row: np.ndarray) -> np.ndarray:
+        memory = self.memory
+        self._row(memory.numbers, memory.memory, dt, row, self.out, self.half_width)
+        return self.out.copy()
+
+
 def stepped(
     model: JointRegressor, X: np.ndarray, dt: np.ndarray, deviations: float | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Predict one row after the other: outputs (n, n_outputs), and half-widths of its own."""
-    memory, n = model.memory(), model.n_outputs_
-    if deviations is not None:
-        memory.memory[memory.layout.fields["deviations"].index] = deviations
-    out, widths = np.empty((len(X), n)), np.full((len(X), n), np.inf)
-    for i in range(len(X)):
-        model.family.row(memory.numbers, memory.memory, dt[i], X[i], out[i], widths[i])
-    return out, widths
+    loop = OneByOne(model, deviations)
+    rows = [(loop.step(dt[i], X[i]), loop.half_width.copy()) for i in range(len(X))]
+    outputs, widths = zip(*rows, strict=True)
+    return np.array(outputs), np.array(widths)

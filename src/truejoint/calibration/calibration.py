@@ -394,7 +394,7 @@ class Calibration(Summarised):
     @cached_property
     def looks_back(self) -> bool:
         """Whether a correction depends on rows before: by a feature, or by the model itself."""
-        return bool(self.family.remembers or self.feature_set.start().memory.size)
+        return bool(self.family.remembers or self.feature_set.memory_size)
 
     def check_robot(self, robot: Robot) -> None:
         """Raise CalibrationError unless a robot's arm is the one that it was made for."""

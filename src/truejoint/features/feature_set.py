@@ -134,14 +134,6 @@ class Feature:
         return cls(signal, operation, parameter)  # type: ignore[arg-type]  # checked there
 
 
-@dataclass
-class FeatureState:
-    """What features remember between samples; made by `FeatureSet.start`."""
-
-    memory: Array
-    clock: Array  # (2,), whether a sample was seen, and its time stamp [s]
-
-
 @dataclass(frozen=True, repr=False)
 class FeatureSet(Summarised):
     """Features in the order of a model's inputs.
@@ -212,9 +204,10 @@ class FeatureSet(Summarised):
         parameter = np.array([f.parameter for f in self.features], dtype=float)
         return operation, source, parameter, self._ends[:-1]
 
-    def start(self) -> FeatureState:
-        """State before the first sample."""
-        return FeatureState(np.zeros(self._ends[-1]), np.zeros(2))
+    @property
+    def memory_size(self) -> int:
+        """Numbers that the kernels remember between samples, all 0 before the first."""
+        return int(self._ends[-1])
 
     @cached_property
     def _ends(self) -> NDArray[np.int64]:
@@ -225,19 +218,6 @@ class FeatureSet(Summarised):
             for f in self.features
         ]
         return np.cumsum([0, *sizes])
-
-    def step(
-        self, state: FeatureState, t: float, sample: Array, gap_limit: float, out: Array
-    ) -> bool:
-        """Features of one sample, into `out` (k,); the same bits as `compute` gives.
-
-        Returns whether their history starts here. `state` is changed in place; `sample`
-        (n_signals,) holds the values of `signals` at `t` [s]; after `gap_limit` [s] without a
-        sample the history starts anew.
-        """
-        return kernels.feature_row(
-            *self.program, gap_limit, t, sample, state.memory, state.clock, out
-        )
 
     def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
         """Features (n, k) of every row of a recording in units of the signals, a rate per second.
@@ -252,7 +232,7 @@ class FeatureSet(Summarised):
         out = np.empty((len(recording), len(self)))
         kernels.feature_rows(
             *self.program, gap_limit, np.array(recording.t), samples,
-            self.start().memory, out,
+            np.zeros(self.memory_size), out,
         )  # fmt: skip
         return out
 

@@ -217,7 +217,7 @@ class Monitor:
             effort=[signals.index(name) if name in signals else -1 for name in efforts],
             operation=operation, source=source, parameter=parameter, slot=slot,
             features=np.zeros(len(operation)), clock=np.zeros(2),
-            feature_memory=calibration.feature_set.start().memory,
+            feature_memory=np.zeros(calibration.feature_set.memory_size),
             trained_lower=calibration.lower, trained_upper=calibration.upper,
             per_span=inverse_span(calibration.lower, calibration.upper),
             **{name: getattr(baseline, name) for name in learnt},

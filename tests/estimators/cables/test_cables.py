@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.runtime.registered import model, unseen, wrist
+from tests.runtime.streams import OneByOne
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import CableFilter
 from truejoint.estimators.cables import learn as own
 from truejoint.estimators.cables import loops as r
-from truejoint.estimators.cables import run as cable_filter
 from truejoint.features.feature_set import time_steps
 from truejoint.robots import get_robot
 
@@ -69,10 +69,9 @@ def test_its_row_states_what_its_estimate_of_a_whole_record_states():
     X = calibration.feature_set.compute(recording, calibration.gap_limit)
     dt = time_steps(recording.t, calibration.gap_limit)
     found = calibration.model.states(X, dt)
-    state = calibration.model.start()
-    state.memory.memory[cable_filter.LAYOUT.fields["deviations"].index] = 1.0
+    state = OneByOne(calibration.model, 1.0)
     for i, row in enumerate(X):
-        angle = calibration.model.step(state, dt[i], row)
+        angle = state.step(dt[i], row)
         np.testing.assert_allclose(angle, found.angle[i], rtol=0.0, atol=1e-12)
         np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
         for k, name in enumerate(("grip", "tip_first", "tip_second")):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from tests.runtime.registered import fit, model, ready, unseen, wrist
+from tests.runtime.streams import OneByOne
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
@@ -51,9 +52,9 @@ def test_plays_see_in_the_loop_what_they_were_fitted_to():
     one, whole = calibration.model, calibration.model.states(X, dt)
     found = states(one.arrays_, X, dt)
     expected = cable_hybrid.sight(X, found.angle, found.states, one.arrays_["parameters"])
-    state = one.start()
+    state = OneByOne(one)
     for i, row in enumerate(X):
-        angle = one.step(state, dt[i], row)
+        angle = state.step(dt[i], row)
         np.testing.assert_allclose(state.memory.view("inputs"), expected[i], rtol=1e-9, atol=1e-12)
         np.testing.assert_allclose(angle, whole.angle[i], rtol=0.0, atol=1e-11)
         loads = [state.memory.part("filter").view(name)[0] for name in LOADS]
@@ -63,24 +64,23 @@ def test_plays_see_in_the_loop_what_they_were_fitted_to():
 def test_it_begins_anew_with_what_its_plays_remember_after_a_row_that_is_none():
     X, dt = rows_of(unseen("hybrid_cables").rows(range(60)))
     one = model("hybrid_cables").model
-    state = one.start()
+    state = OneByOne(one)
     for i in range(30):
-        one.step(state, dt[i], X[i])
-    assert np.isnan(one.step(state, dt[30], np.full(6, 1e6))).all()
-    fresh = one.start()
+        state.step(dt[i], X[i])
+    assert np.isnan(state.step(dt[30], np.full(6, 1e6))).all()
+    fresh = OneByOne(one)
     for i in range(31, 60):
-        expected = one.step(fresh, 0.0 if i == 31 else dt[i], X[i])
-        np.testing.assert_array_equal(one.step(state, dt[i], X[i]), expected)
+        expected = fresh.step(0.0 if i == 31 else dt[i], X[i])
+        np.testing.assert_array_equal(state.step(dt[i], X[i]), expected)
 
 
 def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
     X, dt = rows_of(unseen("hybrid_cables").rows(range(100)))
     one = model("hybrid_cables").model
-    state = one.start()
-    state.memory.memory[state.memory.layout.fields["deviations"].index] = 1.0
+    state = OneByOne(one, 1.0)
     found = one.states(X, dt)
     for i, row in enumerate(X):
-        one.step(state, dt[i], row)
+        state.step(dt[i], row)
         np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
         widths = [state.memory.part("filter").view(name)[1] for name in LOADS]
         assert widths == pytest.approx(found.load_deviation[i])

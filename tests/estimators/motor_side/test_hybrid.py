@@ -10,6 +10,7 @@ import pytest
 from sklearn.base import clone
 from sklearn.tree import DecisionTreeRegressor
 from tests.estimators.motor_side.test_motor_side import fit, recording, rows
+from tests.runtime.streams import OneByOne
 
 from truejoint import calibrate
 from truejoint.errors import CalibrationError
@@ -92,9 +93,9 @@ def test_the_torque_does_not_change_the_angle(fitted):
 def test_the_loop_tells_the_torque_of_the_whole_record(fitted):
     X, _, dt = rippled([20])
     X, dt = X[:300], dt[:300]
-    state, told = fitted.start(), []
+    state, told = OneByOne(fitted), []
     for row, step in zip(X, dt, strict=True):
-        fitted.step(state, step, row)
+        state.step(step, row)
         told.append(state.memory.part("filter").view("torque")[0])
     off = np.abs(told - fitted.estimate(X, dt).outputs[:, 1])
     assert (off < 1e-9).mean() > 0.99  # a rounding may cross the threshold of a tree

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
+from tests.runtime.streams import OneByOne
 
 from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.cli.correct import correct_rows
@@ -273,11 +274,11 @@ numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_
 )
 @given(st.lists(st.tuples(st.floats(0.0, 100.0), numbers, numbers), min_size=1, max_size=20))
 def test_it_outlives_any_finite_rows(fitted, garbage):
-    state = fitted.start()
+    state = OneByOne(fitted)
     own = state.memory.parts["filter"]
     first = state.memory.numbers[elastic_joint.FILTER + 1]
     live = replace(own, memory=state.memory.memory[first : first + len(own.memory)])
     for interval, driver, torque in garbage:
-        fitted.step(state, interval, np.array([driver, torque]))
+        state.step(interval, np.array([driver, torque]))
         assert np.isfinite(live.view("x")).all()
         assert np.isfinite(live.view("covariance")).all()

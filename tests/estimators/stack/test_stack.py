@@ -78,9 +78,8 @@ def test_it_steps_and_is_read_back_with_the_same_bits(tmp_path):
     assert read.model.name == "stack"
     corrector = ready(tmp_path / "m.safetensors", range_margin=1.0)
     samples = UNSEEN.table[list(corrector.signals)].to_numpy()
-    state, good = model().start(), 0
+    good = 0
     for i, t in enumerate(UNSEEN.t.tolist()):
-        np.testing.assert_array_equal(model().step(state, t, samples[i]), whole[i])
         if corrector.step(t, samples[i]) == 0:
             np.testing.assert_array_equal(corrector.position, whole[i])
             good += 1

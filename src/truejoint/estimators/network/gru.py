@@ -76,7 +76,13 @@ def gru_row(
         fill(m.state, m.units, 0.0)
     layer(scaled, m.input_weights, m.input_bias, m.gates)
     layer(m.state, m.state_weights, m.state_bias, m.from_state)
-    gated_units(m.gates, m.from_state, m.width, m.state, new)
+    for i in range(2 * m.width):
+        m.gates[i] += m.from_state[i]
+    logistic(m.gates, 2 * m.width)
+    for i in range(m.units):
+        drive = m.gates[2 * m.width + i] + m.gates[m.width + i] * m.from_state[2 * m.width + i]
+        candidate = tanh(drive)
+        new[i] = candidate + m.gates[i] * (m.state[i] - candidate)
     elapsed = m.elapsed + dt
     if is_update(dt, elapsed, m.period):
         copy(new, m.state, m.units)
@@ -84,18 +90,6 @@ def gru_row(
     memory[ELAPSED] = elapsed
     layer(m.seen, m.output_weights, m.output_bias, m.sums)
     rescale(m.sums, m.target_mean, m.target_scale, out)
-
-
-@compiled
-def gated_units(gates: Array, from_state: Array, width: int, state: Array, new: Array) -> None:
-    """Give the new state of gated recurrent units, of what features and state give the gates."""
-    for i in range(2 * width):
-        gates[i] += from_state[i]
-    logistic(gates, 2 * width)
-    for i in range(state.shape[0]):
-        drive = gates[2 * width + i] + gates[width + i] * from_state[2 * width + i]
-        candidate = tanh(drive)
-        new[i] = candidate + gates[i] * (state[i] - candidate)
 
 
 @compiled
@@ -127,9 +121,8 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 def _pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
     units = int(params["units"])
     width = units + -units % BLOCK
-    table = dict(arrays)
-    table["output_weights"] = padded(arrays["output_weights"])
-    table["output_bias"] = padded(arrays["output_bias"][None])[0]
+    bias = padded(arrays["output_bias"][None])[0]
+    table = {**arrays, "output_weights": padded(arrays["output_weights"]), "output_bias": bias}
     for name in ("input_weights", "input_bias", "state_weights"):  # each gate by itself
         array = padded(arrays[name].reshape(-1, units))
         table[name] = array.reshape(*arrays[name].shape[:-1], 3 * width)
@@ -139,11 +132,10 @@ def _pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memor
         width=width,
         period=params["period"],
         **table,
+        **dict.fromkeys(("gates", "from_state"), np.zeros(3 * width)),
         state=np.zeros(units),
         seen=np.zeros(units + k),
-        gates=np.zeros(3 * width),
-        from_state=np.zeros(3 * width),
-        sums=np.zeros_like(table["output_bias"]),
+        sums=np.zeros_like(bias),
     )
 
 

@@ -72,14 +72,6 @@ def layer_sizes(params: Mapping[str, Any], n_features: int, n_outputs: int) -> t
     return (n_features, *(int(size) for size in params["hidden_layer_sizes"]), n_outputs)
 
 
-def _are_layers(sizes: object) -> bool:
-    return (
-        isinstance(sizes, (tuple, list))
-        and 1 <= len(sizes) <= MAX_LAYERS
-        and all(is_integer(size, 1, MAX_UNITS) for size in sizes)
-    )
-
-
 def scaling_shapes(n_features: int, n_outputs: int) -> dict[str, Shape]:
     """Shapes of the arrays by which features and targets are standardised."""
     features, targets = ("mean", "inverse_scale"), ("target_mean", "target_scale")
@@ -102,7 +94,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     columns = [len(bias) for bias in biases]
     widest = max(n_features, *columns)
     return LAYOUT.pack(
-        **{name: arrays[name] for name in ("mean", "inverse_scale", "target_mean", "target_scale")},
+        **{name: arrays[name] for name in scaling_shapes(n_features, n_outputs)},
         weights=np.concatenate([weight.ravel() for weight in weights]),
         biases=np.concatenate(biases),
         activations=np.zeros((2, widest)),
@@ -117,7 +109,12 @@ FAMILY: Final = Family(
     "network",
     rules={
         "hidden_layer_sizes": Rule(
-            _are_layers, f"1 to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units"
+            lambda sizes: (
+                isinstance(sizes, (tuple, list))
+                and 1 <= len(sizes) <= MAX_LAYERS
+                and all(is_integer(size, 1, MAX_UNITS) for size in sizes)
+            ),
+            f"1 to {MAX_LAYERS} layers of 1 to {MAX_UNITS} units",
         ),
         "weight_decay": number(0.0, 1e3),
         "learning_rate": number(1e-9, 10.0),

@@ -22,7 +22,7 @@ from truejoint.estimators.base import (
     standardisation,
 )
 from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
-from truejoint.estimators.polynomial.run import FAMILY, count_terms, factors_of, of_degree
+from truejoint.estimators.polynomial.run import FAMILY, factors_of, of_degree
 from truejoint.estimators.ridge import (
     PENALTIES,
     PenalisedFit,
@@ -151,7 +151,7 @@ class Polynomial(JointRegressor):
         """Ten rows for each coefficient of a joint, two for each input of a ridge regression."""
         if self.ridge:
             return max(100, 2 * n_features)
-        return ROWS_PER_COEFFICIENT * (count_terms(n_features, int(self.degree)) + 1)
+        return ROWS_PER_COEFFICIENT * math.comb(n_features + int(self.degree), int(self.degree))
 
     def adapted(self, X: Array, y: Array, dt: Array) -> tuple[Self, Array]:
         """Fitted copy, as `JointRegressor.adapted` says."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from itertools import combinations_with_replacement
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -61,11 +61,6 @@ def multiply(factors: Integers, scaled: Array, terms: Array) -> None:
         terms[i] = product
 
 
-def count_terms(n_features: int, degree: int) -> int:
-    """Count the products of 1 to `degree` of `n_features` features."""
-    return math.comb(n_features + degree, degree) - 1
-
-
 def polynomial_factors(n_features: int, degree: int) -> Integers:
     """Features that each term multiplies (n_terms, degree), filled up with `n_features`."""
     terms = [
@@ -108,7 +103,7 @@ def factors_of(params: Params, n_features: int) -> Integers:
     """
     if not params["ridge"]:
         degree = int(params["degree"])
-        n_terms = count_terms(n_features, degree)
+        n_terms = math.comb(n_features + degree, degree) - 1
         if n_terms > MAX_TERMS:
             raise CalibrationError(
                 f"a polynomial of degree {degree} in {n_features} features has {n_terms} "
@@ -149,12 +144,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int)
     )
 
 
-def _specialised(params: Params) -> dict[str, Any]:
-    """Decide the target: a constant is the offset of an error."""
-    is_constant = not params["degree"] and not params["ridge"]
-    return {"targets": ("error",)} if is_constant else {}
-
-
 FAMILY: Final = Family(
     "polynomial",
     rules={
@@ -165,5 +154,8 @@ FAMILY: Final = Family(
     shapes=_shapes,
     pack=_pack,
     row=polynomial_row,
-    specialise=_specialised,
+    # A constant is the offset of an error.
+    specialise=lambda params: (
+        {} if params["degree"] or params["ridge"] else {"targets": ("error",)}
+    ),
 )
