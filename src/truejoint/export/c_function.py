@@ -43,7 +43,6 @@ from truejoint.export.c_values import (
     Expr,
     Kind,
     Known,
-    Linear,
     Scalar,
     View,
     add,
@@ -135,7 +134,7 @@ class Function:
             start = Known(0)
             return View(local, start, tuple(shape), argument.kind, (self, local), start, values)
         is_folded = isinstance(argument, Known) and argument.kind != "real" and not is_float
-        if is_folded or not isinstance(argument, (Known, Expr, Linear)):
+        if is_folded or not isinstance(argument, (Known, Expr)):
             return argument
         kind: Kind = join([argument.kind, "real"]) if is_float else argument.kind
         add(_Parameter(local, name, f"{self.style.type(kind)} {local}"))
@@ -344,7 +343,7 @@ class Function:
             return Known(a.value**b.value)
         if not (isinstance(b, Known) and b.value == 2):
             raise self.fail(node, "of powers only squares have C")
-        if isinstance(a, Expr) and re.fullmatch(r"[\w.>\-\[\]]+", a.text):
+        if isinstance(a, Expr) and not a.base and re.fullmatch(r"[\w.>\-\[\]]+", a.text):
             return Expr(f"{a.text} * {a.text}", a.kind, PRODUCT)
         return Expr(f"square_{a.kind}({self.style.text(a)})", a.kind)
 

@@ -23,7 +23,7 @@ from numba.core.dispatcher import Dispatcher
 from truejoint.export.c_function import Function
 from truejoint.export.c_statements import wrapped, wrapped_comment
 from truejoint.export.c_structs import Constants, Handle, Side, Struct
-from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Linear, Style, View
+from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Style, View
 from truejoint.layout import Memory
 
 WIDE: Final = """\
@@ -219,7 +219,7 @@ def _key(argument: Any) -> Any:
     """Reduce an argument to what decides how a function is printed."""
     if isinstance(argument, Known):
         return (argument.value, argument.symbol, argument.origin)
-    if isinstance(argument, (Expr, Linear)):
+    if isinstance(argument, Expr):
         return argument.kind
     if isinstance(argument, View):
         shape = tuple(n.value if isinstance(n, Known) else None for n in argument.shape)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from truejoint.errors import ExportError
 from truejoint.export.c_statements import wrapped
-from truejoint.export.c_values import Kind, Known, Scalar, Style, View, add, linear
+from truejoint.export.c_values import Kind, Known, Scalar, Style, View, add
 from truejoint.layout import PART_SIZE, Field, Memory
 
 Side = Literal["numbers", "memory"]
@@ -171,11 +171,12 @@ class Constants:
 
     def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
         """View of a struct's flat memory from a place on, as a part of the array there."""
-        struct, position = handle.struct, linear(place)
-        if isinstance(position.origin, tuple) and position.origin[0] is struct:
-            f: Field = position.origin[1]
+        struct = handle.struct
+        if isinstance(place.origin, tuple) and place.origin[0] is struct:
+            f: Field = place.origin[1]
         else:
-            f = struct.array_at(handle.side, position.base)
+            known = place.value if isinstance(place, Known) else place.base
+            f = struct.array_at(handle.side, int(known))
         start = Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
         offset = add(place, start, -1)
         kind, root = kind_of(f, self.style), (struct, f.name)

@@ -44,19 +44,11 @@ class Expr:
     text: str
     kind: Kind
     level: int = PRIMARY  # how tightly its outermost operator binds
-
-
-@dataclass(frozen=True)
-class Linear:
-    """An integer that is a sum of C expressions, each with a known factor, and a known number."""
-
-    terms: tuple[tuple[Expr, int], ...]
-    base: int = 0
+    base: int = 0  # known number that is added to an integer
     origin: Any = None
-    kind: Final[Kind] = "int"
 
 
-Scalar = Known | Expr | Linear
+Scalar = Known | Expr
 
 
 @dataclass(frozen=True)
@@ -94,61 +86,38 @@ def join(kinds: Sequence[Kind]) -> Kind:
     return max(kinds, key=_ORDER.index)
 
 
-def linear(value: Scalar) -> Linear:
-    """Integer as a sum."""
-    if isinstance(value, Known):
-        return Linear((), int(value.value), value.origin)
-    return value if isinstance(value, Linear) else Linear(((value, 1),))
-
-
-def settle(value: Linear) -> Scalar:
-    """Sum as what it is: a known number, one expression, or a sum."""
-    terms = tuple((e, f) for e, f in value.terms if f != 0)
-    if not terms:
-        return Known(value.base, origin=value.origin)
-    if value.base == 0 and value.origin is None and len(terms) == 1 and terms[0][1] == 1:
-        return terms[0][0]
-    return replace(value, terms=terms)
-
-
-def either_origin(a: Any, b: Any) -> Any:
-    """Origin of a sum: that of the one number that has one."""
-    return a if b is None else b if a is None else None
-
-
 def add(a: Scalar, b: Scalar, sign: int = 1) -> Scalar:
     """Sum, or with `sign` -1 difference, of two integers."""
-    x, y = linear(a), linear(b)
-    terms = dict(x.terms)
-    for expression, factor in y.terms:
-        terms[expression] = terms.get(expression, 0) + sign * factor
-    origin = either_origin(x.origin, y.origin)
-    return settle(Linear(tuple(terms.items()), x.base + sign * y.base, origin))
+    origin = a.origin if b.origin is None else b.origin if a.origin is None else None
+    if isinstance(a, Known) and isinstance(b, Known):
+        return Known(int(a.value) + sign * int(b.value), origin=origin)
+    if isinstance(b, Known):
+        return replace(a, kind="int", base=a.base + sign * int(b.value), origin=origin)  # type: ignore[union-attr, return-value]
+    if isinstance(a, Known):
+        return add(scale(b, sign), a)
+    base = a.base + sign * b.base
+    if sign < 0 and a.text == b.text:
+        return Known(base, origin=origin)
+    right = _within(b.text, b.level, SUM if sign > 0 else PRODUCT)
+    text = f"{_within(a.text, a.level, SUM)} {'+' if sign > 0 else '-'} {right}"
+    return Expr(text, "int", SUM, base, origin)
 
 
 def scale(a: Scalar, factor: int) -> Scalar:
     """Integer times a known one."""
-    x = linear(a)
-    return settle(Linear(tuple((e, f * factor) for e, f in x.terms), x.base * factor))
+    if isinstance(a, Known) or factor == 0:
+        return Known(int(a.value) * factor if isinstance(a, Known) else 0)
+    if factor == 1:
+        return a
+    if factor == -1:
+        return Expr(f"-{_within(a.text, a.level, UNARY + 1)}", "int", UNARY, -a.base)
+    text = f"{factor} * {_within(a.text, a.level, PRODUCT + 1)}"
+    return Expr(text, "int", PRODUCT, a.base * factor)
 
 
 def _within(text: str, level: int, needed: int) -> str:
     """Expression, in parentheses if it binds less than it must."""
     return text if level >= needed else f"({text})"
-
-
-def _sum_text(value: Linear) -> str:
-    text = ""
-    for expression, factor in value.terms:
-        size = abs(factor)
-        needed = PRODUCT + 1 if size != 1 else PRODUCT if text and factor < 0 else SUM
-        term = _within(expression.text, expression.level, needed)
-        term = term if size == 1 else f"{size} * {term}"
-        sign = " - " if factor < 0 else " + "
-        text = f"{text}{sign}{term}" if text else ("-" if factor < 0 else "") + term
-    if value.base:
-        text += f" {'-' if value.base < 0 else '+'} {abs(value.base)}"
-    return text
 
 
 @dataclass(frozen=True)
@@ -190,12 +159,13 @@ class Style:
 
     def text(self, value: Scalar, needed: int = 0, kind: Kind | None = None) -> str:
         """Value as C, for a place that binds as tightly as `needed` and is of that kind."""
-        if isinstance(value, Linear):
-            single = value.base == 0 and len(value.terms) == 1
-            return _within(_sum_text(value), PRODUCT if single else SUM, needed)
         if isinstance(value, Expr):
             if self.single and (value.kind, kind) == ("real", "time"):
                 return _within(f"(double){_within(value.text, value.level, UNARY)}", UNARY, needed)
+            if value.base:
+                plain = _within(value.text, value.level, SUM)
+                sign = "-" if value.base < 0 else "+"
+                return _within(f"{plain} {sign} {abs(value.base)}", SUM, needed)
             return _within(value.text, value.level, needed)
         if value.symbol:
             return _within(value.symbol, BIT_OR if "|" in value.symbol else PRIMARY, needed)
@@ -338,5 +308,5 @@ def _folded(op: ast.operator, a: Known, b: Known, kind: Kind, compute: Any) -> K
             symbol = b.symbol if a.value == 0 else a.symbol
         elif a.symbol and b.symbol:
             symbol = f"{a.symbol} | {b.symbol}"
-    origin = either_origin(a.origin, b.origin) if isinstance(op, ast.Add) else None
+    origin = (a.origin or b.origin) if isinstance(op, ast.Add) else None
     return Known(compute(a.value, b.value), symbol, origin)

@@ -1,4 +1,4 @@
-"""One self-contained HTML page that a reader can believe a calibration by."""
+"""Self-contained HTML pages: what a calibration is worth, and several side by side."""
 
 from __future__ import annotations
 
@@ -6,17 +6,22 @@ import base64
 import importlib.metadata
 import json
 import platform
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from importlib.resources import files
+from itertools import combinations, cycle
 from pathlib import Path
 from typing import Any, Final
 
 import jinja2
+import numpy as np
 
-from truejoint.errors import RecordingError
+from truejoint import drawing
+from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import score_rows as view
+from truejoint.evaluation.paired_test import compare
 from truejoint.evaluation.report import curves, plot, residuals, space
 from truejoint.evaluation.results import (
     OFFSET,
@@ -150,6 +155,109 @@ def render_report(
         sources=used + tested,
         command=command,
     )
+
+
+def write_comparison(
+    together: Evaluation,
+    alone: Mapping[str, Evaluation],
+    path: str | Path,
+    *,
+    command: str = "",
+    overwrite: bool = False,
+) -> Path:
+    """Write a page on several models that were judged on the same recordings.
+
+    Parameters
+    ----------
+    together : Evaluation
+        Of all models, each as an estimator by its own name.
+    alone : mapping of str to Evaluation
+        Of each model by itself, by that name, for its verdict.
+    path : str or Path
+        Where to write; written whole or not at all.
+    command : str
+        Command line that makes this page again.
+    overwrite : bool
+        Whether a file at `path` may be replaced.
+
+    Raises
+    ------
+    CalibrationError
+        If there are fewer than two models, or one is not among those that were judged together.
+    RecordingError
+        As `write_report`.
+
+    Examples
+    --------
+    >>> alone = {"offset": evaluation, "linear": evaluation}
+    >>> write_comparison(evaluation, alone, "models.html").name
+    'models.html'
+    """
+    if len(alone) < 2:
+        raise CalibrationError(f"{len(alone)} model to compare; give at least two")
+    for name in alone:
+        if name not in together.estimators:
+            raise CalibrationError(f"{name} was not judged together with the others")
+    render = partial(_render_comparison, together, alone, command)
+    return write_page(path, render, overwrite=overwrite)
+
+
+def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], command: str) -> str:
+    verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}
+    objections = [v.text for v in verdicts.values() if v.objections]
+    deploy = together.verdict.deploy
+    level = verdicts[deploy].level if deploy in verdicts else "warn"
+    picked = replace(together, chosen=deploy) if deploy else together
+    colours = dict(zip(alone, cycle(drawing.PALETTE), strict=False))
+    return render_figures(
+        "comparison.html.j2",
+        {
+            "residuals": list(_errors_by_position(together, list(alone))),
+            "distribution": [curves.distributions(together, colours)],
+        },
+        evaluation=picked,
+        verdicts=verdicts,
+        level="fail" if objections else level,
+        sentence=objections[0] if objections else together.verdict.advice,
+        rule=next(iter(verdicts.values())).rule,
+        pairs=list(_pairs(together, list(alone))),
+        origins={name: evaluation.training for name, evaluation in alone.items()},
+        facts=facts(together, f"{len(alone)} models"),
+        command=command,
+    )
+
+
+def _pairs(evaluation: Evaluation, names: list[str]) -> Iterator[view.Row]:
+    """Which model of each two is closer to the truth in each joint."""
+    for column, joint, _ in evaluation.shown_joints():
+        for first, other in combinations(names, 2):
+            errors = (
+                [trace.error(name)[:, column] for trace in evaluation.traces]
+                for name in (first, other)
+            )
+            difference = compare(*errors)
+            yield view.Row(joint, [first, difference.outcome, other, str(difference.stretches)])
+
+
+def _errors_by_position(evaluation: Evaluation, names: list[str]) -> Iterator[plot.Figure]:
+    """Error of each model against position, a figure a joint, on one scale."""
+    for column, joint, unit in evaluation.shown_joints():
+        position = unit.scale * np.concatenate([t.truth[:, column] for t in evaluation.traces])
+        moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
+        title = f"position [{unit.name}]"
+        panels = [
+            residuals.Panel(
+                f"{name}: {title}", position, unit.scale * evaluation.error(name, column)
+            )
+            for name in names
+        ]
+        spec = residuals.error_panels(panels, moves, unit, residuals.POINTS // len(names))
+        caption = (
+            f"{joint}: error [{unit.name}] against position, a panel a model on one scale. Dots "
+            "are rows, blue while the joint moves up and orange while it moves down; lines are "
+            "medians, bands hold the middle 90 %."
+        )
+        yield plot.Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
 
 
 def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **values: Any) -> str:

@@ -70,28 +70,28 @@ def write_touch_report(
 
 def _render(calibration: Calibration, report: TouchReport, command: str) -> str:
     about, left_out = calibration.metadata["touch"], report.fit.left_out
-    frame, what = "block", "touches"
-    before, after = (_rms(errors[~left_out]) for errors in (report.before, report.left_out))
+    before, after = (
+        with_unit(float(np.sqrt((errors[~left_out] ** 2).sum(axis=1).mean())), "m")
+        for errors in (report.before, report.left_out)
+    )
     sentence = (
         f"The tip is within {with_unit(report.left_out_error, 'm')} ± "
-        f"{with_unit(report.left_out_sd, 'm')} (RMS) in the {frame}'s frame, by {what} left out in "
+        f"{with_unit(report.left_out_sd, 'm')} (RMS) in the block's frame, by touches left out in "
         "turn, less what they err themselves."
     )
     facts = [
-        f"{len(report.touches)} {what}, {int(left_out.sum())} of them rejected",
-        f"before {with_unit(before, 'm')}, after {with_unit(after, 'm')} off (RMS)",
+        f"{len(report.touches)} touches, {int(left_out.sum())} of them rejected",
+        f"before {before}, after {after} off (RMS)",
         f"prior: {', '.join(about['prior']) or 'none'}",
         f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
     ]
     return render_figures(
         "touches.html.j2",
-        {"map": list(_maps(report, frame))},
+        {"map": list(_maps(report))},
         title=calibration.title,
         sentence=sentence,
         level="warn" if report.not_seen or left_out.any() else "pass",
         facts=facts,
-        frame=frame,
-        what=what,
         not_seen=report.not_seen,
         rows=list(_rows(report)),
         source=report.touches.source,
@@ -109,20 +109,20 @@ def _rows(report: TouchReport) -> Iterator[Row]:
         yield Row(report.touches.dimple[i], [said, stamp, *cells])
 
 
-def _maps(report: TouchReport, frame: str) -> Iterator[Figure]:
+def _maps(report: TouchReport) -> Iterator[Figure]:
     """Errors over the block before and after, on the scale of each."""
     errors = (("before", report.before), ("after, by fits without it", report.left_out))
     rejected = " Crosses were rejected." if report.fit.left_out.any() else ""
     for a, b, where in _VIEWS:
         panels: list[Panel] = []
         for title, error in errors:
-            x = {"title": f"{'xyz'[a]} of the {frame} [mm], {title}"}
+            x = {"title": f"{'xyz'[a]} of the block [mm], {title}"}
             y = {"title": f"{'xyz'[b]} [mm]", "scaleanchor": "x" if not panels else "x2"}
             panels.append((x, y, _arrows(report.point, error, (a, b), report.fit.left_out)))
         caption = (
             f"Each dot is a dimple, seen {where}; its colour is how far off the tip "
             "was [mm], the line from it in which direction, drawn out for each panel. Before: as "
-            f"measured, the {frame} laid over all as well as it can be. After: by fits that did "
+            f"measured, the block laid over all as well as it can be. After: by fits that did "
             "not see it, its own error included." + rejected
         )
         key = f"map-{'xyz'[a]}{'xyz'[b]}"
@@ -149,7 +149,3 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
             plot.scatter("markers", place[left_out, 0], place[left_out, 1], "rejected", **cross)
         )
     return drawn
-
-
-def _rms(errors: Array) -> float:
-    return float(np.sqrt((errors**2).sum(axis=1).mean()))
