@@ -190,16 +190,14 @@ class _Walk:
         if depth > _DEEPEST:
             raise _DamagedError
         for name, (shape, inner) in self._types[kind][1]:
-            path = prefix + name
             if int(shape) <= 2:
-                self._value(path, (shape, inner), depth)
+                self._value(prefix + name, (shape, inner), depth)
                 continue
             element, count = inner
-            if int(shape) == 4:
-                count = self._length()
+            count = self._length() if int(shape) == 4 else count
             if count > _MOST_VALUES:
                 raise _DamagedError
-            self._values(path, element, count, depth)
+            self._values(prefix + name, element, count, depth)
 
     def _value(self, path: str, what: tuple[Any, Any], depth: int) -> None:
         shape, inner = what
@@ -226,37 +224,28 @@ class _Walk:
                 self._value(f"{path}[{k}]", element, depth)
 
     def _numbers(self, path: str, kind: str, count: int) -> None:
-        if kind not in _SIZES:
-            raise _DamagedError
         size = int(_SIZES[kind][1])
-        if count:
-            self._align(size)
-        self.places[path] = self._at, self._order + _SIZES[kind], count
-        self._skip(size * count)
+        begin = self._take(size * count, size if count else 1)
+        self.places[path] = begin, self._order + _SIZES[kind], count
 
     def _length(self) -> int:
-        self._align(4)
-        begin = self._at
-        self._skip(4)
+        begin = self._take(4, 4)
         self.fixed.append((begin, self._at))
-        return int.from_bytes(
-            self._data[begin : self._at], "big" if self._order == ">" else "little"
-        )
+        number = np.frombuffer(self._data, self._order + "u4", 1, begin)
+        return int(number[0])
 
     def _text(self) -> str:
         length = self._length()
-        begin = self._at
-        self._skip(length)
+        begin = self._take(length)
         return self._data[begin : self._at].rstrip(b"\0").decode()
 
-    def _align(self, size: int) -> None:
-        if self._aligned:
-            self._at += -(self._at - self._origin) % size
-
-    def _skip(self, size: int) -> None:
-        self._at += size
+    def _take(self, size: int, step: int = 1) -> int:
+        """Place of the next `size` bytes, which in CDR lie at a multiple of `step`."""
+        begin = self._at + (-(self._at - self._origin) % step if self._aligned else 0)
+        self._at = begin + size
         if self._at > len(self._data):
             raise _DamagedError
+        return begin
 
     def read(self, raw: NDArray[np.uint8], wanted: Collection[str]) -> dict[str, NDArray[Any]]:
         """Fields of messages (m, size) that have the same layout."""
@@ -280,9 +269,7 @@ class Series:
 
     def __init__(self) -> None:
         self.count = 0  # messages so far
-        self._places: list[NDArray[np.int64]] = []
-        self._stamps: list[NDArray[np.int64]] = []
-        self._columns: list[dict[str, Array]] = []
+        self._lots: list[tuple[NDArray[np.int64], NDArray[np.int64], dict[str, Array]]] = []
         self._names: dict[str, None] = {}
 
     def add(
@@ -297,28 +284,27 @@ class Series:
         self._names |= dict.fromkeys(columns)
         if self.count * (len(self._names) + 1) > MAX_VALUES:
             raise RecordingError(f"more than {MAX_VALUES} values; extract fewer bags at a time")
-        self._places.append(places)
-        self._stamps.append(stamps)
         # Copies: those that came are of a whole message, and would keep all of it.
-        self._columns.append({name: np.array(v, np.float64) for name, v in columns.items()})
+        copies = {name: np.array(values, np.float64) for name, values in columns.items()}
+        self._lots.append((places, stamps, copies))
 
     @property
     def start(self) -> int:
         """Stamp of the first message that came in [ns]."""
-        return int(self._stamps[0][0])
+        return int(self._lots[0][1][0])
 
     def joined(self) -> tuple[NDArray[np.int64], dict[str, Array]]:
         """Stamps [ns] and columns in the order of the messages, which are forgotten here."""
-        places, stamps, pieces, names = self._places, self._stamps, self._columns, self._names
+        lots, names = self._lots, self._names
         self.__init__()  # type: ignore[misc]
-        if not pieces:
+        if not lots:
             return np.empty(0, dtype=np.int64), {}
-        lacking = [np.full(len(part), np.nan) for part in stamps] if len(names) else []
+        lacking = max((stamps for _, stamps, _ in lots), key=len) * np.nan
         columns = {
-            name: np.concatenate([p.pop(name, n) for p, n in zip(pieces, lacking, strict=True)])
+            name: np.concatenate([c.pop(name, lacking[: len(s)]) for _, s, c in lots])
             for name in names
         }
-        all_places, all_stamps = np.concatenate(places), np.concatenate(stamps)
+        all_places, all_stamps = (np.concatenate([lot[k] for lot in lots]) for k in (0, 1))
         if (np.diff(all_places) < 0).any():  # other lengths came in lots of their own
             order = np.argsort(all_places)
             keep_rows(columns, order)
