@@ -15,7 +15,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import solve_rows, wrap
-from truejoint.filters.fields import call_measurement
+from truejoint.filters.fields import call_measurement, unpack_filter
 from truejoint.filters.prediction import LIMIT, finish, place_points, possible, within_limit
 from truejoint.filters.status import FilterStatus
 
@@ -35,17 +35,15 @@ _LOG_2_PI: Final = math.log(2.0 * math.pi)
 @compiled
 def _choose_measurements(numbers: Integers, memory: Array) -> int:
     """List the components of the measurement that are there; status bits."""
-    m = numbers[at.M]
-    z = vector(memory, numbers[at.Z], m)
-    innovation = vector(memory, numbers[at.INNOVATION], m)
+    m = unpack_filter(numbers, memory)
     status = 0
     count = 0
-    for i in range(m):
-        innovation[i] = np.nan
-        if possible(numbers, memory, z[i : i + 1], 1, numbers[at.N] + i):
-            numbers[numbers[at.CHOSEN] + count] = i
+    for i in range(m.n_measurements):
+        m.innovation[i] = np.nan
+        if possible(numbers, memory, m.z[i : i + 1], 1, m.n_states + i):
+            m.chosen[count] = i
             count += 1
-        elif not math.isnan(z[i]):
+        elif not math.isnan(m.z[i]):
             status |= _INVALID_MEASUREMENT
     numbers[at.OBSERVED] = count
     memory[at.NIS] = np.nan
@@ -53,7 +51,7 @@ def _choose_measurements(numbers: Integers, memory: Array) -> int:
     memory[at.INFLATION] = 1.0
     if count == 0:
         status |= _MISSING
-    elif count < m:
+    elif count < m.n_measurements:
         status |= _PARTIAL
     return status
 
@@ -61,82 +59,61 @@ def _choose_measurements(numbers: Integers, memory: Array) -> int:
 @compiled
 def _observe(numbers: Integers, memory: Array) -> bool:
     """Send the sigma points through the measurement function, (19); False if unusable."""
-    n, m = numbers[at.N], numbers[at.M]
-    count = numbers[at.OBSERVED]
-    chosen = vector(numbers, numbers[at.CHOSEN], count)
-    angles = vector(numbers, numbers[at.ANGLES] + n, m)
-    u = vector(memory, numbers[at.U], numbers[at.INPUTS])
-    theta = vector(memory, numbers[at.THETA], numbers[at.PARAMETERS])
-    centre = vector(memory, numbers[at.CENTRE], n)
-    point = vector(memory, numbers[at.POINT], n)
-    image = vector(memory, numbers[at.IMAGE], m)
-    z_mean = vector(memory, numbers[at.Z_MEAN], count)
-    z_shift = vector(memory, numbers[at.Z_SHIFT], count)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
-    fill(image, m, np.nan)
-    copy(centre, point, n)
-    call_measurement(numbers[at.H], point, u, theta, image)
+    m = unpack_filter(numbers, memory)
+    n, count, image = m.n_states, m.observed, vector(m.image, 0, m.n_measurements)
+    fill(image, m.n_measurements, np.nan)
+    copy(m.centre, m.point, n)
+    call_measurement(numbers[at.H], m.point, m.u, m.theta, image)
     for c in range(count):
-        z_mean[c] = image[chosen[c]]
-        z_shift[c] = 0.0
-    if not within_limit(z_mean, count, LIMIT):
+        m.z_mean[c] = image[m.chosen[c]]
+        m.z_shift[c] = 0.0
+    if not within_limit(m.z_mean, count, LIMIT):
         return False
-    for k in range(numbers[at.POINTS]):
+    for k in range(m.points):
         for i in range(n):
-            point[i] = centre[i] + deviations[k, i]
-        fill(image, m, np.nan)
-        call_measurement(numbers[at.H], point, u, theta, image)
+            m.point[i] = m.centre[i] + m.deviations[k, i]
+        fill(image, m.n_measurements, np.nan)
+        call_measurement(numbers[at.H], m.point, m.u, m.theta, image)
         for c in range(count):
-            i = chosen[c]
-            difference = image[i] - z_mean[c]
+            i = m.chosen[c]
+            difference = image[i] - m.z_mean[c]
             if not (abs(difference) <= LIMIT):
                 return False
-            if angles[i]:
+            if m.angles[n + i]:
                 difference = wrap(difference)
-            z_deviations[k, c] = difference
-            z_shift[c] += difference
-    weight = memory[at.ROOT_WEIGHT] ** 2
+            m.z_deviations[k, c] = difference
+            m.z_shift[c] += difference
+    weight = m.root_weight**2
     for c in range(count):
-        z_shift[c] *= weight
-        z_mean[c] += z_shift[c]
+        m.z_shift[c] *= weight
+        m.z_mean[c] += m.z_shift[c]
     return True
 
 
 @compiled
 def _innovate(numbers: Integers, memory: Array) -> int:
     """Innovation, its covariance, (20), and its NIS; status bits."""
-    n, m = numbers[at.N], numbers[at.M]
-    count = numbers[at.OBSERVED]
-    chosen = vector(numbers, numbers[at.CHOSEN], count)
-    points = numbers[at.POINTS]
     if not _observe(numbers, memory):
         return _MEASUREMENT_FAILED
-    z = vector(memory, numbers[at.Z], m)
-    z_mean = vector(memory, numbers[at.Z_MEAN], count)
-    innovation = vector(memory, numbers[at.INNOVATION], m)
-    white = vector(memory, numbers[at.WHITE], count)
-    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
-    noise = matrix(memory, numbers[at.R], m, m)
-    stack = matrix(memory, numbers[at.STACK], 4 * n + m + 1, count)
-    root = memory[at.ROOT_WEIGHT]
+    m = unpack_filter(numbers, memory)
+    count, points = m.observed, m.points
     for k in range(points):
         for c in range(count):
-            stack[k, c] = root * z_deviations[k, c]
-    for j in range(m):
-        row = stack[points + j]
+            m.stack[k, c] = m.root_weight * m.z_deviations[k, c]
+    for j in range(m.n_measurements):
+        row = m.stack[points + j]
         for c in range(count):
-            row[c] = noise[chosen[c], j]
-    whole = finish(numbers, memory, stack, points + m, count, at.Z_SHIFT, at.P_ZZ, at.S_ZZ)
+            row[c] = m.sensor_factor[m.chosen[c], j]
+    rows = points + m.n_measurements
+    whole = finish(numbers, memory, m.stack, rows, count, at.Z_SHIFT, at.P_ZZ, at.S_ZZ)
     status = 0 if whole else _REPAIRED
-    factor = matrix(memory, numbers[at.S_ZZ], count, count)
-    angles = vector(numbers, numbers[at.ANGLES] + n, m)
+    factor, white = matrix(memory, numbers[at.S_ZZ], count, count), m.white
     nis, logarithm, product, rank = 0.0, 0.0, 1.0, 0
     for c in range(count):
-        i = chosen[c]
-        difference = z[i] - z_mean[c]
-        innovation[i] = wrap(difference) if angles[i] else difference
-        rest = innovation[i]
+        i = m.chosen[c]
+        difference = m.z[i] - m.z_mean[c]
+        m.innovation[i] = wrap(difference) if m.angles[m.n_states + i] else difference
+        rest = m.innovation[i]
         for k in range(c):
             rest -= factor[c, k] * white[k]
         if factor[c, c] > 0.0:
@@ -167,20 +144,15 @@ def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
 @inlined
 def _gain(numbers: Integers, memory: Array) -> None:
     """Covariance of state and measurement, (21), divided by that of the measurement, (22)."""
-    n, count, points = numbers[at.N], numbers[at.OBSERVED], numbers[at.POINTS]
-    shift = vector(memory, numbers[at.SHIFT], n)
-    z_shift = vector(memory, numbers[at.Z_SHIFT], count)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
-    gain = matrix(memory, numbers[at.GAIN], n, count)
-    weight = memory[at.ROOT_WEIGHT] ** 2
+    m, n, count = unpack_filter(numbers, memory), numbers[at.N], numbers[at.OBSERVED]
+    weight = m.root_weight**2
     for i in range(n):
         for c in range(count):
             total = 0.0
-            for k in range(points):
-                total += deviations[k, i] * z_deviations[k, c]
-            gain[i, c] = weight * total + memory[at.CORRECTION] * shift[i] * z_shift[c]
-    solve_rows(matrix(memory, numbers[at.S_ZZ], count, count), count, gain, n)
+            for k in range(m.points):
+                total += m.deviations[k, i] * m.z_deviations[k, c]
+            m.gain[i, c] = weight * total + m.correction * m.shift[i] * m.z_shift[c]
+    solve_rows(matrix(memory, numbers[at.S_ZZ], count, count), count, m.gain, n)
 
 
 @compiled
@@ -191,43 +163,30 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
     of the corrected points plus the gain's share of the measurement noise. For this gain that is
     (23), but it cannot turn indefinite.
     """
-    n, m = numbers[at.N], numbers[at.M]
-    count = numbers[at.OBSERVED]
-    chosen = vector(numbers, numbers[at.CHOSEN], count)
-    points = numbers[at.POINTS]
-    x = vector(memory, numbers[at.X], n)
-    x_mean = vector(memory, numbers[at.X_MEAN], n)
-    shift = vector(memory, numbers[at.SHIFT], n)
-    innovation = vector(memory, numbers[at.INNOVATION], m)
-    z_shift = vector(memory, numbers[at.Z_SHIFT], count)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    z_deviations = matrix(memory, numbers[at.Z_DEVIATIONS], 4 * n, count)
-    noise = matrix(memory, numbers[at.R], m, m)
-    gain = matrix(memory, numbers[at.GAIN], n, count)
-    stack = matrix(memory, numbers[at.STACK], 4 * n + m + 1, n)
-    root = memory[at.ROOT_WEIGHT]
+    m, n, count = unpack_filter(numbers, memory), numbers[at.N], numbers[at.OBSERVED]
+    x, gain, points = m.x, m.gain, m.points
     _gain(numbers, memory)
-    angles = vector(numbers, numbers[at.ANGLES], n)
-    for j in range(m):
-        row = stack[points + j]
+    for j in range(m.n_measurements):
+        row = m.stack[points + j]
         for i in range(n):
             total = 0.0
             for c in range(count):
-                total += gain[i, c] * noise[chosen[c], j]
+                total += gain[i, c] * m.sensor_factor[m.chosen[c], j]
             row[i] = total
     for i in range(n):
         for k in range(points):
-            rest = deviations[k, i]
+            rest = m.deviations[k, i]
             for c in range(count):
-                rest -= gain[i, c] * z_deviations[k, c]
-            stack[k, i] = root * rest
-        x[i] = x_mean[i]
+                rest -= gain[i, c] * m.z_deviations[k, c]
+            m.stack[k, i] = m.root_weight * rest
+        x[i] = m.x_mean[i]
         for c in range(count):
-            x[i] += gain[i, c] * innovation[chosen[c]]
-            shift[i] -= gain[i, c] * z_shift[c]
-        if angles[i]:
+            x[i] += gain[i, c] * m.innovation[m.chosen[c]]
+            m.shift[i] -= gain[i, c] * m.z_shift[c]
+        if m.angles[i]:
             x[i] = wrap(x[i])
-    whole = finish(numbers, memory, stack, points + m, n, at.SHIFT, at.P, at.S)
+    rows = points + m.n_measurements
+    whole = finish(numbers, memory, m.stack, rows, n, at.SHIFT, at.P, at.S)
     covariance = vector(memory, numbers[at.P], n * n)
     if within_limit(x, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2):
         return 0 if whole else _REPAIRED

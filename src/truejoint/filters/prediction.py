@@ -14,7 +14,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, wrap
-from truejoint.filters.fields import call_process_noise, call_transition
+from truejoint.filters.fields import call_process_noise, call_transition, unpack_filter
 from truejoint.filters.status import FilterStatus
 
 LIMIT: Final = 1e100
@@ -51,13 +51,11 @@ def possible(numbers: Integers, memory: Array, values: Array, count: int, first:
 @inlined
 def place_points(numbers: Integers, memory: Array, factor_block: int, scale: float) -> None:
     """Deviations of 2 n sigma points, plus and minus reach times a factor's columns: (15), (18)."""
-    n = numbers[at.N]
-    factor = matrix(memory, numbers[factor_block], n, n)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    reach = scale * memory[at.REACH]
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    factor, reach = matrix(memory, numbers[factor_block], n, n), scale * m.reach
     for j in range(n):
         # One row at a time: numba takes each computed index for possibly negative.
-        below, above = deviations[2 * j], deviations[2 * j + 1]
+        below, above = m.deviations[2 * j], m.deviations[2 * j + 1]
         for i in range(n):
             step = reach * factor[i, j]
             below[i] = -step
@@ -68,65 +66,41 @@ def place_points(numbers: Integers, memory: Array, factor_block: int, scale: flo
 @compiled
 def _propagate(numbers: Integers, memory: Array) -> bool:
     """Send the sigma points through the transition, (16); False if the images are unusable."""
-    n = numbers[at.N]
-    x = vector(memory, numbers[at.X], n)
-    u = vector(memory, numbers[at.U], numbers[at.INPUTS])
-    theta = vector(memory, numbers[at.THETA], numbers[at.PARAMETERS])
-    centre = vector(memory, numbers[at.CENTRE], n)
-    point = vector(memory, numbers[at.POINT], n)
-    image = vector(memory, numbers[at.IMAGE], n)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    angles = vector(numbers, numbers[at.ANGLES], n)
-    dt = memory[at.DT]
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
     # NaN first: a function that fails to write an element is found out.
-    fill(image, n, np.nan)
-    copy(x, point, n)
-    call_transition(numbers[at.F], point, u, dt, theta, image)
-    copy(image, centre, n)
-    if not within_limit(centre, n, LIMIT):
+    fill(m.image, n, np.nan)
+    image = vector(m.image, 0, n)
+    copy(m.x, m.point, n)
+    call_transition(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
+    copy(image, m.centre, n)
+    if not within_limit(m.centre, n, LIMIT):
         return False
-    for k in range(numbers[at.POINTS]):
+    for k in range(m.points):
         for i in range(n):
-            point[i] = x[i] + deviations[k, i]
+            m.point[i] = m.x[i] + m.deviations[k, i]
             image[i] = np.nan
-        call_transition(numbers[at.F], point, u, dt, theta, image)
+        call_transition(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
         if not within_limit(image, n, LIMIT):
             return False
         for i in range(n):
-            difference = image[i] - centre[i]
-            deviations[k, i] = wrap(difference) if angles[i] else difference
+            difference = image[i] - m.centre[i]
+            m.deviations[k, i] = wrap(difference) if m.angles[i] else difference
     return True
 
 
 @compiled
 def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     """Factor of the process noise at the present state; False, and the last one kept, if bad."""
-    n = numbers[at.N]
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
     entries = vector(memory, numbers[at.NOISE], n * n)
-    noise = matrix(memory, numbers[at.NOISE], n, n)
     fill(entries, n * n, 0.0)
-    call_process_noise(
-        numbers[at.G],
-        vector(memory, numbers[at.X], n),
-        vector(memory, numbers[at.U], numbers[at.INPUTS]),
-        memory[at.DT],
-        vector(memory, numbers[at.THETA], numbers[at.PARAMETERS]),
-        noise,
-    )
+    call_process_noise(numbers[at.G], m.x, m.u, m.dt, m.theta, m.noise)
     # Any array of the right size holds the factor until it is known to be good.
-    factor = matrix(memory, numbers[at.S_MEAN], n, n)
-    if not within_limit(entries, n * n, LIMIT) or not semidefinite_cholesky(noise, n, factor):
+    good = within_limit(entries, n * n, LIMIT)
+    if not good or not semidefinite_cholesky(m.noise, n, m.factor_mean):
         return False
     copy(vector(memory, numbers[at.S_MEAN], n * n), vector(memory, numbers[at.Q], n * n), n * n)
     return True
-
-
-@compiled
-def _check_inputs(numbers: Integers, memory: Array) -> bool:
-    u = vector(memory, numbers[at.U], numbers[at.INPUTS])
-    if not (0.0 <= memory[at.DT] <= LIMIT):
-        return False
-    return possible(numbers, memory, u, numbers[at.INPUTS], numbers[at.N] + numbers[at.M])
 
 
 @compiled
@@ -136,14 +110,11 @@ def predict(numbers: Integers, memory: Array) -> int:
     With dt = 0 no time passes: the prediction is the state. Where the inputs or the transition
     cannot be used the state is held and the process noise still added.
     """
-    n = numbers[at.N]
-    x = vector(memory, numbers[at.X], n)
-    centre = vector(memory, numbers[at.CENTRE], n)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    noise = matrix(memory, numbers[at.Q], n, n)
-    moving = memory[at.DT] != 0.0
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    moving = m.dt != 0.0
     status = 0
-    if not _check_inputs(numbers, memory):
+    inputs = numbers[at.INPUTS]
+    if not (0.0 <= m.dt <= LIMIT and possible(numbers, memory, m.u, inputs, n + numbers[at.M])):
         status = _INVALID_INPUT
     elif moving and numbers[at.G] != 0 and not _update_process_noise(numbers, memory):
         status = _TRANSITION_FAILED
@@ -152,25 +123,24 @@ def predict(numbers: Integers, memory: Array) -> int:
         status = _TRANSITION_FAILED
         place_points(numbers, memory, at.S, 1.0)
     if status != 0 or not moving:
-        copy(x, centre, n)
+        copy(m.x, m.centre, n)
     status |= _combine_prediction(numbers, memory, moving)
-    mean = vector(memory, numbers[at.X_MEAN], n)
     covariance = vector(memory, numbers[at.P_MEAN], n * n)
-    if not (within_limit(mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
-        copy(x, mean, n)
+    if not (within_limit(m.x_mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
+        copy(m.x, m.x_mean, n)
         copy(vector(memory, numbers[at.P], n * n), covariance, n * n)
         factor = vector(memory, numbers[at.S_MEAN], n * n)
         copy(vector(memory, numbers[at.S], n * n), factor, n * n)
         place_points(numbers, memory, at.S, 1.0)
-        copy(x, centre, n)
-        fill(vector(memory, numbers[at.SHIFT], n), n, 0.0)
+        copy(m.x, m.centre, n)
+        fill(m.shift, n, 0.0)
         return status | _OUT_OF_RANGE
     if numbers[at.SECOND] == 0:
         # Points for the process noise too, so that the predicted measurement feels it.
         for j in range(n):
-            below, above = deviations[2 * n + 2 * j], deviations[2 * n + 2 * j + 1]
+            below, above = m.deviations[2 * n + 2 * j], m.deviations[2 * n + 2 * j + 1]
             for i in range(n):
-                step = memory[at.REACH] * noise[i, j] if moving else 0.0
+                step = m.reach * m.noise_factor[i, j] if moving else 0.0
                 below[i] = -step
                 above[i] = step
         numbers[at.POINTS] = 4 * n
@@ -180,32 +150,25 @@ def predict(numbers: Integers, memory: Array) -> int:
 @compiled
 def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
     """Mean and covariance from the images of the sigma points, (17)."""
-    n = numbers[at.N]
-    centre = vector(memory, numbers[at.CENTRE], n)
-    shift = vector(memory, numbers[at.SHIFT], n)
-    mean = vector(memory, numbers[at.X_MEAN], n)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    noise = matrix(memory, numbers[at.Q], n, n)
-    stack = matrix(memory, numbers[at.STACK], 3 * n + 1, n)
-    angles = vector(numbers, numbers[at.ANGLES], n)
-    root = memory[at.ROOT_WEIGHT]
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    root = m.root_weight
     for i in range(n):
         total = 0.0
         for k in range(2 * n):
-            total += deviations[k, i]
-            stack[k, i] = root * deviations[k, i]
-        shift[i] = root * root * total
-        mean[i] = centre[i] + shift[i]
-        if angles[i]:
-            mean[i] = wrap(mean[i])
+            total += m.deviations[k, i]
+            m.stack[k, i] = root * m.deviations[k, i]
+        m.shift[i] = root * root * total
+        m.x_mean[i] = m.centre[i] + m.shift[i]
+        if m.angles[i]:
+            m.x_mean[i] = wrap(m.x_mean[i])
     rows = 2 * n
     if moving:
         for j in range(n):
-            row = stack[rows]
+            row = m.stack[rows]
             for i in range(n):
-                row[i] = noise[i, j]
+                row[i] = m.noise_factor[i, j]
             rows += 1
-    whole = finish(numbers, memory, stack, rows, n, at.SHIFT, at.P_MEAN, at.S_MEAN)
+    whole = finish(numbers, memory, m.stack, rows, n, at.SHIFT, at.P_MEAN, at.S_MEAN)
     return 0 if whole else _REPAIRED
 
 
@@ -221,16 +184,12 @@ def finish(
     factor_block: int,
 ) -> bool:
     """Add the centre's term to a stack and combine it into covariance and factor."""
-    shift = vector(memory, numbers[shift_block], size)
-    deficit = vector(memory, numbers[at.DEFICIT], size)
-    correction = memory[at.CORRECTION]
-    scale = memory[at.ROOT_CORRECTION]
+    m, shift = unpack_filter(numbers, memory), vector(memory, numbers[shift_block], size)
     for i in range(size):
-        deficit[i] = scale * shift[i]
-    if correction > 0.0:
-        copy(deficit, stack[rows], size)
+        m.deficit[i] = m.root_correction * shift[i]
+    if m.correction > 0.0:
+        copy(m.deficit, stack[rows], size)
         rows += 1
     covariance = matrix(memory, numbers[covariance_block], size, size)
-    factor = matrix(memory, numbers[factor_block], size, size)
-    by_root = numbers[at.ROOT] == 1
-    return combine(stack, rows, size, deficit, correction < 0.0, by_root, covariance, factor)
+    factor, by_root = matrix(memory, numbers[factor_block], size, size), numbers[at.ROOT] == 1
+    return combine(stack, rows, size, m.deficit, m.correction < 0.0, by_root, covariance, factor)

@@ -6,9 +6,10 @@ import math
 from typing import Final
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, copy, matrix, vector
+from truejoint.compiled import compiled, copy, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
+from truejoint.filters.fields import unpack_filter
 from truejoint.filters.prediction import LIMIT, predict, within_limit
 from truejoint.filters.status import BROKEN_PREDICTION
 
@@ -18,29 +19,27 @@ _BROKEN: Final = int(BROKEN_PREDICTION)
 @compiled
 def _load(numbers: Integers, memory: Array, x: Array, covariance: Array) -> None:
     """Put a filtered state and its factor where the prediction starts from."""
-    n = numbers[at.N]
-    copy(x, vector(memory, numbers[at.X], n), n)
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    copy(x, m.x, n)
     for i in range(n):
-        copy(covariance[i], matrix(memory, numbers[at.P], n, n)[i], n)
-    semidefinite_cholesky(covariance, n, matrix(memory, numbers[at.S], n, n))
+        copy(covariance[i], m.covariance[i], n)
+    semidefinite_cholesky(covariance, n, m.factor)
 
 
 @compiled
 def _gain(numbers: Integers, memory: Array, inflation: float, gain: Array) -> None:
     """Smoother gain: covariance of state and prediction, divided by that of the prediction."""
-    n = numbers[at.N]
-    factor = matrix(memory, numbers[at.S], n, n)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
     # Points stand in pairs at plus and minus reach times a column of the factor and weigh
     # 1 / (2 reach^2): the sum over a pair is the column times a difference of images.
-    weight = 0.5 / (memory[at.REACH] * inflation)
+    weight = 0.5 / (m.reach * inflation)
     for i in range(n):
         for j in range(n):
             total = 0.0
             for k in range(n):
-                total += factor[i, k] * (deviations[2 * k + 1, j] - deviations[2 * k, j])
+                total += m.factor[i, k] * (m.deviations[2 * k + 1, j] - m.deviations[2 * k, j])
             gain[i, j] = weight * total
-    solve_rows(matrix(memory, numbers[at.S_MEAN], n, n), n, gain, n)
+    solve_rows(m.factor_mean, n, gain, n)
 
 
 @compiled
@@ -48,26 +47,20 @@ def _fill_stack(
     numbers: Integers, memory: Array, inflation: float, gain: Array, later: Array, stack: Array
 ) -> int:
     """Outer products whose sum is the smoothed covariance, all of them positive; their number."""
-    n = numbers[at.N]
-    factor = matrix(memory, numbers[at.S], n, n)
-    predicted = matrix(memory, numbers[at.S_MEAN], n, n)
-    noise = matrix(memory, numbers[at.Q], n, n)
-    deviations = matrix(memory, numbers[at.DEVIATIONS], 4 * n, n)
-    reach = memory[at.REACH]
-    root = memory[at.ROOT_WEIGHT]
-    moving = 1.0 if memory[at.DT] != 0.0 else 0.0
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    moving = 1.0 if m.dt != 0.0 else 0.0
     surplus = math.sqrt(inflation - 1.0)
     for i in range(n):
         for j in range(n):
             for sign in range(2):
-                rest = (2 * sign - 1) * reach * factor[i, j]
+                rest = (2 * sign - 1) * m.reach * m.factor[i, j]
                 for k in range(n):
-                    rest -= gain[i, k] * deviations[2 * j + sign, k]
-                stack[2 * j + sign, i] = root * rest
+                    rest -= gain[i, k] * m.deviations[2 * j + sign, k]
+                stack[2 * j + sign, i] = m.root_weight * rest
             by_noise, by_surplus, by_later = 0.0, 0.0, 0.0
             for k in range(n):
-                by_noise += gain[i, k] * noise[k, j]
-                by_surplus += gain[i, k] * predicted[k, j]
+                by_noise += gain[i, k] * m.noise_factor[k, j]
+                by_surplus += gain[i, k] * m.factor_mean[k, j]
                 by_later += gain[i, k] * later[k, j]
             stack[2 * n + j, i] = moving * by_noise
             stack[3 * n + j, i] = surplus * by_surplus
@@ -78,23 +71,19 @@ def _fill_stack(
 @compiled
 def _move(numbers: Integers, memory: Array, gain: Array, x: Array, later_x: Array) -> bool:
     """Smoothed state into POINT and the centre's term into DEFICIT; False if out of range."""
-    n = numbers[at.N]
-    shift = vector(memory, numbers[at.SHIFT], n)
-    mean = vector(memory, numbers[at.X_MEAN], n)
-    deficit = vector(memory, numbers[at.DEFICIT], n)
-    smoothed = vector(memory, numbers[at.POINT], n)
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
     for i in range(n):
-        smoothed[i] = x[i]
-        deficit[i] = 0.0
+        m.point[i] = x[i]
+        m.deficit[i] = 0.0
         for k in range(n):
-            difference = later_x[k] - mean[k]
-            if numbers[numbers[at.ANGLES] + k]:
+            difference = later_x[k] - m.x_mean[k]
+            if m.angles[k]:
                 difference = wrap(difference)
-            smoothed[i] += gain[i, k] * difference
-            deficit[i] += memory[at.ROOT_CORRECTION] * gain[i, k] * shift[k]
-        if numbers[numbers[at.ANGLES] + i]:
-            smoothed[i] = wrap(smoothed[i])
-    return bool(within_limit(smoothed, n, LIMIT))
+            m.point[i] += gain[i, k] * difference
+            m.deficit[i] += m.root_correction * gain[i, k] * m.shift[k]
+        if m.angles[i]:
+            m.point[i] = wrap(m.point[i])
+    return bool(within_limit(m.point, n, LIMIT))
 
 
 @compiled
@@ -111,24 +100,22 @@ def _smooth_one(
     n = numbers[at.N]
     if predict(numbers, memory) & _BROKEN:
         return
-    gain = matrix(memory, numbers[at.NOISE], n, n)
-    stack = matrix(memory, numbers[at.STACK], 5 * n + 1, n)
-    deficit = vector(memory, numbers[at.DEFICIT], n)
-    # P_MEAN has done its duty: it holds the later factor, then the smoothed covariance.
-    scratch = matrix(memory, numbers[at.P_MEAN], n, n)
+    # NOISE and P_MEAN have done their duty: they hold the gain, and the later factor, then the
+    # smoothed covariance.
+    m = unpack_filter(numbers, memory)
+    gain, scratch = m.noise, m.covariance_mean
     _gain(numbers, memory, inflation, gain)
     if not _move(numbers, memory, gain, x, later_x):
         return
     semidefinite_cholesky(later_covariance, n, scratch)
-    rows = _fill_stack(numbers, memory, inflation, gain, scratch, stack)
-    correction = memory[at.CORRECTION]
-    if correction > 0.0:
-        copy(deficit, stack[rows], n)
+    rows = _fill_stack(numbers, memory, inflation, gain, scratch, m.stack)
+    if m.correction > 0.0:
+        copy(m.deficit, m.stack[rows], n)
         rows += 1
-    factor, by_root = matrix(memory, numbers[at.S_MEAN], n, n), numbers[at.ROOT] == 1
-    combine(stack, rows, n, deficit, correction < 0.0, by_root, scratch, factor)
+    by_root = numbers[at.ROOT] == 1
+    combine(m.stack, rows, n, m.deficit, m.correction < 0.0, by_root, scratch, m.factor_mean)
     if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
-        copy(vector(memory, numbers[at.POINT], n), x, n)
+        copy(m.point, x, n)
         for i in range(n):
             copy(scratch[i], covariance[i], n)
 
