@@ -47,7 +47,7 @@ class ForwardLoop(Compensator):
         )
         self._last, self._t = np.full(len(self.joints), np.nan), 0.0
         if self._still is not None:
-            self._now, self._ahead = self._still.start(), self._still.start()
+            self._now, self._ahead = _Play(self._still), _Play(self._still)
 
     def give_way(self, now: Array, wanted: Array) -> None:
         """Wind up, from now on, by how far joints (n_joints,) [rad or m] give way to a grip.
@@ -65,18 +65,33 @@ class ForwardLoop(Compensator):
             there = goal + self.memory.memory[_LEAD] * (goal - last)
             here = np.asarray(sample, dtype=float)[self.measured]
             self._t += 1.0 / self.rate
-            lost[0] = self._lost(self._now, here)
+            lost[0] = self._now.lost(self._t, self._signals @ here)
             if self._t > 1.0 / self.rate:
                 self._foreseen += _GAIN * (there - self._foreseen - self._lost_there)
-            lost[1] = self._lost_there = self._lost(self._ahead, self._foreseen)
+            lost[1] = self._lost_there = self._ahead.lost(self._t, self._signals @ self._foreseen)
             self._last = goal
         self.expected[:], self.forward[:] = self._ways[:2] + lost
         return super().step(t, sample, wanted)
 
-    def _lost(self, state: Any, motor: Array) -> Array:
-        """Give the true less the measured positions (n_joints,) with the motors at `motor`."""
-        assert self._still is not None  # noqa: S101  # for the type checker
-        return self._still.step(state, self._t, self._signals @ motor) - motor
+
+class _Play:
+    """A calibration that says of every sample what its joints lose, where a corrector doubts."""
+
+    def __init__(self, still: Calibration) -> None:
+        self._still, self._features = still, still.feature_set.start()
+        size = len(still.feature_set), len(still.joints)
+        self._memory, self._row = still.family.memory(still.fitted, *size), np.empty(size[0])
+
+    def lost(self, t: float, signals: Array) -> Array:
+        """True less measured positions (n_joints,) of a sample at `t` [s]."""
+        still, memory = self._still, self._memory
+        last, error = self._features.clock[1], np.empty(len(still.joints))
+        values = signals + still.signal_shift
+        fresh = still.feature_set.step(self._features, t, values, still.gap_limit, self._row)
+        dt, half_widths = 0.0 if fresh else t - last, np.full(len(error), np.inf)
+        still.family.row(memory.numbers, memory.memory, dt, self._row, error, half_widths)
+        measured = signals[[still.signals.index(f"measured/{joint}") for joint in still.joints]]
+        return measured + (error + still.output_shift) - measured
 
 
 def _signals(still: Calibration, robot: Robot) -> Array:
