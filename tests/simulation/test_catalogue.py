@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from truejoint.errors import RobotError, TruejointError
-from truejoint.simulation import Twin, make_twin, twin_names
+from truejoint.simulation import Twin, make_twin
 
 
-@pytest.mark.parametrize("name", twin_names())
+@pytest.mark.parametrize("name", ["raven2", "forceps", "wrist"])
 def test_every_twin_keeps_the_contract(name, tmp_path):
     twin: Twin = make_twin(name.upper(), seed=4)
     robot, names = twin.robot, len(twin.robot.channels)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import CommandRefused, RobotError, TruejointError
-from truejoint.simulation import TwinOutput, make_twin, twin_names
+from truejoint.simulation import TwinOutput, make_twin
 
 SIZES = {"raven2": [0.05, 0.05, 5e-3, 0.05, 0.05, 0.05, 0.05], "forceps": [0.3], "wrist": 0.1}
 CUTS = (0, 1, 1, 2, 777, 1400, 1401, 2000)
@@ -39,7 +39,7 @@ def assert_same(output, other):
         )
 
 
-@pytest.fixture(params=twin_names())
+@pytest.fixture(params=["raven2", "forceps", "wrist"])
 def name(request):
     return request.param
 

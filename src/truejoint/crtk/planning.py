@@ -22,12 +22,12 @@ _INSTANT: Final = 1e-9  # shorter lines than this are no lines [s]: a picometre 
 
 @dataclass(frozen=True, eq=False)
 class TimeLaw:
-    """Positions over time along straight lines, averaged over the last `blend` seconds.
+    """Positions over time along straight lines, averaged over the last `BLEND` seconds.
 
     The moving average makes acceleration bounded: wherever the lines keep a speed v, the law
-    keeps it too, and its acceleration stays below 2 v / blend, reached where a joint turns back.
+    keeps it too, and its acceleration stays below 2 v / BLEND, reached where a joint turns back.
     It never leaves the convex hull of the knots, starts and ends at rest on the first and
-    last one, and cuts a corner by at most v blend / 4 per joint. The average is taken in closed
+    last one, and cuts a corner by at most v BLEND / 4 per joint. The average is taken in closed
     form, so that any stretch of a law of hours can be computed alone.
 
     Attributes
@@ -36,8 +36,6 @@ class TimeLaw:
         Times of the knots, strictly increasing from 0 [s].
     knots : ndarray, shape (n, n_joints)
         Corners of the lines [rad or m].
-    blend : float
-        [s].
 
     Raises
     ------
@@ -52,7 +50,6 @@ class TimeLaw:
 
     times: Array
     knots: Array
-    blend: float = BLEND
     _centred: Array = field(init=False, repr=False)
     _integral: Array = field(init=False, repr=False)
 
@@ -77,12 +74,12 @@ class TimeLaw:
     @property
     def duration(self) -> float:
         """Time from rest to rest [s]."""
-        return float(self.times[-1]) + self.blend
+        return float(self.times[-1]) + BLEND
 
     def at(self, t: ArrayLike) -> Array:
         """Positions (m, n_joints) [rad or m] at times (m,) [s]; at rest before and after."""
         now = np.asarray(t, dtype=float)
-        law = (self._integral_to(now) - self._integral_to(now - self.blend)) / self.blend
+        law = (self._integral_to(now) - self._integral_to(now - BLEND)) / BLEND
         # An end that is a difference of integrals would be off by rounding.
         law[now <= 0.0] = 0.0
         law[now >= self.duration] = self._centred[-1]
@@ -106,7 +103,7 @@ class TimeLaw:
         return np.asarray(self._integral[i] + part * (a + here) / 2 + beyond)
 
 
-def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLaw:
+def time_law(knots: ArrayLike, speed: ArrayLike) -> TimeLaw:
     """Time law through `knots` in which, on every line, one joint moves at its full speed.
 
     Parameters
@@ -115,8 +112,6 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
         Corners [rad or m]; repeated ones are passed once.
     speed : array_like, shape (n_joints,)
         Speed caps [rad/s or m/s].
-    blend : float
-        [s].
 
     Raises
     ------
@@ -142,4 +137,4 @@ def time_law(knots: ArrayLike, speed: ArrayLike, blend: float = BLEND) -> TimeLa
     if len(corners) == 1:
         corners, times = np.vstack([corners, corners]), np.array([0.0, _STANDING])
     corners[-1] = last
-    return TimeLaw(times, corners, blend)
+    return TimeLaw(times, corners)

@@ -1,6 +1,6 @@
 """Digital twins: robots that err the way the real ones do, compiled and deterministic."""
 
-from truejoint.simulation.catalogue import make_twin, twin_names
+from truejoint.simulation.catalogue import make_twin
 from truejoint.simulation.twin import Twin, TwinOutput
 
-__all__ = ["Twin", "TwinOutput", "make_twin", "twin_names"]
+__all__ = ["Twin", "TwinOutput", "make_twin"]

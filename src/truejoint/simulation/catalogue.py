@@ -18,17 +18,6 @@ _TWINS: Final = {
 }
 
 
-def twin_names() -> tuple[str, ...]:
-    """Robots that `make_twin` knows.
-
-    Examples
-    --------
-    >>> twin_names()
-    ('raven2', 'forceps', 'wrist')
-    """
-    return tuple(_TWINS)
-
-
 def make_twin(
     robot: str = DEFAULT,
     arm: str = "",
@@ -42,8 +31,8 @@ def make_twin(
     Parameters
     ----------
     robot, arm : str
-        As in `truejoint.robots.get_robot`; the robot is one of `twin_names`, or a file that states
-        its cables.
+        As in `truejoint.robots.get_robot`; it is ``raven2``, ``forceps``, ``wrist``, or one of
+        a file that states its cables.
     parameters : str or path-like
         A specimen that comes with the package, ``"nominal"``, ``"peng2024"`` of RAVEN-II, ``"A"``
         and ``"B"`` of the forceps, ``"cable_only"`` and ``"endowrist"`` of the wrist, or a TOML
