@@ -15,7 +15,7 @@ import zlib
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 from scipy.io import loadmat
@@ -23,8 +23,6 @@ from scipy.io import loadmat
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, words
 from truejoint.recordings.bounded_file import MAX_BINARY_BYTES, most_unpacked, read_bounded
-
-MatValue = Array | dict[str, Array]
 
 NPY_MAGIC: Final = b"\x93NUMPY"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
@@ -75,8 +73,8 @@ def read_npy(path: Path) -> tuple[Array, str]:
     return values.reshape(shape, order="F" if fortran_order else "C"), digest
 
 
-def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
-    """Variables of a MATLAB file by name: arrays of numbers (rows, columns), or structs of them.
+def read_mat(data: bytes, source: str) -> dict[str, Array]:
+    """Arrays of numbers (rows, columns) of a MATLAB file by ``variable`` or ``struct.field``.
 
     Everything else in a file, objects and functions above all, is left out. A RecordingError that
     names `source` says if it is damaged, of version 7.3 (HDF5), or unpacks to more than is read.
@@ -100,12 +98,12 @@ def read_mat(data: bytes, source: str) -> dict[str, MatValue]:
         ) from None
 
 
-def _read_version_5(data: bytes) -> dict[str, MatValue]:
+def _read_version_5(data: bytes) -> dict[str, Array]:
     if data[126:128] not in (b"IM", b"MI"):
         raise _MatError("its header is cut short")
     order = "<" if data[126:128] == b"IM" else ">"
     limit = room = min(MAX_MAT_BYTES, most_unpacked(len(data)))
-    variables: dict[str, MatValue] = {}
+    variables: dict[str, Array] = {}
     for element in _elements(memoryview(data)[_HEADER_BYTES:], order, aligned=False):
         kind, body = element
         if kind == _COMPRESSED:
@@ -117,9 +115,8 @@ def _read_version_5(data: bytes) -> dict[str, MatValue]:
             if not unpack.eof:
                 raise _MatError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))
-        name, value = _read_matrix(body, order) if kind == _MATRIX else ("", None)
-        if name and value is not None:
-            variables[name] = value
+        if kind == _MATRIX:
+            variables |= _read_matrix(body, order)
     return variables
 
 
@@ -143,31 +140,31 @@ def _elements(
             at += -at % 8
 
 
-def _read_matrix(body: memoryview, order: str, *, in_struct: bool = False) -> tuple[str, Any]:
-    """Name of a variable and its numbers, by field those of a struct; None if it has no such."""
+def _read_matrix(body: memoryview, order: str, prefix: str = "") -> dict[str, Array]:
+    """Numbers of a variable by its name, or of a struct's fields; empty where it has none."""
     parts = list(islice(_elements(body, order), 5 + _MOST_FIELDS))
     flags = struct.unpack_from(order + "I", parts[0][1])[0] if parts and parts[0][1] else 0
     kind, is_complex = flags & 0xFF, flags >> 8 & _COMPLEX
-    if kind not in (_STRUCT, *_NUMBERS) or is_complex or (kind == _STRUCT and in_struct):
-        return "", None
+    if kind not in (_STRUCT, *_NUMBERS) or is_complex or (kind == _STRUCT and prefix):
+        return {}
     if len(parts) < 4 or parts[1][0] != _INT32:
         raise _MatError("an array is cut short")
     shape = struct.unpack(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
-    name = bytes(parts[2][1]).decode()
+    name = prefix or bytes(parts[2][1]).decode()
     if kind == _STRUCT and shape == (1, 1):
         (length,), texts = struct.unpack(order + "i", parts[3][1]), bytes(parts[4][1])
-        names = [texts[at : at + length] for at in range(0, len(texts), length)]
-        fields = {
-            field.partition(b"\0")[0].decode(): _read_matrix(part, order, in_struct=True)[1]
-            for field, (_, part) in zip(names, parts[5:], strict=True)
-        }
-        return name, {field: value for field, value in fields.items() if value is not None}
-    if kind == _STRUCT or len(shape) != 2:
-        return "", None
+        arrays: dict[str, Array] = {}
+        starts = range(0, len(texts), length)
+        for at, (_, part) in zip(starts, parts[5:], strict=True):
+            field = texts[at : at + length].partition(b"\0")[0].decode()
+            arrays |= _read_matrix(part, order, f"{name}.{field}")
+        return arrays
+    if kind == _STRUCT or len(shape) != 2 or not name:
+        return {}
     element, data = parts[3]
     if element not in _NUMBER_TYPES:
         raise _MatError(f"numbers of type {element}")
     values = np.frombuffer(data, order + _NUMBER_TYPES[element])
     if min(shape) < 0 or values.size != math.prod(shape):
         raise _MatError(f"{len(body)} bytes cannot hold an array of shape {shape}")
-    return name, values.astype(np.float64).reshape(shape, order="F")
+    return {name: values.astype(np.float64).reshape(shape, order="F")}

@@ -13,7 +13,6 @@ from typing import Final
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
-from truejoint.recordings.read.mapped import arrays_of
 from truejoint.recordings.read.numeric_text import is_number, likely_delimiter, split_fields
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import default_unit
@@ -110,7 +109,7 @@ def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
         yield from ((k, f"{value:g}") for k, value in enumerate(row.tolist()))
     elif not head.is_text:
         data, _ = read_bounded(path)
-        for name, value in arrays_of(read_mat(data, str(path))).items():
+        for name, value in read_mat(data, str(path)).items():
             signals = value if value.shape[1] > value.shape[0] else value.T
             for k, signal in enumerate(signals[:_ARRAY_COLUMNS]):
                 first = f"{signal[0]:g}, {signal.size} values" if signal.size else "empty"

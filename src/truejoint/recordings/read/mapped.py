@@ -20,7 +20,7 @@ from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, read_bounded
-from truejoint.recordings.read.array_files import NPY_MAGIC, MatValue, read_mat, read_npy
+from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
 from truejoint.recordings.read.column_map import (
     ColumnMap,
     MappedColumn,
@@ -144,7 +144,7 @@ def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None
             variables[name] = array.reshape(len(array) if array.ndim else 1, -1).T
     else:
         data, digest = read_bounded(path)
-        variables = arrays_of(read_mat(data, str(path)))
+        variables = read_mat(data, str(path))
     names = {name: str(mapped.column) for name, mapped in columns.columns.items()}
     rows = _signal(path, variables, names["t"]).size if "t" in names else 0
     signals = {ours: _signal(path, variables, name, rows) for ours, name in names.items()}
@@ -202,17 +202,6 @@ def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
             f"or --metadata rate_hz=), or which column it is; {MAP_ADVICE}"
         )
     return replace(mapping, rate=rate or mapping.rate)
-
-
-def arrays_of(variables: Mapping[str, MatValue]) -> dict[str, Array]:
-    """Arrays of a MATLAB file by ``variable`` or ``struct.field``."""
-    arrays: dict[str, Array] = {}
-    for name, value in variables.items():
-        if isinstance(value, dict):
-            arrays |= {f"{name}.{field}": array for field, array in value.items()}
-        else:
-            arrays[name] = value
-    return arrays
 
 
 def _signal(path: Path, arrays: Mapping[str, Array], name: str, rows: int = 0) -> Array:
