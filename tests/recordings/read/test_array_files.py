@@ -32,7 +32,8 @@ def test_reads_as_numpy_wrote_it(
     np.save(path, np.asfortranarray(array) if fortran else array)
     read, _ = read_npy(path)
     assert read.dtype == np.float64
-    assert np.array_equal(read, array.astype(float), equal_nan=True)
+    rows = array.astype(float).reshape(len(array), -1)
+    assert np.array_equal(read, rows, equal_nan=True)
 
 
 def test_objects_are_refused(tmp_path: Path) -> None:

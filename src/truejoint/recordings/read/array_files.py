@@ -41,7 +41,7 @@ class _MatError(Exception):
 
 
 def read_npy(path: Path) -> tuple[Array, str]:
-    """Array of a .npy file of real numbers as float64, and the file's SHA-256."""
+    """Array (rows, columns) of a .npy file of real numbers, and the file's SHA-256."""
     data, digest = read_bounded(path)
     file = io.BytesIO(data)
     try:
@@ -70,7 +70,8 @@ def read_npy(path: Path) -> tuple[Array, str]:
             "float64, the most that is read; cut the recording into parts"
         )
     values = np.frombuffer(data, dtype, offset=file.tell()).astype(np.float64)
-    return values.reshape(shape, order="F" if fortran_order else "C"), digest
+    values = values.reshape(shape, order="F" if fortran_order else "C")
+    return values.reshape(shape[0] if shape else 1, -1), digest
 
 
 def read_mat(data: bytes, source: str) -> dict[str, Array]:

@@ -105,8 +105,7 @@ def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
         raise RecordingError(f"{path}: is a Parquet file, which needs no column map")
     if head.data.startswith(NPY_MAGIC):
         array, _ = read_npy(path)
-        row = array.reshape(len(array) if array.ndim else 1, -1)[0]
-        yield from ((k, f"{value:g}") for k, value in enumerate(row.tolist()))
+        yield from ((k, f"{value:g}") for k, value in enumerate(array[0].tolist()))
     elif not head.is_text:
         data, _ = read_bounded(path)
         for name, value in read_mat(data, str(path)).items():

@@ -133,15 +133,14 @@ def _read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table
 def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None = None) -> Table:
     """Columns of a file of arrays, or of a folder of .npy files."""
     if head is not None and head.data.startswith(NPY_MAGIC):
-        array, digest = read_npy(path)
-        table = array.reshape(len(array) if array.ndim else 1, -1)
+        table, digest = read_npy(path)
         use = _positions(path, columns, None, table.shape[1])
         return _in_si(path, columns, robot, {name: table[:, k] for name, k in use.items()}, digest)
     variables: dict[str, Array] = {}
     if head is None:
         for name in _array_names(columns):
             array, digest = read_npy(path / f"{name}.npy")
-            variables[name] = array.reshape(len(array) if array.ndim else 1, -1).T
+            variables[name] = array.T
     else:
         data, digest = read_bounded(path)
         variables = read_mat(data, str(path))
