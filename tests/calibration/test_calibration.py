@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate
+from truejoint.calibration import Zero, calibrate, find_zero
+from truejoint.calibration.fit_task import signal_moves
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
+from truejoint.runtime import Corrector
 
 FEATURES = (
     "measured/elbow", "effort/elbow", "lag(measured/elbow, 2)", "lowpass(effort/elbow, 0.1)",
@@ -79,3 +83,47 @@ def test_metadata_can_be_added(calibration):
 def test_names_for_people(calibration):
     assert calibration.estimator == "linear"
     assert calibration.title == "raven2 (left arm)"
+
+
+@pytest.fixture(scope="module")
+def plain(build):
+    features = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
+    return calibrate(build(1500, 0), "linear", features=features)
+
+
+def test_rows_serve_as_the_recording_does(plain, build):
+    test = build(200, 3)
+    rows = plain.rows(test)
+    assert plain.rows(rows) is rows
+    assert plain.baselines["offset"].rows(rows) is rows
+    assert plain.correct(rows).tobytes() == plain.correct(test).tobytes()
+    assert plain.range_excess(rows).tobytes() == plain.range_excess(test).tobytes()
+    assert find_zero(plain, rows).offset.tolist() == find_zero(plain, test).offset.tolist()
+
+
+def test_rows_are_seen_anew_where_the_inputs_have_moved_and_stay_hidden(plain, build):
+    rows = plain.rows(build(200, 3))
+    hidden = rows.hide(np.arange(200) < 50)
+    moves = signal_moves([rows.recording], plain.signals, plain.joints)
+    moved = replace(plain, moves=moves).shifted(np.full(3, 0.02))
+    again = moved.rows(hidden)
+    assert not np.array_equal(again.X, rows.X)
+    assert again.known.sum() == 150
+    assert moved.correct(again).tobytes() == moved.correct(rows.recording).tobytes()
+
+
+def test_one_door_takes_any_zero(plain, build):
+    test, offset = build(200, 3), np.array([0.01, -0.02, 1e-3])
+    moved = plain.at(Zero(offset, source="a stop", homing_id="h9"))
+    np.testing.assert_allclose(moved.correct(test) - plain.correct(test), [offset] * 200)
+    for name, baseline in moved.baselines.items():
+        shift = baseline.correct(test) - plain.baselines[name].correct(test)
+        np.testing.assert_allclose(shift, [offset] * 200)
+    assert moved.origin.homing_ids == ("h9",)
+    assert "a stop" in moved.summary()["zero"]
+    corrector = Corrector(plain)
+    corrector.rezero(Zero(offset))
+    assert corrector.offset.tolist() == offset.tolist()
+    for wrong in (np.zeros(2), np.full(3, np.nan)):
+        with pytest.raises(CalibrationError, match="not a finite number for each of shoulder"):
+            plain.at(Zero(wrong))

@@ -160,7 +160,7 @@ def test_no_less_than_stated_is_covered_on_average():
     assert 0.97 < np.mean(shares) < 1.0  # alike as they are: 90 % of 11 / 10
 
 
-def test_it_survives_its_file_and_an_older_file_is_read(tmp_path):
+def test_it_survives_its_file(tmp_path):
     model = cross_interval([bent(seed, 0.2) for seed in range(3)], "linear", rezero=0.2)
     write_calibration(model, tmp_path / "m.safetensors")
     again = read_calibration(tmp_path / "m.safetensors").interval

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-
 import numpy as np
 import pytest
 
-from truejoint.calibration import calibrate, read_calibration, write_calibration
+from truejoint.calibration import calibrate
 from truejoint.calibration.domain import (
     SMALLEST_VARIANCE,
     fit_training_domain,
     partners,
     resting_features,
 )
-from truejoint.calibration.model_file import decode, encode
-from truejoint.errors import ModelFileError
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings import Provenance, Recording
 
@@ -107,45 +103,3 @@ def test_where_a_joint_rests_is_no_matter_of_the_distance():
     alone = fit_training_domain(training, SIGNALS, 2.0, X[:, :2], X[:, :1], NONE[:2])
     np.testing.assert_allclose(domain.whitening[:, 2], 0.0)
     assert domain.distance == pytest.approx(alone.distance)
-
-
-def test_the_file_keeps_it_bit_for_bit(tmp_path, calibration):
-    write_calibration(calibration, tmp_path / "model.safetensors")
-    read = read_calibration(tmp_path / "model.safetensors").training_domain
-    for field in fields(read):
-        np.testing.assert_array_equal(
-            getattr(read, field.name), getattr(calibration.training_domain, field.name)
-        )
-
-
-def test_files_without_it_are_read(tmp_path, calibration, recording):
-    write_calibration(replace(calibration, training_domain=None), tmp_path / "model.safetensors")
-    read = read_calibration(tmp_path / "model.safetensors")
-    assert read.training_domain is None
-    np.testing.assert_array_equal(read.correct(recording), calibration.correct(recording))
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "said"),
-    [
-        ("dt", np.zeros(1), "no calibration gives"),
-        ("hold", -np.ones(1), "no calibration gives"),
-        ("distance", np.array([np.nan]), "not finite"),
-        ("signal_step", -np.ones(16 + 1), "no calibration gives"),
-        ("signal_lower", np.full(16 + 1, 1e9), "no calibration gives"),
-        ("error_upper", np.full(2, -1e9), "no calibration gives"),
-        ("whitening", np.zeros((3, 3)), "not those of the model"),
-        ("feature_mean", None, "not those of the model"),
-        ("surprise", np.zeros(1), "not those of the model"),
-    ],
-)
-def test_damaged_training_domains_are_refused(calibration, name, value, said):
-    description, arrays = encode(calibration)
-    n = len(calibration.signals)
-    if isinstance(value, np.ndarray) and len(value) == 17:
-        value = value[:n]
-    arrays.pop(f"training_domain/{name}", None)
-    if value is not None:
-        arrays[f"training_domain/{name}"] = value
-    with pytest.raises(ModelFileError, match=said):
-        decode(description, arrays)

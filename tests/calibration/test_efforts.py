@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, efforts, read_calibration, write_calibration
+from truejoint.calibration import calibrate, efforts
 from truejoint.calibration.efforts import (
     MAX_JOINTS,
     count_effort_terms,
@@ -18,8 +18,6 @@ from truejoint.calibration.efforts import (
     has_baseline,
     residual_statistics,
 )
-from truejoint.calibration.model_file import decode, encode, encode_arrays
-from truejoint.errors import ModelFileError
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 
@@ -172,33 +170,6 @@ def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration)
     still = rows.recording.table.assign(**{"measured/elbow": 1.0})
     assert not has_baseline([replace(rows, recording=replace(rows.recording, table=still))])
     assert not has_baseline([replace(rows, joints=("elbow",) * (MAX_JOINTS + 1))])
-
-
-def test_it_survives_the_model_file_bit_for_bit(calibration, tmp_path):
-    write_calibration(calibration, tmp_path / "m.safetensors")
-    back = encode_arrays(read_calibration(tmp_path / "m.safetensors").effort_baseline)
-    for name, array in encode_arrays(calibration.effort_baseline).items():
-        assert back[name].tobytes() == array.tobytes(), name
-
-
-@pytest.mark.parametrize(
-    ("name", "change"),
-    [
-        ("scale", lambda a: a * 0),
-        ("coef", lambda a: a[:, 1:]),
-        ("coef", lambda a: a * np.nan),
-        ("monitored", lambda a: a - 2),
-        ("upper", lambda a: a - 10),
-        ("residual", lambda a: -a),
-        ("extra", lambda a: a),
-    ],
-)
-def test_an_edited_effort_baseline_is_refused(calibration, name, change):
-    description, arrays = encode(calibration)
-    path = f"effort_baseline/{name}"
-    arrays[path] = change(arrays.get(path, np.zeros(3)))
-    with pytest.raises(ModelFileError, match="baseline"):
-        decode(description, arrays)
 
 
 def test_the_public_robots_have_joints_enough():

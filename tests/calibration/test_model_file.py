@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import struct
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,9 +14,16 @@ import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from truejoint.calibration import calibrate, container, read_calibration, write_calibration
+from truejoint.calibration import (
+    Calibration,
+    calibrate,
+    container,
+    read_calibration,
+    with_interval,
+    write_calibration,
+)
 from truejoint.calibration.container import FORMAT_VERSION, from_bytes, to_bytes
-from truejoint.calibration.model_file import encode
+from truejoint.calibration.model_file import decode, encode
 from truejoint.errors import ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
 
@@ -262,6 +270,62 @@ def test_a_model_that_counts_samples_states_its_time_step(tmp_path, saved, dt):
     description, arrays = from_bytes(saved)
     origin = {**description["origin"], "sample_dt": dt}
     refused(tmp_path, to_bytes({**description, "origin": origin}, arrays), "time step|sample_dt")
+
+
+@pytest.fixture(scope="module")
+def complete(recording, build) -> Calibration:
+    """A calibration with all parts that a file may hold besides its models."""
+    features = ("measured/shoulder", "measured/elbow", "measured/insertion", "effort/elbow")
+    motions = [build(200, seed, homing_id=f"h{seed}") for seed in range(10, 32)]
+    return with_interval(calibrate(recording, "linear", features=features), motions)
+
+
+def test_every_part_survives_its_file_and_may_be_missing(tmp_path, complete, recording):
+    write_calibration(complete, tmp_path / "model.safetensors")
+    assert same(read_calibration(tmp_path / "model.safetensors"), complete, recording)
+    bare = replace(complete, training_domain=None, effort_baseline=None, interval=None)
+    read = load_bytes(tmp_path, to_bytes(*encode(bare)))
+    assert read.training_domain is read.effort_baseline is read.interval is None
+    np.testing.assert_array_equal(read.correct(recording), complete.correct(recording))
+
+
+@pytest.mark.parametrize(
+    ("path", "change"),
+    [
+        ("training_domain/dt", lambda a: a * 0),
+        ("training_domain/hold", lambda a: a - 1e9),
+        ("training_domain/distance", lambda a: a * np.nan),
+        ("training_domain/signal_step", lambda a: -1.0 - a),
+        ("training_domain/signal_lower", lambda a: a + 1e9),
+        ("training_domain/error_upper", lambda a: a - 1e9),
+        ("training_domain/whitening", lambda a: a[1:]),
+        ("training_domain/surprise", lambda a: a),
+        ("effort_baseline/scale", lambda a: a * 0),
+        ("effort_baseline/coef", lambda a: a[:, 1:]),
+        ("effort_baseline/coef", lambda a: a * np.nan),
+        ("effort_baseline/monitored", lambda a: a - 2),
+        ("effort_baseline/upper", lambda a: a - 10),
+        ("effort_baseline/residual", lambda a: -a),
+        ("effort_baseline/extra", lambda a: a),
+        ("interval/levels", lambda a: a[::-1]),
+        ("interval/levels", lambda a: a + 0.5),
+        ("interval/levels", lambda a: a[:0]),
+        ("interval/levels", lambda a: np.append(0.0, a[1:])),
+        ("interval/half_widths", lambda a: -a),
+        ("interval/half_widths", lambda a: a * np.nan),
+        ("interval/half_widths", lambda a: a[:, :2]),
+        ("interval/half_widths", lambda a: a[::-1]),
+        ("interval/trajectories", lambda a: a * 0 + 12),  # too few for the 95 % that it states
+        ("interval/growth", lambda a: a - 100),
+        ("interval/rezero", lambda a: np.append(a, a)),
+        ("interval/extra", lambda a: a),
+    ],
+)
+def test_an_edited_part_is_refused_by_its_name(complete, path, change):
+    description, arrays = encode(complete)
+    arrays[path] = change(arrays.get(path, np.zeros(1)))
+    with pytest.raises(ModelFileError, match=path.partition("/")[0].replace("_", " ")):
+        decode(description, arrays)
 
 
 JSON = st.recursive(

@@ -110,13 +110,9 @@ def adapted(
     known_sessions = replace(origin, sessions=tuple(sessions))
     sessions += [Session.of(r) for r in reference if not known_sessions.includes(r)]
     origin = replace(
-        origin,
-        estimator=before.origin.estimator,
-        sample_dt=before.origin.sample_dt,
-        baseline_notes=before.origin.baseline_notes,
-        zeros=before.origin.zeros,
-        sessions=tuple(sessions),
-    )
+        before.origin, sessions=tuple(sessions), homing_ids=origin.homing_ids,
+        interval_sessions=(), accepted=(),
+    )  # fmt: skip
     of_prior = {name: prior.metadata.get(name) for name in _KEPT} | {
         "robot": prior.title,
         "penalties": [p if math.isfinite(p) else None for p in penalties],
