@@ -160,10 +160,12 @@ class Page:
         camera = self._server.initial_camera
         camera.position, camera.look_at = self._views["the arm"]
         camera.near, camera.far = 0.01 * size, 100 * size
-        # Step back for who looks through a narrow window, whose lower half a sheet covers.
-        self._server.on_client_connect(
-            lambda client: client.camera.aspect < _NARROW and self._look(client, "the arm")
-        )
+        self._server.on_client_connect(self._welcome)
+
+    def _welcome(self, client: Any) -> None:
+        """Step back for who looks through a narrow window, whose lower half a sheet covers."""
+        if client.camera.aspect < _NARROW:
+            self._look(client, "the arm")
 
     def _look(self, client: Any, at: str) -> None:
         position, target = self._views[at]

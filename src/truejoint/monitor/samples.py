@@ -134,8 +134,10 @@ class LiveSamples:
         self._channels = robot.joint_channels
         names = robot.joint_names
         self._effort_units = tuple(default_unit(f"effort/{name}", robot) for name in names)
-        counts = calibration is not None and calibration.counts_samples
-        self._period = calibration.origin.sample_dt if calibration and counts else 0.0  # [s]
+        # Period of the samples [s] that a model counts; 0 where it goes by their stamps.
+        self._period = 0.0
+        if calibration is not None and calibration.counts_samples:
+            self._period = calibration.origin.sample_dt
         self._due = -math.inf  # stamp of the next sample [s]
         self._truth: TruthBlock | None = None  # latest readings
 

@@ -184,7 +184,9 @@ class Corrector(Summarised):
         self._thread, self._taking = 0, Lock()
         # One command at a time. Samples need no lock: a kernel holds the interpreter to its end.
         self._commands = Lock()
-        self.warm_up()
+        # Compile what is not compiled yet; `step` finds everything ready.
+        for kernel in (forget, acknowledge, tell_homing, accept_offset, correct_sample):
+            kernel(self._numbers.copy(), self._memory.copy())
 
     @property
     def spike_speed(self) -> Array:
@@ -299,12 +301,6 @@ class Corrector(Summarised):
         self.release()
         named = {name: beside[:, k] for k, name in enumerate(self.beside)}
         return CorrectionTrace(t, position, half_width, status, named)
-
-    def warm_up(self) -> None:
-        """Compile what is not compiled yet; `step` finds everything ready."""
-        numbers, memory = self._numbers.copy(), self._memory.copy()
-        for kernel in (forget, acknowledge, tell_homing, accept_offset, correct_sample):
-            kernel(numbers, memory)
 
     __reduce__ = refuse_copy
 

@@ -133,10 +133,8 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     allowed = np.maximum(FROZEN_TRAVEL, FROZEN_MARGIN * domain.signal_travel)
     lower, upper = _widened(low, high, REJECT_MARGIN)
     # How far positions that stood in training may move; other signals do as they like.
-    held, units = (
-        np.full(len(signals), np.inf),
-        np.array([data.units.get(name, "") for name in signals]),
-    )
+    units = np.array([data.units.get(name, "") for name in signals])
+    held = np.full(len(signals), np.inf)
     for i in np.flatnonzero(is_position & ~moves):
         alike = is_position & moves & (units == units[i])
         held[i] = HELD_MARGIN * np.min((high - low)[alike], initial=np.inf)

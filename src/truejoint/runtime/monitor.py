@@ -143,16 +143,6 @@ class MonitorTrace:
     reasons: Integers  # (n,) `Reason` bits of the measures that are above their threshold
     measures: Array  # (n, 4) as in `Monitor.measures`
 
-    def first(self, alarm: Alarm = Alarm.CHECK, reasons: Reason | None = None) -> float:
-        """Time since the first sample [s] at which `alarm` was first reached; NaN if never.
-
-        With `reasons`, only alarms with one of these among their own count.
-        """
-        at = self.alarm >= alarm
-        if reasons is not None:
-            at &= (self.reasons & int(reasons)) != 0
-        return float(self.t[int(np.argmax(at))] - self.t[0]) if at.any() else math.nan
-
 
 class Monitor:
     """Watches the samples of a control loop, or of a recording, for signs of staleness.
@@ -178,7 +168,7 @@ class Monitor:
         far outside the trained range; working time as a share of `working_time`.
     shifts, frictions : ndarray, shape (n_joints,)
         Deviation of the efforts as shares of their limits, averaged over about two of the joint's
-        ranges each way; NaN for joints whose efforts are not known (`watched`).
+        ranges each way; NaN for joints whose efforts are not known.
 
     Raises
     ------
@@ -235,13 +225,6 @@ class Monitor:
         self.reset()
 
     __reduce__ = refuse_copy
-
-    @property
-    def watched(self) -> tuple[str, ...]:
-        """Joints whose efforts are compared with the baseline."""
-        joints = self._calibration.joints
-        monitored = self._packed.view("monitored")
-        return tuple(joint for joint, on in zip(joints, monitored, strict=True) if on)
 
     @property
     def alarm(self) -> Alarm:

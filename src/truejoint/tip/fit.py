@@ -288,7 +288,7 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
 
 def cross_matrix(vectors: Array) -> Array:
     """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
-    return np.cross(vectors[:, None], np.eye(3)).transpose(0, 2, 1)
+    return np.asarray(np.cross(vectors[:, None], np.eye(3)).transpose(0, 2, 1))
 
 
 @dataclass(frozen=True, eq=False)
