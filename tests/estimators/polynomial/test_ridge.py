@@ -1,4 +1,4 @@
-"""The penalties of the ridge, the rows that it is not fitted to, and what is refused."""
+"""The ridge: its products, its penalties, rows that it is not fitted to, what is refused."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ from sklearn import linear_model
 from sklearn.preprocessing import StandardScaler
 
 from truejoint.errors import CalibrationError
+from truejoint.estimators.family import EstimatorData, evaluate
 from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.polynomial.run import FAMILY, interaction_factors
 from truejoint.estimators.ridge import PENALTIES
 
 
@@ -88,3 +90,37 @@ def test_what_is_no_number_of_features_is_refused():
     for name in ("first", "crossed", "squared"):
         with pytest.raises(CalibrationError, match=f"{name} is 'two'; it must be an integer"):
             Polynomial(ridge=True, **{name: "two"}).fit(X, X[:, 0])
+
+
+RIDGE = {"degree": 2, "ridge": True, "squared": 0, "by_squares": 0}
+
+
+def test_each_product_of_crossed_and_first_features_is_there_once():
+    factors = interaction_factors(4, 2, 3).tolist()
+    assert factors == [[0, 4], [1, 4], [2, 4], [3, 4], [0, 0], [1, 0], [2, 0], [1, 1], [2, 1]]
+    assert interaction_factors(2, 0, 0).tolist() == [[0, 2], [1, 2]]
+    cubes = interaction_factors(3, 1, 2, 1).tolist()
+    few = interaction_factors(3, 1, 2, 1, 1).tolist()
+    assert few == cubes[:-1]
+    assert cubes == [[0, 3, 3], [1, 3, 3], [2, 3, 3], [0, 0, 3], [1, 0, 3], [0, 0, 0], [1, 0, 0]]
+
+
+@pytest.mark.parametrize("squared", [0, 1])
+def test_a_row_is_linear_in_the_scaled_features_and_their_products(squared):
+    rng, n_outputs = np.random.default_rng(squared), 2
+    params = {**RIDGE, "first": 1, "crossed": 2, "squared": squared, "by_squares": 2 * squared}
+    shapes = FAMILY.shapes(params, 3, n_outputs)
+    arrays = {name: rng.normal(size=shape) for name, shape in shapes.items()}
+    X = rng.normal(size=(20, 3))
+    memory = FAMILY.memory(EstimatorData("polynomial", params, arrays), 3, n_outputs)
+    a, b, c = ((X - arrays["mean"]) * arrays["inverse_scale"]).T
+    terms = np.column_stack([a, b, c, a * a, a * b, *[a * a * a, b * a * a][: 2 * squared]])
+    expected = terms @ arrays["coef"] + arrays["intercept"]
+    found = evaluate(FAMILY, memory, X, np.zeros(20), n_outputs)
+    np.testing.assert_allclose(found, expected, rtol=1e-11)
+
+
+@pytest.mark.parametrize(("first", "crossed"), [(2, 1), (1, 4), (4000, 4000)])
+def test_more_than_there_are_is_refused(first, crossed):
+    with pytest.raises(CalibrationError, match=f"first {crossed} features with {first}"):
+        FAMILY.shapes({**RIDGE, "first": first, "crossed": crossed}, 3, 1)
