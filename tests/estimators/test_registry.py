@@ -16,6 +16,7 @@ from truejoint.estimators import (
     JawFilter,
     JawPlays,
     Polynomial,
+    candidates,
     estimator_names,
     get_estimator,
 )
@@ -25,7 +26,6 @@ from truejoint.estimators.registry import (
     DEFAULT,
     OWN,
     TITLES,
-    tried,
 )
 
 SOURCE = Path(truejoint.__file__).parent
@@ -111,7 +111,7 @@ def test_the_page_of_estimators_says_of_each_how_it_runs() -> None:
     lines = re.findall(r"^\| (`.*) \|$", page.read_text("utf-8"), flags=re.MULTILINE)
     rows = [line.split(" | ") for line in lines if line.count(" | ") == 6]
     said = {name: row[3:] for row in rows for name in re.findall(r"`(\w+)`", row[0])}
-    automatic = {estimator.name for estimator in tried()}
+    automatic = {estimator.name for estimator in candidates()}
     found = {}
     for name in OWN:
         estimator = get_estimator(name)

@@ -150,15 +150,6 @@ def member(name: str) -> Any:
     return registered(name)
 
 
-def tried() -> list[Any]:
-    """Unfitted estimators that an automatic choice tries."""
-    return [
-        registered(name).set_params(**preset.tried)
-        for name, preset in PRESETS.items()
-        if preset.tried is not None
-    ]
-
-
 def plugged_in() -> dict[str, EntryPoint]:
     """Regressors of other packages, each a class with scikit-learn's `fit` and `predict`."""
     return plugins("truejoint.estimators", OWN)

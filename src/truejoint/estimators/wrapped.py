@@ -18,11 +18,11 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.family import EstimatorData, Family, Params, find_family
 from truejoint.estimators.registry import (
     OWN,
+    PRESETS,
     class_of_family,
     estimator_names,
     plugged_in,
     registered,
-    tried,
 )
 from truejoint.estimators.trees.learn import convert
 from truejoint.plugins import call_plugin, load_plugin, origin
@@ -194,7 +194,8 @@ class WrappedRegressor(JointRegressor):
 
     def _predict(self, X: Array) -> Array:
         """Predict (n, n_outputs) by the parts themselves."""
-        name, columns = type(self.parts_[0]).__name__, []
+        name = type(self.parts_[0]).__name__
+        columns: list[Array] = []
         for part in self.parts_:
             with _of_others(f"{name} cannot predict"):
                 columns.append(np.asarray(part.predict(X), dtype=np.float64))
@@ -252,7 +253,11 @@ def candidates() -> list[JointRegressor]:
     >>> [estimator.name for estimator in candidates()][:2]
     ['offset', 'linear']
     """
-    return [joint_regressor(estimator) for estimator in tried()]
+    return [
+        get_estimator(name).set_params(**preset.tried)
+        for name, preset in PRESETS.items()
+        if preset.tried is not None
+    ]
 
 
 def class_of(family: str) -> type[JointRegressor]:

@@ -59,7 +59,7 @@ FAMILY: Final = replace(
         lambda params: (n_plays(params) + int(params["elements"]) + 3, n_told(params)),
         rules={name: play_bank.FAMILY.rules[name] for name in _SEEN},
         scales={"centre": (N_SIGNALS,), "inverse_half_range": (N_SIGNALS,)},
-        signals=lambda params, arrays: play_bank.packed(bank(params), arrays, N_SIGNALS),
+        signals=lambda params, arrays: play_bank.pack(bank(params), arrays, N_SIGNALS, 0),
     ),
     states_deviation=lambda _params: False,
 )

@@ -252,7 +252,7 @@ def expand_rows(
     params: Params, arrays: Mapping[str, Array], X: Array, dt: Array, chosen: Mask
 ) -> Array:
     """Give what a model sees (m, n_seen) in the rows `chosen` (n,) of features `X` (n, k)."""
-    memory = packed(params, arrays, X.shape[1])
+    memory = pack(params, arrays, X.shape[1], 0)
     out = np.empty((int(chosen.sum()) + 1, n_seen(params, X.shape[1])))  # the last is scratch
     _expand_rows(memory.numbers, memory.memory, dt, X, chosen, out)
     return out[:-1]
@@ -304,27 +304,21 @@ def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
 
 
 def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
-    """Memory of the plays and of the model of what is seen."""
-    ((data, _),) = members(params, arrays)
-    family = find_family(data.family)
-    model = family.memory(data, n_seen(params, n_features), n_outputs)
-    return packed(params, arrays, n_features, model, family)
-
-
-def packed(
-    params: Params,
-    arrays: Mapping[str, Array],
-    k: int,
-    model: Memory | None = None,
-    family: Family | None = None,
-) -> Memory:
-    """Memory of the plays of `k` features, and of the model of a `family`, if there is one."""
+    """Memory of the plays and of the model of what is seen, or of the plays alone for no output."""
+    functions: dict[str, Any] = {}
+    model, address = Layout().pack(), 0
+    if n_outputs:
+        ((data, _),) = members(params, arrays)
+        family = find_family(data.family)
+        model = family.memory(data, n_seen(params, n_features), n_outputs)
+        address, functions = family.row_address(), {"row": family.row}
+    k = n_features
     n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
     pairs, n_growing = params["pairs"], len(params["growing"])
     coupled, shares = params["coupled"], params["shares"]
     nothing = np.ones((1, 1))  # C has no array without elements
     return LAYOUT.pack(
-        {} if family is None else {"row": family.row},
+        functions,
         n_plays=n_plays,
         n_lowpasses=n_lowpasses,
         centre=arrays["centre"],
@@ -349,8 +343,8 @@ def packed(
         stood=np.zeros(max(1, len(coupled) * len(shares))),
         n_turning=len(params["turns"]),
         turns=np.ravel(params["turns"]) if params["turns"] else nothing,
-        row=0 if family is None else family.row_address(),
-        model=Layout().pack() if model is None else model,
+        row=address,
+        model=model,
     )
 
 

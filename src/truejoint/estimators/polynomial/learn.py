@@ -323,7 +323,7 @@ def _without_far(
             inliers = products - _products(scaled[rows], y[rows], factors)
             places = [*range(1 + n_terms), 1 + n_terms + j]
             inner = inliers[np.ix_(places, places)]
-            table[:, j] = solutions(inner, weights[j], 1, fit.penalties[j : j + 1])[0, :, 0]
+            table[:, j] = solutions(inner, weights[j], 1, (fit.penalties[j],))[0, :, 0]
         if (far == before).all():
             break
         before = far

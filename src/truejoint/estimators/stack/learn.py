@@ -51,10 +51,9 @@ class Stack(JointRegressor):
     Parameters
     ----------
     members : sequence of Regressor or str
-        Unfitted, each with a row, or names of truejoint's own, ``boosted_trees`` and
-        ``random_forest`` among them; by default the linear model, then boosted trees. Where one
-        takes features of its own, as a physical filter does, all see these: what the filter leaves
-        can then be learnt.
+        Unfitted, each with a row, or names: truejoint's own and ``boosted_trees``; by default the
+        linear model, then boosted trees. Where one takes features of its own, as a physical filter
+        does, all see these: what the filter leaves can then be learnt.
     weights : sequence of sequence of float, optional
         A row for each member, a column for each output. A member is fitted to those outputs alone
         for which it has a weight other than 0, one without any is left out.

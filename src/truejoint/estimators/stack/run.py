@@ -115,7 +115,8 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
     table: dict[str, Any] = {f"member_{i}": Layout().pack() for i in range(MAX_MEMBERS)}
-    functions, used = {}, []
+    functions: dict[str, Any] = {}
+    used: list[list[int]] = []
     for i, (data, outputs) in enumerate(members(params, arrays)):
         family = find_family(data.family)
         table[f"member_{i}"] = family.memory(data, n_features, len(outputs))

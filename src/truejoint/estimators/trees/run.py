@@ -117,17 +117,13 @@ def by_levels(
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    n_trees, n_nodes = (int(params["n_trees"]),), (int(params["n_nodes"]),)
+    n_trees, n_nodes, n_values = (int(params[f"n_{what}"]) for what in ("trees", "nodes", "values"))
     return {
-        "mean": (n_features,),
-        "scale": (n_features,),
+        **dict.fromkeys(("mean", "scale"), (n_features,)),
         "offset": (n_outputs,),
-        "root": n_trees,
-        "output": n_trees,
-        "feature": n_nodes,
-        "threshold": n_nodes,
-        "right": n_nodes,
-        "value": (int(params["n_values"]),),
+        **dict.fromkeys(("root", "output"), (n_trees,)),
+        **dict.fromkeys(("feature", "threshold", "right"), (n_nodes,)),
+        "value": (n_values,),
     }
 
 
