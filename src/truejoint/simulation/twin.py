@@ -82,13 +82,13 @@ class Twin:
     _NOTED: ClassVar[tuple[str, ...]]
     """Attributes that `run` changes."""
 
-    def __init__(self, robot: Robot, seed: int) -> None:
+    def __init__(self, robot: Robot, seed: int, load: float) -> None:
         if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
             raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
         self.robot: Final[Robot] = robot
         self.seed: Final = seed  # of everything random
         self.homing_count = 0
-        self._load = 0.0
+        self.load = load
         self._ticks = 0
         self._streams: Sequence[np.random.Generator] = ()  # of the sensors
 

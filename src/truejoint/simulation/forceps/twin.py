@@ -136,8 +136,7 @@ class ForcepsTwin(Twin):
         self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
         cables = self.parameters.mechanism.mechanism()
         robot = replace(get_robot("forceps", arm), mechanism=cables, transmission=None)
-        super().__init__(robot, seed)
-        self.load = load
+        super().__init__(robot, seed, load)
         self.tip_force: Callable[[Array], Array] | None = None
         self.line_angle = 0.0
         self._constants = plant_constants(self.parameters)

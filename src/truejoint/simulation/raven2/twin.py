@@ -73,8 +73,7 @@ class Raven2Twin(Twin):
         load: float = 0.0,
     ) -> None:
         self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
-        super().__init__(get_robot("raven2", arm), seed)
-        self.load = load
+        super().__init__(get_robot("raven2", arm), seed, load)
         self._drives = drives("right" if self.robot.arm == "right" else "left")
         self._plant = build_plant(self.parameters, self.robot)
         streams = (np.random.default_rng([seed, part]) for part in range(3))

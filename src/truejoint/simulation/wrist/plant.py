@@ -225,16 +225,6 @@ def add_contact(held: float, c: PlantConstants, s: State, w: Work) -> float:
 
 
 @inlined
-def add_stop(j: int, c: PlantConstants, s: State, w: Work) -> None:
-    """Add what pushes a joint back that is beyond the end of its range."""
-    q = s.joint[j]
-    beyond = max(q - c.highest[j], 0.0) + min(q - c.lowest[j], 0.0)
-    if beyond != 0.0:
-        w.right[j] -= c.stop[0] * beyond
-        w.matrix[j, j] += c.dt * c.stop[0] + c.stop[1]
-
-
-@inlined
 def add_friction(j: int, c: PlantConstants, s: State, w: Work) -> None:
     """Add the friction of a pin and its slope, which the direction of motion tells."""
     w.level[j] = level = c.friction[j] + c.per_tension[j] * w.level[j]
@@ -350,7 +340,10 @@ def advance(
             add_cables(c, s, w)
             grip = add_contact(held[row] + share * (held[row + 1] - held[row]), c, s, w)
             for j in range(n):
-                add_stop(j, c, s, w)
+                beyond = max(s.joint[j] - c.highest[j], 0.0) + min(s.joint[j] - c.lowest[j], 0.0)
+                if beyond != 0.0:  # a stop pushes the joint back
+                    w.right[j] -= c.stop[0] * beyond
+                    w.matrix[j, j] += c.dt * c.stop[0] + c.stop[1]
                 add_friction(j, c, s, w)
             move_joints(c, s, w)
         write_row(row, grip, c, s, w, log)

@@ -72,8 +72,7 @@ class WristTwin(Twin):
         self._cable_names = tuple(cable.name for cable in mechanism.cables)
         self._arms = {name: mechanism.row(arm) for name, arm in mechanism.arms.items()}
         self._meets = mechanism.contact is not None
-        super().__init__(model, seed)
-        self.load = load
+        super().__init__(model, seed, load)
         self.tip_force: Callable[[Array], Array] | None = None
         self.held: Callable[[Array], Array] | None = None
         self._constants, self._drawn = plant_constants(
