@@ -59,11 +59,44 @@ class Trajectory:
     meta: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for name in ("positions", "times"):
-            if (values := getattr(self, name)) is not None:
-                numbers = floats(values, f"{self.name}: {name}", TrajectoryError)
-                object.__setattr__(self, name, numbers)
-        _check(self)
+        for key in ("positions", "times"):
+            if (values := getattr(self, key)) is not None:
+                numbers = floats(values, f"{self.name}: {key}", TrajectoryError)
+                object.__setattr__(self, key, numbers)
+        name, joints, positions = self.name, self.joints, self.positions
+        bad = [j for j in joints if not _NAME.fullmatch(str(j)) or j == "t"]
+        if bad or len(set(joints)) != len(joints) or not joints:
+            raise TrajectoryError(
+                f"{name}: joints {list(joints)} must be distinct names of letters, digits and _, "
+                "not t"
+            )
+        if len(self.units) != len(joints) or any(u not in _UNITS for u in self.units):
+            raise TrajectoryError(
+                f"{name}: units {list(self.units)} must be 'rad' or 'm', one for each joint"
+            )
+        if positions.ndim != 2 or positions.shape[1] != len(joints) or len(positions) < 2:
+            raise TrajectoryError(
+                f"{name}: positions have shape {positions.shape}; want at least 2 rows of "
+                f"{len(joints)} joints"
+            )
+        if not np.isfinite(positions).all():
+            row, column = np.argwhere(~np.isfinite(positions))[0]
+            raise TrajectoryError(
+                f"{name}: {joints[column]} is {positions[row, column]} in row {row}; remove the row"
+            )
+        times = self.times
+        if times is None:
+            return
+        if times.shape != (len(positions),) or not np.isfinite(times).all():
+            raise TrajectoryError(
+                f"{name}: times must be {len(positions)} finite values, one for each row"
+            )
+        if not (np.diff(times) > 0.0).all():
+            row = int(np.argmax(np.diff(times) <= 0.0)) + 1
+            raise TrajectoryError(
+                f"{name}: times must increase, but row {row} has {times[row]:g} s after "
+                f"{times[row - 1]:g} s"
+            )
 
     def __len__(self) -> int:
         return len(self.positions)
@@ -115,39 +148,3 @@ def workspace_of(robot: Robot, stated: Workspace | None = None) -> Workspace:
             "a table [workspace], or pass a Workspace"
         )
     return workspace
-
-
-def _check(trajectory: Trajectory) -> None:
-    name, joints, positions = trajectory.name, trajectory.joints, trajectory.positions
-    bad = [j for j in joints if not _NAME.fullmatch(str(j)) or j == "t"]
-    if bad or len(set(joints)) != len(joints) or not joints:
-        raise TrajectoryError(
-            f"{name}: joints {list(joints)} must be distinct names of letters, digits and _, not t"
-        )
-    if len(trajectory.units) != len(joints) or any(u not in _UNITS for u in trajectory.units):
-        raise TrajectoryError(
-            f"{name}: units {list(trajectory.units)} must be 'rad' or 'm', one for each joint"
-        )
-    if positions.ndim != 2 or positions.shape[1] != len(joints) or len(positions) < 2:
-        raise TrajectoryError(
-            f"{name}: positions have shape {positions.shape}; want at least 2 rows of "
-            f"{len(joints)} joints"
-        )
-    if not np.isfinite(positions).all():
-        row, column = np.argwhere(~np.isfinite(positions))[0]
-        raise TrajectoryError(
-            f"{name}: {joints[column]} is {positions[row, column]} in row {row}; remove the row"
-        )
-    times = trajectory.times
-    if times is None:
-        return
-    if times.shape != (len(positions),) or not np.isfinite(times).all():
-        raise TrajectoryError(
-            f"{name}: times must be {len(positions)} finite values, one for each row"
-        )
-    if not (np.diff(times) > 0.0).all():
-        row = int(np.argmax(np.diff(times) <= 0.0)) + 1
-        raise TrajectoryError(
-            f"{name}: times must increase, but row {row} has {times[row]:g} s after "
-            f"{times[row - 1]:g} s"
-        )
