@@ -189,13 +189,9 @@ class Function:
             raise self.fail(node, f"{type(node).__name__} has no C here")
         return method(node, *more)
 
-    def value(self, node: ast.expr) -> Any:
-        """Value of an expression, as far as it is known."""
-        return self.visit(node)
-
     def truth(self, node: ast.expr) -> Any:
         """Value of a test."""
-        value = self.value(node)
+        value = self.visit(node)
         return Known(bool(value.value)) if isinstance(value, Known) else value
 
     def lookup(self, node: ast.expr) -> Any:
@@ -225,7 +221,7 @@ class Function:
 
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr == "shape":
-            return self.value(node.value).shape
+            return self.visit(node.value).shape
         if isinstance(node.value, ast.Name) and isinstance(self.env.get(node.value.id), Record):
             return self.field_of(self.env[node.value.id], node)
         return self.constant(node, getattr(self.lookup(node.value), "__name__", ""), node.attr)
@@ -275,7 +271,7 @@ class Function:
             if isinstance(value, Known):
                 return Known(not value.value)
             return Expr(f"!{self.style.text(value, UNARY)}", "bool", UNARY)
-        value = self.value(node.operand)
+        value = self.visit(node.operand)
         if isinstance(node.op, ast.UAdd):
             return value
         if isinstance(value, Known):
@@ -310,9 +306,9 @@ class Function:
     def _ifexp(self, node: ast.IfExp) -> Any:
         test = self.truth(node.test)
         if isinstance(test, Known):
-            return self.value(node.body if test.value else node.orelse)
+            return self.visit(node.body if test.value else node.orelse)
         place = len(self.out)
-        values = [self.value(node.body), self.value(node.orelse)]
+        values = [self.visit(node.body), self.visit(node.orelse)]
         if len(self.out) != place:
             raise self.fail(node, "one of its values needs statements of its own")
         kind = join([v.kind for v in values])
@@ -320,7 +316,7 @@ class Function:
         return Expr(f"{self.style.text(test, CHOICE + 1)} ? {one} : {other}", kind, CHOICE)
 
     def _compare(self, node: ast.Compare) -> Any:
-        values = [self.value(n) for n in (node.left, *node.comparators)]
+        values = [self.visit(n) for n in (node.left, *node.comparators)]
         parts: list[Any] = []
         for op, a, b in zip(node.ops, values, values[1:], strict=False):
             sign, level, compute = COMPARISONS[type(op)]
@@ -336,7 +332,7 @@ class Function:
         return Expr(" && ".join(p.text for p in parts), "bool", AND)
 
     def _binop(self, node: ast.BinOp) -> Any:
-        a, b = self.value(node.left), self.value(node.right)
+        a, b = self.visit(node.left), self.visit(node.right)
         if not isinstance(node.op, ast.Pow):
             return operate(self.style, node.op, a, b)
         if isinstance(a, Known) and isinstance(b, Known):
@@ -350,33 +346,27 @@ class Function:
     # ------------------------------------------------------------------ arrays
 
     def _subscript(self, node: ast.Subscript) -> Any:
-        base = self.value(node.value)
+        base = self.visit(node.value)
         if isinstance(base, tuple):  # a shape
-            return base[self.value(node.slice).value]
-        return self.at(base, node, write=False)
-
-    def at(self, base: Any, node: ast.Subscript, *, write: bool) -> Any:
-        """Element, row or slice of a view, or a cell of a memory."""
-        if isinstance(base, Handle):
-            if isinstance(node.slice, ast.Slice):
-                raise self.fail(node, "take a view of a field instead of a slice of the memory")
-            return self.cell(base, self.value(node.slice), node, write=write)
-        if not isinstance(base, View):
-            raise self.fail(node, "this is no array")
+            return base[self.visit(node.slice).value]
         return self.item(base, node.slice, node)
 
-    def item(self, base: View, index: ast.expr, node: ast.AST) -> Any:
-        """Element, row or slice of a view."""
+    def item(self, base: Any, index: ast.expr, node: ast.AST, *, write: bool = False) -> Any:
+        """Element, row or slice of a view, or a cell of a memory."""
+        if isinstance(base, Handle) and not isinstance(index, ast.Slice):
+            return self.cell(base, self.visit(index), node, write=write)
+        if not isinstance(base, View):
+            raise self.fail(node, "this is no array, nor a view of a field")
         if isinstance(index, ast.Slice):
-            lower = Known(0) if index.lower is None else self.value(index.lower)
-            upper = base.shape[0] if index.upper is None else self.value(index.upper)
+            lower = Known(0) if index.lower is None else self.visit(index.lower)
+            upper = base.shape[0] if index.upper is None else self.visit(index.upper)
             if len(base.shape) != 1 or index.step is not None:
                 raise self.fail(node, "only a vector has such slices")
             return base.part(lower, (add(upper, lower, -1),))
         if isinstance(index, ast.Tuple):
             row, column = index.elts
-            return self.item(self.row(base, self.value(row)), column, node)
-        where = self.value(index)
+            return self.item(self.row(base, self.visit(row)), column, node)
+        where = self.visit(index)
         return self.row(base, where) if len(base.shape) == 2 else self.element(base, where)
 
     def row(self, base: View, index: Scalar) -> View:
@@ -405,11 +395,11 @@ class Function:
 
     def place(self, node: ast.Subscript) -> Expr:
         """Element as something that is assigned to."""
-        base = self.value(node.value)
+        base = self.visit(node.value)
         if isinstance(base, View):
             self.mark(base)
             base = replace(base, values=None)
-        found = self.at(base, node, write=True)
+        found = self.item(base, node.slice, node, write=True)
         assert isinstance(found, Expr)  # noqa: S101  # what is written is not known
         return found
 
@@ -465,14 +455,14 @@ class Function:
 
     def _call(self, node: ast.Call) -> Any:  # noqa: C901, PLR0911  # one kind of call after the other
         if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
-            view = self.value(node.func.value)
-            return replace(view, shape=tuple(self.value(a) for a in node.args))
+            view = self.visit(node.func.value)
+            return replace(view, shape=tuple(self.visit(a) for a in node.args))
         function = self.lookup(node.func)
         if node.keywords:
             raise self.fail(node, "keywords have no C")
         if function in (marks.local_vector, marks.local_matrix):
             return self.room(node)
-        arguments = [self.value(a) for a in node.args]
+        arguments = [self.visit(a) for a in node.args]
         if getattr(function, "gives_fields", False):
             return Record(*arguments)
         if function in (marks.vector, marks.matrix):
@@ -503,7 +493,7 @@ class Function:
 
     def room(self, node: ast.Call) -> View:
         """Room for numbers of a known count, which gets the name that it is assigned to."""
-        shape = tuple(self.value(n) for n in node.args)
+        shape = tuple(self.visit(n) for n in node.args)
         if not all(isinstance(n, Known) for n in shape):
             raise self.fail(node, "its size is not known")
         return View("", Known(0), shape, "real", (self, ""), Known(0))
@@ -563,7 +553,7 @@ class Function:
         try:
             for statement in tree.body:
                 if isinstance(statement, ast.Return) and statement.value is not None:
-                    return self.value(statement.value)
+                    return self.visit(statement.value)
                 self.visit(statement, [])
         finally:
             self.python, self.tree, self.comments, self.env = outer
@@ -588,12 +578,12 @@ class Function:
 
     def _expr(self, s: ast.Expr, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
         if not isinstance(s.value, ast.Constant):
-            value = self.value(s.value)
+            value = self.visit(s.value)
             if isinstance(value, Expr):
                 self.emit(value.text)
 
     def _return(self, s: ast.Return, rest: Sequence[ast.stmt]) -> bool:  # noqa: ARG002
-        value = None if s.value is None else self.value(s.value)
+        value = None if s.value is None else self.visit(s.value)
         self.emit("return")
         self.returns.append((self.out[-1], value))  # type: ignore[arg-type]  # it was emitted
         return True
@@ -610,15 +600,15 @@ class Function:
         targets: Sequence[ast.expr] = s.targets
         if isinstance(targets[0], ast.Tuple):
             assert isinstance(s.value, ast.Tuple)  # noqa: S101  # kernels return no tuples
-            targets, values = targets[0].elts, [self.value(e) for e in s.value.elts]
+            targets, values = targets[0].elts, [self.visit(e) for e in s.value.elts]
         else:
-            values = [self.value(s.value)] * len(targets)
+            values = [self.visit(s.value)] * len(targets)
         for target, value in zip(targets, values, strict=True):
             self.assign(target, value)
 
     def _annassign(self, s: ast.AnnAssign, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
         if s.value is not None:
-            self.assign(s.target, self.value(s.value))
+            self.assign(s.target, self.visit(s.value))
 
     def assign(self, target: ast.expr, value: Any) -> None:
         """Print one assignment."""
@@ -689,7 +679,7 @@ class Function:
             place = self.place(target)
             self.emit(f"{place.text} = {self.converted(value, place.kind)}")
             return
-        view = self.value(target)
+        view = self.visit(target)
         index = self._local("index")
         self.mark(view)
         element = self.element(replace(view, values=None), Expr(index, "int"))
@@ -700,7 +690,7 @@ class Function:
 
     def _augassign(self, s: ast.AugAssign, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
         sign = ARITHMETIC[type(s.op)][0]
-        value = self.value(s.value)
+        value = self.visit(s.value)
         if isinstance(s.target, ast.Subscript):
             place = self.place(s.target)
             self.emit(f"{place.text} {sign}= {self.converted(value, place.kind)}")
@@ -710,7 +700,7 @@ class Function:
         held = self.env.get(name)
         if not isinstance(held, Variable):
             load = ast.copy_location(ast.Name(name, ast.Load()), s.target)
-            self.assign(s.target, operate(self.style, s.op, self.value(load), value))
+            self.assign(s.target, operate(self.style, s.op, self.visit(load), value))
         elif not (isinstance(s.op, ast.BitOr) and value == Known(0)):
             held.is_read = True
             self.grow(held, value.kind)
@@ -752,7 +742,7 @@ class Function:
         marked = any(
             isinstance(n, ast.Call) and self.lookup(n.func) is marks.unrolled for n in limits
         )
-        bounds = [self.value(a) for a in limits]
+        bounds = [self.visit(a) for a in limits]
         start = bounds.pop(0) if len(bounds) > 1 else Known(0)
         stop, step = (*bounds, Known(1))[:2]
         if not isinstance(step, Known):
