@@ -148,19 +148,10 @@ class _Option:
     square: Array  # (n_folds, n_joints), mean square error
 
     @property
-    def names(self) -> set[str]:
-        """Names of the candidates that have a weight."""
-        used = np.flatnonzero(self.weights.any(axis=1))
-        return {self.table.candidates[number].model.name for number in used}
-
-    @property
-    def estimator(self) -> JointRegressor:
-        """Unfitted estimator of these weights."""
-        used = np.flatnonzero(self.weights.any(axis=1))
-        members = tuple(self.table.candidates[number].model for number in used)
-        if len(members) == 1:
-            return members[0]
-        return Stack(members, tuple(map(tuple, self.weights[used].tolist())))
+    def members(self) -> tuple[JointRegressor, ...]:
+        """Unfitted candidates that have a weight."""
+        pairs = zip(self.table.candidates, self.weights, strict=True)
+        return tuple(candidate.model for candidate, weights in pairs if weights.any())
 
 
 def choose(
@@ -189,7 +180,8 @@ def choose(
     judged, whole, tried = _validated(tables, left_out, partial(say, 0.0, share))
     tried = [*whole, *tried]
     chosen = _best([option for table in whole for option in _options(table)])
-    more = extended(chosen.table, chosen.names) if extended and len(judged) > 1 else None
+    names = {model.name for model in chosen.members}
+    more = extended(chosen.table, names) if extended and len(judged) > 1 else None
     if more is not None:
         _, whole, behind = _validated([more], judged, partial(say, share, 1.0 - share), chosen)
         chosen = _best([chosen, *(option for table in whole for option in _options(table))])
@@ -256,14 +248,9 @@ def _options(table: FoldErrors) -> Iterator[_Option]:
 
 def _best(options: Sequence[_Option]) -> _Option:
     """Best of those that are better than the first without doubt, or the first."""
-    usual, *others = options
-    ratios = [log_ratio(other.square, usual.square) for other in others]
-    better = [
-        (ratio.mean(), number)
-        for number, ratio in enumerate(ratios)
-        if is_better(ratio.mean(axis=1))
-    ]
-    return others[min(better)[1]] if better else usual
+    ratios = [log_ratio(option.square, options[0].square) for option in options]
+    better = [number for number, ratio in enumerate(ratios) if is_better(ratio.mean(axis=1))]
+    return options[min(better, key=lambda number: ratios[number].mean(), default=0)]
 
 
 def _choice(
@@ -285,7 +272,10 @@ def _choice(
             for number in range(len(each.candidates))
         ],
     }
-    return Choice(chosen.estimator, table.features, table.rows.target, evidence)
+    weights = chosen.weights[chosen.weights.any(axis=1)].tolist()
+    stack = Stack(chosen.members, tuple(map(tuple, weights)))
+    estimator = chosen.members[0] if len(weights) == 1 else stack
+    return Choice(estimator, table.features, table.rows.target, evidence)
 
 
 def _entry(
@@ -300,17 +290,16 @@ def _entry(
     Of the folds that it was fitted without: on others it has the error of a simple model.
     """
     candidate = table.candidates[number]
-    weight_by_joint = (
-        {} if weights is None else dict(zip(joints, weights[number].tolist(), strict=True))
-    )
     entry: dict[str, Any] = {
         "estimator": candidate.model.name,
         "features": list(table.features.names),
         "folds": len(candidate.folds),
         "seconds": round(candidate.seconds, 3),
-        "weights": weight_by_joint,
+        "weights": {},
         "note": candidate.note or candidate.lacking,
     }
+    if weights is not None:
+        entry["weights"] = dict(zip(joints, weights[number].tolist(), strict=True))
     coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
     if coupled:
         entry["note"] = f"needs signals that move together: {', '.join(coupled)}"
