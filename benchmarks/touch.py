@@ -1,7 +1,7 @@
 """Re-zeroing and calibrating by touching a block, on arms that nobody has seen.
 
     python -m benchmarks.touch [--nothing] [--twins nominal peng2024] [--arms 10] [--hours 3]
-        [--keep FOLDER] [--guided]
+        [--guided]
 
 An arm is a specimen of the RAVEN-II twin whose physics are drawn anew: scale, coupling, friction
 and stiffness by up to 20 %, zeros by .3 to .5 deg or mm, run-out by any phase. On the first day it
@@ -22,12 +22,9 @@ that prior, and it is told how often a person is asked and how long they wait fo
 from __future__ import annotations
 
 import argparse
-import json
-import pickle
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -223,19 +220,6 @@ def recorded(specimen: str, seed: int, hours: float) -> Session:
     return Session(training, block, pose, first, thirty, six, judges)
 
 
-def kept(folder: Path | None, specimen: str, seed: int, hours: float) -> Session:
-    """Record one arm, or take it from the `folder` where an earlier run has kept it."""
-    path = None if folder is None else folder / f"{specimen}-{seed}-{hours:g}.pickle"
-    if path is not None and path.exists():
-        session: Session = pickle.loads(path.read_bytes())  # noqa: S301  # our own
-        return session
-    session = recorded(specimen, seed, hours)
-    if path is not None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(pickle.dumps(session))
-    return session
-
-
 def tip_error(robot: Robot, judge: Judge, model: Calibration) -> Row:
     """RMS error [m] of the tip in the robot's base, and (3,) of the joints, on random motion."""
     chain, joint = known_kinematics(robot), judge.measured.copy()
@@ -320,8 +304,7 @@ def bent(robot: Robot, degrees: float) -> SerialChain:
         replace(axis, alpha=axis.alpha + np.deg2rad(degrees) * (-1.0) ** k)
         for k, axis in enumerate(chain.axes)
     ]
-    found: SerialChain = replace(chain, axes=axes)
-    return found
+    return replace(chain, axes=axes)  # type: ignore[no-any-return]
 
 
 def touched_by(session: Session, robot: Robot, chain: SerialChain) -> Block:
@@ -354,7 +337,6 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
 
     cases: dict[str, tuple[Kinematics, Callable[[], Calibration]]] = {
         "clean": (straight, lambda: touch(recording, touches, block)),
-        "unmeasured print": (straight, lambda: touch(recording, touches, unmeasured)),
         "2 badly seated": (straight, lambda: touch(recording, touches, unseated)),
         "2 numbers exchanged": (straight, lambda: touch(recording, swapped, block)),
         "print .5 % small": (straight, lambda: touch(recording, touches, small)),
@@ -374,9 +356,9 @@ def nothing_rows(session: Session, seed: int, others: list[Calibration]) -> dict
     return rows
 
 
-def others_of(specimen: str, first: int, folder: Path | None) -> list[Calibration]:
+def others_of(specimen: str, first: int) -> list[Calibration]:
     """Calibrations of three arms of a specimen that are judged nowhere."""
-    sessions = [kept(folder, specimen, seed, 0.0) for seed in range(first, first + 3)]
+    sessions = [recorded(specimen, seed, 0.0) for seed in range(first, first + 3)]
     return [calibrate(one.training, "linear", random_state=0) for one in sessions]
 
 
@@ -407,7 +389,7 @@ def guided(specimen: str, seed: int, known: list[Calibration]) -> None:
 
 
 def main() -> None:
-    """Measure, print, and write JSON."""
+    """Measure and print."""
     parser = argparse.ArgumentParser(description=__doc__.split("\n", 1)[0])
     parser.add_argument("--twins", nargs="+", default=["nominal", "peng2024"])
     parser.add_argument("--arms", type=int, default=10)
@@ -416,19 +398,16 @@ def main() -> None:
     parser.add_argument("--estimators", nargs="+", default=["linear", "rich_play"])
     parser.add_argument("--nothing", action="store_true")
     parser.add_argument("--guided", action="store_true")
-    parser.add_argument("--keep", type=Path, help="folder in which recordings are kept")
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
-    everything: dict[str, Any] = {}
     for twin in options.twins:
-        rows = everything[twin] = []
-        others = others_of(twin, 200, options.keep) if options.nothing or options.guided else []
+        rows: list[dict[str, Row]] = []
+        others = others_of(twin, 200) if options.nothing or options.guided else []
         if options.guided:
             for seed in range(options.first, options.first + options.arms):
                 guided(twin, seed, others)
             continue
         for seed in range(options.first, options.first + options.arms):
-            session = kept(options.keep, twin, seed, options.hours)
+            session = recorded(twin, seed, options.hours)
             rows.append(
                 nothing_rows(session, seed, others)
                 if options.nothing
@@ -436,8 +415,6 @@ def main() -> None:
             )
             shown = {k: round(1e3 * v["tip"], 3) for k, v in rows[-1].items()}
             print(f"{twin} {seed}: {shown}", flush=True)
-            if options.json:
-                options.json.write_text(json.dumps(everything, indent=1))
         print_table(twin, rows)
         if options.nothing:
             print_honesty(twin, rows)

@@ -83,7 +83,7 @@ class _Play:
         self._memory, self._row = still.family.memory(still.fitted, *size), np.empty(size[0])
 
     def lost(self, t: float, signals: Array) -> Array:
-        """True less measured positions (n_joints,) of a sample at `t` [s]."""
+        """Give true less measured positions (n_joints,) of a sample at `t` [s]."""
         still, memory = self._still, self._memory
         last, error = self._features.clock[1], np.empty(len(still.joints))
         values = signals + still.signal_shift
