@@ -28,9 +28,9 @@ from truejoint.studies.wrist.closed_loop import (
 
 FEW = {
     "free_s": "25", "loaded_s": "12", "seconds": "2.5", "count": "1", "family": "measured",
-    "loops": "open,play_motor,hybrid",
+    "loops": "open,play_motor,hybrid,perfect_forward",
 }  # fmt: skip
-KEYS = (OPEN, "play_motor", "hybrid", PERFECT)
+KEYS = (OPEN, "play_motor", "hybrid", PERFECT, "perfect_forward")
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.calibration import Calibration
+from truejoint.features.kernels import feature_row
 from truejoint.robots import Robot
 from truejoint.runtime import Compensator, Corrector
 from truejoint.runtime.compensation import LAYOUT
@@ -78,16 +79,19 @@ class _Play:
     """A calibration that says of every sample what its joints lose, where a corrector doubts."""
 
     def __init__(self, still: Calibration) -> None:
-        self._still, self._features = still, still.feature_set.start()
-        size = len(still.feature_set), len(still.joints)
+        self._still, size = still, (len(still.feature_set), len(still.joints))
+        self._past, self._clock = np.zeros(still.feature_set.memory_size), np.zeros(2)
         self._memory, self._row = still.family.memory(still.fitted, *size), np.empty(size[0])
 
     def lost(self, t: float, signals: Array) -> Array:
         """Give true less measured positions (n_joints,) of a sample at `t` [s]."""
         still, memory = self._still, self._memory
-        last, error = self._features.clock[1], np.empty(len(still.joints))
+        last, error = float(self._clock[1]), np.empty(len(still.joints))
         values = signals + still.signal_shift
-        fresh = still.feature_set.step(self._features, t, values, still.gap_limit, self._row)
+        fresh = feature_row(
+            *still.feature_set.program, still.gap_limit, t, values, self._past, self._clock,
+            self._row,
+        )  # fmt: skip
         dt, half_widths = 0.0 if fresh else t - last, np.full(len(error), np.inf)
         still.family.row(memory.numbers, memory.memory, dt, self._row, error, half_widths)
         measured = signals[[still.signals.index(f"measured/{joint}") for joint in still.joints]]
