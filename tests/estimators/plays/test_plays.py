@@ -35,8 +35,7 @@ def test_the_model_sees_scaled_features_plays_and_low_passes():
     dt = time_steps(run.t, 0.2)
     low, high = X.min(axis=0), X.max(axis=0)
     arrays = {"centre": (low + high) / 2, "inverse_half_range": 2 / (high - low)}
-    params = {"plays": (0.1, 0.4), "time_constants": (0.3,), "pairs": (), "growing": (0.2,)}
-    params |= {"coupled": (), "shares": (1.0,), "turns": ()}
+    params = {**play_bank.BARE, "plays": (0.1, 0.4), "time_constants": (0.3,)}
     kept = np.arange(len(X)) % 3 == 1
     seen = expand_rows(params, arrays, X, dt, kept)
     half = (high - low) / 2
@@ -57,8 +56,8 @@ def test_plays_grow_and_shrink_with_another_feature():
     X, _ = slack(n=300)
     dt = np.where(np.arange(300) % 200 == 0, 0.0, 0.02)
     arrays = {"centre": np.zeros(2), "inverse_half_range": np.array([1.0, 0.5])}
-    params = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.1, 0.5)}
-    params |= {"coupled": (), "shares": (1.0,), "turns": ()}
+    own = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.1, 0.5)}
+    params = play_bank.BARE | own
     seen = expand_rows(params, arrays, X, dt, np.ones(300, bool))
     assert seen.shape == (300, 2 * 3 + 4)
     for column, (way, width) in enumerate([(1, 0.1), (1, 0.5), (-1, 0.1), (-1, 0.5)]):
@@ -73,8 +72,8 @@ def test_of_capstans_the_angles_are_seen():
     X, _ = slack(n=50)
     turns = ((11.0, 0.0), (1.5, -9.0))
     arrays = {"centre": np.full(2, 0.3), "inverse_half_range": np.array([1.0, 0.5])}
-    params = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "growing": (0.2,)}
-    params |= {"coupled": (), "shares": (1.0,), "turns": turns}
+    own = {"plays": (0.1,), "time_constants": (0.3,), "pairs": ((0, 1),), "turns": turns}
+    params = play_bank.BARE | own
     seen = expand_rows(params, arrays, X, np.full(50, 0.02), np.ones(50, bool))
     angles = X @ np.transpose(turns)
     expected = np.stack([np.cos(angles), np.sin(angles)], axis=2).reshape(50, 4)

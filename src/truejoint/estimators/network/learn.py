@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, ClassVar, Final, Self
+from typing import ClassVar, Final, Self
 
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
@@ -169,11 +169,6 @@ class NeuralNetwork(JointRegressor):
                 break
             progress(0.0)
         return best
-
-    def __sklearn_tags__(self) -> Any:
-        tags = super().__sklearn_tags__()
-        tags.non_deterministic = self.random_state is None
-        return tags
 
 
 def effective_batch(n_rows: int, batch_size: int) -> int:

@@ -331,9 +331,8 @@ class Plays(JointRegressor):
         if self.learner == "ridge":
             return ridge
         trees = registry.member("boosted_trees")
-        if n_outputs <= _FEW_JOINTS:
-            trees.set_params(max_leaf_nodes=_LEAVES)
-        else:
+        trees.set_params(max_leaf_nodes=_LEAVES)
+        if n_outputs > _FEW_JOINTS:
             n = min(trees.max_iter, _FEWER_TREES)
             trees.set_params(max_leaf_nodes=_LEAVES // 2, max_iter=n)
         return Stack((ridge, trees), None, self.random_state)
