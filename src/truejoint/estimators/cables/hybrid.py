@@ -85,7 +85,12 @@ class CableHybrid(CableFilter):
         self.plays_ = (Plays.family.name, plays.model_params(), ())
         estimate = _told(plays, filter_states, X, dt, parameters)
         errors = np.hstack([y - estimate.angle, self._loads - estimate.load])
-        filtered["structure"] = self._structure(estimate, X, y, dt) * _unseen(plays, errors, wanted)
+        # Squares of errors are larger on blocks that plays were not fitted to.
+        has_truth = np.isfinite(wanted).all(axis=1)
+        blocks = np.square(plays.model_.errors_ * wanted[has_truth].std(axis=0))
+        grown = np.maximum(blocks / np.mean(np.square(errors[has_truth]), axis=0), 1.0)
+        unseen = np.repeat(grown.reshape(2, r.N), 2, axis=0)
+        filtered["structure"] = self._structure(estimate, X, y, dt) * unseen
         progress(1.0)
         return hybrid.joined(filtered, plays.arrays_)
 
@@ -98,15 +103,3 @@ def _told(
     outputs = plays.evaluate(inputs, dt)
     angle = cable_hybrid.raw_rows(X, parameters) + outputs[:, : r.N]
     return replace(filter_states, angle=angle, load=outputs[:, r.N :])
-
-
-def _unseen(plays: Plays, errors: Array, wanted: Array) -> Array:
-    """By how much squares of errors (4, 3) are larger on blocks that plays were not fitted to.
-
-    Of joints and loads they leave `errors` (n, 6), and were fitted to `wanted` (n, 6); rows as of
-    `structure`.
-    """
-    has_truth = np.isfinite(wanted).all(axis=1)
-    blocks = np.square(plays.model_.errors_ * wanted[has_truth].std(axis=0))
-    grown = np.maximum(blocks / np.mean(np.square(errors[has_truth]), axis=0), 1.0)
-    return np.repeat(grown.reshape(2, r.N), 2, axis=0)

@@ -430,12 +430,12 @@ def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
     prior = cable_filter.cable_prior(parameters)
     unscented, efforts = cable_filter.cable_filter(arrays), np.ascontiguousarray(X[:, r.N :])
     x, P = run_histories(unscented, prior, efforts, inputs, dt, smoothed=False)
-    out = np.empty((4, len(X), r.N))
+    out = np.empty((len(X), 4, r.N))
     by_state = cable_filter.angles_by_state(parameters)
     cable_filter.estimate_rows(
         inputs, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
     )
-    return CableStates(out[0], out[1], out[2], out[3], x)
+    return CableStates(*out.transpose(1, 0, 2), x)
 
 
 def _check_mechanism(name: str, mechanism: CableMechanism) -> None:

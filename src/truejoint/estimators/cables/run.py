@@ -80,18 +80,26 @@ def add_geometry(motor: Array, p: Array, added: Array, raw: Array, out: Array) -
 
 
 @compiled
-def seen_load(x: Array) -> float:
-    """Sum [Nm] of the sizes of the loads in a state."""
-    total = 0.0
+def estimate(
+    motor: Array, x: Array, P: Array, p: Array, added: Array, by_state: Array, structure: Array,
+    out: Array, raw: Array,
+) -> None:  # fmt: skip
+    """Angles, their deviations, loads and theirs, into `out` (4, N), of one state.
+
+    Of played motors (N,), a state (STATES,) and its covariance; `added` (TERMS, N) is what geometry
+    adds, `structure` (4, N) by what variances of angles and loads are multiplied, and what is added
+    to them per square of the loads that are seen. `raw` (N,) is for work.
+    """
+    loops.joints(x, motor, p, out[0])
+    add_geometry(motor, p, added, raw, out[0])
+    loads = 0.0
     for k in range(N):
-        total += abs(x[LOAD + k])
-    return total
-
-
-@compiled
-def stated(variance: float, loads: float, factor: float, added: float) -> float:
-    """Deviation that is stated of a `variance`, under the loads `loads` [Nm]."""
-    return sqrt(max(variance, 0.0) * factor + loads * loads * added)
+        loads += abs(x[LOAD + k])
+    for j in range(N):
+        angle, load = quadratic(by_state[j], P, STATES), max(P[LOAD + j, LOAD + j], 0.0)
+        out[1, j] = sqrt(angle * structure[0, j] + loads * loads * structure[1, j])
+        out[2, j] = x[LOAD + j]
+        out[3, j] = sqrt(load * structure[2, j] + loads * loads * structure[3, j])
 
 
 @compiled
@@ -99,21 +107,10 @@ def estimate_rows(
     motor: Array, x: Array, P: Array, p: Array, added: Array, by_state: Array, structure: Array,
     out: Array,
 ) -> None:  # fmt: skip
-    """Angles, their deviations, loads and theirs in every row, into `out` (4, n, N).
-
-    Of played motors (n, N), states (n, STATES) and covariances; `added` (TERMS, N) is what
-    geometry adds, `structure` (4, N) what `stated` takes of angles and loads.
-    """
+    """`estimate` of every row, into `out` (n, 4, N)."""
     raw = local_vector(N)
     for i in range(motor.shape[0]):
-        loops.joints(x[i], motor[i], p, out[0, i])
-        add_geometry(motor[i], p, added, raw, out[0, i])
-        loads = seen_load(x[i])
-        for j in range(N):
-            angle, load = quadratic(by_state[j], P[i], STATES), P[i, LOAD + j, LOAD + j]
-            out[1, i, j] = stated(angle, loads, structure[0, j], structure[1, j])
-            out[2, i, j] = x[i, LOAD + j]
-            out[3, i, j] = stated(load, loads, structure[2, j], structure[3, j])
+        estimate(motor[i], x[i], P[i], p, added, by_state, structure, out[i], raw)
 
 
 def angles_by_state(parameters: Array) -> Array:
@@ -174,6 +171,7 @@ LAYOUT.array("played", "the same without what trembles [rad]", N)
 LAYOUT.array("raw", "joints of cables that give nowhere [rad]", N)
 LAYOUT.array("added", "what geometry adds, by term and joint", TERMS, N)
 LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
+LAYOUT.array("estimates", "angles, their deviations, loads and theirs", 4, N)
 LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
 GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
 LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
@@ -220,20 +218,16 @@ def cable_filter_row(
         f.z[j] = x[N + j]
     good = advance(sizes, state, dt)
     memory[STARTED] = 1.0 if good else 0.0
-    loops.joints(f.x, m.played, f.theta, out)
-    add_geometry(m.played, f.theta, m.added, m.raw, out)
-    loads = seen_load(f.x)
-    for j in range(N):
-        out[j] = out[j] if good else nan
-        if m.deviations > 0.0:
-            variance = quadratic(m.by_state[j], f.covariance, STATES)
-            half_width[j] = m.deviations * stated(
-                variance, loads, m.structure[0, j], m.structure[1, j]
-            )
+    estimates = m.estimates
+    estimate(
+        m.played, f.x, f.covariance, f.theta, m.added, m.by_state, m.structure, estimates, m.raw
+    )
     for j in range(unrolled(N)):
-        load, variance = vector(memory, numbers[GRIP + j], 2), f.covariance[LOAD + j, LOAD + j]
-        deviation = stated(variance, loads, m.structure[2, j], m.structure[3, j])
-        load[0], load[1] = f.x[LOAD + j], m.beside_deviations * deviation
+        out[j] = estimates[0, j] if good else nan
+        if m.deviations > 0.0:
+            half_width[j] = m.deviations * estimates[1, j]
+        load = vector(memory, numbers[GRIP + j], 2)
+        load[0], load[1] = estimates[2, j], m.beside_deviations * estimates[3, j]
 
 
 def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -258,6 +252,7 @@ def _pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Mem
         last=np.zeros(N),
         played=np.zeros(N),
         raw=np.zeros(N),
+        estimates=np.zeros((4, N)),
         added=arrays["added"],
         by_state=angles_by_state(parameters),
         structure=arrays["structure"],

@@ -81,9 +81,16 @@ class ElasticJointHybrid(ElasticJointFilter):
         outputs = np.column_stack([columns @ response for response in filtered["outputs"]])
         inputs = self._sight(filtered, X, dt, chosen, states[chosen], outputs)
         residual, history = self._targets(y, dt)[chosen] - outputs, motion.history[chosen]
-        sums = [_angle_trees(inputs, elastic_hybrid.n_plays(self.found_), residual[:, 0], history)]
+        unfitted = registry.member("boosted_trees")
+        plays = inputs[:, : elastic_hybrid.n_plays(self.found_)]
+        zero = zeros(unfitted, plays, residual[:, :1], history)[:, 0]
+        both = ((plays, residual[:, 0] - zero), (inputs, residual[:, 0]))
+        sums = [added([_fitted(unfitted, *pair).rescaled(0.0, 0.5) for pair in both])]
         progress(_FILTERED + 0.8 * (1.0 - _FILTERED))
-        sums += [_torque_trees(inputs, torque) for torque in residual.T[1:]]
+        unfitted.set_params(max_features=_ASKED)
+        for torque in residual.T[1:]:
+            rows = np.isfinite(torque)
+            sums.append(_fitted(unfitted, inputs[rows], torque[rows]))
         progress(1.0)
         trees = trees_data(sums, np.zeros(inputs.shape[1]), np.ones(inputs.shape[1]))
         self.found_ = {**self.found_, "model": (TREES.name, trees.params, ())}
@@ -119,24 +126,6 @@ class ElasticJointHybrid(ElasticJointFilter):
         bank = elastic_hybrid.bank(self.model_params())
         plays = play_bank.expand_rows(bank, scales, X, dt, chosen)
         return np.hstack([plays, states, outputs[:, :1]])
-
-
-def _angle_trees(inputs: Array, n_plays: int, residual: Array, history: Integers) -> TreeSum:
-    """Mean of trees that see plays, fitted to `residual` (n,) less `zeros`, and of others.
-
-    The others see all `inputs` (n, k), of which the first `n_plays` columns are plays.
-    """
-    plays, unfitted = inputs[:, :n_plays], registry.member("boosted_trees")
-    zero = zeros(unfitted, plays, residual[:, None], history)[:, 0]
-    both = ((plays, residual - zero), (inputs, residual))
-    return added([_fitted(unfitted, *rows).rescaled(0.0, 0.5) for rows in both])
-
-
-def _torque_trees(inputs: Array, residual: Array) -> TreeSum:
-    """Trees on `inputs` (n, k), fitted to the torque's `residual` (n,), NaN where unknown."""
-    rows = np.isfinite(residual)
-    unfitted = registry.member("boosted_trees").set_params(max_features=_ASKED)
-    return _fitted(unfitted, inputs[rows], residual[rows])
 
 
 def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:
