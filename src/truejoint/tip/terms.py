@@ -130,13 +130,6 @@ class Terms:
         """Give the standard deviations (k,) of the coefficients, of one for each kind."""
         return np.array([by_kind[kind] for kind in self.kinds])
 
-    def tracked_sds(self, robot: Robot) -> Array:
-        """Give the standard deviations (k,) of the coefficients for a tracker."""
-        sd = self.sds({"zero": 0.0, **TRACKED})
-        zeros = [TRACKED_ZERO[robot.joint(joint).unit] for joint in self.joints]
-        sd[self.zeros] = np.array(zeros) / self.scale
-        return sd
-
     def of_calibration(self, calibration: Calibration, recording: Recording) -> Array:
         """Coefficients (k,) that correct a recording as a calibration does, as nearly as they can.
 

@@ -548,13 +548,11 @@ def calibrate_by_touch(
     table = {"t": recording.t} | {c: recording.column(c) for c in recording.units}
     for k, joint in enumerate(terms.joints):
         table[f"truth/{joint}"] = recording.column(f"measured/{joint}") + correction[:, k]
-    whole = Recording.from_columns(
-        table, recording.provenance, recording.units, robot=recording.robot
-    )
+    robot = recording.robot
+    whole = Recording.from_columns(table, recording.provenance, recording.units, robot=robot)
     # Domain, units and baselines are fitted; the touches alone give the model.
-    fitted = calibrate(
-        [whole], "linear", features=terms.features, joints=terms.joints, redundant=[]
-    )
+    joints = terms.joints
+    fitted = calibrate([whole], "linear", features=terms.features, joints=joints, redundant=[])
     data = EstimatorData("polynomial", of_degree(2), terms.arrays(state.coefficients))
     model = Polynomial.from_data(data, len(terms.features), len(terms.joints))
     if (baseline := fitted.effort_baseline) is not None:

@@ -36,7 +36,7 @@ from truejoint.tip.fit import (
     huber,
     inverted,
 )
-from truejoint.tip.terms import Terms
+from truejoint.tip.terms import TRACKED, TRACKED_ZERO, Terms
 from truejoint.toml_file import read_toml
 from truejoint.units import display_unit
 
@@ -153,6 +153,8 @@ class TrackedMotion:
                     joint[:, k] = joint[:, k].mean()
         terms = Terms.of_motion(recording, joints)
         shared, plays = terms.columns(terms.features.compute(recording))
+        sd = terms.sds({"zero": 0.0, **TRACKED})
+        sd[terms.zeros] = [TRACKED_ZERO[robot.joint(name).unit] for name in joints] / terms.scale
         return cls(
             recording.t,
             kinematics,
@@ -162,7 +164,7 @@ class TrackedMotion:
             shared,
             plays,
             np.gradient(recording.columns("measured", joints), recording.t, axis=0),
-            np.append(terms.tracked_sds(robot), _DELAY_SD),
+            np.append(sd, _DELAY_SD),
             np.array([0.0 if j.name in joints else _OTHER_SD[j.unit] for j in robot.joints]),
         )
 
