@@ -431,7 +431,8 @@ class Calibration(Summarised):
         if self.zero is not None:
             moved = self._by_joint("", self.zero.shift)
             about["zero"] = f"moved by {moved} ({self.zero.source})"
-        for interval in (self.interval, self.rezeroed_fit and self.rezeroed_fit.interval):
+        again = self.rezeroed_fit
+        for interval in (self.interval, None if again is None else again.interval):
             if interval is not None:
                 for level, widths in zip(interval.levels, interval.half_widths, strict=True):
                     about[f"{100 * level:g} %"] = self._by_joint("± ", widths)

@@ -57,7 +57,7 @@ def export(
         options_of_loop["compensator"] = truejoint.runtime.Compensator(
             corrector, calibration.machine
         )
-    write = {
+    write: Any = {
         "c": truejoint.export.export_c, "ros": truejoint.export.export_ros, "onnx": _write_graph,
     }[kind]  # fmt: skip
     paths = write(

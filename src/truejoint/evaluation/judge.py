@@ -94,7 +94,7 @@ def judge_recording(
         estimates={key: seeds[0] for key, seeds in estimates.items()},
         tool={key: tool[key] for key in ("truth", OFFSET, chosen) if key in tool},
         status=status[judged],
-        believable=((error >= lower) & (error <= upper)).all(axis=1),
+        believable=np.all((error >= lower) & (error <= upper), axis=1),
     )
     return JudgedRecording(trace, errors, tool_errors)
 

@@ -92,7 +92,8 @@ def add(a: Scalar, b: Scalar, sign: int = 1) -> Scalar:
     if isinstance(a, Known) and isinstance(b, Known):
         return Known(int(a.value) + sign * int(b.value), origin=origin)
     if isinstance(b, Known):
-        return replace(a, kind="int", base=a.base + sign * int(b.value), origin=origin)  # type: ignore[union-attr, return-value]
+        base = a.base + sign * int(b.value)  # type: ignore[union-attr]
+        return replace(a, kind="int", base=base, origin=origin)  # type: ignore[arg-type]
     if isinstance(a, Known):
         return add(scale(b, sign), a)
     base = a.base + sign * b.base

@@ -334,8 +334,10 @@ def _studies(table: Mapping[str, Any]) -> Iterator[Study]:
         options = []
         for option in row.pop("options", ()):
             own = {"name": option} if isinstance(option, str) else option
-            values = {**table["options"].get(own["name"], {}), **own}.items()
-            options.append(Option(**{k: tuple(v) if isinstance(v, list) else v for k, v in values}))
+            values: dict[str, Any] = {**table["options"].get(own["name"], {}), **own}
+            for key, value in values.items():
+                values[key] = tuple(value) if isinstance(value, list) else value
+            options.append(Option(**values))
         row["module"] = f"{__package__}.{row['module']}"
         yield Study(**{"source": "", **row}, options=tuple(options))
 

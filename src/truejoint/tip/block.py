@@ -253,7 +253,8 @@ def _toml(values: Mapping[str, Any], name: str = "", digits: int | None = None) 
             path = f"{name}.{key}".lstrip(".")
             tables += f"\n{comment}[{path}]\n{_toml(value, path, digits)}"
             continue
-        is_rounded = digits is not None and (name + key).endswith("_mm")
-        written = json.dumps(np.round(value, digits).tolist() if is_rounded else value)
+        if digits is not None and (name + key).endswith("_mm"):
+            value = np.round(value, digits).tolist()  # noqa: PLW2901
+        written = json.dumps(value)
         text += f"{comment}{json.dumps(key) if name.endswith('_mm') else key} = {written}\n"
     return text + tables

@@ -428,9 +428,10 @@ def _stretches(
     for rows in parts:
         whole = slice(rows[0], rows[-1] + 1)
         within[whole] = True
-        times, count = t[rows[[0, -1]]].tolist(), int(inside[whole].sum())
+        begin, end = t[rows[[0, -1]]].tolist()
+        count = int(inside[whole].sum())
         _, distance, is_alike = _off(shift[rows], noise)
-        stretches.append(Stretch(*times, count, distance, is_alike))
+        stretches.append(Stretch(begin, end, count, distance, is_alike))
     return tuple(stretches), within
 
 

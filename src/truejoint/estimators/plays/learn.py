@@ -214,7 +214,8 @@ class Plays(JointRegressor):
         fitted = {name: params[name] for name in ("pairs", "coupled", "members")}
         usual = {name: params[name] for name in params if name not in ("members", "coupled")}
         made = cls(positions=params["coupled"] or None, **usual)
-        vars(made).update({f"{name}_": value for name, value in fitted.items()})
+        for name, value in fitted.items():
+            setattr(made, f"{name}_", value)
         return made
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:

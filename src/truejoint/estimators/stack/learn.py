@@ -213,9 +213,13 @@ class Stack(JointRegressor):
                 rows = rows[:: -(-len(rows) // int(self.rows))]
             steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
             taken = [loads.index(name) for name in member.truth_beside()]
+
+            def share_done(share: float, before: int = number) -> None:
+                progress((before + share) / len(unfitted))
+
             member.fit(
                 X[rows], residuals[rows][:, outputs],
-                lambda done, i=number: progress((i + done) / len(unfitted)),
+                share_done,
                 steps, self._loads[rows][:, taken],
             )  # fmt: skip
             member.memory()  # refuses what only works offline

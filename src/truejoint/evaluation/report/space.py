@@ -82,7 +82,7 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
     # A cell that an even motion would cross in three times the rows that it needs.
     count = int(np.clip(np.sqrt(len(points) / (3 * _FEW)), *_CELLS))
     plane = points[:, a], points[:, b]
-    crossed = binned_statistic_2d(*plane, None, "count", bins=count)
+    crossed = binned_statistic_2d(*plane, points[:, 0], "count", bins=count)
     edges = [crossed.x_edge, crossed.y_edge]
     visited = crossed.statistic >= _FEW
     middle = [0.5 * (edge[1:] + edge[:-1]) for edge in edges]
@@ -91,9 +91,9 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
     def mean(values: Array) -> Array:
         """Mean of `values` (n,) in each visited cell, 0 where none is finite."""
         rows = np.isfinite(values)
-        places = [axis[rows] for axis in plane]
-        means = binned_statistic_2d(*places, values[rows], "mean", bins=edges).statistic
-        return np.nan_to_num(means[visited])
+        x, y = (axis[rows] for axis in plane)
+        means = binned_statistic_2d(x, y, values[rows], "mean", bins=edges).statistic
+        return np.nan_to_num(np.asarray(means, dtype=np.float64)[visited])
 
     for column, joint, unit in evaluation.shown_joints():
         square = np.square(unit.scale * evaluation.error(evaluation.chosen, column))

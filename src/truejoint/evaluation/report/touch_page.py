@@ -140,7 +140,8 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     lines = np.full((3 * good.sum(), 2), np.nan)
     lines[0::3], lines[1::3] = place[good], tip[good]
     highest = float(size[good].max())
-    dots = plot.coloured(*place[good].T, size[good], "error [mm]", highest, size=9)
+    x, y = place[good].T
+    dots = plot.coloured(x, y, size[good], "error [mm]", highest, size=9)
     style = {"width": 1.5, "hoverinfo": "skip"}
     drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", drawing.GREY, **style), dots]
     if left_out.any():

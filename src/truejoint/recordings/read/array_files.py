@@ -87,7 +87,7 @@ def read_mat(data: bytes, source: str) -> dict[str, Array]:
             if b"\0" not in data[:4]:
                 return _read_version_5(data)
             # A file of version 4, whose sizes SciPy checks.
-            arrays = loadmat(io.BytesIO(data)).items()
+            arrays = loadmat(io.BytesIO(data)).items()  # type: ignore[arg-type]
             return {
                 name: value.astype(np.float64)
                 for name, value in arrays

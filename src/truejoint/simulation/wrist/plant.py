@@ -74,7 +74,7 @@ class Log(NamedTuple):
 def at_rest(c: PlantConstants) -> State:
     """State of an instrument at its zeros, its cables at pretension."""
     n, m = len(c.inertia), c.n_motors
-    return State(*map(np.zeros, (c.ratio.shape, n, n, n, n * N_ELEMENTS, m, m, m)))
+    return State(*(np.zeros(size) for size in (c.ratio.shape, n, n, n, n * N_ELEMENTS, m, m, m)))
 
 
 def new_work(c: PlantConstants) -> Work:

@@ -209,7 +209,8 @@ def summarise(results: Results) -> Summary:
     rows = rows.assign(name=rows.method.map({OPEN: "open loop", **_TITLES}))
     group, every, margins = (rows[rows[key].notna()] for key in ("case", "specimen", "margin"))
     specimen = f"specimen {title_of(settings['specimen'])}"
-    degrees = np.degrees(group[["rms", "exact_rms"]].astype(float)).map("{:.3f}".format)
+    degrees: DataFrame = np.rad2deg(1.0) * group[["rms", "exact_rms"]].astype(float)
+    degrees = degrees.map("{:.3f}".format)
     pairs = group.assign(text=degrees.rms + " (" + degrees.exact_rms + ")")
     pairs = pairs.pivot_table("text", "load", "name", "first", sort=False)
     note = (
@@ -250,7 +251,7 @@ def _spread(settings: Settings, every: DataFrame) -> Table:
     )
     by_row = every.groupby("row", sort=False)
     table = (
-        by_row.rms.quantile([0.5, 0.95, 1.0])
+        by_row.rms.quantile(np.array([0.5, 0.95, 1.0]))
         .unstack()
         .set_axis(["median", "95 %", "worst"], axis=1)
     )

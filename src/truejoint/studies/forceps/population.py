@@ -188,7 +188,7 @@ def summarise(results: Results) -> Summary:
 
 def quantiles(rows: DataFrame, shares: Mapping[str, float]) -> DataFrame:
     """Quantiles [deg] of the errors by the name of a method, in the order of the rows."""
-    found = rows.groupby("name", sort=False).deg.quantile(list(shares.values())).unstack()
+    found = rows.groupby("name", sort=False).deg.quantile(np.array(list(shares.values()))).unstack()
     return found.set_axis(list(shares), axis=1).loc[unique(rows, "name")]
 
 

@@ -82,7 +82,7 @@ def summarise(results: Results) -> Summary:
         }
     ).T
     medians = rows.groupby(["zero", "name", "when"], sort=False).rms.median().unstack()
-    text = np.degrees(medians).map("{:.3f}".format)
+    text = (np.rad2deg(1.0) * medians).map("{:.3f}".format)
     table = table.join((text[BEFORE] + " -> " + text[AFTER]).unstack()[unique(rows, "name")])
     grown = select(rows, when=AFTER).rms.to_numpy() - select(rows, when=BEFORE).rms.to_numpy()
     notes = (

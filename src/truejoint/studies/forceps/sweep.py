@@ -205,7 +205,7 @@ def sensors(design: Any) -> str:
     homed = f", homed to {1e6 * design.homing:g} um"
     at = f" at {1e6 * design.resolution:g} um{homed}" if encoders(design.layout) else " only"
     rubs = "" if design.friction == 1.0 else f", friction x {design.friction:g}"
-    return design.layout + at + rubs
+    return f"{design.layout}{at}{rubs}"
 
 
 def front(designs: DataFrame) -> DataFrame:

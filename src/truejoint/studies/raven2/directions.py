@@ -80,7 +80,12 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
         ),
     )  # fmt: skip
     caption = "RMSE on a random motion by direction of the zig-zags."
-    look = {"condition": "condition", "by": "method", "log": "y", "colours": tables.COLOURS}
+    look: dict[str, Any] = {
+        "condition": "condition",
+        "by": "method",
+        "log": "y",
+        "colours": tables.COLOURS,
+    }
     drawn = select(fine, method=(*s.MODELS, "offset"))
     figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
     judged = CLAIMS if set(DIRECTIONS) <= set(chosen) else ()

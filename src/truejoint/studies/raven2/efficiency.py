@@ -155,7 +155,7 @@ def summarise(results: Results) -> Summary:
     grid, body = np.unique(first.minutes), []
     for (title, motion), spent in times.groupby(keys[:2], sort=False):
         ends: Sequence[Any] = [grid[np.abs(grid - end).argmin()] for end in (_MINUTES, grid[-1])]
-        middle, name = spent.median().tolist(), motion
+        middle, name = np.median(spent, axis=0).tolist(), motion
         if motion == _REFERENCE:
             total = select(rows, specimen=title, case=motion, of=WHOLE)
             ends, middle, name = ["all"], [total.minutes.median()] * 2, "zig-zags"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 from pandas import DataFrame
 
@@ -115,7 +115,12 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     )
     table = tables.accuracy_table(name, rows, methods, notes=notes)
     caption = "RMSE over the hours by features and training."
-    look = {"condition": "condition", "by": "method", "log": "y", "colours": tables.COLOURS}
+    look: dict[str, Any] = {
+        "condition": "condition",
+        "by": "method",
+        "log": "y",
+        "colours": tables.COLOURS,
+    }
     drawn = rows[rows.method.isin(methods) & (rows.method != "poly2")]
     figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
     chosen = (*CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))

@@ -104,7 +104,7 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
     condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
     for method in _MEANT:
         hours = [_prints(table, f"{condition}{hour}", method, quantities) for hour in (0, 5)]
-        cells = map(" to ".join, zip(*hours, strict=True))
+        cells = [" to ".join(pair) for pair in zip(*hours, strict=True)]
         body.append((f"paper: {method}, hour 0 to 5", *cells))
     for group, condition, method in _OTHERS:
         if group == table:

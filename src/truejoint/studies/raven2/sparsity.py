@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Any, Final
 
 from pandas import DataFrame
 
@@ -58,7 +58,12 @@ def summarise(_results: Results, title: str, rows: DataFrame) -> Summary:
     name = f"peng2024 figure 5, specimen {title}"
     table = tables.accuracy_table(name, rows, _METHODS, notes=(tables.ZIGZAGS, claims.RULE))
     caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
-    look = {"condition": "place", "by": "method", "log": "y", "colours": tables.COLOURS}
+    look: dict[str, Any] = {
+        "condition": "place",
+        "by": "method",
+        "log": "y",
+        "colours": tables.COLOURS,
+    }
     drawn = select(rows, method=_METHODS)
     figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
     judged = [claim.judged(rows, title) for claim in CLAIMS]

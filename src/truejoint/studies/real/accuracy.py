@@ -88,7 +88,7 @@ def judge(
         models = [calibrate(training, one, features=features, fit_rate=rate) for one in unfitted]
     except CalibrationError as reason:
         return [{"refused": str(reason)}]
-    judged = [(estimator, model) for model in models]
+    judged: list[tuple[str, Any]] = [(estimator, model) for model in models]
     if estimator == "linear":
         judged += [(name, models[0].baselines.get(name)) for name in (_OFFSET, "raw")]
     joints, robot = models[0].joints, testing[0].robot

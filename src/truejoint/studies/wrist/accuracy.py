@@ -148,7 +148,7 @@ def judge(
         for n, name in enumerate(TESTS)
     }
     rows: Rows = []
-    runs: Physical = {}
+    runs: dict[str, Simulated] = {}
     if any(METHODS[key].with_filter for key in methods):
         physical = calibrate([free, under_load], "ukf_cables", joints=JOINTS)
         for run in (free, under_load, *tests.values()):
@@ -389,7 +389,8 @@ def _identified_table(rows: DataFrame) -> Table:
     values = rows.groupby(by, sort=False)[["value", "deviation"]].median()
     text = values.value.map("{:.3g}".format) + " +- " + values.deviation.map("{:.1g}".format)
     share = (100.0 * off.groupby(by, sort=False).median()).map("{:.0f} %".format)
-    apart = np.sqrt((ratio**2).groupby(by, sort=False).mean()).map("{:.1f} x".format)
+    squares = (ratio**2).groupby(by, sort=False).mean()
+    apart = (squares**0.5).map("{:.1f} x".format)
     known = off.groupby(by, sort=False).count() > 0
     apart = (share + ", " + apart).where(known, "-")
     table = rows.groupby("name", sort=False)[["unit"]].first()
