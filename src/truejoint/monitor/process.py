@@ -57,10 +57,11 @@ class PageProcess:
         )  # fmt: skip
         self.pid: Final = self._process.pid
         self._input: Any = self._process.stdin
-        self._output: Any = self._process.stdout
+        output: Any = self._process.stdout
+        self._output = output
         with suppress(BrokenPipeError):
             self._tell({"robot": robot.to_dict(), "host": host, "port": port})
-        said: dict[str, str] = json.loads(self._output.readline() or "{}")
+        said: dict[str, str] = json.loads(output.readline() or "{}")
         if "url" not in said:
             self.close()
             raise TruejointError(said.get("error", "the process of the page ended at once"))

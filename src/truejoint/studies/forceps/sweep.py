@@ -155,11 +155,12 @@ def summarise(results: Results) -> Summary:
     settings, rows = results.settings, results.rows
     prices = dict(zip(settings["resolutions_um"], settings["prices"], strict=True))
     unit = (1e6 * rows.resolution).round(6).map(prices)
+    degrees: Any = np.degrees(rows[_LOADS])
     rows = rows.assign(
         price=rows.layout.map(encoders) * unit,
         sensors=[sensors(row) for row in each(rows)],
         cables=(rows.stiffness / 1e3).map("{:g} kN/m".format),
-        **np.degrees(rows[_LOADS]),
+        **degrees,
     )
     rows = rows.assign(name=rows.sensors + ", " + rows.cables)
     by_name = rows.groupby("name", sort=False)

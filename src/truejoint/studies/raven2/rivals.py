@@ -99,8 +99,10 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
     joints = table == "III"
     quantities = list(s.JOINTS if joints else _AXES)
     means = rows.pivot_table("rmse", "method", ["quantity", "when"], sort=False)
-    ends = [means.xs(when, axis=1, level="when")[quantities].map("{:.3f}".format) for when in WHEN]
-    body = [(name, *cells) for name, *cells in (ends[0] + " to " + ends[1]).itertuples()]
+    ends: list[Any] = [
+        means.xs(when, axis=1, level="when")[quantities].map("{:.3f}".format) for when in WHEN
+    ]
+    body = [tuple(cells) for cells in (ends[0] + " to " + ends[1]).itertuples()]
     condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
     for method in _MEANT:
         hours = [_prints(table, f"{condition}{hour}", method, quantities) for hour in (0, 5)]

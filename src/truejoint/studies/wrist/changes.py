@@ -210,8 +210,10 @@ def summarise(results: Results) -> Summary:
 
 def _zero_table(rows: DataFrame) -> Table:
     """How far engaging anew moved the errors, and what each way to a zero leaves of that."""
-    means = rows.set_index(["changed", "specimen"])[[f"{joint}_mean" for joint in JOINTS]]
-    moved = (means.loc[ENGAGED] - means.loc[NOTHING]).set_axis(list(JOINTS), axis=1)
+    means: DataFrame = rows.set_index(["changed", "specimen"])[
+        [f"{joint}_mean" for joint in JOINTS]
+    ]
+    moved: Any = (means.loc[ENGAGED] - means.loc[NOTHING]).set_axis(list(JOINTS), axis=1)
     stops = select(rows, changed=TOUCHED).set_index("specimen")[list(STOPS)]
     left = moved - stops[list(STOPS[:3])].to_numpy()
     opening, remaining = moved.jaw2 - moved.jaw1, left.jaw2 - left.jaw1
@@ -223,7 +225,9 @@ def _zero_table(rows: DataFrame) -> Table:
     }
     table = DataFrame(
         {
-            name: np.degrees(off.abs()).apply(lambda column: median_text(column.dropna(), 3))
+            name: (np.rad2deg(1.0) * off.abs()).apply(
+                lambda column: median_text(column.dropna(), 3)
+            )
             for name, off in ways.items()
         }
     ).T

@@ -80,8 +80,8 @@ class _Play:
 
     def __init__(self, still: Calibration) -> None:
         self._still, size = still, (len(still.feature_set), len(still.joints))
-        self._past, self._clock = np.zeros(still.feature_set.memory_size), np.zeros(2)
         self._memory, self._row = still.family.memory(still.fitted, *size), np.empty(size[0])
+        self._history, self._clock = np.zeros(still.feature_set.memory_size), np.zeros(2)
 
     def lost(self, t: float, signals: Array) -> Array:
         """Give true less measured positions (n_joints,) of a sample at `t` [s]."""
@@ -89,7 +89,7 @@ class _Play:
         last, error = float(self._clock[1]), np.empty(len(still.joints))
         values = signals + still.signal_shift
         fresh = feature_row(
-            *still.feature_set.program, still.gap_limit, t, values, self._past, self._clock,
+            *still.feature_set.program, still.gap_limit, t, values, self._history, self._clock,
             self._row,
         )  # fmt: skip
         dt, half_widths = 0.0 if fresh else t - last, np.full(len(error), np.inf)
