@@ -86,10 +86,10 @@ class Twin:
         if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
             raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
         self.robot: Final[Robot] = robot
-        self.seed: Final = seed  # of everything random
-        self.homing_count = 0
+        self.seed: Final[int] = seed  # of everything random
+        self.homing_count: int = 0
         self.load = load
-        self._ticks = 0
+        self._ticks: int = 0
         self._streams: Sequence[np.random.Generator] = ()  # of the sensors
 
     @property
