@@ -58,7 +58,8 @@ def fit_both(
     worked = s.random_test(arm, hours * s.HOUR, s.TEST_SEED + seed, s.STATE_RATE / _STRIDE)
     test = with_state(worked, twin)
     longest = max(training, key=lambda text: s.seconds_of(training[text]))
-    names = all_features(test)
+    names = [name for name in test.units if not name.startswith("truth")]  # 122, some constant
+    positions, torques = ([n for n in names if n.startswith(q)] for q in ("measured/", "effort/"))
     timeless = [name for name in names if name not in _CLOCKS]
     rows: Rows = []
     for text, group in training.items():
@@ -68,19 +69,14 @@ def fit_both(
             every[WIDE] = [s.model_of(group, network, features=names, fit_rate=_FIT_RATE)]
         for kind, fitted in (
             (SELECTED, s.fitted(group, networks, seed)),
-            (NO_TORQUES, s.fitted(group, networks, seed, features=_of(names, "measured"))),
-            (NO_POSITIONS, s.fitted(group, networks, seed, features=_of(names, "effort"))),
+            (NO_TORQUES, s.fitted(group, networks, seed, features=positions)),
+            (NO_POSITIONS, s.fitted(group, networks, seed, features=torques)),
             (TIMELESS, s.fitted(group, 0, seed, features=timeless)),
             (ALL, every),
         ):
             labels = {"kind": kind, "set": text, "seconds": s.seconds_of(group)}
             rows += s.judged(fitted, test, inputs=len(names), **labels)
     return rows
-
-
-def _of(names: Sequence[str], quantity: str) -> list[str]:
-    """Features of one quantity, such as measured positions."""
-    return [name for name in names if name.startswith(f"{quantity}/")]
 
 
 def with_state(recording: Recording, twin: Raven2Twin) -> Recording:
@@ -91,11 +87,6 @@ def with_state(recording: Recording, twin: Raven2Twin) -> Recording:
     units = {name: default_unit(name, recording.robot) for name in columns}
     table = recording.table.assign(**columns)
     return replace(recording, table=table, units={**recording.units, **units})
-
-
-def all_features(recording: Recording) -> list[str]:
-    """Every column of the state message of one arm: 122, constant ones included."""
-    return [name for name in recording.units if not name.startswith("truth")]
 
 
 @tables.by_specimen

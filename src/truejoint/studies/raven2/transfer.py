@@ -114,16 +114,10 @@ def changed(arm: Arm, raven: s.Plain, change: str, seed: int) -> Arm:
     else:
         random = np.random.default_rng(seed)
         for section in ("joint_friction", "cable", "pulleys", "wrap", "motor_friction"):
-            plain[section] = {
-                name: _varied(value, random) for name, value in plain[section].items()
-            }
+            for name, value in plain[section].items():
+                factor = random.uniform(1.0 - _OTHER, 1.0 + _OTHER, np.shape(value))
+                plain[section][name] = (np.asarray(value) * factor).tolist()
     return s.homed(plain, seed + 1)[0]
-
-
-def _varied(value: Any, random: np.random.Generator) -> Any:
-    """Give a number or several, each up to a fifth off."""
-    several = np.asarray(value) * random.uniform(1.0 - _OTHER, 1.0 + _OTHER, np.shape(value))
-    return several.tolist()
 
 
 def summarise(results: Results) -> Summary:
