@@ -168,7 +168,7 @@ def domain_table(evaluation: Evaluation) -> rich_table.Table:
     >>> domain_table(evaluation).row_count
     0
     """
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for table in score_tables(evaluation):
         text, pair = (
             table.texts(),

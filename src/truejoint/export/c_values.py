@@ -89,13 +89,12 @@ def join(kinds: Sequence[Kind]) -> Kind:
 def add(a: Scalar, b: Scalar, sign: int = 1) -> Scalar:
     """Sum, or with `sign` -1 difference, of two integers."""
     origin = a.origin if b.origin is None else b.origin if a.origin is None else None
-    if isinstance(a, Known) and isinstance(b, Known):
-        return Known(int(a.value) + sign * int(b.value), origin=origin)
-    if isinstance(b, Known):
-        base = a.base + sign * int(b.value)  # type: ignore[union-attr]
-        return replace(a, kind="int", base=base, origin=origin)  # type: ignore[arg-type]
     if isinstance(a, Known):
+        if isinstance(b, Known):
+            return Known(int(a.value) + sign * int(b.value), origin=origin)
         return add(scale(b, sign), a)
+    if isinstance(b, Known):
+        return replace(a, kind="int", base=a.base + sign * int(b.value), origin=origin)
     base = a.base + sign * b.base
     if sign < 0 and a.text == b.text:
         return Known(base, origin=origin)
