@@ -23,6 +23,7 @@ _RIGID_TOLERANCE: Final = 1e-6
 _THERE: Final = 1e-11
 _AT_POINT: Final = 1e-9  # [m]
 _STEPS: Final = 100
+_DAMPING: Final = 1e-14
 _LONGEST_STEP: Final = 0.3  # [rad, m]
 
 
@@ -154,8 +155,12 @@ def newton(
         error = miss(joint)
         if np.abs(error).max(initial=0.0) < tolerance:
             break
-        inverse = np.linalg.pinv(jacobian(joint)[:, :, columns], rcond=1e-9)
-        step = np.einsum("mij,mj->mi", inverse, error)
+        slope = jacobian(joint)[:, :, columns]
+        across = slope.transpose(0, 2, 1)
+        gram = slope @ across
+        # The least that keeps it solvable where the arm is singular.
+        gram += _DAMPING * gram.trace(axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
+        step = (across @ np.linalg.solve(gram, error[:, :, None]))[:, :, 0]
         largest = np.abs(step).max(axis=1, keepdims=True)
         joint[:, columns] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-12))
     return joint
