@@ -435,7 +435,8 @@ def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
     cable_filter.estimate_rows(
         inputs, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
     )
-    return CableStates(*out.transpose(1, 0, 2), x)
+    angles, rates, loads, deviations = out.transpose(1, 0, 2)
+    return CableStates(angles, rates, loads, deviations, x)
 
 
 def _check_mechanism(name: str, mechanism: CableMechanism) -> None:
