@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from truejoint.errors import CalibrationError
-from truejoint.evaluation.metrics import percent_of, rmse, tool_error
+from truejoint.evaluation.judge import percent_of, rmse, tool_error
 from truejoint.robots import get_robot
 
 _errors = hnp.arrays(

@@ -376,7 +376,7 @@ def calibrate(
     as_json: bool = False,
 ) -> None:
     """Calibrate an arm without joint sensors, and say what the touches could not determine."""
-    from truejoint.evaluation.report.touch_page import write_touch_report
+    from truejoint.evaluation.report.page import write_touch_report
 
     check_model_target(output, force)
     check_page_target(report, force)

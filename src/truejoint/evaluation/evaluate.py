@@ -20,11 +20,11 @@ from truejoint.evaluation.intervals import judge_interval
 from truejoint.evaluation.judge import (
     domain_of,
     judge_recording,
+    rmse,
     score_errors,
     why_no_cartesian,
     worst_stretches,
 )
-from truejoint.evaluation.metrics import rmse
 from truejoint.evaluation.paired_test import compare
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, TOOL, Comparison, Evaluation, Trace
 from truejoint.evaluation.verdict import (

@@ -1,4 +1,7 @@
-"""Errors of every model on the test, their scores and worst windows, and what the loop says."""
+"""Errors of every model on the test, their scores and worst windows, and what the loop says.
+
+An error is the estimated position minus the true one, in the joint's SI unit (rad or m).
+"""
 
 from __future__ import annotations
 
@@ -8,12 +11,12 @@ from dataclasses import dataclass, replace
 from pathlib import PurePath
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.calibration import Calibration
 from truejoint.calibration.zero import at_start, zeroed
-from truejoint.errors import CalibrationError, RecordingError
-from truejoint.evaluation.metrics import percent_of, tool_positions
+from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
@@ -26,7 +29,7 @@ from truejoint.evaluation.results import (
 )
 from truejoint.recordings.table.recording import Recording
 from truejoint.recordings.table.stream import direction, velocity
-from truejoint.robots import Robot
+from truejoint.robots import Kinematics, Robot
 from truejoint.runtime import Status
 from truejoint.runtime.corrector import corrector_for
 from truejoint.runtime.limits import believable_corrections
@@ -35,6 +38,86 @@ _STILL = 1e-9  # m per rad or m per m; below, a joint does not move the tool
 _PROBES = 20
 _COUNT = 3  # worst windows of each joint
 _HOMING = ~int(Status.NOT_HOMED | Status.HOMED_AGAIN)
+
+
+def rmse(error: ArrayLike) -> Array:
+    """Root mean square of errors over time, shape () or (n_joints,): ``sqrt(mean(error**2))``.
+
+    Parameters
+    ----------
+    error : array_like, shape (n,) or (n, n_joints)
+        Estimated minus true position [rad or m].
+
+    Raises
+    ------
+    CalibrationError
+        If there is no row, or a value that is not finite.
+
+    Examples
+    --------
+    >>> print(rmse([0.3, -0.4, 0.0]).round(3))
+    0.289
+    """
+    values = floats(error, "errors", CalibrationError)
+    if values.shape[:1] in ((), (0,)):
+        raise CalibrationError(
+            "no row has both an estimate and a true position; evaluate on recordings with truth"
+        )
+    if not np.isfinite(values).all():
+        raise CalibrationError(
+            "an error is not finite; select the rows with truth before computing metrics"
+        )
+    return np.asarray(np.sqrt(np.mean(np.square(values), axis=0)))
+
+
+def percent_of(value: ArrayLike, whole: ArrayLike) -> Array:
+    """`value` as a percentage of `whole`, as peng2024, Table I, states it; NaN of zero.
+
+    Parameters
+    ----------
+    value, whole : array_like, same shape
+        RMSE of an estimator and of the fixed offset, in one unit.
+
+    Examples
+    --------
+    >>> print(percent_of(0.1, 0.4))
+    25.0
+    """
+    value, whole = np.asarray(value, dtype=float), np.asarray(whole, dtype=float)
+    safe = np.where(whole > 0.0, whole, np.nan)
+    return 100.0 * value / safe
+
+
+def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) -> Array:
+    """Error (n, 3) of the tool position [m], x, y, z in the base frame, by errors of the joints.
+
+    Both joint vectors go through the same forward kinematics, so errors of the geometry itself
+    cancel, as in peng2024, Table IV.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+    estimated, true : array_like, shape (n, n_joints)
+        Joint positions [rad or m] of all joints of the robot; joints without truth hold the
+        same value in both.
+
+    Raises
+    ------
+    CalibrationError
+        If the kinematics are none.
+
+    Examples
+    --------
+    >>> robot = truejoint.get_robot("raven2")
+    >>> moved = robot.home + [0, 0, 0.001, 0, 0, 0, 0]
+    >>> print(np.linalg.norm(tool_error(robot.kinematics, moved, robot.home)).round(6))
+    0.001
+    """
+    if not hasattr(kinematics, "forward"):
+        advice = "give the `kinematics` of a robot of which they are known"
+        raise CalibrationError(other_kind(kinematics, "Kinematics", advice))
+    error = kinematics.forward(estimated) - kinematics.forward(true)
+    return error[..., :3, 3]
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +144,15 @@ def judge_recording(
     fewer than two rows are left, CalibrationError if a model gives no number for one.
     """
     truth = recording.columns("truth", joints)
-    judged = _rows_with_truth(recording, truth, joints, rezero)
+    judged = np.asarray(np.isfinite(truth).all(axis=1))
+    if judged.any():
+        judged[judged] = ~at_start(recording.t[judged], rezero)
+    if judged.sum() < 2:
+        besides = f" after the {rezero:g} s that re-zero it" if rezero > 0.0 else ""
+        raise RecordingError(
+            f"{recording.provenance.source or 'recording'}: {int(judged.sum())} rows have the "
+            f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
+        )
     at_zero = {
         estimator: [zeroed(seed, recording, rezero) for seed in seeds]
         for estimator, seeds in models.items()
@@ -99,22 +190,6 @@ def judge_recording(
     return JudgedRecording(trace, errors, tool_errors)
 
 
-def _rows_with_truth(
-    recording: Recording, truth: Array, joints: Sequence[str], rezero: float
-) -> Mask:
-    """Rows (n,) in which truth judges, rather than sets the zero."""
-    judged = np.asarray(np.isfinite(truth).all(axis=1))
-    if judged.any():
-        judged[judged] = ~at_start(recording.t[judged], rezero)
-    if judged.sum() < 2:
-        besides = f" after the {rezero:g} s that re-zero it" if rezero > 0.0 else ""
-        raise RecordingError(
-            f"{recording.provenance.source or 'recording'}: {int(judged.sum())} rows have the "
-            f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
-        )
-    return judged
-
-
 def _of_the_tool(
     robot: Robot | None,
     recording: Recording,
@@ -136,7 +211,7 @@ def _of_the_tool(
         """Place of the tool with the calibrated joints at `positions` (n, n_joints)."""
         changed = reported.copy()
         changed[:, columns] = positions
-        return tool_positions(kinematics, changed)
+        return kinematics.forward(changed)[..., :3, 3]
 
     true = place(truth)
     errors = {key: [place(value) - true for value in seeds] for key, seeds in estimates.items()}

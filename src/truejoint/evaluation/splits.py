@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Final
 
 from truejoint.errors import RecordingError
-from truejoint.recordings.datasets import Dataset, HeldOut, read_dataset
+from truejoint.recordings.datasets import Dataset, HeldOut
 from truejoint.recordings.table.recording import Recording, as_recording
 
 _GAP: Final = 1.0  # s between the two sides, so that no row of one has a neighbour on the other
@@ -50,19 +50,6 @@ def part_by_time(recording: Recording, begin: float, end: float) -> Recording:
             f"{int(rows.sum())} rows; choose a longer part"
         )
     return recording.rows(rows)
-
-
-def recommended_sides(dataset: Dataset, split: HeldOut) -> tuple[list[Recording], list[Recording]]:
-    """Training and held-out recordings of a public data set, split as it recommends.
-
-    Raises RecordingError if the data set is not on this machine; see `read_dataset`.
-
-    Examples
-    --------
-    >>> kuka = DATASETS["kuka_kr300_dual_encoder"]
-    >>> training, testing = recommended_sides(kuka, kuka.split())  # doctest: +SKIP
-    """
-    return split_sides(read_dataset(dataset.name, split.files), dataset, split)
 
 
 def split_sides(

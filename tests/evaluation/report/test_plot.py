@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from truejoint.evaluation.report.figures import binned
 from truejoint.evaluation.report.plot import every, extreme_rows, packed, panels, plain, thinned
-from truejoint.evaluation.report.residuals import binned
 
 
 @given(st.lists(st.floats(width=32, allow_nan=False), min_size=1, max_size=50))

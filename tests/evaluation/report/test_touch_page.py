@@ -10,7 +10,7 @@ import pytest
 from tests.tip.test_touch_calibration import session
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.report.touch_page import write_touch_report
+from truejoint.evaluation.report.page import write_touch_report
 from truejoint.tip import calibrate_by_touch
 
 

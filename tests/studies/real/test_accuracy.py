@@ -6,8 +6,8 @@ from pandas import DataFrame
 
 from truejoint import calibrate, evaluate
 from truejoint.errors import RecordingError, StudyError
-from truejoint.evaluation.splits import recommended_sides
-from truejoint.recordings.datasets import DATASETS, locate
+from truejoint.evaluation.splits import split_sides
+from truejoint.recordings.datasets import DATASETS, locate, read_dataset
 from truejoint.studies import run_study, write_study
 from truejoint.studies.real.accuracy import HWANG, judge
 from truejoint.studies.rows import select
@@ -29,7 +29,8 @@ def here():
 @pytest.mark.usefixtures("here")
 def test_numbers_are_those_of_an_evaluation(tmp_path):
     result = run_study("real", {"datasets": KUKA, "estimators": "linear,ukf_elastic"})
-    training, testing = recommended_sides(DATASETS[KUKA], DATASETS[KUKA].split())
+    split = DATASETS[KUKA].split()
+    training, testing = split_sides(read_dataset(KUKA, split.files), DATASETS[KUKA], split)
     model = calibrate(training, "linear", features=DATASETS[KUKA].features)
     evaluation = evaluate(model, testing)
     for method in ("linear", "offset", "raw"):

@@ -1,4 +1,4 @@
-"""Self-contained HTML pages: what a calibration is worth, and several side by side."""
+"""Self-contained HTML pages: what a calibration is worth, several side by side, and touches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from functools import cache, partial
 from importlib.resources import files
 from itertools import combinations, cycle
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import jinja2
 import numpy as np
@@ -22,7 +22,7 @@ from truejoint import drawing
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import score_rows as view
 from truejoint.evaluation.paired_test import compare
-from truejoint.evaluation.report import curves, plot, residuals, space
+from truejoint.evaluation.report import figures, plot
 from truejoint.evaluation.results import (
     OFFSET,
     Evaluation,
@@ -30,10 +30,14 @@ from truejoint.evaluation.results import (
     estimator_phrase,
     estimator_title,
 )
-from truejoint.evaluation.score_tables import score_tables
 from truejoint.files import check_target, write_atomically
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.table.recording import Recording
+from truejoint.units import with_unit
+
+if TYPE_CHECKING:
+    from truejoint.calibration import Calibration
+    from truejoint.tip import TouchReport
 
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
@@ -117,21 +121,21 @@ def render_report(
     """
     pair = {n: plot.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
     drawn = {
-        "worst": list(curves.worst_stretches(evaluation)),
+        "worst": list(figures.worst_stretches(evaluation)),
         "paths": [
-            space.trajectories(evaluation, training),
-            *space.tool_paths(evaluation),
+            figures.trajectories(evaluation, training),
+            *figures.tool_paths(evaluation),
         ],
-        "maps": list(space.error_maps(evaluation)),
-        "time": curves.over_time(evaluation),
-        "residuals": list(residuals.residuals(evaluation)),
-        "loops": [curves.loops(evaluation)],
-        "distribution": [curves.distributions(evaluation, pair)],
-        "intervals": residuals.stated_interval(evaluation),
+        "maps": list(figures.error_maps(evaluation)),
+        "time": figures.over_time(evaluation),
+        "residuals": list(figures.residuals(evaluation)),
+        "loops": [figures.loops(evaluation)],
+        "distribution": [figures.distributions(evaluation, pair)],
+        "intervals": figures.stated_interval(evaluation),
     }
     seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
     several = f", {seeds} seeds" if seeds > 1 else ""
-    recordings, tables = view.recording_rows(evaluation), list(score_tables(evaluation))
+    recordings, tables = view.recording_rows(evaluation), list(view.score_tables(evaluation))
     used = [("training", r.provenance.source, r.provenance.sha256) for r in training]
     origins = [trace.provenance for trace in evaluation.traces]
     tested = [("test", str(o.get("source", "")), str(o.get("sha256", ""))) for o in origins]
@@ -140,7 +144,7 @@ def render_report(
         drawn,
         evaluation=evaluation,
         chosen_phrase=estimator_phrase(evaluation.chosen),
-        menu=[evaluation.traces[i].name for i in curves.menu_order(evaluation)],
+        menu=[evaluation.traces[i].name for i in figures.menu_order(evaluation)],
         recording_rows=recordings,
         told=[key for key in ("session", "homing", "load") if any(row[key] for row in recordings)],
         checks={"test": evaluation.check, **(checks or {})},
@@ -212,8 +216,8 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
     return render_figures(
         "comparison.html.j2",
         {
-            "residuals": list(_errors_by_position(together, list(alone))),
-            "distribution": [curves.distributions(together, colours)],
+            "residuals": list(figures.residuals(together, list(alone))),
+            "distribution": [figures.distributions(together, colours)],
         },
         evaluation=picked,
         verdicts=verdicts,
@@ -239,38 +243,103 @@ def _pairs(evaluation: Evaluation, names: list[str]) -> Iterator[view.Row]:
             yield view.Row(joint, [first, difference.outcome, other, str(difference.stretches)])
 
 
-def _errors_by_position(evaluation: Evaluation, names: list[str]) -> Iterator[plot.Figure]:
-    """Error of each model against position, a figure a joint, on one scale."""
-    for column, joint, unit in evaluation.shown_joints():
-        position = unit.scale * np.concatenate([t.truth[:, column] for t in evaluation.traces])
-        moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
-        title = f"position [{unit.name}]"
-        panels = [
-            residuals.Panel(
-                f"{name}: {title}", position, unit.scale * evaluation.error(name, column)
-            )
-            for name in names
-        ]
-        spec = residuals.error_panels(panels, moves, unit, residuals.POINTS // len(names))
-        caption = (
-            f"{joint}: error [{unit.name}] against position, a panel a model on one scale. Dots "
-            "are rows, blue while the joint moves up and orange while it moves down; lines are "
-            "medians, bands hold the middle 90 %."
+def write_touch_report(
+    calibration: Calibration,
+    report: TouchReport,
+    path: str | Path,
+    *,
+    command: str = "",
+    overwrite: bool = False,
+) -> Path:
+    """Write what a calibration by touch is worth as one HTML file that needs nothing else.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        As `calibrate_by_touch` gives it.
+    report : TouchReport
+        That it gives with it.
+    path : str or Path
+        Where to write; written whole or not at all.
+    command : str
+        Command line that makes this page again.
+    overwrite : bool
+        Whether a file at `path` may be replaced.
+
+    Raises
+    ------
+    CalibrationError
+        If the calibration was made in another way.
+    RecordingError
+        As `write_report`.
+
+    Examples
+    --------
+    >>> write_touch_report(model, None, "touches.html")
+    Traceback (most recent call last):
+    truejoint.errors.CalibrationError: ...
+    """
+    if "touch" not in calibration.metadata:
+        raise CalibrationError(
+            f"the calibration of {calibration.title} was not made by touches; `evaluate` it"
         )
-        yield plot.Figure(f"residual-{column}", f"{joint} residuals", caption, [spec])
+    return write_page(
+        path, partial(_render_touches, calibration, report, command), overwrite=overwrite
+    )
+
+
+def _render_touches(calibration: Calibration, report: TouchReport, command: str) -> str:
+    size = np.linalg.norm(report.left_out, axis=1)
+    rows = []
+    for i in np.lexsort((-size, ~report.fit.left_out)):
+        why = "rejected: badly seated, or another number?" if report.fit.left_out[i] else ""
+        lengths = [1e3 * np.linalg.norm(report.before[i]), 1e3 * size[i]]
+        cells = [why, f"{report.touches.t[i]:.1f}", *(f"{length:.2f}" for length in lengths)]
+        rows.append(view.Row(report.touches.dimple[i], cells))
+    about, left_out = calibration.metadata["touch"], report.fit.left_out
+    before, after = (
+        with_unit(float(np.sqrt((errors[~left_out] ** 2).sum(axis=1).mean())), "m")
+        for errors in (report.before, report.left_out)
+    )
+    sentence = (
+        f"The tip is within {with_unit(report.left_out_error, 'm')} ± "
+        f"{with_unit(report.left_out_sd, 'm')} (RMS) in the block's frame, by touches left out in "
+        "turn, less what they err themselves."
+    )
+    facts_line = [
+        f"{len(report.touches)} touches, {int(left_out.sum())} of them rejected",
+        f"before {before}, after {after} off (RMS)",
+        f"prior: {', '.join(about['prior']) or 'none'}",
+        _now(),
+    ]
+    return render_figures(
+        "touches.html.j2",
+        {"map": list(figures.touch_maps(report))},
+        title=calibration.title,
+        sentence=sentence,
+        level="warn" if report.not_seen or left_out.any() else "pass",
+        facts=facts_line,
+        not_seen=report.not_seen,
+        rows=rows,
+        source=report.touches.source,
+        command=command,
+    )
 
 
 def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **values: Any) -> str:
     """Fill a template that extends ``figures.html.j2`` with what is drawn, by section."""
-    shown = (figure for part in drawn.values() for figure in part)
-    figures = [{"key": f.key, "variants": f.variants} for f in shown]
+    shown = [
+        {"key": figure.key, "variants": figure.variants}
+        for part in drawn.values()
+        for figure in part
+    ]
     return render_page(
         template,
         drawn=drawn,
         view=view,
         title_of=estimator_title,
         plotly=_asset("plotly-gl3d.min.js"),
-        figures=script_json({"figures": figures, "dark": plot.DARK}),
+        figures=script_json({"figures": shown, "dark": plot.DARK}),
         **values,
     )
 
@@ -315,9 +384,13 @@ def facts(evaluation: Evaluation, what: str) -> list[str]:
         what,
         f"tested on {rows:,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
-        f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
+        _now(),
         f"truejoint {_version('truejoint')}",
     ]
+
+
+def _now() -> str:
+    return f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
 
 
 def versions() -> list[tuple[str, str]]:

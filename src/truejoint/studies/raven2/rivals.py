@@ -11,7 +11,7 @@ from pandas import DataFrame
 from truejoint.array_types import Array
 from truejoint.errors import StudyError
 from truejoint.estimators import estimator_names
-from truejoint.evaluation.metrics import rmse, tool_error
+from truejoint.evaluation.judge import rmse, tool_error
 from truejoint.recordings import Recording
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims

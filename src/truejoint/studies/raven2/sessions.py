@@ -12,7 +12,7 @@ from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm
 from truejoint.errors import StudyError
 from truejoint.estimators import Regressor
-from truejoint.evaluation.metrics import rmse
+from truejoint.evaluation.judge import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin

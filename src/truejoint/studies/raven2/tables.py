@@ -11,7 +11,7 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.drawing import Figure, Panel
-from truejoint.evaluation.metrics import percent_of
+from truejoint.evaluation.judge import percent_of
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
 from truejoint.studies.rows import groups, select, unique, values

@@ -20,8 +20,8 @@ from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
 from truejoint.evaluation import part_by_time
-from truejoint.evaluation.metrics import rmse
-from truejoint.evaluation.splits import recommended_sides
+from truejoint.evaluation.judge import rmse
+from truejoint.evaluation.splits import split_sides
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.studies.paper_tables import reported
@@ -75,7 +75,8 @@ def judge(
         training = [part_by_time(one, _SEEN, 1.0) for one in whole]
         testing = [part_by_time(one, 0.0, _SEEN) for one in whole]
     else:
-        training, testing = recommended_sides(about, about.split(split))
+        sides = about.split(split)
+        training, testing = split_sides(read_dataset(about.name, sides.files), about, sides)
     features: Sequence[str] | None = None
     if suited and estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
