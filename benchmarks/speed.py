@@ -53,8 +53,7 @@ from truejoint.estimators import (
     estimator_names,
     get_estimator,
 )
-from truejoint.export.c_source import table
-from truejoint.export.export_c import export_c
+from truejoint.export.export_c import export_c, table
 from truejoint.filters import UnscentedFilter
 from truejoint.filters.state_space import StateSpaceModel
 from truejoint.motion.forceps_trajectories import calibration_trajectory

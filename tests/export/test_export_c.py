@@ -16,8 +16,7 @@ from tests.runtime.streams import faulty
 from truejoint.calibration.zero import Zero
 from truejoint.errors import ExportError, ModelFileError
 from truejoint.estimators import NeuralNetwork, Polynomial
-from truejoint.export.c_source import check_prefix, comment, table
-from truejoint.export.export_c import export_c
+from truejoint.export.export_c import check_prefix, comment, export_c, table
 from truejoint.runtime import Corrector, Status
 
 from .export_models import HISTORY, PLAIN, calibration, recording

@@ -90,7 +90,7 @@ def _write_graph(
     calibration: truejoint.Calibration, folder: Path, *, prefix: str | None, **how: Any
 ) -> tuple[Path, ...]:
     """Write an ONNX graph, named as the C source would be."""
-    from truejoint.export.c_source import check_prefix
+    from truejoint.export.export_c import check_prefix
 
     stem = truejoint.export.default_prefix(calibration) if prefix is None else prefix
     path = folder / f"{check_prefix(stem)}.onnx"

@@ -24,7 +24,6 @@ from truejoint.export.c_statements import (
     assigned,
     block_lines,
     definitions,
-    first_use,
     tree_of,
     without_unread,
 )
@@ -182,12 +181,12 @@ class Function:
 
     # ------------------------------------------------------------------ values
 
-    def visit(self, node: ast.AST, *more: Any) -> Any:
+    def visit(self, node: ast.AST) -> Any:
         """Give what the method for this kind of node gives."""
         method = getattr(self, f"_{type(node).__name__.lower()}", None)
         if method is None:
             raise self.fail(node, f"{type(node).__name__} has no C here")
-        return method(node, *more)
+        return method(node)
 
     def truth(self, node: ast.expr) -> Any:
         """Value of a test."""
@@ -374,8 +373,6 @@ class Function:
         columns = base.shape[1]
         if isinstance(columns, Known):
             offset = scale(index, columns.value)
-        elif isinstance(index, Known):
-            offset = scale(columns, index.value)
         else:
             a, b = self.style.text(index, PRODUCT), self.style.text(columns, PRODUCT + 1)
             offset = Expr(f"{a} * {b}", "int", PRODUCT)
@@ -454,9 +451,6 @@ class Function:
     # ------------------------------------------------------------------ calls
 
     def _call(self, node: ast.Call) -> Any:  # noqa: C901, PLR0911  # one kind of call after the other
-        if isinstance(node.func, ast.Attribute) and node.func.attr == "reshape":
-            view = self.visit(node.func.value)
-            return replace(view, shape=tuple(self.visit(a) for a in node.args))
         function = self.lookup(node.func)
         if node.keywords:
             raise self.fail(node, "keywords have no C")
@@ -504,7 +498,7 @@ class Function:
         """Call of another kernel."""
         tree, _ = tree_of(function.py_func)
         if isinstance(tree.returns, ast.Name) and tree.returns.id in ("Array", "Integers"):
-            return self.inlined(function.py_func, arguments, node)
+            raise self.fail(node, "a kernel that gives an array has no C")
         printed = self.printer.function(function, arguments)
         by_parameter = {a.arg: (a, v) for a, v in zip(tree.args.args, arguments, strict=True)}
         texts: list[str] = []
@@ -544,51 +538,36 @@ class Function:
             return printed.result
         return Expr(text, printed.result)
 
-    def inlined(self, python: Any, arguments: list[Any], node: ast.AST) -> Any:
-        """Call of a function that only gives a view: its statements are run here."""
-        outer = (self.python, self.tree, self.comments, self.env)
-        tree, _ = tree_of(python)
-        env = dict(zip([a.arg for a in tree.args.args], arguments, strict=True))
-        self.python, self.tree, self.comments, self.env = python, tree, {}, env
-        try:
-            for statement in tree.body:
-                if isinstance(statement, ast.Return) and statement.value is not None:
-                    return self.visit(statement.value)
-                self.visit(statement, [])
-        finally:
-            self.python, self.tree, self.comments, self.env = outer
-        raise self.fail(node, "it gives no view at its end")
-
     # ------------------------------------------------------------------ statements
 
     def block(self, body: Sequence[ast.stmt]) -> bool:
         """Print statements; whether control never goes on behind them."""
-        for i, statement in enumerate(body):
+        for statement in body:
             comment = self.comments.get(statement.lineno)
             place = len(self.out)
-            ends = self.visit(statement, body[i + 1 :])
+            ends = self.visit(statement)
             if comment and len(self.out) > place:
                 self.out.insert(place, Statement(comment, comment=True))
             if ends:
                 return True
         return False
 
-    def _pass(self, s: ast.Pass, rest: Sequence[ast.stmt]) -> None:
+    def _pass(self, s: ast.Pass) -> None:
         """Print nothing."""
 
-    def _expr(self, s: ast.Expr, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
+    def _expr(self, s: ast.Expr) -> None:
         if not isinstance(s.value, ast.Constant):
             value = self.visit(s.value)
             if isinstance(value, Expr):
                 self.emit(value.text)
 
-    def _return(self, s: ast.Return, rest: Sequence[ast.stmt]) -> bool:  # noqa: ARG002
+    def _return(self, s: ast.Return) -> bool:
         value = None if s.value is None else self.visit(s.value)
         self.emit("return")
         self.returns.append((self.out[-1], value))  # type: ignore[arg-type]  # it was emitted
         return True
 
-    def _continue(self, s: ast.stmt, rest: Sequence[ast.stmt]) -> bool:  # noqa: ARG002
+    def _continue(self, s: ast.stmt) -> bool:
         if not self.loops:
             raise self.fail(s, "it leaves a loop that is unrolled")
         self.emit(type(s).__name__.lower())
@@ -596,7 +575,7 @@ class Function:
 
     _break = _continue
 
-    def _assign(self, s: ast.Assign, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
+    def _assign(self, s: ast.Assign) -> None:
         targets: Sequence[ast.expr] = s.targets
         if isinstance(targets[0], ast.Tuple):
             assert isinstance(s.value, ast.Tuple)  # noqa: S101  # kernels return no tuples
@@ -606,7 +585,7 @@ class Function:
         for target, value in zip(targets, values, strict=True):
             self.assign(target, value)
 
-    def _annassign(self, s: ast.AnnAssign, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
+    def _annassign(self, s: ast.AnnAssign) -> None:
         if s.value is not None:
             self.assign(s.target, self.visit(s.value))
 
@@ -688,7 +667,7 @@ class Function:
         head = f"for (int {index} = 0; {index} < {count}; {index}++)"
         self.out.append(Block(head, [Statement(text)]))
 
-    def _augassign(self, s: ast.AugAssign, rest: Sequence[ast.stmt]) -> None:  # noqa: ARG002
+    def _augassign(self, s: ast.AugAssign) -> None:
         sign = ARITHMETIC[type(s.op)][0]
         value = self.visit(s.value)
         if isinstance(s.target, ast.Subscript):
@@ -709,20 +688,13 @@ class Function:
 
     # ------------------------------------------------------------------ loops and choices
 
-    def prepare(self, body: Iterable[ast.stmt], rest: Sequence[ast.stmt]) -> None:
-        """Make variables of what a loop or choice changes: known so far, or read behind it."""
-        names = sorted(assigned(body))
-        for name in names:
+    def prepare(self, body: Iterable[ast.stmt]) -> None:
+        """Make variables of what a loop or choice changes and is known so far."""
+        for name in sorted(assigned(body)):
             held = self.env.get(name)
             if isinstance(held, Known):
                 self.set_variable(name, held, None)
                 self.env[name].assigned += 1
-            elif isinstance(held, Expr):
-                self.env[name] = Variable(held.text, held.kind, assigned=2)
-        for name in names:
-            if name not in self.env and first_use(name, rest) == "read":
-                self.env[name] = Variable(self._local(name), "bool", assigned=2)
-                self.emit("", self.env[name], declares=True)
 
     def inner(self, head: str, body: Sequence[ast.stmt], env: dict[str, Any]) -> tuple[Block, bool]:
         """Print the body of a loop or branch, whose own names end with it."""
@@ -733,7 +705,7 @@ class Function:
         self.out, self.env = out, outer
         return block, ends
 
-    def _for(self, s: ast.For, rest: Sequence[ast.stmt]) -> bool:
+    def _for(self, s: ast.For) -> bool:
         """Print a loop, or its rounds one by one where they are few or marked."""
         assert isinstance(s.target, ast.Name)  # noqa: S101  # ranges give numbers
         if not (isinstance(s.iter, ast.Call) and getattr(s.iter.func, "id", "") == "range"):
@@ -758,7 +730,7 @@ class Function:
             raise self.fail(s, "the rounds of an unrolled loop are not known")
         if step.value < -1:
             raise self.fail(s, "a range goes down by one only")
-        self.prepare(s.body, rest)
+        self.prepare(s.body)
         name = self._local(s.target.id)
         way = {1: f"{name}++", -1: f"{name}--"}.get(step.value, f"{name} += {step.value}")
         sign, end = ">" if step.value < 0 else "<", self.style.text(stop, ORDER + 1)
@@ -781,12 +753,12 @@ class Function:
         self.loops = loops
         return ends
 
-    def _if(self, s: ast.If, rest: Sequence[ast.stmt]) -> bool:
+    def _if(self, s: ast.If) -> bool:
         """Print a choice, or what is chosen where that is known."""
         test = self.truth(s.test)
         if isinstance(test, Known):
             return self.block(s.body if test.value else s.orelse)
-        self.prepare([*s.body, *s.orelse], rest)
+        self.prepare([*s.body, *s.orelse])
         return self.branches(s, test, "if")
 
     def branches(self, s: ast.If, test: Any, word: str) -> bool:

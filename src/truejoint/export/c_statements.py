@@ -7,7 +7,7 @@ import inspect
 import re
 import sys
 import textwrap
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -191,26 +191,3 @@ def assigned(statements: Iterable[ast.stmt]) -> set[str]:
 def _nodes(root: ast.AST) -> tuple[ast.Name | ast.For, ...]:
     """Names and loops in a tree."""
     return tuple(node for node in ast.walk(root) if isinstance(node, (ast.Name, ast.For)))
-
-
-def first_use(name: str, body: Sequence[ast.stmt]) -> str:
-    """Whether a name is first "read" or first "set" by statements, or neither for certain."""
-
-    def loads(roots: Iterable[ast.AST]) -> bool:
-        nodes = (node for root in roots for node in _nodes(root) if isinstance(node, ast.Name))
-        return any(node.id == name and isinstance(node.ctx, ast.Load) for node in nodes)
-
-    for s in body:
-        if isinstance(s, (ast.If, ast.For)):
-            uses = {first_use(name, s.body), first_use(name, s.orelse)}
-            if "read" in uses or loads([s.test if isinstance(s, ast.If) else s.iter]):
-                return "read"
-            if uses == {"set"}:
-                return "set"
-            continue
-        sets = name in assigned([s])
-        if loads(ast.iter_child_nodes(s)) or (sets and isinstance(s, ast.AugAssign)):
-            return "read"
-        if sets:
-            return "set"
-    return ""

@@ -49,15 +49,6 @@ class Struct:
                 )
                 self.parts[f.name] = Struct(f.name, name, part)
 
-    def array_at(self, side: Side, place: int) -> Field:
-        """Array field that holds a place of the flat memory."""
-        kind = "array" if side == "memory" else "integers"
-        for f in self.memory.layout.fields.values():
-            start = int(self.memory.numbers[f.index])
-            if f.kind == kind and start <= place < start + self.values(f).size:
-                return f
-        raise Unprintable(f"{self.name}: no {kind} field holds place {place} of its {side}")
-
     def values(self, f: Field) -> NDArray[Any]:
         """Elements of an array field, or the one number of another, in one dimension."""
         if f.name in self.memory.shapes:
@@ -172,11 +163,9 @@ class Constants:
     def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
         """View of a struct's flat memory from a place on, as a part of the array there."""
         struct = handle.struct
-        if isinstance(place.origin, tuple) and place.origin[0] is struct:
-            f: Field = place.origin[1]
-        else:
-            known = place.value if isinstance(place, Known) else place.base
-            f = struct.array_at(handle.side, int(known))
+        if place.origin is None or place.origin[0] is not struct:
+            raise Unprintable(f"{struct.name}: a view begins at no field of its {handle.side}")
+        f: Field = place.origin[1]
         start = Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
         offset = add(place, start, -1)
         kind, root = kind_of(f, self.style), (struct, f.name)

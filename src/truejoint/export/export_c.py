@@ -5,29 +5,26 @@ from __future__ import annotations
 import ast
 import inspect
 import os
+import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from enum import IntFlag
+from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
+import jinja2
 import numpy as np
+from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.interval import LEVEL
 from truejoint.errors import CalibrationError, ExportError
 from truejoint.export.c_printer import print_kernels
-from truejoint.export.c_source import (
-    Precision,
-    check_precision,
-    check_prefix,
-    render,
-    rows,
-    write_files,
-)
 from truejoint.export.c_values import Style
 from truejoint.export.c_vectors import Answers, Vectors, make_vectors
+from truejoint.files import write_all_atomically
 from truejoint.filters import FilterStatus
 from truejoint.layout import Memory
 from truejoint.runtime import fields
@@ -45,6 +42,12 @@ from truejoint.runtime.status import Status
 
 if TYPE_CHECKING:  # whoever fitted it has imported what learns
     from truejoint.calibration import Calibration
+
+Precision = Literal["double", "float"]
+
+MAX_PREFIX: Final = 40
+_PREFIX: Final = re.compile(r"[A-Za-z](?:_?[A-Za-z0-9])*", re.ASCII)
+_UNSAFE: Final = re.compile(r"[^A-Za-z0-9 _.,:;()\[\]{}<>=+/'%^-]")
 
 DOUBLE_TOLERANCE: Final = 1e-12
 """Largest difference from Python [rad or m] that the check of a double source accepts."""
@@ -328,3 +331,81 @@ def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, s
         }
         for i, (name, identifier) in enumerate(zip(names, identifiers, strict=True))
     ]
+
+
+def check_precision(precision: str) -> None:
+    """Refuse, with ExportError, a precision other than ``"double"`` and ``"float"``."""
+    if precision not in get_args(Precision):
+        raise ExportError(f"precision {precision!r:.60} is not 'double' or 'float'")
+
+
+def check_prefix(prefix: str) -> str:
+    """Return `prefix` if every C and C++ name may begin with it; raises ExportError."""
+    if len(prefix) > MAX_PREFIX or not _PREFIX.fullmatch(prefix):
+        raise ExportError(
+            f"prefix {prefix!r:.60} cannot begin the names of the source; use up to {MAX_PREFIX} "
+            "letters, digits and single underscores, a letter first and no underscore last"
+        )
+    return prefix
+
+
+def table(values: ArrayLike, precision: Precision) -> str:
+    """Braced initialiser of the values of an array, row by row."""
+    return f"{{{', '.join(Style(precision == 'float').literals(values))}}}"
+
+
+def rows(values: Array, precision: Precision) -> list[str]:
+    """Braced initialisers of the rows of an array (n, k)."""
+    texts = Style(precision == "float").literals(values)
+    starts = range(0, len(texts), max(values.shape[1], 1))
+    return [f"{{{', '.join(texts[i : i + values.shape[1]])}}}" for i in starts]
+
+
+def comment(text: object) -> str:
+    """Text that cannot end a C comment, whatever a model file says: plain ASCII, no ``*``."""
+    return _UNSAFE.sub(".", str(text))
+
+
+def render(template: str, context: Mapping[str, Any], precision: Precision) -> str:
+    """Fill a template of this package with `context`; an unknown name is an error."""
+    single = precision == "float"
+    names = {"real": precision, "suffix": "f" if single else "", "single": single}
+    return _environment(precision).get_template(template).render(**names, **context)
+
+
+@cache
+def _environment(precision: Precision) -> jinja2.Environment:
+    """Templates and filters, each template compiled once."""
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("truejoint.export", "templates"),
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+        autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
+    )
+    filters: dict[str, Callable[[Any], str]] = {
+        "table": lambda values: table(values, precision),
+        "exact_table": lambda values: table(values, "double"),
+        "comment": comment,
+    }
+    environment.filters.update(filters)
+    return environment
+
+
+def write_files(
+    folder: str | os.PathLike[str], contents: Mapping[str, bytes], *, overwrite: bool
+) -> tuple[Path, ...]:
+    """Write `contents` by file name into `folder`, none of them if one may not be written.
+
+    Raises ExportError if a file exists and `overwrite` is false, or one cannot be written.
+    """
+    paths = tuple(Path(folder) / name for name in contents)
+    try:
+        Path(folder).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"{folder} cannot be written: {error.strerror or error}") from None
+    writers = [partial(Path.write_bytes, data=content) for content in contents.values()]
+    files = dict(zip(paths, writers, strict=True))
+    write_all_atomically(files, overwrite=overwrite, error=ExportError)
+    return paths

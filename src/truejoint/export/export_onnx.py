@@ -18,7 +18,7 @@ from truejoint.errors import ExportError
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.polynomial.run import factors_of
 from truejoint.estimators.stack.run import members
-from truejoint.export.c_source import Precision, check_precision, write_files
+from truejoint.export.export_c import Precision, check_precision, write_files
 from truejoint.extras import require
 from truejoint.files import check_ending
 

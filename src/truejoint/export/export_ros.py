@@ -12,8 +12,7 @@ import numpy as np
 
 from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import ExportError
-from truejoint.export.c_source import Precision, render, write_files
-from truejoint.export.export_c import default_prefix, source_files
+from truejoint.export.export_c import Precision, default_prefix, render, source_files, write_files
 from truejoint.robots import Robot
 
 if TYPE_CHECKING:
