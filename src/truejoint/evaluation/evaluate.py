@@ -12,7 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array
 from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
@@ -140,8 +139,9 @@ def evaluate(
     if rezero > 0.0:
         plain = by_estimator[chosen][0]
         own = {score.joint: score for score in scores if score.estimator == chosen}
-        before = _rmse_without_rezero(plain, recordings, traces)
-        verdict = rezero_remark(verdict, own, before, rezero)
+        pairs = list(zip(recordings, traces, strict=True))
+        plain_errors = [plain.correct(r)[np.isin(r.t, trace.t)] - trace.truth for r, trace in pairs]
+        verdict = rezero_remark(verdict, own, rmse(np.concatenate(plain_errors)), rezero)
     return Evaluation(
         robot=robot.name,
         arm=robot.arm,
@@ -192,37 +192,17 @@ def _check_times(window: float, rezero: float) -> None:
         )
 
 
-def _by_estimator(
-    models: Model | Sequence[Model] | Mapping[str, Model | Sequence[Model]],
-) -> dict[str, list[Calibration]]:
-    if isinstance(models, Mapping):
-        return {name: list(map(_read, _several(model))) for name, model in models.items()}
+def _by_estimator(models: Any) -> dict[str, list[Calibration]]:
+    """Calibrations, read where they are files; raises CalibrationError for what is none."""
     grouped: dict[str, list[Calibration]] = {}
-    for model in map(_read, _several(models)):
-        grouped.setdefault(model.estimator, []).append(model)
+    for name, several in models.items() if isinstance(models, Mapping) else [(None, models)]:
+        if name is not None:
+            grouped[name] = []
+        for item in several if isinstance(several, list | tuple) else [several]:
+            is_path = isinstance(item, str | os.PathLike)
+            model = read_calibration(item) if is_path else as_calibration(item)
+            grouped.setdefault(model.estimator if name is None else name, []).append(model)
     return grouped
-
-
-def _several(models: Any) -> Sequence[Any]:
-    return models if isinstance(models, list | tuple) else [models]
-
-
-def _read(model: Any) -> Calibration:
-    """Give a model, or that of a file; raises CalibrationError for what is none."""
-    return (
-        read_calibration(model) if isinstance(model, str | os.PathLike) else as_calibration(model)
-    )
-
-
-def _rmse_without_rezero(
-    model: Calibration, recordings: Sequence[Recording], traces: Sequence[Trace]
-) -> Array:
-    """RMSE (n_joints,) [rad or m] of positions that are not re-zeroed, on the rows of `traces`."""
-    errors = [
-        model.correct(recording)[np.isin(recording.t, trace.t)] - trace.truth
-        for recording, trace in zip(recordings, traces, strict=True)
-    ]
-    return np.asarray(rmse(np.concatenate(errors)))
 
 
 def _checked_models(calibrations: Models, chosen: str | None) -> tuple[str, tuple[str, ...]]:

@@ -13,7 +13,7 @@ from pathlib import PurePath
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.array_types import Array, Integers, Mask, floats
+from truejoint.array_types import Array, Mask, floats
 from truejoint.calibration import Calibration
 from truejoint.calibration.zero import at_start, zeroed
 from truejoint.errors import CalibrationError, RecordingError, other_kind
@@ -165,12 +165,16 @@ def judge_recording(
     tool, tool_errors = _of_the_tool(robot, recording, judged, joints, truth[judged], estimates)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]
     model = at_zero[chosen][0]
-    status = loop_status(model, recording)
+    # An estimator that uses later rows runs in no loop; its training domain is judged by alone.
+    try:
+        corrector = corrector_for(model, [recording])
+    except CalibrationError:
+        corrector = corrector_for(model.baselines[OFFSET], [recording])
+    corrector.set_homing(True)
+    # A moved zero is another matter than rows unlike the training.
+    status = corrector.run(recording).status & _HOMING
     assert model.training_domain is not None  # noqa: S101  # its corrector refuses others
-    (lower, upper), error = (
-        believable_corrections(model.training_domain),
-        (truth - measured)[judged],
-    )
+    (lower, upper), error = believable_corrections(model.training_domain), truth - measured
     trace = Trace(
         name=name,
         provenance=recording.provenance.to_dict(),
@@ -185,7 +189,7 @@ def judge_recording(
         estimates={key: seeds[0] for key, seeds in estimates.items()},
         tool={key: tool[key] for key in ("truth", OFFSET, chosen) if key in tool},
         status=status[judged],
-        believable=np.all((error >= lower) & (error <= upper), axis=1),
+        believable=np.all((error >= lower) & (error <= upper), axis=1)[judged],
     )
     return JudgedRecording(trace, errors, tool_errors)
 
@@ -252,20 +256,6 @@ def all_joints(recording: Recording, robot: Robot) -> Array:
     positions = np.tile(robot.home, (len(recording), 1))
     positions[:, robot.index(joints)] = recording.columns("measured", joints)
     return positions
-
-
-def loop_status(model: Calibration, recording: Recording) -> Integers:
-    """`Status` bits (n,) of every row, by the corrector's own kernel.
-
-    A moved zero is another matter than rows unlike the training, so bits of the homing are left
-    out. An estimator that uses later rows runs in no loop; its training domain is judged by alone.
-    """
-    try:
-        corrector = corrector_for(model, [recording])
-    except CalibrationError:
-        corrector = corrector_for(model.baselines[OFFSET], [recording])
-    corrector.set_homing(True)
-    return corrector.run(recording).status & _HOMING
 
 
 def domain_of(traces: Sequence[Trace]) -> Domain:

@@ -95,7 +95,12 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
             f"errors to compare are of shapes {list(map(np.shape, errors))} and "
             f"{list(map(np.shape, other))}; give those of the same rows, one at least"
         )
-    parts = [_loss(a) - _loss(b) for a, b in zip(errors, other, strict=True) if len(a)]
+    parts = [
+        np.sum(np.square(a).reshape(len(a), -1), axis=1)
+        - np.sum(np.square(b).reshape(len(b), -1), axis=1)
+        for a, b in zip(errors, other, strict=True)
+        if len(a)
+    ]
     rows = np.concatenate(parts)
     mean = float(rows.mean())
     memory = _TIMES * correlation_time([part - mean for part in parts])
@@ -141,8 +146,3 @@ def correlation_time(parts: Sequence[Array]) -> float:
     times = 2.0 * np.cumsum(correlation) - 1.0
     enough = np.arange(len(times)) >= _WINDOW * times
     return max(float(times[int(np.argmax(enough))] if enough.any() else times.max()), 1.0)
-
-
-def _loss(error: Array) -> Array:
-    square = np.square(error)
-    return square if square.ndim == 1 else square.sum(axis=1)

@@ -72,6 +72,8 @@ _COLUMNS: Final = {
 }  # fmt: skip
 """Attributes of scores by column; a column without a number is left out."""
 
+_SIDES: Final = ("inside", "outside")
+
 
 @dataclass(frozen=True)
 class Row:
@@ -272,26 +274,23 @@ def duration(seconds: float) -> str:
 def origin(metadata: Mapping[str, Any]) -> tuple[list[tuple[str, str]], list[tuple[str, Grid]]]:
     """Tell what a model says of its training: facts by label, and what are tables.
 
-    A table is a list of objects, such as the sessions: its title, and its header and rows of text.
+    A table is a list of objects, such as the sessions: its title, and its header and rows of text,
+    without columns that are empty throughout.
     """
     facts: list[tuple[str, str]] = []
     grids: list[tuple[str, Grid]] = []
     for key, value in metadata.items():
         label = _LABELS.get(key, key.replace("_", " "))
         if isinstance(value, list | tuple) and value and all(isinstance(v, Mapping) for v in value):
-            grids.append((label, _grid(value)))
+            keys = list(dict.fromkeys(key for row in value for key in row))
+            cells = {key: [_text(key, row.get(key)) for row in value] for key in keys}
+            filled = [key for key in keys if any(cells[key])]
+            header = [_LABELS.get(key, key.replace("_", " ")) for key in filled]
+            grid = [header, *([cells[key][i] for key in filled] for i in range(len(value)))]
+            grids.append((label, grid))
         else:
             facts.append((label, _text(key, value)))
     return [(label, text) for label, text in facts if text], grids
-
-
-def _grid(rows: Sequence[Mapping[str, Any]]) -> Grid:
-    """Header and text of a table; columns that are empty throughout are left out."""
-    keys = list(dict.fromkeys(key for row in rows for key in row))
-    cells = {key: [_text(key, row.get(key)) for row in rows] for key in keys}
-    filled = [key for key in keys if any(cells[key])]
-    header = [_LABELS.get(key, key.replace("_", " ")) for key in filled]
-    return [header, *([cells[key][i] for key in filled] for i in range(len(rows)))]
 
 
 def _text(key: str, value: Any) -> str:
@@ -451,17 +450,11 @@ def domain_table(evaluation: Evaluation) -> rich_table.Table:
     """
     rows: list[tuple[str, ...]] = []
     for table in score_tables(evaluation):
-        text, pair = (
-            table.texts(),
-            [f"RMSE {side} [{table.unit}]" for side in ("inside", "outside")],
-        )
-        if pair[1] in text:
-            joint = f"{table.name} [{table.unit}]"
-            rows += [
-                (joint, *cells)
-                for cells in text.reindex(columns=["estimator", *pair], fill_value=DASH).to_numpy()
-            ]
-    header = ("joint", "estimator", "inside", "outside")
+        text, columns = table.texts(), [f"RMSE {side} [{table.unit}]" for side in _SIDES]
+        if columns[1] in text:
+            cells = text.reindex(columns=["estimator", *columns], fill_value=DASH).to_numpy()
+            rows += [(f"{table.name} [{table.unit}]", *row) for row in cells]
+    header = ("joint", "estimator", *_SIDES)
     return Table("RMSE inside and outside the trained domain", header, tuple(rows)).rich()
 
 
@@ -476,14 +469,8 @@ def interval_table(evaluation: Evaluation) -> rich_table.Table:
     count = len(evaluation.interval_trajectories)
     title = f"Stated interval, on {count} test {'trajectories' if count != 1 else 'trajectory'}"
     header = ("joint", "stated", "found inside", "half-width", "fixed offset's", "")
-    rows = [
-        (
-            f"{row['joint']} [{row['unit']}]",
-            row["level"],
-            row["coverage"],
-            *row["widths"],
-            row["agreement"],
-        )
-        for row in interval_rows(evaluation)
-    ]
+    rows = []
+    for row in interval_rows(evaluation):
+        name = f"{row['joint']} [{row['unit']}]"
+        rows.append((name, row["level"], row["coverage"], *row["widths"], row["agreement"]))
     return Table(title, header, tuple(rows)).rich()

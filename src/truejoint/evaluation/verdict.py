@@ -86,7 +86,8 @@ def judge(
         raise CalibrationError(f"the verdict: {unknown('score', chosen, estimators)}")
     limits = _checked_tolerance(tolerance or {}, joints)
     outcomes = {(c.estimator, c.joint): c.outcome for c in comparisons}
-    simpler = _simpler(estimators, chosen)
+    last = BASELINES.index(chosen) if chosen in BASELINES else len(BASELINES)
+    simpler = [name for name in estimators if name in BASELINES[:last]]
     verdicts = []
     for joint in joints:
         rows = {row.estimator: row for row in scores if row.joint == joint}
@@ -113,12 +114,6 @@ def judge(
         deploy=deploy,
         advice=advice,
     )
-
-
-def _simpler(estimators: Sequence[str], chosen: str) -> list[str]:
-    """Baselines that are simpler than the chosen model, simplest first."""
-    last = BASELINES.index(chosen) if chosen in BASELINES else len(BASELINES)
-    return [name for name in estimators if name in BASELINES[:last]]
 
 
 def _beside_simpler(

@@ -221,9 +221,16 @@ class Function:
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr == "shape":
             return self.visit(node.value).shape
-        if isinstance(node.value, ast.Name) and isinstance(self.env.get(node.value.id), Record):
-            return self.field_of(self.env[node.value.id], node)
-        return self.constant(node, getattr(self.lookup(node.value), "__name__", ""), node.attr)
+        record = self.env.get(node.value.id) if isinstance(node.value, ast.Name) else None
+        if not isinstance(record, Record):
+            return self.constant(node, getattr(self.lookup(node.value), "__name__", ""), node.attr)
+        memory = record.numbers.struct.memory
+        f = memory.layout.fields[node.attr]
+        side = record.memory if f.kind in ("scalar", "array") else record.numbers
+        place = self.cell(record.numbers if f.shape else side, Known(f.index), node, write=False)
+        if not f.shape:
+            return place
+        return self.printer.constants.view(side, place, tuple(map(Known, memory.shapes[f.name])))
 
     def constant(self, node: ast.expr, module: str, name: str) -> Any:
         """Constant of a module, by the name that C has for it."""
@@ -438,16 +445,6 @@ class Function:
             view = replace(view, values=None)
         return self.element(view, Known(0))
 
-    def field_of(self, record: Record, node: ast.Attribute) -> Any:
-        """Field that a kernel has unpacked: a view of an array, or a number."""
-        memory = record.numbers.struct.memory
-        f = memory.layout.fields[node.attr]
-        side = record.memory if f.kind in ("scalar", "array") else record.numbers
-        place = self.cell(record.numbers if f.shape else side, Known(f.index), node, write=False)
-        if not f.shape:
-            return place
-        return self.printer.constants.view(side, place, tuple(map(Known, memory.shapes[f.name])))
-
     # ------------------------------------------------------------------ calls
 
     def _call(self, node: ast.Call) -> Any:  # noqa: C901, PLR0911  # one kind of call after the other
@@ -455,7 +452,11 @@ class Function:
         if node.keywords:
             raise self.fail(node, "keywords have no C")
         if function in (marks.local_vector, marks.local_matrix):
-            return self.room(node)
+            shape = tuple(self.visit(n) for n in node.args)
+            if not all(isinstance(n, Known) for n in shape):
+                raise self.fail(node, "its size is not known")
+            # It gets the name that it is assigned to.
+            return View("", Known(0), shape, "real", (self, ""), Known(0))
         arguments = [self.visit(a) for a in node.args]
         if getattr(function, "gives_fields", False):
             return Record(*arguments)
@@ -484,13 +485,6 @@ class Function:
         if found is None:
             raise self.fail(node, f"{name or 'this function'} has no C here")
         return found
-
-    def room(self, node: ast.Call) -> View:
-        """Room for numbers of a known count, which gets the name that it is assigned to."""
-        shape = tuple(self.visit(n) for n in node.args)
-        if not all(isinstance(n, Known) for n in shape):
-            raise self.fail(node, "its size is not known")
-        return View("", Known(0), shape, "real", (self, ""), Known(0))
 
     def call(  # noqa: C901, PLR0912  # one kind of argument after the other
         self, function: Any, arguments: list[Any], node: ast.AST
@@ -575,8 +569,10 @@ class Function:
 
     _break = _continue
 
-    def _assign(self, s: ast.Assign) -> None:
-        targets: Sequence[ast.expr] = s.targets
+    def _assign(self, s: ast.Assign | ast.AnnAssign) -> None:
+        if s.value is None:
+            return
+        targets: Sequence[ast.expr] = s.targets if isinstance(s, ast.Assign) else [s.target]
         if isinstance(targets[0], ast.Tuple):
             assert isinstance(s.value, ast.Tuple)  # noqa: S101  # kernels return no tuples
             targets, values = targets[0].elts, [self.visit(e) for e in s.value.elts]
@@ -585,9 +581,7 @@ class Function:
         for target, value in zip(targets, values, strict=True):
             self.assign(target, value)
 
-    def _annassign(self, s: ast.AnnAssign) -> None:
-        if s.value is not None:
-            self.assign(s.target, self.visit(s.value))
+    _annassign = _assign
 
     def assign(self, target: ast.expr, value: Any) -> None:
         """Print one assignment."""
@@ -636,7 +630,7 @@ class Function:
         """Declare a local array, for a name."""
         local, size = self._local(name), 1
         for length in view.shape:
-            size *= length.value  # type: ignore[union-attr]  # `room` knows it
+            size *= length.value  # type: ignore[union-attr]  # `_call` knows it
         self.emit(f"{self.style.type(view.kind)} {local}[{size}]")
         return replace(view, text=local, root=(self, local))
 
@@ -725,7 +719,14 @@ class Function:
                 isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s)
             )
             if not rounds or marked or one:
-                return self.rounds(s, s.target.id, rounds)
+                loops, self.loops, ends = self.loops, [], False
+                for number in rounds:
+                    self.env[s.target.id] = Known(number)
+                    ends = self.block(s.body)
+                    if ends:
+                        break
+                self.loops = loops
+                return ends
         if marked:
             raise self.fail(s, "the rounds of an unrolled loop are not known")
         if step.value < -1:
@@ -740,18 +741,6 @@ class Function:
         self.loops.pop()
         self.out.append(block)
         return False
-
-    def rounds(self, s: ast.For, name: str, rounds: range) -> bool:
-        """Print the rounds of a loop one after the other."""
-        loops, self.loops = self.loops, []
-        ends = False
-        for number in rounds:
-            self.env[name] = Known(number)
-            ends = self.block(s.body)
-            if ends:
-                break
-        self.loops = loops
-        return ends
 
     def _if(self, s: ast.If) -> bool:
         """Print a choice, or what is chosen where that is known."""

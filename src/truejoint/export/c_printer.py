@@ -16,6 +16,7 @@ import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
@@ -140,7 +141,7 @@ class Printer:
             rest += fresh
         printed_functions = [printed for name, printed in self.functions.items() if name in used]
         whole = "\n\n".join(self._text(printed) for printed in printed_functions)
-        if any(_is_wide(printed) for printed in printed_functions):
+        if any(getattr(printed.python, "is_wide", False) for printed in printed_functions):
             whole = f"{WIDE}\n\n{whole}"
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
         lines = [
@@ -168,36 +169,30 @@ class Printer:
         doc = inspect.cleandoc(printed.python.__doc__ or "").split("\n\n")[0]
         about = doc.replace("\n", " ").replace("`", "").replace("*/", "")
         lines = wrapped_comment(about, "") if about else []
-        lines += ["WIDE"] if _is_wide(printed) else []
+        lines += ["WIDE"] if getattr(printed.python, "is_wide", False) else []
         return "\n".join([*lines, *wrapped(head, ""), "{", *filter(None, [printed.text]), "}"])
 
     def _apart(self, name: str, callers: tuple[str, ...]) -> bool:
         """Whether no call of a function passes pointers to the same numbers."""
-        if name in callers:
-            return True
         pointers = self.functions[name].pointers
         for callee, caller, arguments in self.calls:
-            if callee != name:
+            passed = [(pointers[p], a) for p, a in arguments.items() if p in pointers]
+            if callee != name or callee in callers:
                 continue
-            pairs = [(pointers[p], a) for p, a in arguments.items() if p in pointers]
-            for i, (p, a) in enumerate(pairs):
-                for q, b in pairs[i + 1 :]:
-                    if (p or q) and not self._disjoint(a, b, caller, (*callers, name)):
+            for (written, a), (also, b) in combinations(passed, 2):
+                if not (written or also):
+                    continue
+                if isinstance(a, Handle) or isinstance(b, Handle):
+                    return False
+                if a.root == b.root:
+                    if not (a.ends_before(b) or b.ends_before(a)):
                         return False
+                elif not (
+                    all(isinstance(view.root[0], Struct) for view in (a, b))
+                    or self._apart(caller.name, (*callers, name))
+                ):
+                    return False
         return True
-
-    def _disjoint(self, a: Any, b: Any, caller: Function, callers: tuple[str, ...]) -> bool:
-        if isinstance(a, Handle) or isinstance(b, Handle):
-            return False
-        if a.root == b.root:
-            return bool(a.ends_before(b) or b.ends_before(a))
-        if all(isinstance(view.root[0], Struct) for view in (a, b)):
-            return True
-        return self._apart(caller.name, callers)
-
-
-def _is_wide(printed: Function) -> bool:
-    return getattr(printed.python, "is_wide", False)
 
 
 def _helpers(style: Style) -> dict[str, str]:

@@ -179,15 +179,9 @@ def definitions(module: str) -> dict[str, tuple[Any, ...]]:
 
 def assigned(statements: Iterable[ast.stmt]) -> set[str]:
     """Names of scalars and arrays that statements assign to."""
-    nodes = [node for statement in statements for node in _nodes(statement)]
+    nodes = [node for statement in statements for node in ast.walk(statement)]
     loops = {
         n.target.id for n in nodes if isinstance(n, ast.For) and isinstance(n.target, ast.Name)
     }
     stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     return stored - loops
-
-
-@cache  # of what `tree_of` keeps: a printer asks again for each of its arguments
-def _nodes(root: ast.AST) -> tuple[ast.Name | ast.For, ...]:
-    """Names and loops in a tree."""
-    return tuple(node for node in ast.walk(root) if isinstance(node, (ast.Name, ast.For)))

@@ -227,7 +227,9 @@ def operate(style: Style, op: ast.operator, a: Any, b: Any) -> Any:  # noqa: C90
                 return other if isinstance(op, ast.BitOr) else Known(0)
     if bitwise:
         first, second = (
-            style.text(v, level if _is_operation(v, sign, level) else UNARY, kind) for v in (a, b)
+            style.text(v, level if alike else UNARY, kind)
+            for v in (a, b)
+            for alike in [sign in v.symbol if isinstance(v, Known) else is_of(v, level)]
         )
     else:
         first, second = style.text(a, level, kind), style.text(b, level + 1, kind)
@@ -292,11 +294,6 @@ def is_of(value: Any, level: int) -> bool:
     return isinstance(value, Expr) and value.level == level
 
 
-def _is_operation(value: Any, sign: str, level: int) -> bool:
-    """Whether a value is what the same operator gave."""
-    return sign in value.symbol if isinstance(value, Known) else is_of(value, level)
-
-
 def _folded(op: ast.operator, a: Known, b: Known, kind: Kind, compute: Any) -> Known:
     """Apply an operator to two known numbers."""
     if kind in ("real", "time"):
@@ -304,9 +301,7 @@ def _folded(op: ast.operator, a: Known, b: Known, kind: Kind, compute: Any) -> K
             return Known(float(compute(np.float64(a.value), np.float64(b.value))))
     symbol = ""
     if isinstance(op, ast.BitOr):
-        if a.value == 0 or b.value == 0:
-            symbol = b.symbol if a.value == 0 else a.symbol
-        elif a.symbol and b.symbol:
-            symbol = f"{a.symbol} | {b.symbol}"
+        named = [v.symbol for v in (a, b) if v.value]
+        symbol = " | ".join(named) if all(named) else ""
     origin = (a.origin or b.origin) if isinstance(op, ast.Add) else None
     return Known(compute(a.value, b.value), symbol, origin)

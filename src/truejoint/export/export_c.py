@@ -26,7 +26,6 @@ from truejoint.export.c_values import Style
 from truejoint.export.c_vectors import Answers, Vectors, make_vectors
 from truejoint.files import write_all_atomically
 from truejoint.filters import FilterStatus
-from truejoint.layout import Memory
 from truejoint.runtime import fields
 from truejoint.runtime.compensation import compensate
 from truejoint.runtime.compensator import Compensator
@@ -65,6 +64,8 @@ _TEMPLATES: Final = {
     "_vectors.h": "vectors.h.j2",
     "_check.c": "check.c.j2",
 }
+_INPUTS: Final = ("t", "sample", "is_homed", "told_id", "offset")
+_COMPENSATOR_INPUTS: Final = ("status", "wanted", "measured", "correction", "setpoint", "gain")
 _OF_PYTHON: Final = Status.WRONG_SIZE | Status.OTHER_THREAD
 """What only a sample or a thread of Python can be."""
 _COMPENSATOR_TEMPLATES: Final = {
@@ -162,13 +163,21 @@ def source_files(
         memory = fields.pack(calibration, limits, level)
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None
-    context = _memory_context(memory, prefix, precision)
+    guard = prefix.upper()
+    program = print_kernels(
+        (correct_sample, forget, acknowledge, tell_homing, accept_offset), memory, "state",
+        f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
+        named={"homing": f"{guard}_NOT_HOMED"},
+        enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
+    )  # fmt: skip
     dtype = np.float64 if precision == "double" else np.float32
     vectors, answers, offset, error, strayed = make_vectors(
         calibration, limits, level, range_margin, dtype, compensator
     )
-    context |= {
-        "prefix": prefix, "guard": prefix.upper(), "level": LEVEL if level is None else level,
+    context = {
+        "program": program, "is_filter": f"{guard}_FILTER_" in program.functions,
+        "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
+        "prefix": prefix, "guard": guard, "level": LEVEL if level is None else level,
         "title": calibration.title, "estimator": calibration.estimator,
         "rows": _vector_rows(vectors, answers, precision), "n_vectors": len(vectors),
         "vector_offset": offset,
@@ -180,7 +189,17 @@ def source_files(
     templates = dict(_TEMPLATES)
     context["compensates"] = compensator is not None
     if compensator is not None:
-        context |= _compensator_context(compensator, prefix) | {
+        loop = compensator.around(compensator.corrector).memory
+        context |= {
+            "loop": print_kernels(
+                (compensate,),
+                loop,
+                "compensator",
+                f"{prefix}_compensator",
+                inputs=_COMPENSATOR_INPUTS,
+            ),
+            "rate": compensator.rate,
+            "measured": compensator.measured,
             "vector_start": vectors.sample[0, compensator.measured],
             "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
         }
@@ -226,31 +245,6 @@ def check_command(paths: Sequence[Path]) -> str:
     """
     sources = " ".join(str(path) for path in paths if path.suffix == ".c")
     return f"cc -std=c99 -O2 {sources} -lm -o check && ./check"
-
-
-def _memory_context(memory: Memory, prefix: str, precision: Precision) -> dict[str, Any]:
-    """Values of the templates that are printed from the corrector's memory and kernels."""
-    inputs = ["t", "sample", "is_homed", "told_id", "offset"]
-    guard = prefix.upper()
-    program = print_kernels(
-        (correct_sample, forget, acknowledge, tell_homing, accept_offset), memory, "state",
-        f"{prefix}_state", single=precision == "float", inputs=inputs,
-        named={"homing": f"{guard}_NOT_HOMED"},
-        enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
-    )  # fmt: skip
-    return {
-        "program": program,
-        "is_filter": f"{guard}_FILTER_" in program.functions,
-        "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
-    }
-
-
-def _compensator_context(compensator: Compensator, prefix: str) -> dict[str, Any]:
-    """Values of the templates that are printed from the compensator's memory and kernels."""
-    begun = compensator.around(compensator.corrector).memory
-    given = ("status", "wanted", "measured", "correction", "setpoint", "gain")
-    loop = print_kernels((compensate,), begun, "compensator", f"{prefix}_compensator", inputs=given)
-    return {"loop": loop, "rate": compensator.rate, "measured": compensator.measured}
 
 
 def _precision_context(

@@ -96,7 +96,10 @@ def _context(calibration: Calibration, robot: Robot, prefix: str) -> dict[str, A
         "joint_names": robot.joint_names,
         "corrected": robot.index(list(calibration.joints)),
         "corrected_names": calibration.joints,
-        "motor_effort": _motor_effort(robot) if _any(values, "motor") else None,
+        # Takes efforts on the joints to those at the motors.
+        "motor_effort": None
+        if robot.transmission is None or not _any(values, "motor")
+        else robot.transmission.motor_effort(np.eye(len(robot.joint_names))),
         "needs_velocity": _any(values, "in.velocity"),
         "needs_effort": _any(values, "in.effort") or _any(values, "motor"),
         "needs_setpoint": _any(values, "setpoint_"),
@@ -120,10 +123,3 @@ def _value(robot: Robot, signal: str) -> str:
     if channel in robot.unused_channels:
         return "0.0"
     return f"{arrays[quantity]}[{robot.joint_names.index(channel)}]"
-
-
-def _motor_effort(robot: Robot) -> Any:
-    """Matrix (n_joints, n_joints) that takes efforts on the joints to those at the motors."""
-    if robot.transmission is None:
-        return None
-    return robot.transmission.motor_effort(np.eye(len(robot.joint_names)))

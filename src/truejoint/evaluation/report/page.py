@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import base64
 import importlib.metadata
 import json
 import platform
+from base64 import b64encode
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from truejoint.calibration import Calibration
     from truejoint.tip import TouchReport
 
+_DATA_URI: Final = "data:text/plain;base64,"
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
@@ -152,9 +153,9 @@ def render_report(
         origin=view.origin(evaluation.training),
         tables=tables,
         downloads=[
-            (table.name, suffix, f"{table.stem}.{suffix}", _data_uri(text))
+            (table.name, kind, f"{table.stem}.{kind}", _DATA_URI + b64encode(text).decode())
             for table in tables
-            for suffix, text in (("csv", table.csv()), ("tex", table.latex()))
+            for kind, text in (("csv", table.csv().encode()), ("tex", table.latex().encode()))
         ],
         sources=used + tested,
         command=command,
@@ -338,18 +339,10 @@ def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **
         drawn=drawn,
         view=view,
         title_of=estimator_title,
-        plotly=_asset("plotly-gl3d.min.js"),
+        plotly=(files(__package__) / "assets/plotly-gl3d.min.js").read_text(encoding="utf-8"),
         figures=script_json({"figures": shown, "dark": plot.DARK}),
         **values,
     )
-
-
-def _data_uri(text: str) -> str:
-    return "data:text/plain;base64," + base64.b64encode(text.encode()).decode("ascii")
-
-
-def _asset(name: str) -> str:
-    return (files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 
 def render_page(template: str, *, package: str = __package__, **values: Any) -> str:
