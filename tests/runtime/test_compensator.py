@@ -36,10 +36,7 @@ def test_each_joint_of_three_is_compensated_as_if_it_were_alone():
     scalars = {"doubted": 1, "lead": 4.0, "gain": 0.5, "share": 0.3, "integral": 0.1,
                "settle": 0.05, "dead_band": 0.01}  # fmt: skip
     limits = {"lower": [-0.2, -0.5, -0.1], "upper": [0.3, 0.1, 0.6], "step": [0.05, 0.02, 0.1]}
-    states = (
-        "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
-        "expected", "forward",
-    )  # fmt: skip
+    states = ("wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up")
 
     def packed(joints):
         n = len(joints)
@@ -55,9 +52,7 @@ def test_each_joint_of_three_is_compensated_as_if_it_were_alone():
     seen = {"is_limited": set(), "rests": set()}
     for goal in goals:
         told = {"wanted": goal, "measured": goal + rng.normal(0.0, 0.02, 3),
-                "correction": rng.normal(0.02, 0.005, 3),
-                "expected": rng.normal(0.01, 0.005, 3),
-                "forward": rng.normal(0.01, 0.005, 3)}  # fmt: skip
+                "correction": rng.normal(0.02, 0.005, 3)}  # fmt: skip
         for joints, memory in loops:
             for name, values in told.items():
                 memory.view(name)[:] = values[joints]
@@ -195,25 +190,6 @@ def test_what_is_lost_is_held_where_the_corrector_is_not_sure():
     assert settled_at(believing, 0.2) == pytest.approx(-0.2)
     told.correction = np.array([np.nan])
     assert np.isfinite(believing.step(9.0, [0.1], [np.nan])).all()
-
-
-def test_motors_go_at_once_where_a_load_that_is_wanted_takes_the_joint():
-    """Before, while and after it comes the set-point is the same; the joint gives way by it."""
-    told = Told()
-    compensator = quick(told, gain=0.0, lag=0.0)
-    compensator.start([0.3])
-    setpoints = []
-    for k in range(60):
-        load = min(max(0.01 * (k - 30), 0.0), 0.1)  # the motor's way comes late
-        told.correction = np.array([load])
-        compensator.expected[:], compensator.forward[:] = load, 0.1 if k >= 20 else 0.0
-        goal = 0.3 + 1e-9 * k  # it is not to stand still
-        setpoints.append(compensator.step(k / 250.0, [0.3], [goal])[0])
-    np.testing.assert_allclose(setpoints[:20], 0.3, atol=1e-6)
-    np.testing.assert_allclose(setpoints[24:], 0.2, atol=1e-6)
-    compensator.start([0.3])
-    told.correction = np.zeros(1)
-    assert compensator.step(9.0, [0.3], [0.3]) == pytest.approx([0.3])  # it forgets
 
 
 @pytest.mark.parametrize("rate", [100.0, 250.0, 1000.0])

@@ -160,9 +160,6 @@ class Family:
     bears_load: Callable[[Params], bool] = lambda _params: False
     """Whether it still holds where a load moves the joint off what its motor says, so that signals
     that disagree more than in training are no fault."""
-    gives_way: Callable[[Mapping[str, Array]], Array] | None = None
-    """How far (n_outputs, n_beside) the joints give way to each quantity beside, per its unit, at
-    motors that stand: of the learnt arrays."""
     offline: str = "uses later rows"  # why there is no row, where there is none
     specialise: Callable[[Params], Mapping[str, Any]] | None = None
     """Fields of the family that the parameters decide."""

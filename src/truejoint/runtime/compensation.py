@@ -27,10 +27,8 @@ LAYOUT.array("measured", "of this sample [rad or m]", "n_joints")
 LAYOUT.array("correction", "true less measured, as the model says [rad or m]", "n_joints")
 LAYOUT.array("setpoint", "put out [rad or m]", "n_joints")
 LAYOUT.array("last_wanted", "one step before; NaN at first [rad or m]", "n_joints")
-LAYOUT.array("lost", "correction less expected, low-passed [rad or m]", "n_joints")
+LAYOUT.array("lost", "correction, low-passed [rad or m]", "n_joints")
 LAYOUT.array("made_up", "of the error that remained [rad or m]", "n_joints")
-LAYOUT.array("expected", "of the correction, by feed-forward [rad or m]", "n_joints")
-LAYOUT.array("forward", "true less measured at the set-points [rad or m]", "n_joints")
 LAYOUT.array("lower", "limit of the set-point [rad or m]", "n_joints")
 LAYOUT.array("upper", "limit of the set-point [rad or m]", "n_joints")
 LAYOUT.array("step", "longest step of the set-point [rad or m]", "n_joints")
@@ -81,15 +79,14 @@ def feed_back(
 ) -> float:
     """Learn what joint `k` loses, and give the share of its error that is added at once."""
     m = unpack(numbers, memory)
-    strange = m.correction[k] - m.expected[k]
     missing = before - m.measured[k] - m.correction[k]
     is_near = abs(missing) < m.dead_band
     if known == 0:
-        m.lost[k] = strange
+        m.lost[k] = m.correction[k]
         if m.integral > 0.0:  # the first set-point is that which is there
             m.made_up[k] = m.setpoint[k] - before + m.correction[k]
     else:
-        m.lost[k] = m.lost[k] + m.share * (strange - m.lost[k])
+        m.lost[k] = m.lost[k] + m.share * (m.correction[k] - m.lost[k])
         if m.is_limited[k] == 0 and not is_near:
             m.made_up[k] += m.integral * missing
     m.rests[k] = 1 if goal == before and is_near else 0
@@ -103,8 +100,7 @@ def go_on(
     """Move the set-point of joint `k`, within its limits."""
     m = unpack(numbers, memory)
     setpoint, longest = m.setpoint[k], m.step[k]
-    lost = m.lost[k] + m.forward[k]
-    asked = ahead + m.made_up[k] - lost
+    asked = ahead + m.made_up[k] - m.lost[k]
     if m.knows_lost == 0:
         asked = setpoint + goal - before
     elif goal == before:

@@ -124,10 +124,7 @@ class Compensator:
     setpoint : ndarray, shape (n_joints,)
         For the corrector's joints [rad or m]; copy what you want to keep.
     lost : ndarray, shape (n_joints,)
-        True less measured position, as it is made up for [rad or m], beyond what is fed forward.
-    expected, forward : ndarray, shape (n_joints,)
-        True less measured position [rad or m] where the motors are, and at the next set-points, by
-        whoever knows it before the loop does and writes it here; 0 by default.
+        True less measured position, as it is made up for [rad or m].
     measured : list of int
         Where the joints' measured positions stand in a sample.
     is_limited : ndarray of int, shape (n_joints,)
@@ -182,7 +179,6 @@ class Compensator:
         zeros = np.zeros(len(joints))
         arrays = (
             "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
-            "expected", "forward",
         )  # fmt: skip
         self.memory: Final = at.LAYOUT.pack(
             doubted=~int(believed), lead=lag * rate, gain=gain,
@@ -196,8 +192,6 @@ class Compensator:
         self.setpoint: Array = view("setpoint")
         self.lost: Array = view("lost")
         self.is_limited: Integers = view("is_limited")
-        self.expected: Array = view("expected")
-        self.forward: Array = view("forward")
         self._lower, self._upper = view("lower"), view("upper")
         self._wanted, self._measured = view("wanted"), view("measured")
         self._correction = view("correction")
@@ -235,7 +229,6 @@ class Compensator:
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest from set-points (n_joints,) [rad or m] that the arm already has."""
         self.setpoint[:] = setpoint
-        self.expected[:] = self.forward[:] = 0.0
         begin(self.memory.numbers, self.memory.memory)
 
     def step(self, t: float, sample: ArrayLike, wanted: ArrayLike) -> Array:

@@ -116,9 +116,6 @@ class Corrector(Summarised):
         and ``hybrid`` ``"torque"`` at the jaw [Nm], where recordings had ``truth_effort/jaw`` (its
         half-width is the filter's, too wide with trees), of ``ukf_cables`` and ``hybrid_cables``
         ``"grip"``, ``"tip_first"`` and ``"tip_second"`` [Nm]; of a mean what its members tell.
-    gives_way : mapping of str to ndarray, shape (n_joints,)
-        How far the joints give way to each of these while the motors stand [rad/Nm or m/N], where
-        the model knows.
 
     Raises
     ------
@@ -147,8 +144,8 @@ class Corrector(Summarised):
 
     __slots__ = (
         "_commands", "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample",
-        "_statuses", "_taking", "_thread", "beside", "correction", "features", "gives_way",
-        "half_width", "joints", "made_for", "offset", "position", "signals",
+        "_statuses", "_taking", "_thread", "beside", "correction", "features", "half_width",
+        "joints", "made_for", "offset", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -172,12 +169,10 @@ class Corrector(Summarised):
         self.offset = packed.view("offset")
         self.features = packed.view("features")
         family = data.family
-        paths, ways = family.beside(data.fitted.params), family.gives_way
+        paths = family.beside(data.fitted.params)
         self.beside: dict[str, Array] = {
             name: packed.part("model", *path).view(name) for name, path in paths.items()
         }
-        compliances = () if ways is None else ways(data.fitted.arrays).T
-        self.gives_way: dict[str, Array] = dict(zip(paths, compliances, strict=False))
         homings = data.origin.homing_ids
         self._homings = {name: at.HOMING_OF_CALIBRATION - k for k, name in enumerate(homings)}
         self._statuses = _Statuses()

@@ -112,16 +112,6 @@ def test_of_a_load_that_calibration_did_not_have_it_says_what_the_filter_says():
     assert (own.load_deviation > 0.0).all()
 
 
-def test_joints_give_way_to_a_grip_as_their_cables_are_stiff():
-    """By the balance of the loops: each jaw by its torque over the stiffness of its loop."""
-    ways = ready(model("hybrid_cables").without_redundant()).gives_way
-    assert tuple(ways) == LOADS
-    found = {name: value for name, (value, *_) in model("hybrid_cables").model.identified.items()}
-    radius = 2.8e-3  # [m] of the cables' path on the jaws
-    expected = [1.0 / (2.0 * found[f"{jaw}_stiffness"] * radius**2) for jaw in ("jaw1", "jaw2")]
-    np.testing.assert_allclose(ways["grip"][1:], [-expected[0], expected[1]], rtol=0.02)
-
-
 def test_without_a_load_it_is_refused_as_the_filter_is():
     with pytest.raises(CalibrationError, match="add a minute under known loads"):
         calibrate(wrist()[:1], "hybrid_cables")

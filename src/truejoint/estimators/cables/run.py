@@ -287,5 +287,4 @@ FAMILY: Final = Family(
     states_deviation=lambda _params: True,
     beside=lambda _params: dict.fromkeys(LOADS, ()),
     bears_load=lambda _params: True,
-    gives_way=lambda arrays: angles_by_state(arrays["parameters"])[:, LOAD:],
 )

@@ -115,24 +115,6 @@ def grips(pose: Array, seed: int) -> tuple[Array, Array]:
     return asked, held
 
 
-def grip_steps(seconds: float, seed: int) -> tuple[Array, Array]:
-    """Pose (n, 3) [rad] in `steps` after a rest, and grip (n,) [Nm] that is wanted along it.
-
-    None for a second, then a light one, and from the end of the next second on minimum-jerk steps
-    from 10 to 70 mNm, each held for 1 to 2 s.
-    """
-    rng, start = np.random.default_rng([seed, 3]), round(1.0 / SETPOINT_DT)
-    parts, level, rows = [np.zeros(start), np.full(start, _LIGHT)], _LIGHT, 0
-    blend = _blend(_STEP)
-    while rows < seconds / SETPOINT_DT:
-        end, held = rng.uniform(*_GRIP), round(rng.uniform(1.0, 2.0) / SETPOINT_DT)
-        parts += [level + blend * (end - level), np.full(held, end)]
-        rows, level = rows + len(blend) + held, end
-    grip = np.concatenate(parts)[: 2 * start + round(seconds / SETPOINT_DT)]
-    pose = steps(seconds, seed)
-    return np.vstack([np.tile(pose[0], (2 * start, 1)), pose]), grip
-
-
 def pushes(rows: int, seed: int) -> Array:
     """Draw forces at the tip (n, 2) [N] that come and go, a row a millisecond."""
     rng, t = np.random.default_rng([seed, 2]), np.arange(rows) * SETPOINT_DT
