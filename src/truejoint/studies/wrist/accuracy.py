@@ -105,15 +105,10 @@ METHODS: Final[Mapping[str, Method]] = {
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
     settings.check_names("method", "methods", METHODS)
-    check_times(settings)
-    get_robot("wrist", settings["instrument"])  # refused here if there is none
-    return specimens(settings, judge, "methods", "instrument", "free_s", "loaded_s", "test_s")
-
-
-def check_times(settings: Settings) -> None:
-    """Raise StudyError unless something is calibrated on, and a test lasts beyond `SETTLED`."""
     if not settings["test_s"] > SETTLED:
         raise StudyError(f"test_s={settings['test_s']:g}; it must be above {SETTLED:g}")
+    get_robot("wrist", settings["instrument"])  # refused here if there is none
+    return specimens(settings, judge, "methods", "instrument", "free_s", "loaded_s", "test_s")
 
 
 def specimens(settings: Settings, judge: Callable[..., Any], *names: str) -> list[Part]:

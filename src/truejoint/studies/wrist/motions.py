@@ -77,17 +77,12 @@ def steps(seconds: float, seed: int) -> Array:
     while rows < length:
         end = _CENTRE + 0.9 * _REACH * rng.uniform(-1.0, 1.0, 3)
         duration = max(0.2, 1.875 * float(np.abs(end - pose).max()) / _SPEED)
-        blend = _blend(duration)
+        s = np.arange(1, round(duration / SETPOINT_DT) + 1) * SETPOINT_DT / duration
+        blend = s**3 * (10.0 - 15.0 * s + 6.0 * s**2)
         rest = round(rng.uniform(*_REST) / SETPOINT_DT)
         parts += [pose + blend[:, None] * (end - pose), np.tile(end, (rest, 1))]
         rows, pose = rows + len(blend) + rest, end
     return np.asarray(np.vstack(parts)[:length])
-
-
-def _blend(duration: float) -> Array:
-    """Minimum jerk from 0 to 1 (n,) in `duration` [s], a row a millisecond."""
-    s = np.arange(1, round(duration / SETPOINT_DT) + 1) * SETPOINT_DT / duration
-    return np.asarray(s**3 * (10.0 - 15.0 * s + 6.0 * s**2))
 
 
 def grips(pose: Array, seed: int) -> tuple[Array, Array]:
