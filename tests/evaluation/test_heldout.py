@@ -3,8 +3,8 @@ from collections.abc import Callable
 import pytest
 
 from truejoint.calibration.origin import Origin, Session
+from truejoint.evaluation.evaluate import part_by_time
 from truejoint.evaluation.results import Domain
-from truejoint.evaluation.splits import part_by_time
 from truejoint.evaluation.verdict import doubts_about, objections_to
 from truejoint.recordings import DataCheck
 from truejoint.recordings.table.recording import Recording

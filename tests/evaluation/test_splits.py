@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from truejoint.errors import RecordingError
-from truejoint.evaluation.splits import part_by_time, split_sides
+from truejoint.evaluation.evaluate import part_by_time, split_sides
 from truejoint.recordings.datasets import DATASETS, HeldOut
 from truejoint.recordings.table.recording import Provenance, Recording
 

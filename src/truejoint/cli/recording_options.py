@@ -228,7 +228,7 @@ class Files(Origin):
         return reading.state(recordings, self.stated())
 
     def _split_side(self, dataset: str | None, name: str, held_out: bool) -> Read:
-        from truejoint.evaluation.splits import split_sides
+        from truejoint.evaluation.evaluate import split_sides
 
         if dataset is None:
             raise RecordingError(

@@ -1,4 +1,5 @@
 from .evaluate import evaluate as evaluate
+from .evaluate import part_by_time as part_by_time
 from .judge import percent_of as percent_of
 from .judge import rmse as rmse
 from .judge import tool_error as tool_error
@@ -23,6 +24,5 @@ from .score_rows import interval_table as interval_table
 from .score_rows import score_table as score_table
 from .score_rows import score_tables as score_tables
 from .score_rows import write_tables as write_tables
-from .splits import part_by_time as part_by_time
 from .verdict import judge as judge
 from .verdict import to_deploy as to_deploy

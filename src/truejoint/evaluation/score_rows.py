@@ -77,12 +77,11 @@ _SIDES: Final = ("inside", "outside")
 
 @dataclass(frozen=True)
 class Row:
-    """A row: its name, its cells, the unit for a person, and whether it is picked out."""
+    """A row: its name, its cells, and the unit for a person."""
 
     name: str
     cells: Sequence[Any]
     unit: str = ""
-    chosen: bool = False
 
 
 def main_rows(evaluation: Evaluation) -> Iterator[Row]:

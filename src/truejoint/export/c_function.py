@@ -103,7 +103,21 @@ class Function:
         last = self.body[-1] if self.body else None
         if isinstance(last, Statement) and last.text == "return":
             self.body.pop()
-        self.finish(without_unread(self.body, self.printer.has_effect))
+        body = without_unread(self.body, self.printer.has_effect)
+        self.text = "\n".join(block_lines(body, self.style, 1))
+        # Parameters, each once, that the text uses.
+        used = set(NAME.findall(self.text))
+        by_local = {p.local: p for p in reversed(self.parameters) if p.local in used}
+        self.parameters = [p for p in self.parameters if by_local.get(p.local) is p]
+        self.pointers = {p.local: p.local in self.written for p in self.parameters if p.is_pointer}
+        kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
+        self.head = (
+            kind,
+            tuple(
+                p.declaration if self.pointers.get(p.local, True) else f"const {p.declaration}"
+                for p in self.parameters
+            ),
+        )
 
     def _local(self, name: str) -> str:
         """Name of a local variable in C."""
@@ -138,23 +152,6 @@ class Function:
         kind: Kind = join([argument.kind, "real"]) if is_float else argument.kind
         add(_Parameter(local, name, f"{self.style.type(kind)} {local}"))
         return Variable(local, kind, assigned=2)
-
-    def finish(self, body: Body) -> None:
-        """Make the text of these statements, and keep the parameters (each once) that they use."""
-        self.text = "\n".join(block_lines(body, self.style, 1))
-        used = set(NAME.findall(self.text))
-        by_local = {p.local: p for p in reversed(self.parameters) if p.local in used}
-        self.parameters = [p for p in self.parameters if by_local.get(p.local) is p]
-        self.pointers = {p.local: p.local in self.written for p in self.parameters if p.is_pointer}
-        result = self.result
-        kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
-        self.head = (
-            kind,
-            tuple(
-                p.declaration if self.pointers.get(p.local, True) else f"const {p.declaration}"
-                for p in self.parameters
-            ),
-        )
 
     @property
     def result(self) -> Any:

@@ -101,25 +101,21 @@ class Printer:
         """Print a kernel for such arguments, unless that is done."""
         python = kernel.py_func if isinstance(kernel, Dispatcher) else kernel
         key = (python, *(_key(argument) for argument in arguments))
-        if key not in self._done:
-            self._done[key] = self._print(python, arguments)
-        return self._done[key]
-
-    def _print(self, python: Any, arguments: Sequence[Any]) -> Function:
+        if key in self._done:
+            return self._done[key]
         function = Function(self, python, arguments)
         function.run()
         identity = (python, function.head, function.text)
-        if identity in self._bodies:
-            function.name = self._bodies[identity].name
-            return self._bodies[identity]
-        wanted = python.__name__.strip("_")
-        longer = f"{python.__module__.rpartition('.')[2]}_{wanted}"
-        if any(p is python for p, *_ in self._bodies):
-            longer = wanted
-        function.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
-        function.has_effect = bool(function.written) or self.has_effect(function.text)
-        self.functions[function.name] = self._bodies[identity] = function
-        return function
+        if identity not in self._bodies:
+            wanted = python.__name__.strip("_")
+            longer = f"{python.__module__.rpartition('.')[2]}_{wanted}"
+            if any(p is python for p, *_ in self._bodies):
+                longer = wanted
+            function.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
+            function.has_effect = bool(function.written) or self.has_effect(function.text)
+            self.functions[function.name] = self._bodies[identity] = function
+        self._done[key] = self._bodies[identity]
+        return self._done[key]
 
     def has_effect(self, text: str) -> bool:
         """Whether a text calls a function that changes something."""

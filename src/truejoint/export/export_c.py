@@ -1,4 +1,4 @@
-"""Write a calibration as C99 source that needs nothing but math.h."""
+"""Write a calibration as C99 source that needs nothing but math.h, and as a ROS package."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from truejoint.export.c_values import Style
 from truejoint.export.c_vectors import Answers, Vectors, make_vectors
 from truejoint.files import write_all_atomically
 from truejoint.filters import FilterStatus
+from truejoint.robots import Robot
 from truejoint.runtime import fields
 from truejoint.runtime.compensation import compensate
 from truejoint.runtime.compensator import Compensator
@@ -71,6 +72,15 @@ _OF_PYTHON: Final = Status.WRONG_SIZE | Status.OTHER_THREAD
 _COMPENSATOR_TEMPLATES: Final = {
     "_compensator.h": "compensator.h.j2",
     "_compensator.c": "compensator.c.j2",
+}
+
+
+_ROS_TEMPLATES: Final = {
+    "package.xml": "ros/package.xml.j2",
+    "CMakeLists.txt": "ros/CMakeLists.txt.j2",
+    "{}_joints.hpp": "ros/joints.hpp.j2",
+    "{}_ros1.cpp": "ros/ros1.cpp.j2",
+    "{}_ros2.cpp": "ros/ros2.cpp.j2",
 }
 
 
@@ -174,7 +184,7 @@ def source_files(
     vectors, answers, offset, error, strayed = make_vectors(
         calibration, limits, level, range_margin, dtype, compensator
     )
-    context = {
+    context: dict[str, Any] = {
         "program": program, "is_filter": f"{guard}_FILTER_" in program.functions,
         "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
         "prefix": prefix, "guard": guard, "level": LEVEL if level is None else level,
@@ -403,3 +413,97 @@ def write_files(
     files = dict(zip(paths, writers, strict=True))
     write_all_atomically(files, overwrite=overwrite, error=ExportError)
     return paths
+
+
+def export_ros(
+    calibration: Calibration,
+    folder: str | os.PathLike[str],
+    *,
+    prefix: str | None = None,
+    precision: Precision = "double",
+    overwrite: bool = False,
+    **how: Any,
+) -> tuple[Path, ...]:
+    """Write a calibration as a package of catkin and ament: subscribe, correct, publish.
+
+    The node reads ``measured_js``, and ``setpoint_js`` where the model has set-points. Signals
+    that only check measured positions are left out where no joint state has them.
+
+    Parameters
+    ----------
+    calibration : Calibration
+    folder : path-like
+        Of the package; made if it does not exist.
+    prefix, precision, overwrite, **how
+        As `export_c` takes them.
+
+    Returns
+    -------
+    tuple of Path
+        What `export_c` gives, then the files of the package.
+
+    Raises
+    ------
+    ExportError
+        As `export_c`, or if the model takes a signal that is in no joint state.
+
+    Examples
+    --------
+    >>> [path.name for path in export_ros(model, "package", prefix="jaw")][-3:]
+    ['jaw_joints.hpp', 'jaw_ros1.cpp', 'jaw_ros2.cpp']
+    """
+    robot = as_calibration(calibration).machine
+    if not all(_value(robot, signal) for signal in calibration.loop_signals):
+        calibration = calibration.without_redundant()
+    prefix = default_prefix(calibration) if prefix is None else prefix
+    signals = calibration.loop_signals
+    values = [_value(robot, signal) for signal in signals]
+    lacking = [name for name, value in zip(signals, values, strict=True) if not value]
+    if lacking:
+        raise ExportError(
+            f"no joint state has {', '.join(lacking)}, which the model takes: calibrate on "
+            "others (--feature), or use --to c"
+        )
+    context = {
+        "version": version("truejoint"),
+        "title": calibration.title,
+        "prefix": prefix,
+        "guard": prefix.upper(),
+        "inputs": [{"name": n, "value": v} for n, v in zip(signals, values, strict=True)],
+        "joint_names": robot.joint_names,
+        "corrected": robot.index(list(calibration.joints)),
+        "corrected_names": calibration.joints,
+        # Takes efforts on the joints to those at the motors.
+        "motor_effort": None
+        if robot.transmission is None or not _any(values, "motor")
+        else robot.transmission.motor_effort(np.eye(len(robot.joint_names))),
+        "needs_velocity": _any(values, "in.velocity"),
+        "needs_effort": _any(values, "in.effort") or _any(values, "motor"),
+        "needs_setpoint": _any(values, "setpoint_"),
+    }
+    texts = {
+        name.format(prefix): render(template, context, precision)
+        for name, template in _ROS_TEMPLATES.items()
+    }
+    contents = source_files(calibration, prefix, precision, **how)
+    contents |= {name: text.encode("ascii") for name, text in texts.items()}
+    return write_files(folder, contents, overwrite=overwrite)
+
+
+def _any(values: Sequence[str], array: str) -> bool:
+    return any(value.startswith(array) for value in values)
+
+
+def _value(robot: Robot, signal: str) -> str:
+    """C++ of a signal in a joint state; empty where it is in none."""
+    quantity, _, channel = signal.partition("/")
+    effort = "in.effort" if robot.effort == "joint" or robot.transmission is None else "motor"
+    arrays = {
+        "measured": "in.position", "velocity": "in.velocity", "effort": effort,
+        "setpoint": "setpoint_",
+    }  # fmt: skip
+    if quantity not in arrays:
+        return ""
+    if channel in robot.unused_channels:
+        return "0.0"
+    return f"{arrays[quantity]}[{robot.joint_names.index(channel)}]"

@@ -91,7 +91,31 @@ class _Graph:
 
     def build(self, calibration: Calibration) -> Any:
         """Build the checked model of a calibration."""
-        features, measured, inputs, metadata = self._inputs(calibration)
+        feature_set = as_calibration(calibration).feature_set
+        columns = {"features": feature_set.names}
+        measured_signals = tuple(f"measured/{joint}" for joint in calibration.joints)
+        features, measured = "features", "measured"
+        if all(feature.operation == "value" for feature in feature_set.features):
+            columns = {"sample": calibration.signals}
+            features, measured = (
+                "sample"
+                if names == calibration.signals
+                else self.columns("sample", [calibration.signals.index(name) for name in names])
+                for names in (feature_set.signals, measured_signals)
+            )
+        elif calibration.target == "error":
+            columns |= {"measured": measured_signals}
+        described: Mapping[str, Any] = {
+            "robot": calibration.robot,
+            "arm": calibration.arm,
+            "joints": calibration.joints,
+            "units": dict(calibration.units),
+            "features": feature_set.names,
+            "training_range": np.column_stack([calibration.lower, calibration.upper]).tolist(),
+            "gap_limit": calibration.gap_limit,
+            "data_sha256": calibration.metadata.get("data_sha256", ""),
+            **{f"columns_of_{name}": names for name, names in columns.items()},
+        }
         predicted = self.predict(features, calibration.fitted, len(calibration.feature_set))
         if calibration.signal_shift.any():
             raise ExportError(
@@ -105,7 +129,9 @@ class _Graph:
         self.node("Add" if is_error else "Identity", terms, "position")
         helper = self._onnx.helper
         n_joints = len(calibration.joints)
-        output = helper.make_tensor_value_info("position", self._element, ["rows", n_joints])
+        make = helper.make_tensor_value_info
+        inputs = [make(name, self._element, ["rows", len(c)]) for name, c in columns.items()]
+        output = make("position", self._element, ["rows", n_joints])
         graph = helper.make_graph(self._nodes, "truejoint", inputs, [output], self._constants)
         model = helper.make_model(
             graph,
@@ -114,7 +140,9 @@ class _Graph:
             producer_name="truejoint",
             producer_version=version("truejoint"),
         )
-        helper.set_model_props(model, metadata)
+        helper.set_model_props(
+            model, {f"truejoint.{k}": json.dumps(v) for k, v in described.items()}
+        )
         self._onnx.checker.check_model(model, full_check=True)
         return model
 
@@ -125,39 +153,6 @@ class _Graph:
                 f"estimator {data.family!r:.60} has no ONNX graph; known: {', '.join(_BUILDERS)}"
             )
         return _BUILDERS[data.family](self, features, data, n_features)
-
-    def _inputs(self, calibration: Calibration) -> tuple[str, str, list[Any], dict[str, str]]:
-        """Features, measured positions, the graph's inputs, and what is to be known of them."""
-        feature_set = as_calibration(calibration).feature_set
-        columns = {"features": feature_set.names}
-        measured = tuple(f"measured/{joint}" for joint in calibration.joints)
-        features_name, measured_name = "features", "measured"
-        if all(feature.operation == "value" for feature in feature_set.features):
-            columns = {"sample": calibration.signals}
-            features_name = self._gather("sample", calibration.signals, feature_set.signals)
-            measured_name = self._gather("sample", calibration.signals, measured)
-        elif calibration.target == "error":
-            columns |= {"measured": measured}
-        make = self._onnx.helper.make_tensor_value_info
-        inputs = [make(name, self._element, ["rows", len(c)]) for name, c in columns.items()]
-        described: Mapping[str, Any] = {
-            "robot": calibration.robot,
-            "arm": calibration.arm,
-            "joints": calibration.joints,
-            "units": dict(calibration.units),
-            "features": feature_set.names,
-            "training_range": np.column_stack([calibration.lower, calibration.upper]).tolist(),
-            "gap_limit": calibration.gap_limit,
-            "data_sha256": calibration.metadata.get("data_sha256", ""),
-            **{f"columns_of_{name}": names for name, names in columns.items()},
-        }
-        metadata = {f"truejoint.{key}": json.dumps(value) for key, value in described.items()}
-        return features_name, measured_name, inputs, metadata
-
-    def _gather(self, source: str, has: tuple[str, ...], wanted: tuple[str, ...]) -> str:
-        if wanted == has:
-            return source
-        return self.columns(source, [has.index(name) for name in wanted])
 
     def node(self, operator: str, inputs: list[str], output: str = "", **attributes: Any) -> str:
         """Add a node; returns the name of its output."""

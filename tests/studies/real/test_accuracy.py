@@ -6,7 +6,7 @@ from pandas import DataFrame
 
 from truejoint import calibrate, evaluate
 from truejoint.errors import RecordingError, StudyError
-from truejoint.evaluation.splits import split_sides
+from truejoint.evaluation.evaluate import split_sides
 from truejoint.recordings.datasets import DATASETS, locate, read_dataset
 from truejoint.studies import run_study, write_study
 from truejoint.studies.real.accuracy import HWANG, judge

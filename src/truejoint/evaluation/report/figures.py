@@ -439,9 +439,10 @@ def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figur
     if len(names) == 2:
         style = {"width": 1.0, "opacity": 0.7, "hoverinfo": "skip"}
         curves = [
-            plot.curve(*plot.joined(paths, _PATH_POINTS).T, name, colour, **style)
+            plot.curve(path[:, 0], path[:, 1], name, colour, **style)
             for name, colour, paths in groups
             if paths
+            for path in [plot.joined(paths, _PATH_POINTS)]
         ]
         spec = plot.panels([({"title": names[0]}, {"title": names[1]}, curves)], 360)
         return Figure("trajectories", title, caption, [spec])

@@ -20,8 +20,8 @@ from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
 from truejoint.evaluation import part_by_time
+from truejoint.evaluation.evaluate import split_sides
 from truejoint.evaluation.judge import rmse
-from truejoint.evaluation.splits import split_sides
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.studies.paper_tables import reported
