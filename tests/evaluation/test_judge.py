@@ -1,15 +1,21 @@
 """What the loop would refuse, the evaluation says."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.errors import TruejointError
+from truejoint.errors import CalibrationError, TruejointError
 from truejoint.evaluation import evaluate
+from truejoint.evaluation.judge import percent_of, rmse, tool_error, worst_windows
 from truejoint.recordings.table.recording import Recording
+from truejoint.robots import get_robot
 from truejoint.runtime import Corrector
 
 
@@ -111,3 +117,79 @@ def test_a_calibration_without_a_training_range_is_refused(
 ) -> None:
     with pytest.raises(TruejointError, match="calibrate it again"):
         evaluate(replace(model, training_domain=None), test)
+
+
+_errors = hnp.arrays(
+    np.float64,
+    hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=30),
+    elements=st.floats(-1e3, 1e3),
+)
+
+
+@given(_errors)
+def test_metrics_agree_with_sums_written_out(error: np.ndarray) -> None:
+    n, k = error.shape
+    for j in range(k):
+        column = [float(v) for v in error[:, j]]
+        root = math.sqrt(math.fsum(v * v for v in column) / n)
+        assert rmse(error)[j] == pytest.approx(root, rel=1e-9, abs=1e-12)
+
+
+def test_percent_is_of_the_offset_and_nan_where_that_is_zero() -> None:
+    percent = percent_of([0.104, 1.0], [0.859, 0.0])
+    assert percent[0] == pytest.approx(12.107, abs=1e-3)
+    assert np.isnan(percent[1])
+
+
+@pytest.mark.parametrize("bad", [np.empty((0, 2)), np.empty(0), np.float64(1.0)])
+def test_nothing_to_average_is_refused(bad: np.ndarray) -> None:
+    with pytest.raises(CalibrationError, match="no row"):
+        rmse(bad)
+
+
+def test_a_value_that_is_not_finite_is_refused() -> None:
+    with pytest.raises(CalibrationError, match="not finite"):
+        rmse([0.0, math.nan])
+
+
+def test_an_error_of_the_insertion_moves_the_tool_by_as_much() -> None:
+    robot = get_robot("raven2")
+    assert robot.kinematics is not None
+    true = np.tile(robot.home, (3, 1))
+    estimated = true.copy()
+    estimated[:, robot.index(["insertion"])] += np.array([[0.0], [1e-3], [-2e-3]])
+    distance = np.linalg.norm(tool_error(robot.kinematics, estimated, true), axis=1)
+    np.testing.assert_allclose(distance, [0.0, 1e-3, 2e-3], atol=1e-12)
+
+
+def test_a_burst_of_error_is_the_worst_window() -> None:
+    t = np.arange(1000) / 10
+    error = np.full(1000, 0.01)
+    error[420:450] = 1.0
+    (first, end, rmse), *_ = worst_windows(t, error, 10.0, 3)
+    assert first <= 420
+    assert end >= 450
+    assert rmse == pytest.approx(np.sqrt(np.mean(error[first:end] ** 2)))
+
+
+@settings(deadline=None)
+@given(st.integers(2, 80), st.floats(0.5, 30.0), st.integers(0, 1000))
+def test_windows_match_a_search_by_hand(n: int, window: float, seed: int) -> None:
+    random = np.random.default_rng(seed)
+    t = np.cumsum(random.uniform(0.1, 1.0, n))
+    error = random.normal(size=n)
+    found = worst_windows(t, error, window, 4)
+    parts = [(t >= start) & (t <= start + window) for start in t]
+    long_enough = [p for p in parts if np.ptp(t[p]) >= 0.5 * min(window, t[-1] - t[0])]
+    by_hand = max(np.sqrt(np.mean(error[p] ** 2)) for p in long_enough or parts)
+    assert found[0][2] == pytest.approx(by_hand, rel=1e-9)
+    assert [f[2] for f in found] == sorted((f[2] for f in found), reverse=True)
+    taken = np.zeros(n)
+    for first, end, _ in found:
+        taken[first:end] += 1
+    assert taken.max() == 1
+
+
+def test_a_recording_shorter_than_the_window_is_one_window() -> None:
+    t = np.arange(50) / 10
+    assert worst_windows(t, np.ones(50), 10.0, 3) == [(0, 50, 1.0)]

@@ -1,10 +1,18 @@
 import math
+from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
 
+from truejoint.calibration.origin import Origin, Session
 from truejoint.errors import CalibrationError
-from truejoint.evaluation.results import Score
-from truejoint.evaluation.verdict import judge
+from truejoint.evaluation.evaluate import part_by_time
+from truejoint.evaluation.paired_test import compare
+from truejoint.evaluation.results import Domain, Score
+from truejoint.evaluation.verdict import PLAIN, doubts_about, judge, objections_to, to_deploy
+from truejoint.recordings import DataCheck
+from truejoint.recordings.table.recording import Recording
 
 
 def _score(estimator: str, joint: str, rmse: float, unit: str = "rad") -> Score:
@@ -72,3 +80,92 @@ def test_a_tolerance_that_is_no_length_is_refused(value: float) -> None:
 def test_a_tolerance_of_an_unknown_joint_is_refused() -> None:
     with pytest.raises(CalibrationError, match="no calibrated joint called 'wrist'"):
         judge(_scores(shoulder=0.5), "dnn", tolerance={"wrist": 0.1})
+
+
+NOTHING = DataCheck((), ())
+WITHIN = Domain(1.0, {}, 0.0)
+
+
+@pytest.mark.parametrize("sha256", ["", "ab" * 32])
+def test_rows_of_training_are_found_and_a_later_part_is_not(
+    recording_of: Callable[..., Recording], sha256: str
+) -> None:
+    recording = recording_of("davinci_grasper", sha256=sha256, session="s", source="x/a.csv")
+    train, test = part_by_time(recording, 0.0, 0.6), part_by_time(recording, 0.65, 1.0)
+    origin = Origin(sessions=(Session.of(train),))
+    assert not list(objections_to(origin, [test], WITHIN))
+    (objection,) = objections_to(origin, [test, recording], WITHIN)
+    assert "rows of a.csv" in objection
+
+
+def test_another_file_at_the_same_time_was_not_seen(
+    recording_of: Callable[..., Recording],
+) -> None:
+    train = recording_of("davinci_grasper", sha256="ab", source="a.csv")
+    test = recording_of("davinci_grasper", sha256="cd", source="a.csv")
+    assert not list(objections_to(Origin(sessions=(Session.of(train),)), [test], WITHIN))
+    assert not list(objections_to(Origin(), [test], WITHIN))
+
+
+def test_another_homing_is_said(recording_of: Callable[..., Recording]) -> None:
+    test = recording_of("davinci_grasper", homing_id="h2")
+    (doubt,) = doubts_about(Origin(homing_ids=("h1",)), None, [test], WITHIN, NOTHING)
+    assert "h2" in doubt
+    both = Origin(homing_ids=("h1", "h2"))
+    assert not list(doubts_about(both, None, [test], WITHIN, NOTHING))
+    assert not list(doubts_about(Origin(homing_ids=()), None, [test], WITHIN, NOTHING))
+
+
+NOISE = np.random.default_rng(0).normal(size=(5, 2, 800, 1))
+
+
+def _trace(row: int, **sizes: float) -> Any:
+    class Curves:
+        t = np.arange(800.0)
+        inside = np.arange(800) % 10 > 0
+        estimates = sizes
+
+        def error(self, name: str) -> np.ndarray:
+            own = sizes[name] * NOISE[list(sizes).index(name), row]
+            own[::10] = 0.0 if name == "dnn" else 100.0  # rows that the loop refuses
+            return own
+
+    return Curves()
+
+
+@pytest.mark.parametrize(
+    ("sizes", "deploy"),
+    [
+        ({"raw": 3.0, "offset": 1.0, "linear": 0.5, "dnn": 0.3}, "dnn"),
+        ({"raw": 3.0, "offset": 1.0, "linear": 0.5, "dnn": 0.49}, "linear"),
+        ({"raw": 0.3, "offset": 1.0, "linear": 0.5, "dnn": 0.4}, "raw"),
+        ({"raw": 3.0, "offset": 1.0, "mine": 0.5, "dnn": 0.3}, "dnn"),
+    ],
+)
+def test_the_simple_one_unless_a_richer_one_is_better_beyond_chance(
+    sizes: dict[str, float], deploy: str
+) -> None:
+    traces = [_trace(row, **sizes) for row in range(2)]
+    assert to_deploy(traces, PLAIN | {"mine"}) == deploy
+
+
+def test_tests_count_together() -> None:
+    good, bad = {"raw": 2.0, "offset": 1.0, "dnn": 0.5}, {"raw": 2.0, "offset": 1.0, "dnn": 4.0}
+    assert to_deploy([_trace(0, **good)]) == "dnn"
+    assert to_deploy([_trace(0, **good), _trace(1, **bad)]) == "offset"
+
+
+def test_a_model_too_erratic_to_be_beaten_is_not_named() -> None:
+    steady = {"raw": 3.0, "offset": 1.0, "linear": 0.5, "poly2": 0.4, "dnn": 0.3}
+    assert to_deploy([_trace(0, **steady), _trace(1, **(steady | {"poly2": 4.0}))]) == "dnn"
+
+
+def test_one_that_is_better_in_each_test_need_not_be_so_by_as_much_in_each() -> None:
+    """A few tests that differ would else say less together than each of them does."""
+    sizes = {"raw": 9.0, "offset": 9.0, "linear": 0.5, "dnn": 0.45}
+    traces = [_trace(row, **(sizes | {"linear": own})) for row, own in enumerate((0.6, 5.0))]
+    errors = [[t.error(name)[t.inside] for t in traces] for name in ("dnn", "linear")]
+    assert compare(*errors).outcome == "cannot be told", "the case shows nothing"
+    assert to_deploy(traces) == "dnn"
+    worse = _trace(0, **(sizes | {"linear": 0.4}))
+    assert to_deploy([worse, traces[1]]) == "linear"

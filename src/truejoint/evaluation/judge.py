@@ -202,9 +202,9 @@ def _of_the_tool(
     truth: Array,
     estimates: Mapping[str, Sequence[Array]],
 ) -> tuple[dict[str, Array], dict[str, list[Array]]]:
-    """Where the tool is (n, 3) [m] in the `known` rows: in truth, and by the first of every model.
+    """Where the tool is (n, 3) [m] in truth and by the first of every model, and errors of all.
 
-    Besides the errors of all. Both are empty without a `robot`, or one without kinematics.
+    In the `judged` rows; both are empty without a `robot`, or one without kinematics.
     """
     if robot is None or robot.kinematics is None:
         return {}, {}

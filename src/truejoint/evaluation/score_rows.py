@@ -158,9 +158,8 @@ def comparison_rows(evaluation: Evaluation) -> Iterator[Row]:
     """Tell what the chosen model is beside every other, by joint, and over how many stretches."""
     for comparison in evaluation.comparisons:
         extent = f"{comparison.stretches} of up to {duration(comparison.seconds)}"
-        yield Row(
-            comparison.joint, [estimator_title(comparison.estimator), comparison.outcome, extent]
-        )
+        cells = [estimator_title(comparison.estimator), comparison.outcome, extent]
+        yield Row(comparison.joint, cells)
 
 
 def domain_line(evaluation: Evaluation) -> str:

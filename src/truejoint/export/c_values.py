@@ -149,13 +149,8 @@ class Style:
             size = np.clip(np.abs(numbers), float(limits.tiny), float(limits.max))
             size = np.copysign(np.where(numbers == 0.0, 0.0, size), numbers).astype(np.float32)
             texts = [f"{number!s}f" for number in size]
-        special = {**dict.fromkeys(np.flatnonzero(np.isnan(numbers)).tolist(), "NAN")}
-        for sign in (1, -1):
-            places = np.flatnonzero(numbers == sign * np.inf).tolist()
-            special |= dict.fromkeys(places, "INFINITY" if sign > 0 else "-INFINITY")
-        for place, text in special.items():
-            texts[place] = text
-        return texts
+        names = {"nan": "NAN", "inf": "INFINITY", "-inf": "-INFINITY"}
+        return [names.get(repr(v), text) for v, text in zip(numbers.tolist(), texts, strict=True)]
 
     def text(self, value: Scalar, needed: int = 0, kind: Kind | None = None) -> str:
         """Value as C, for a place that binds as tightly as `needed` and is of that kind."""

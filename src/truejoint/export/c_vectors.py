@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -12,6 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.errors import ExportError
 from truejoint.runtime.compensator import Compensator
+from truejoint.runtime.correction import correct_rows
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN
 from truejoint.runtime.limits import Limits
@@ -156,21 +158,23 @@ def answer(
     to be there.
     """
     own = homing_ids[0] if homing_ids else "of the calibration"
-    names = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: own}
+    names: dict[int, str | None] = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: own}
     n, m = len(vectors), len(corrector.joints)
     size = m if compensator else 0
     answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *np.empty((2, n, size)))
     target = np.full(m, np.nan)
-    for i, (t, sample, action) in enumerate(
-        zip(vectors.t.tolist(), vectors.sample, vectors.action.tolist(), strict=True)
-    ):
-        if action == SET_HOMING:
-            homing = int(vectors.homing_id[i])
-            corrector.set_homing(bool(vectors.is_homed[i]), names.get(homing, f"homing {homing}"))
-        elif action == REZERO:
-            corrector.rezero(offset)
-        elif action == ACKNOWLEDGE:
-            corrector.acknowledge()
+    if compensator is None and type(corrector) is Corrector:  # many rows in one call
+        for first, end in pairwise(np.unique([0, *np.flatnonzero(vectors.action), n]).tolist()):
+            _act(corrector, vectors, first, names, offset)
+            rows = slice(first, end)
+            correct_rows(
+                corrector._numbers, corrector._memory, vectors.t[rows], vectors.sample[rows],
+                answers.position[rows], answers.half_width[rows], answers.status[rows],
+                np.empty(0, np.int64), np.empty((end - first, 0, 2)),
+            )  # fmt: skip
+        return answers
+    for i, (t, sample) in enumerate(zip(vectors.t.tolist(), vectors.sample, strict=True)):
+        _act(corrector, vectors, i, names, offset)
         if compensator is None:
             answers.status[i] = corrector.step(t, sample)
         else:
@@ -183,6 +187,19 @@ def answer(
                 target = np.where(status, np.nan, corrector.position)
         answers.position[i], answers.half_width[i] = corrector.position, corrector.half_width
     return answers
+
+
+def _act(
+    corrector: Corrector, vectors: Vectors, i: int, names: dict[int, str | None], offset: Array
+) -> None:
+    """Do what comes before sample `i`."""
+    action, homing = int(vectors.action[i]), int(vectors.homing_id[i])
+    if action == SET_HOMING:
+        corrector.set_homing(bool(vectors.is_homed[i]), names.get(homing, f"homing {homing}"))
+    elif action == REZERO:
+        corrector.rezero(offset)
+    elif action == ACKNOWLEDGE:
+        corrector.acknowledge()
 
 
 def _vectors(data: Calibration, limits: Limits, scale: float) -> Vectors:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import ast
-import inspect
 import os
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from enum import IntFlag
 from functools import cache, partial
 from importlib.metadata import version
+from inspect import getsource
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Literal, get_args
 
@@ -282,6 +280,10 @@ def _precision_context(
 def _calibration_context(data: Calibration) -> dict[str, Any]:
     """Values of the templates that say what the calibration is made of."""
     by_itself = data.family.states_deviation(data.fitted.params)
+    docstrings = re.findall(r'(\w+) = \d+\n\s+"""(.+?)"""', getsource(FilterStatus), re.DOTALL)
+    filter_meanings = {
+        FilterStatus[name]: " ".join(text.split()).rstrip(".") for name, text in docstrings
+    }
     return {
         "stated_by": "for such motions as the interval was made of"
         if data.interval is not None
@@ -296,7 +298,7 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
         "statuses": _bits({bit: bit.words for bit in Status if bit not in _OF_PYTHON}),
-        "filter_statuses": _bits(_docstrings(FilterStatus)),
+        "filter_statuses": _bits(filter_meanings),
         "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),
@@ -304,24 +306,10 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
     }
 
 
-def _bits(meanings: Mapping[IntFlag, str]) -> list[dict[str, Any]]:
+def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
     """Members of an enumeration with what they mean, after that which has none of them set."""
     bits = [{"name": bit.name, "value": int(bit), "meaning": m} for bit, m in meanings.items()]
     return [{"name": "OK", "value": 0, "meaning": "all is well"}, *bits]
-
-
-def _docstrings(statuses: type[IntFlag]) -> dict[IntFlag, str]:
-    """Members of an enumeration with the docstrings that stand below them."""
-    tree: Any = ast.parse(inspect.getsource(statuses))
-    meanings: dict[IntFlag, str] = {}
-    name = ""
-    for node in tree.body[0].body:
-        if isinstance(node, ast.Assign):
-            name = ast.unparse(node.targets[0])
-        elif name and isinstance(node, ast.Expr) and int(statuses[name]):
-            text = " ".join(ast.literal_eval(node.value).split())
-            meanings[statuses[name]] = text.rstrip(".")
-    return meanings
 
 
 def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, str]]:
