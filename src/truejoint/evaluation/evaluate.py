@@ -105,7 +105,14 @@ def evaluate(
     >>> evaluation.verdict.passed
     True
     """
-    _check_times(window, rezero)
+    if not (isinstance(rezero, Real) and 0.0 <= rezero < math.inf):
+        raise CalibrationError(
+            f"the time to re-zero from is {rezero!r:.40} s; it must be 0 s or more"
+        )
+    if not (isinstance(window, Real) and 0.0 < window < math.inf):
+        raise CalibrationError(
+            f"the window of worst stretches is {window!r:.40} s; it must be > 0 s"
+        )
     by_estimator = _by_estimator(models)
     recordings = as_recordings(recordings)
     if rezero > 0.0 and RAW in by_estimator:  # no correction, but not as it comes: another row
@@ -185,17 +192,6 @@ def _comparisons(
         difference = compare(errors, other_errors)
         yield Comparison(
             other, joint, difference.outcome, difference.stretches, difference.rows * step
-        )
-
-
-def _check_times(window: float, rezero: float) -> None:
-    if not (isinstance(rezero, Real) and 0.0 <= rezero < math.inf):
-        raise CalibrationError(
-            f"the time to re-zero from is {rezero!r:.40} s; it must be 0 s or more"
-        )
-    if not (isinstance(window, Real) and 0.0 < window < math.inf):
-        raise CalibrationError(
-            f"the window of worst stretches is {window!r:.40} s; it must be > 0 s"
         )
 
 

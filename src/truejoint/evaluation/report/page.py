@@ -6,7 +6,7 @@ import importlib.metadata
 import json
 import platform
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
@@ -123,10 +123,7 @@ def render_report(
     pair = {n: plot.colour_of(n, evaluation) for n in (OFFSET, as_evaluation(evaluation).chosen)}
     drawn = {
         "worst": list(figures.worst_stretches(evaluation)),
-        "paths": [
-            figures.trajectories(evaluation, training),
-            *figures.tool_paths(evaluation),
-        ],
+        "paths": [figures.trajectories(evaluation, training), *figures.tool_paths(evaluation)],
         "maps": list(figures.error_maps(evaluation)),
         "time": figures.over_time(evaluation),
         "residuals": list(figures.residuals(evaluation)),
@@ -208,6 +205,13 @@ def write_comparison(
 
 
 def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], command: str) -> str:
+    pairs = []
+    for column, joint, _ in together.shown_joints():
+        for names in combinations(alone, 2):
+            errors = [[t.error(name)[:, column] for t in together.traces] for name in names]
+            difference = compare(*errors)
+            cells = [names[0], difference.outcome, names[1], str(difference.stretches)]
+            pairs.append(view.Row(joint, cells))
     verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}
     objections = [v.text for v in verdicts.values() if v.objections]
     deploy = together.verdict.deploy
@@ -225,23 +229,11 @@ def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], co
         level="fail" if objections else level,
         sentence=objections[0] if objections else together.verdict.advice,
         rule=next(iter(verdicts.values())).rule,
-        pairs=list(_pairs(together, list(alone))),
+        pairs=pairs,
         origins={name: evaluation.training for name, evaluation in alone.items()},
         facts=facts(together, f"{len(alone)} models"),
         command=command,
     )
-
-
-def _pairs(evaluation: Evaluation, names: list[str]) -> Iterator[view.Row]:
-    """Which model of each two is closer to the truth in each joint."""
-    for column, joint, _ in evaluation.shown_joints():
-        for first, other in combinations(names, 2):
-            errors = (
-                [trace.error(name)[:, column] for trace in evaluation.traces]
-                for name in (first, other)
-            )
-            difference = compare(*errors)
-            yield view.Row(joint, [first, difference.outcome, other, str(difference.stretches)])
 
 
 def write_touch_report(
@@ -284,9 +276,8 @@ def write_touch_report(
         raise CalibrationError(
             f"the calibration of {calibration.title} was not made by touches; `evaluate` it"
         )
-    return write_page(
-        path, partial(_render_touches, calibration, report, command), overwrite=overwrite
-    )
+    render = partial(_render_touches, calibration, report, command)
+    return write_page(path, render, overwrite=overwrite)
 
 
 def _render_touches(calibration: Calibration, report: TouchReport, command: str) -> str:
