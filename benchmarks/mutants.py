@@ -48,7 +48,7 @@ MIRRORS = {
     "estimators/plays/run": ("tests/estimators/plays/test_plays.py",),
     "estimators/motor_side/run": ("tests/estimators/motor_side/test_rows.py",),
     "estimators/filtered": ("tests/estimators/jaw/test_jaw_filter.py",),
-    "features/kernels": ("tests/features",),
+    "features/feature_set": ("tests/features",),
     "estimators/polynomial/run": ("tests/estimators/test_regressors.py",),
     "runtime/compensation": ("tests/runtime/test_compensator.py",),
     "runtime/compensator": ("tests/runtime/test_compensator.py",),

@@ -10,7 +10,7 @@ from hypothesis.extra import numpy as hnp
 
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.features import Feature, FeatureSet, default_features
-from truejoint.features.kernels import feature_row
+from truejoint.features.feature_set import feature_row
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 

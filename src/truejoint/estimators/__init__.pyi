@@ -15,7 +15,7 @@ from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
 from .network.learn import NeuralNetwork as NeuralNetwork
 from .network.sequence import GRU as GRU
 from .network.sequence import TCN as TCN
-from .plays.jaw_plays import JawPlays as JawPlays
+from .plays.learn import JawPlays as JawPlays
 from .plays.learn import Plays as Plays
 from .polynomial.learn import Polynomial as Polynomial
 from .registry import BASELINES as BASELINES

@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import INTEGERS, VECTOR, address, call_address, compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators.registry import family_modules
+from truejoint.estimators.registry import PRESETS
 from truejoint.layout import Memory
 from truejoint.plugins import load_plugin, plugins
 
@@ -237,9 +237,12 @@ def find_family(name: str) -> Family:
     It is the ``FAMILY`` of a module that the registry names, or of another package's entry point in
     the group ``truejoint.models``.
     """
-    modules = family_modules()
-    if name in modules:
-        return cast("Family", import_module(modules[name]).FAMILY)
+    places = {preset.family: preset.runs for preset in PRESETS.values()}
+    places["trees"] = "trees.run"  # of other estimators
+    if name in places:
+        module, _, family = places[name].partition(":")
+        found = getattr(import_module(f"{__package__}.{module}"), family.upper() or "FAMILY")
+        return cast("Family", found)
     points = plugins("truejoint.models")
     if name in points:
         return cast("Family", load_plugin(points[name], Family))

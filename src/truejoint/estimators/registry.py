@@ -31,9 +31,20 @@ class Preset(NamedTuple):
     """A class with parameters, and how an automatic choice tries it."""
 
     learns: str  # class, with its module below this package
-    runs: str  # module below this package whose `FAMILY` runs it
+    runs: str  # module below this package whose `FAMILY` runs it, or the one named behind a colon
     params: Mapping[str, Any] = {}  # all that tell the presets of a class from each other
     tried: Mapping[str, Any] | None = None  # parameters for it besides; None: it is not tried
+
+    @property
+    def family(self) -> str:
+        """Name of what runs it."""
+        return self.runs.replace(".run", "").replace(":", ".")
+
+    @property
+    def kind(self) -> Any:
+        """Class that learns, imported."""
+        module, _, name = self.learns.rpartition(".")
+        return getattr(import_module(f"{__package__}.{module}"), name)
 
 
 _MANY: Final = 100_000  # rows, evenly spread, that what takes long is fitted to for a choice
@@ -50,7 +61,7 @@ def _plays(learner: str, *, couple: bool = False, turn: bool = False) -> Preset:
 
 
 def _jaw_plays(*signals: str) -> Preset:
-    return Preset("plays.jaw_plays.JawPlays", "plays.jaw_bank", {"signals": signals})
+    return Preset("plays.learn.JawPlays", "plays.run:jaw_bank", {"signals": signals})
 
 
 def _least_squares(*, intercept: bool = False, compensated: bool = False) -> Preset:
@@ -83,8 +94,8 @@ PRESETS: Final[dict[str, Preset]] = {
     "run_out": _plays("ridge", turn=True),
     "gp": Preset("gp.learn.GaussianProcess", "gp.run", {}, {}),
     "gp_lowpass": _plays("gaussian_process"),
-    "gru": Preset("network.sequence.GRU", "network.gru"),
-    "tcn": Preset("network.sequence.TCN", "network.tcn"),
+    "gru": Preset("network.sequence.GRU", "network.run:gru"),
+    "tcn": Preset("network.sequence.TCN", "network.run:tcn"),
     "lsm": _least_squares(),
     "lsm_intercept": _least_squares(intercept=True),
     "lsm_compensated": _least_squares(compensated=True),
@@ -128,13 +139,7 @@ def estimator_names() -> tuple[str, ...]:
 
 def registered(name: str) -> Any:
     """Unfitted estimator of one of truejoint's own names."""
-    return class_of_preset(PRESETS[name])(**PRESETS[name].params)
-
-
-def class_of_preset(preset: Preset) -> Any:
-    """Class that learns, imported."""
-    module, _, name = preset.learns.rpartition(".")
-    return getattr(import_module(f"{__package__}.{module}"), name)
+    return PRESETS[name].kind(**PRESETS[name].params)
 
 
 def member(name: str) -> Any:
@@ -164,15 +169,3 @@ def name_of(estimator: Any) -> str:
             if preset.learns == learns and all(same):
                 return name
     return str(estimator.family.name)
-
-
-def family_modules() -> dict[str, str]:
-    """Give the module of each family by its name: its path below this package without ``.run``."""
-    modules = {preset.runs for preset in PRESETS.values()} | {"trees.run"}  # of other estimators
-    return {module.removesuffix(".run"): f"{__package__}.{module}" for module in sorted(modules)}
-
-
-def class_of_family(name: str) -> Any:
-    """Class that learns what the family called so runs; None where none of truejoint's own does."""
-    presets = (preset for preset in PRESETS.values() if preset.runs.removesuffix(".run") == name)
-    return next(map(class_of_preset, presets), None)

@@ -19,7 +19,6 @@ from truejoint.estimators.family import EstimatorData, Family, Params, find_fami
 from truejoint.estimators.registry import (
     OWN,
     PRESETS,
-    class_of_family,
     estimator_names,
     plugged_in,
     registered,
@@ -262,7 +261,8 @@ def candidates() -> list[JointRegressor]:
 
 def class_of(family: str) -> type[JointRegressor]:
     """Class of estimators whose family is called so: one by name, or what runs any family."""
-    return class_of_family(family) or WrappedRegressor
+    presets = (preset for preset in PRESETS.values() if preset.family == family)
+    return next((preset.kind for preset in presets), WrappedRegressor)
 
 
 @contextmanager

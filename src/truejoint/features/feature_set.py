@@ -1,10 +1,14 @@
-"""Causal features of a recording's signals, the same offline as in the robot's loop."""
+"""Causal features of a recording's signals, the same offline as in the robot's loop.
+
+A kernel of one sample allocates nothing, and `feature_rows` calls it for every row of a recording:
+offline and in the loop, the same machine code makes the same bits.
+"""
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final, Literal, get_args
@@ -12,9 +16,9 @@ from typing import TYPE_CHECKING, Final, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
+from truejoint.compiled import compiled, unrolled, vector
 from truejoint.errors import CalibrationError
-from truejoint.features import kernels
 from truejoint.summary import Summarised
 
 if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
@@ -30,9 +34,9 @@ MAX_SIGNAL_LENGTH: Final = 120
 MAX_RATE_RATIO: Final = 1.5
 """How far the time step may be from that of training where features count samples."""
 
-_CODES: Final[Mapping[Operation, int]] = {
-    name: getattr(kernels, name.upper()) for name in get_args(Operation)
-}
+VALUE, LAG, LOWPASS, RATE, PLAY = range(5)
+"""Operations as the kernels know them, in the order of `Operation`."""
+_CODES: Final = {operation: code for code, operation in enumerate(get_args(Operation))}
 _SIGNAL: Final = re.compile(r"[A-Za-z]\w*/\w+", re.ASCII)
 _CALL: Final = re.compile(r"(\w+)\(\s*([^\s,()]+)\s*,\s*([^\s,()]+)\s*\)", re.ASCII)
 _FORMS: Final = (
@@ -194,7 +198,7 @@ class FeatureSet(Summarised):
     @property
     def counts_samples(self) -> bool:
         """Whether a feature counts samples and thus means something else at another rate."""
-        return bool((self.program[0] == kernels.LAG).any())
+        return bool((self.program[0] == LAG).any())
 
     @cached_property
     def program(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, NDArray[np.int64]]:
@@ -230,7 +234,7 @@ class FeatureSet(Summarised):
             gap_limit = default_gap_limit([recording])
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         out = np.empty((len(recording), len(self)))
-        kernels.feature_rows(
+        feature_rows(
             *self.program, gap_limit, np.array(recording.t), samples,
             np.zeros(self.memory_size), out,
         )  # fmt: skip
@@ -336,3 +340,109 @@ def default_features(robot: Robot, recording: Recording) -> FeatureSet:
             f"channel of {robot.title}; name the features to use"
         )
     return FeatureSet.parse(names)
+
+
+@compiled
+def lag(length: int, fresh: bool, value: float, memory: Array) -> float:
+    """Value of `length` samples ago; `memory` (length + 1,) is the next slot, then a ring."""
+    if fresh:
+        memory[0] = 0.0
+        for i in range(1, length + 1):
+            memory[i] = value
+    slot = int(memory[0])
+    past = memory[slot + 1]
+    memory[slot + 1] = value
+    memory[0] = (slot + 1) % length
+    return float(past)
+
+
+@compiled
+def lowpass(constant: float, fresh: bool, dt: float, value: float, past: Array) -> float:
+    """First-order low-pass, exact for a signal that runs straight between its samples.
+
+    Solves ``constant * dy/dt = u - y`` over `dt` [s] with u going linearly from the last value
+    to `value`, so that a recording at 30 Hz and a loop at 1 kHz see nearly the same feature.
+    `past` (2,) is the output and the input of the last sample.
+    """
+    if fresh:
+        past[0] = value
+    else:
+        trail = constant * (value - past[1]) / dt
+        past[0] = value - trail + (past[0] - past[1] + trail) * math.exp(-dt / constant)
+    past[1] = value
+    return float(past[0])
+
+
+@compiled
+def play(half_width: float, fresh: bool, value: float, last: float) -> float:
+    """Play (backlash) operator: the output stands still until `value` leaves its dead band.
+
+    `last` is the last output. A fresh start puts the output in the middle of the band.
+    """
+    output = value if fresh else last
+    return min(max(output, value - half_width), value + half_width)
+
+
+@compiled
+def feature_row(
+    operation: Integers,
+    source: Integers,
+    parameter: Array,
+    slot: Integers,
+    gap_limit: float,
+    t: float,
+    sample: Array,
+    memory: Array,
+    clock: Array,
+    out: Array,
+) -> bool:
+    """Features of one sample, into `out` (k,); returns whether their history starts here.
+
+    Each applies its `operation` (`VALUE`, `LAG`, ...) with its `parameter` (samples, time constant
+    [s] or half-width) to the signal `source` of the `sample`; its state begins at `slot` of
+    `memory`. `clock` (2,) is whether a sample was seen and its stamp [s]; after `gap_limit` [s] all
+    starts anew.
+    """
+    step = t - clock[1]
+    fresh = bool(clock[0] == 0.0 or not (step > 0.0 and step <= gap_limit))
+    dt = float(step)
+    for i in range(unrolled(operation.shape[0])):
+        value = sample[source[i]]
+        if operation[i] == LAG:
+            length = int(parameter[i])
+            out[i] = lag(length, fresh, value, vector(memory, slot[i], length + 1))
+        elif operation[i] == LOWPASS:
+            out[i] = lowpass(parameter[i], fresh, dt, value, vector(memory, slot[i], 2))
+        elif operation[i] == RATE:
+            trail = lowpass(parameter[i], fresh, dt, value, vector(memory, slot[i], 2))
+            out[i] = (value - trail) / parameter[i]
+        elif operation[i] == PLAY:
+            last = vector(memory, slot[i], 1)
+            last[0] = play(parameter[i], fresh, value, last[0])
+            out[i] = last[0]
+        else:
+            out[i] = value
+    clock[0] = 1.0
+    clock[1] = t
+    return fresh
+
+
+@compiled
+def feature_rows(
+    operation: Integers,
+    source: Integers,
+    parameter: Array,
+    slot: Integers,
+    gap_limit: float,
+    t: Array,
+    samples: Array,
+    memory: Array,
+    out: Array,
+) -> None:
+    """Features `out` (n, k) of `samples` (n, n_signals) at stamps `t` (n,) [s]."""
+    clock = np.zeros(2)
+    for row in range(t.shape[0]):
+        feature_row(
+            operation, source, parameter, slot, gap_limit,
+            t[row], samples[row], memory, clock, out[row],
+        )  # fmt: skip

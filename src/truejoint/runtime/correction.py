@@ -13,7 +13,7 @@ from truejoint.calibration.interval import range_excess
 from truejoint.compiled import compiled, copy, fill, inlined, vector
 from truejoint.estimators.family import call_row
 from truejoint.estimators.products import add_triangle
-from truejoint.features.kernels import feature_row
+from truejoint.features.feature_set import feature_row
 from truejoint.layout import part_memory, part_numbers
 from truejoint.runtime import fields as at
 from truejoint.runtime.fields import unpack

@@ -31,7 +31,7 @@ from truejoint.calibration.interval import inverse_span, range_excess
 from truejoint.compiled import compiled, copy
 from truejoint.errors import CalibrationError
 from truejoint.estimators.products import weighted
-from truejoint.features.kernels import feature_row
+from truejoint.features.feature_set import feature_row
 from truejoint.layout import Layout, refuse_copy
 
 if TYPE_CHECKING:

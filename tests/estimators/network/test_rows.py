@@ -9,9 +9,8 @@ from hypothesis import strategies as st
 from scipy.special import expit
 
 from truejoint.estimators.family import EstimatorData, Family, evaluate
-from truejoint.estimators.network import gru as recurrent
-from truejoint.estimators.network import tcn as convolution
-from truejoint.estimators.network.gru import is_update
+from truejoint.estimators.network import run as network
+from truejoint.estimators.network.run import is_update
 
 K = 3
 PARAMS = {
@@ -31,7 +30,7 @@ def fitted(family: Family, n_outputs: int = 2, seed: int = 0, **params: int) -> 
 
 
 def convolved(layers: int = 3, **params: int) -> EstimatorData:
-    return fitted(convolution.FAMILY, layers=layers, **params)
+    return fitted(network.TCN, layers=layers, **params)
 
 
 def predict(data: EstimatorData, X: np.ndarray, dt: np.ndarray) -> np.ndarray:
@@ -66,7 +65,7 @@ def forward(data: EstimatorData, X: np.ndarray, updates: np.ndarray, fresh: np.n
 @given(st.integers(1, 9), st.integers(1, 5), st.integers(0, 99))
 def test_the_recurrent_row_is_the_forward_pass(units, n_outputs, seed):
     rng = np.random.default_rng(seed)
-    data = fitted(recurrent.FAMILY, n_outputs, seed, units=units)
+    data = fitted(network.GRU, n_outputs, seed, units=units)
     X = rng.normal(size=(40, K))
     fresh = np.arange(40) % 17 == 0
     dt = np.where(fresh, 0.0, 0.033)  # slower than the period: each row updates the state
@@ -75,7 +74,7 @@ def test_the_recurrent_row_is_the_forward_pass(units, n_outputs, seed):
 
 
 def test_rows_between_updates_leave_no_trace():
-    data, X = fitted(recurrent.FAMILY), np.random.default_rng(0).normal(size=(60, K))
+    data, X = fitted(network.GRU), np.random.default_rng(0).normal(size=(60, K))
     dt = np.where(np.arange(60) == 0, 0.0, 0.005)
     updates = np.arange(60) % 4 == 0
     expected = forward(data, X, updates, np.arange(60) == 0)
@@ -97,7 +96,7 @@ def test_jitter_of_the_clock_does_not_decide_what_updates(rate):
 
 
 def test_a_large_input_saturates_the_gates():
-    data = fitted(recurrent.FAMILY)
+    data = fitted(network.GRU)
     X = np.array([[1e9, -1e9, 1e9]] * 3)
     assert np.isfinite(predict(data, X, np.array([0.0, 0.1, 0.1]))).all()
 

@@ -9,7 +9,7 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import Plays
 from truejoint.estimators.plays.learn import identify_coupling
 from truejoint.estimators.plays.run import SETTLED, coupled_play, coupled_play_rows
-from truejoint.features.kernels import play
+from truejoint.features.feature_set import play
 from truejoint.robots import get_robot
 
 COUPLING = np.array([[0.0, 0.8, 0.0], [0.45, 0.0, 0.0], [0.0, 0.0, 0.0]])

@@ -11,7 +11,7 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.estimators.family import LARGEST, POSITIVE, Rule, Shape, number
-from truejoint.features.kernels import play
+from truejoint.features.feature_set import play
 
 MOTOR: Final = "motor/jaw"
 DRIVE: Final = "cable/drive"

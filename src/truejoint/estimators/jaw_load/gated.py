@@ -18,8 +18,7 @@ from truejoint.compiled import compiled, vector
 from truejoint.estimators.family import POSITIVE, Family, Params, Shape, only_joint
 from truejoint.estimators.jaw.signals import MOTOR, RESET, stand
 from truejoint.estimators.plays import run as plays
-from truejoint.estimators.plays.jaw_bank import WIDTHS_RULE, bank
-from truejoint.estimators.plays.run import play_bank_row
+from truejoint.estimators.plays.run import jaw_bank, play_bank_row
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 LAYOUT: Final = Layout()
@@ -93,7 +92,7 @@ def redescending(difference: float, gate: float) -> float:
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
     shapes: dict[str, Shape] = {"gate": (1,), "misfit": (2,)}
     for side, k in SIDES.items():
-        learnt = plays.shapes(bank(tuple(params["plays"]), k), k, 1)
+        learnt = plays.shapes(jaw_bank(tuple(params["plays"]), k), k, 1)
         shapes |= {f"{side}/{name}": shape for name, shape in learnt.items()}
     return only_joint("jaw_load.gated", shapes, n_outputs)
 
@@ -101,7 +100,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     def part(side: str, k: int) -> Memory:
         learnt = {n.removeprefix(f"{side}/"): a for n, a in arrays.items() if n.startswith(side)}
-        return plays.pack(bank(tuple(params["plays"]), k), learnt, k, 1)
+        return plays.pack(jaw_bank(tuple(params["plays"]), k), learnt, k, 1)
 
     motor, reset = arrays["both/inverse_half_range"]
     return LAYOUT.pack(
@@ -118,7 +117,10 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
 
 FAMILY: Final = Family(
     "jaw_load.gated",
-    rules={**dict.fromkeys(("gate", "smallest_gate"), POSITIVE), "plays": WIDTHS_RULE},
+    rules={
+        **dict.fromkeys(("gate", "smallest_gate"), POSITIVE),
+        "plays": plays.FAMILY.rules["plays"],
+    },
     shapes=_shapes,
     pack=_pack,
     row=gated_row,

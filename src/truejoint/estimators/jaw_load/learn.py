@@ -21,9 +21,8 @@ from truejoint.estimators.jaw.base import JawEstimator, MechanismEstimator, medi
 from truejoint.estimators.jaw_load import gated
 from truejoint.estimators.jaw_load import run as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
-from truejoint.estimators.plays import jaw_bank
 from truejoint.estimators.plays import run as plays
-from truejoint.estimators.plays.jaw_plays import PENALTY, fit_bank
+from truejoint.estimators.plays.learn import JAW_PENALTY, fit_jaw_bank
 from truejoint.estimators.plays.run import follow_rows
 from truejoint.estimators.ridge import ridge
 
@@ -184,7 +183,7 @@ class FrictionFilter(MechanismEstimator):
         columns = self._columns(X, dt, scale)
         fits, misfit = [], []
         for side in (y, drive):
-            weights, constant = ridge(columns[has_truth], side[has_truth], PENALTY)
+            weights, constant = ridge(columns[has_truth], side[has_truth], JAW_PENALTY)
             residual = side - (constant + columns @ weights)
             fits.append(np.append(constant, weights))
             misfit.append(float(np.sqrt(np.mean(residual[has_truth] ** 2))))
@@ -239,7 +238,7 @@ class GatedPlays(JawEstimator):
     family: ClassVar[Family] = gated.FAMILY
     gate: float = 3.0
     smallest_gate: float = 1.75e-3
-    plays: tuple[float, ...] = jaw_bank.WIDTHS
+    plays: tuple[float, ...] = plays.JAW_WIDTHS
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
@@ -248,8 +247,8 @@ class GatedPlays(JawEstimator):
         arrays: Arrays = {}
         for side, k in gated.SIDES.items():
             rows = np.ascontiguousarray(X[:, -k:])
-            learnt = fit_bank(widths, PENALTY, rows, y, dt, has_truth)
-            memory = plays.pack(jaw_bank.bank(widths, k), learnt, k, 1)
+            learnt = fit_jaw_bank(widths, JAW_PENALTY, rows, y, dt, has_truth)
+            memory = plays.pack(plays.jaw_bank(widths, k), learnt, k, 1)
             estimates[side] = evaluate(plays.FAMILY, memory, rows, dt, 1)[has_truth, 0]
             arrays |= {f"{side}/{name}": array for name, array in learnt.items()}
             progress(0.4 * k)

@@ -1,4 +1,12 @@
-"""The deep neural network of peng2024, IV-B: its forward pass in float64."""
+"""Networks, in float64: the deep one of peng2024, IV-B, a recurrent and a convolutional one.
+
+Of the two that remember, the output sees the features beside the state or the last layer: what is
+linear needs no memory. Gated recurrent units are of Cho et al., EMNLP 2014; their reset gate acts
+on the product with the state, as in cuDNN, Keras and torch, so that one product serves all gates.
+A layer of convolutions sees what the one before gave now and ``2**i`` updates ago, so that the last
+of n sees ``2**n`` updates; it adds what its rectified units give to what it was given (dilated
+causal convolutions with residual connections: Bai, Kolter and Koltun, arXiv 1803.01271).
+"""
 
 from __future__ import annotations
 
@@ -10,7 +18,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled, matrix, unrolled, vector
+from truejoint.compiled import compiled, copy, fill, matrix, unrolled, vector
 from truejoint.estimators.family import (
     RANDOM_STATE,
     Family,
@@ -21,11 +29,30 @@ from truejoint.estimators.family import (
     is_integer,
     number,
 )
-from truejoint.estimators.products import layer, padded, rescale, standardise
+from truejoint.estimators.products import (
+    BLOCK,
+    add_product,
+    layer,
+    padded,
+    rescale,
+    standardise,
+)
 from truejoint.layout import Layout, Memory
 
 MAX_LAYERS: Final = 8
 MAX_UNITS: Final = 2048
+MAX_TCN_LAYERS: Final = 12
+
+TRAINING: Final[Mapping[str, Rule]] = {
+    "period": number(1e-6, 1e3),
+    "weight_decay": number(0.0, 1e3),
+    "learning_rate": number(1e-9, 10.0),
+    "window": integer(2, 10**5),
+    "batch_size": integer(1, 10**5),
+    "epochs": integer(1, 10**6),
+    "random_state": RANDOM_STATE,
+}
+"""Rules of what every network that remembers is trained by."""
 
 LAYOUT: Final = Layout()
 LAYOUT.array("mean", "of each feature in training", "n_features")
@@ -125,4 +152,223 @@ FAMILY: Final = Family(
     shapes=_shapes,
     pack=_pack,
     row=network_row,
+)
+
+GRU_LAYOUT: Final = Layout()
+GRU_LAYOUT.scalar("period", "time between updates of the state [s]")
+GRU_ELAPSED: Final = GRU_LAYOUT.scalar("elapsed", "time since the state was updated [s]")
+GRU_LAYOUT.array("mean", "of each feature in training", "n_features")
+GRU_LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
+GRU_LAYOUT.array("target_mean", "of each output", "n_outputs")
+GRU_LAYOUT.array("target_scale", "of each output", "n_outputs")
+GRU_LAYOUT.array(
+    "input_weights", "columns: the gates, then the candidate", "n_features", "gates_width"
+)
+GRU_LAYOUT.array("input_bias", "of gates and candidate", "gates_width")
+GRU_LAYOUT.array("state_weights", "columns as the inputs'", "units", "gates_width")
+GRU_LAYOUT.array("state_bias", "of the candidate, within the reset gate", "gates_width")
+GRU_LAYOUT.array("output_weights", "a row for each unit and each feature", "n_seen", "columns")
+GRU_LAYOUT.array("output_bias", "of each output", "columns")
+GRU_LAYOUT.array("state", "as it was last updated", "units")
+GRU_LAYOUT.array("seen", "by the output: new state and standardised features", "n_seen")
+GRU_LAYOUT.array("gates", "what the features give gates and candidate", "gates_width")
+GRU_LAYOUT.array("from_state", "what the state gives gates and candidate", "gates_width")
+GRU_LAYOUT.array("sums", "standardised outputs", "columns")
+GRU_LAYOUT.integer("width", "units, filled up to a multiple of 4")
+unpack_gru = GRU_LAYOUT.unpacker()
+
+
+@compiled
+def gru_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict from the features and the state, which is updated once in a period.
+
+    A row in between is predicted from the state that it would give, and leaves no trace.
+    """
+    m = unpack_gru(numbers, memory)
+    new, scaled = vector(m.seen, 0, m.units), vector(m.seen, m.units, m.n_features)
+    standardise(x, m.mean, m.inverse_scale, scaled)
+    if dt == 0.0:
+        fill(m.state, m.units, 0.0)
+    layer(scaled, m.input_weights, m.input_bias, m.gates)
+    layer(m.state, m.state_weights, m.state_bias, m.from_state)
+    for i in range(2 * m.width):
+        m.gates[i] += m.from_state[i]
+    logistic(m.gates, 2 * m.width)
+    for i in range(m.units):
+        drive = m.gates[2 * m.width + i] + m.gates[m.width + i] * m.from_state[2 * m.width + i]
+        candidate = tanh(drive)
+        new[i] = candidate + m.gates[i] * (m.state[i] - candidate)
+    elapsed = m.elapsed + dt
+    if is_update(dt, elapsed, m.period):
+        copy(new, m.state, m.units)
+        elapsed = 0.0
+    memory[GRU_ELAPSED] = elapsed
+    layer(m.seen, m.output_weights, m.output_bias, m.sums)
+    rescale(m.sums, m.target_mean, m.target_scale, out)
+
+
+@compiled
+def tanh(x: float) -> float:
+    """Hyperbolic tangent by way of `exp`, the same in C."""
+    return 2.0 / (1.0 + math.exp(-2.0 * x)) - 1.0
+
+
+@compiled
+def is_update(dt: float, elapsed: float, period: float) -> bool:
+    """Whether a row updates the state: the first of a history, and that nearest to the period."""
+    # Not quite a half, so that jitter decides nothing where a period is 1.5 or 2.5 rows.
+    return dt == 0.0 or elapsed >= period - 0.45 * dt
+
+
+def _gru_shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    units = int(params["units"])
+    return {
+        **scaling_shapes(n_features, n_outputs),
+        "input_weights": (n_features, 3 * units),
+        "input_bias": (3 * units,),
+        "state_weights": (units, 3 * units),
+        "state_bias": (units,),
+        "output_weights": (units + n_features, n_outputs),
+        "output_bias": (n_outputs,),
+    }
+
+
+def _gru_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
+    units = int(params["units"])
+    width = units + -units % BLOCK
+    bias = padded(arrays["output_bias"][None])[0]
+    table = {**arrays, "output_weights": padded(arrays["output_weights"]), "output_bias": bias}
+    for name in ("input_weights", "input_bias", "state_weights"):  # each gate by itself
+        array = padded(arrays[name].reshape(-1, units))
+        table[name] = array.reshape(*arrays[name].shape[:-1], 3 * width)
+    table["state_bias"] = np.zeros(3 * width)
+    table["state_bias"][2 * width :][:units] = arrays["state_bias"]
+    return GRU_LAYOUT.pack(
+        width=width,
+        period=params["period"],
+        **table,
+        **dict.fromkeys(("gates", "from_state"), np.zeros(3 * width)),
+        state=np.zeros(units),
+        seen=np.zeros(units + k),
+        sums=np.zeros_like(bias),
+    )
+
+
+GRU: Final = Family(
+    "network.gru",
+    rules={"units": integer(1, 512), **TRAINING},
+    shapes=_gru_shapes,
+    pack=_gru_pack,
+    row=gru_row,
+    remembers=True,
+    counts_samples=True,
+)
+
+TCN_LAYOUT: Final = Layout()
+TCN_LAYOUT.scalar("period", "time between updates [s]")
+TCN_ELAPSED: Final = TCN_LAYOUT.scalar("elapsed", "time since the last update [s]")
+COUNT: Final = TCN_LAYOUT.scalar("count", "updates, from 0 again after the longest way back")
+TCN_LAYOUT.array("mean", "of each feature in training", "n_features")
+TCN_LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
+TCN_LAYOUT.array("target_mean", "of each output", "n_outputs")
+TCN_LAYOUT.array("target_scale", "of each output", "n_outputs")
+TCN_LAYOUT.array("input_weights", "a row for each feature", "n_features", "width")
+TCN_LAYOUT.array("input_bias", "of what the first layer sees", "width")
+TCN_LAYOUT.array("now_weights", "of each layer, of what it is given now", "n_squares")
+TCN_LAYOUT.array("past_weights", "of each layer, of what it was given before", "n_squares")
+TCN_LAYOUT.array("layer_bias", "of each layer", "n_layers", "width")
+TCN_LAYOUT.array("output_weights", "a row for each unit and each feature", "n_seen", "columns")
+TCN_LAYOUT.array("output_bias", "of each output", "columns")
+TCN_LAYOUT.array("past", "what layers were given, as long ago as they look back", "n_past", "width")
+TCN_LAYOUT.array("seen", "by the output: last layer and standardised features", "n_seen")
+TCN_LAYOUT.array("units_now", "of one layer, before they are rectified", "width")
+TCN_LAYOUT.array("sums", "standardised outputs", "columns")
+unpack_tcn = TCN_LAYOUT.unpacker()
+
+
+@compiled
+def tcn_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict from the features and what the layers were given; a period keeps one row.
+
+    A row in between is predicted as if it were the next that is kept, and leaves no trace.
+    """
+    m = unpack_tcn(numbers, memory)
+    width, units = m.width, m.units_now
+    hidden, scaled = vector(m.seen, 0, width), vector(m.seen, width, m.n_features)
+    standardise(x, m.mean, m.inverse_scale, scaled)
+    if dt == 0.0:
+        for row in range(m.n_past):
+            fill(m.past[row], width, 0.0)
+    elapsed, count = m.elapsed + dt, int(m.count)
+    keeps = is_update(dt, elapsed, m.period)
+    layer(scaled, m.input_weights, m.input_bias, hidden)
+    back = 1
+    for i in range(m.n_layers):
+        at = i * width * width
+        layer(hidden, matrix(m.now_weights, at, width, width), m.layer_bias[i], units)
+        past = m.past[back - 1 + count % back]
+        add_product(past, matrix(m.past_weights, at, width, width), units)
+        if keeps:
+            copy(hidden, past, width)
+        for j in range(width):
+            hidden[j] += max(units[j], 0.0)
+        back *= 2
+    if keeps:
+        count, elapsed = (count + 1) % back, 0.0
+    memory[COUNT], memory[TCN_ELAPSED] = count, elapsed
+    layer(m.seen, m.output_weights, m.output_bias, m.sums)
+    rescale(m.sums, m.target_mean, m.target_scale, out)
+
+
+def _tcn_shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+    units, n_layers = int(params["units"]), int(params["layers"])
+    return {
+        **scaling_shapes(n_features, n_outputs),
+        "input_weights": (n_features, units),
+        "input_bias": (units,),
+        "now_weights": (n_layers * units, units),
+        "past_weights": (n_layers * units, units),
+        "layer_bias": (n_layers, units),
+        "output_weights": (units + n_features, n_outputs),
+        "output_bias": (n_outputs,),
+    }
+
+
+def _tcn_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
+    units, n_layers = int(params["units"]), int(params["layers"])
+    more = -units % BLOCK
+    width = units + more
+    table = dict(arrays)
+    for name in ("input_weights", "layer_bias"):
+        table[name] = padded(arrays[name])
+    for name in ("input_bias", "output_bias"):
+        table[name] = padded(arrays[name][None])[0]
+    for name in ("now_weights", "past_weights"):
+        squares = arrays[name].reshape(n_layers, units, units)
+        square = np.pad(squares, ((0, 0), (0, more), (0, more)))
+        table[name] = square.ravel()
+    from_units, from_features = np.split(padded(arrays["output_weights"]), [units])
+    table["output_weights"] = np.vstack([padded(from_units, rows=True), from_features])
+    return TCN_LAYOUT.pack(
+        period=params["period"],
+        **table,
+        past=np.zeros((2**n_layers - 1, width)),
+        seen=np.zeros(width + k),
+        units_now=np.zeros(width),
+        sums=np.zeros(table["output_bias"].size),
+    )
+
+
+TCN: Final = Family(
+    "network.tcn",
+    rules={"layers": integer(1, MAX_TCN_LAYERS), "units": integer(1, 512), **TRAINING},
+    shapes=_tcn_shapes,
+    pack=_tcn_pack,
+    row=tcn_row,
+    remembers=True,
+    counts_samples=True,
 )

@@ -18,9 +18,9 @@ from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, scaling
 from truejoint.estimators.family import Family
-from truejoint.estimators.network import gru, tcn
-from truejoint.estimators.network.gru import is_update
+from truejoint.estimators.network import run as network
 from truejoint.estimators.network.learn import BATCHES_PER_EPOCH, Floats, check_loss
+from truejoint.estimators.network.run import is_update
 from truejoint.extras import require
 
 FLOOR: Final = 1e-6  # added to the mean squared error of targets of variance 1
@@ -212,7 +212,7 @@ class GRU(SequenceNetwork):
     'gru'
     """
 
-    family: ClassVar[Family] = gru.FAMILY
+    family: ClassVar[Family] = network.GRU
 
     def _start(self, weights: dict[str, Floats], rng: np.random.RandomState) -> None:
         super()._start(weights, rng)
@@ -263,7 +263,7 @@ class TCN(SequenceNetwork):
     'tcn'
     """
 
-    family: ClassVar[Family] = tcn.FAMILY
+    family: ClassVar[Family] = network.TCN
     layers: int = 8
     units: int = 16
     window: int = 256

@@ -1,4 +1,4 @@
-"""Ridge regression and boosted trees on plays and low-passes of every feature."""
+"""Models on plays and low-passes of every feature, and on plays of a forceps' motor and cables."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from scipy.optimize import least_squares
 from truejoint.array_types import Array, Mask
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, constant_columns
+from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress, constant_columns
 from truejoint.estimators.family import (
     RANDOM_STATE,
     Family,
@@ -21,12 +21,16 @@ from truejoint.estimators.family import (
     Rule,
     check_rules,
     integer,
+    number,
     optional,
 )
 from truejoint.estimators.gp.learn import GaussianProcess
+from truejoint.estimators.jaw.base import JawEstimator
+from truejoint.estimators.jaw.signals import MOTOR, RESET
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.polynomial.learn import MOST_PRODUCTS, Polynomial, polynomial_design
-from truejoint.estimators.polynomial.run import interaction_factors
+from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
+from truejoint.estimators.polynomial.run import interaction_factors, of_degree
 from truejoint.estimators.ridge import BLOCKS
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.stack.run import members
@@ -34,6 +38,7 @@ from truejoint.estimators.stack.run import members
 if TYPE_CHECKING:
     from truejoint.robots import Robot
 
+JAW_PENALTY: Final = 1e-5
 _FIRST_REACH: Final = 0.1  # half-width of each play where the search starts, in half ranges
 _REACHES: Final = (0.002, 1.5)  # least and largest
 _STRONGEST: Final = 0.98  # pull of the others on a joint over its own stiffness, along any motion
@@ -204,7 +209,7 @@ class Plays(JointRegressor):
             "coupled": coupled if self.couple else (),
             "shares": self.shares,
             "turns": self.turns or () if self.turn else (),
-            "members": ((Polynomial.family.name, Polynomial(0).model_params(), ()),),
+            "members": ((POLYNOMIAL.name, of_degree(0), ()),),
             **{name: getattr(self, name) for name in ("learner", "couple", "turn")},
         }
 
@@ -464,3 +469,55 @@ def _scaled(columns: Array, sizes: Array | None = None) -> Array:
     """Columns (n, m) over their `sizes` (m,), by default their deviations; 0 where that is 0."""
     sizes = columns.std(axis=0) if sizes is None else sizes
     return np.divide(columns, sizes, out=np.zeros_like(columns), where=sizes > 1e-12)
+
+
+@dataclass(eq=False, repr=False, kw_only=True)
+class JawPlays(JawEstimator):
+    """Ridge regression on plays of one or two signals of a forceps, and on their products.
+
+    The reset cable's end follows the jaw but for the slider's friction: from it alone the estimate
+    hardly feels a load. The motor's side differs by the jaw's friction and by the load that
+    stretches the drive cable: from both sides it is the most accurate of all without a load, and
+    wrong under one. From the motor alone it is what the strategy without
+    sensors of yan2020, II-B, can reach.
+
+    Parameters
+    ----------
+    signals : tuple of str
+        One or two of ``motor/jaw``, ``cable/drive`` (both ``x1``) and ``cable/reset`` (``x2``).
+    plays : tuple of float
+        Half-widths of the plays of each signal, in half ranges of it.
+    penalty : float
+        Ridge on the standardised terms.
+
+    Examples
+    --------
+    >>> JawPlays(signals=("cable/reset",)).name
+    'play_reset'
+    """
+
+    family: ClassVar[Family] = play_bank.JAW_BANK
+    training: ClassVar[Mapping[str, Rule]] = {"penalty": number(0.0, 1e12)}
+    signals: tuple[str, ...] = (MOTOR, RESET)
+    plays: tuple[float, ...] = play_bank.JAW_WIDTHS
+    penalty: float = JAW_PENALTY
+
+    def _learn_jaw(
+        self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
+    ) -> Arrays:
+        return fit_jaw_bank(tuple(self.plays), self.penalty, X, y, dt, has_truth)
+
+
+def fit_jaw_bank(
+    widths: tuple[float, ...], penalty: float, X: Array, y: Array, dt: Array, has_truth: Flags
+) -> Arrays:
+    """Fit `jaw_bank` to the rows `X` (n, k), `y` (n,) that have a truth; `dt` (n,) is of all.
+
+    The penalty is fixed: on a motion of one amplitude, cross-validation would choose one that is
+    too small for any other.
+    """
+    params, arrays = play_bank.jaw_bank(widths, X.shape[1]), feature_scales(X[has_truth])
+    inputs = play_bank.expand_rows(params, arrays, X, dt, has_truth)
+    ((_, terms, _),) = params["members"]
+    model = Polynomial(**terms, penalty=penalty).fit(inputs, y[has_truth])
+    return {**arrays, **{f"0/{name}": array for name, array in model.arrays_.items()}}

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
@@ -35,11 +36,13 @@ from truejoint.estimators.family import (
     is_number,
     numbers,
     one_of,
+    only_joint,
 )
+from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
+from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.products import standardise
 from truejoint.estimators.stack.run import are_members, members
-from truejoint.features.feature_set import MAX_TIME_CONSTANT
-from truejoint.features.kernels import lowpass, play
+from truejoint.features.feature_set import MAX_TIME_CONSTANT, lowpass, play
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 MAX_PLAYS: Final = 32
@@ -51,6 +54,16 @@ SWEEPS: Final = 20  # over the joints, at most; four to seven are usual
 SETTLED: Final = 1e-4  # by how much no joint moves any more in a sweep, in half ranges
 LEAST: Final = 0.1
 """Share of its largest half-width that a growing play has where the other feature is least."""
+
+JAW_WIDTHS: Final = (
+    0.0005, 0.001, 0.002, 0.005, 0.01, 0.02, 0.035, 0.05, 0.07, 0.1, 0.14, 0.19, 0.26,
+)  # fmt: skip
+"""Half-widths of the plays of a forceps' motor and cables, in half ranges of a feature.
+
+The narrow ones stand for presliding of slider and jaw, the wide ones for how far friction stretches
+the drive cable.
+"""
+JAW_SIGNALS: Final = (MOTOR, DRIVE, RESET)
 
 LAYOUT: Final = Layout()
 N_PLAYS: Final = LAYOUT.integer("n_plays", "of each feature")
@@ -397,3 +410,49 @@ FAMILY: Final = Family(
     row=play_bank_row,
     remembers=True,
 )
+
+
+def jaw_bank(widths: tuple[float, ...], n_features: int) -> Params:
+    """Parameters of a bank for plays of `widths` on so many features of a forceps.
+
+    Its model is linear in features and plays, and in their products with the first feature; the
+    first feature's square multiplies the features alone.
+    """
+    terms = {
+        "degree": 2,
+        "ridge": True,
+        "first": 1,
+        "crossed": n_features * (1 + len(widths)),
+        "squared": 1,
+        "by_squares": n_features,
+    }
+    return {**BARE, "plays": widths, "members": ((POLYNOMIAL.name, terms, ()),)}
+
+
+def _jaw_bank(params: Params) -> Params:
+    return jaw_bank(tuple(params["plays"]), len(params["signals"]))
+
+
+JAW_BANK: Final = replace(
+    FAMILY,
+    name="plays.jaw_bank",
+    rules={
+        "signals": Rule(
+            lambda value: (
+                isinstance(value, (tuple, list))
+                and 1 <= len(value) <= 2
+                and list(value) == [signal for signal in JAW_SIGNALS if signal in value]
+            ),
+            f"one or two of {', '.join(JAW_SIGNALS)}, in this order",
+        ),
+        "plays": FAMILY.rules["plays"],
+    },
+    shapes=lambda params, k, n_outputs: only_joint(
+        "plays.jaw_bank", shapes(_jaw_bank(params), k, 1), n_outputs
+    ),
+    pack=lambda params, arrays, k, _n_outputs: pack(_jaw_bank(params), arrays, k, 1),
+    inputs=lambda params: tuple(params["signals"]),
+    targets=("position", "error"),
+    bears_load=lambda params: tuple(params["signals"]) == (RESET,),
+)
+"""Plays of a forceps' motor and cables: the bank on features of its own."""

@@ -15,7 +15,7 @@ from truejoint.drawing import PALETTE, Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.jaw_load.learn import GatedPlays
-from truejoint.estimators.plays.jaw_plays import JawPlays
+from truejoint.estimators.plays.learn import JawPlays
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
