@@ -67,6 +67,7 @@ from truejoint.calibration import (
 )
 from truejoint.errors import CalibrationError, TruejointError
 from truejoint.estimators import Polynomial
+from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.trees import run as tree_arrays
 from truejoint.estimators.trees.learn import single_threshold
 from truejoint.estimators.wrapped import WrappedRegressor
@@ -358,7 +359,7 @@ def test_a_class_of_the_users_own_on_a_known_family_is_kept(tmp_path):
 
 
 def test_a_family_that_nobody_could_find_again_is_not_written(tmp_path):
-    own = type("Own", (Polynomial,), {"family": replace(Polynomial.family, name="own")})
+    own = type("Own", (Polynomial,), {"family": replace(POLYNOMIAL, name="own")})
     calibration = streams.trained(own())
     assert np.isfinite(calibration.correct(streams.recording(np.arange(0.0, 5.0, 0.1)))).all()
     with pytest.raises(CalibrationError, match="no estimator family 'own'"):

@@ -79,23 +79,15 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         learnt, and ValueError if a shape or a value is wrong.
         """
         self.check_params()
-        if self.family.remembers:
-            inputs, targets = self._rows(X), np.array(y, dtype=np.float64)
-            if targets.ndim not in (1, 2) or len(targets) != len(inputs) or np.isinf(targets).any():
-                raise CalibrationError(
-                    f"{self.name}: y has shape {targets.shape} for {len(inputs)} rows; give a "
-                    "finite value for each row, NaN where unknown"
-                )
-            self.n_features_in_ = inputs.shape[1]
-        else:
-            takes_nan = self.partial and isinstance(y, np.ndarray) and y.dtype.kind == "f"
-            unknown = np.isnan(y) if takes_nan else np.False_
-            inputs, targets = validate_data(
-                self, X, np.where(unknown, 0.0, y) if np.any(unknown) else y,
-                dtype=np.float64, order="C", multi_output=True, y_numeric=True,
-            )  # fmt: skip
-            targets = np.where(unknown, np.nan, targets)
-        targets = np.asarray(targets, dtype=np.float64)
+        takes_nan = self.partial or self.family.remembers
+        takes_nan = takes_nan and isinstance(y, np.ndarray) and y.dtype.kind == "f"
+        unknown = np.isnan(y) if takes_nan else np.False_
+        inputs, targets = validate_data(
+            self, X, np.where(unknown, 0.0, y) if np.any(unknown) else y,
+            dtype=np.float64, order="C", multi_output=True, y_numeric=True,
+        )  # fmt: skip
+        self.family.check_size(self.model_params(), inputs.shape[1])
+        targets = np.asarray(np.where(unknown, np.nan, targets), dtype=np.float64)
         self.single_output_ = targets.ndim == 1
         targets = targets.reshape(len(targets), -1)
         self.n_outputs_ = targets.shape[1]
@@ -117,10 +109,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
     def predict(self, X: ArrayLike, dt: ArrayLike | None = None) -> Array:
         """Predict (n, n_outputs) for rows `X` (n, k), or (n,) if it was fitted to a 1-D target."""
         check_is_fitted(self)
-        if self.family.remembers:
-            inputs = self._rows(X)
-        else:
-            inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
+        inputs = validate_data(self, X, dtype=np.float64, order="C", reset=False)
         outputs = self.evaluate(inputs, dt)
         return outputs[:, 0] if self.single_output_ else outputs
 
@@ -159,7 +148,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Raises CalibrationError if a parameter or an array is unknown, missing, or breaks a rule.
         """
-        cls.family.check(data, n_features, n_outputs)
+        data.kind.check(data, n_features, n_outputs)
         estimator = cls.from_params(data.params)
         estimator.arrays_, estimator.single_output_ = dict(data.arrays), False
         estimator.n_features_in_, estimator.n_outputs_ = n_features, n_outputs
@@ -251,18 +240,6 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
                 f"{self.least_rows}"
             )
         return labelled
-
-    def _rows(self, X: ArrayLike) -> Array:
-        rows = np.ascontiguousarray(X, dtype=np.float64)
-        if rows.ndim != 2 or not len(rows):
-            raise CalibrationError(f"{self.name}: rows have shape {rows.shape}; give (n, k)")
-        self.family.check_size(self.model_params(), rows.shape[1])
-        if not np.isfinite(rows).all():
-            row, column = np.argwhere(~np.isfinite(rows))[0]
-            raise CalibrationError(
-                f"{self.name}: column {column} of row {row} is not finite; leave it out"
-            )
-        return rows
 
     def __getattr__(self, name: str) -> Any:
         arrays: Mapping[str, Array] = vars(self).get("arrays_", {})

@@ -47,17 +47,6 @@ _MOST_FAR: Final = 0.05  # share of the rows that may be; more of them are no ex
 _ROUNDS: Final = 5
 
 
-class _FamilyOfDegree:
-    """The family; of a constant, which corrects an error alone, with what that decides."""
-
-    constant = FAMILY.of(of_degree(0))
-
-    def __get__(self, instance: Polynomial | None, _owner: type) -> Family:
-        return (
-            FAMILY if instance is None or instance.degree != 0 or instance.ridge else self.constant
-        )
-
-
 @dataclass(eq=False, repr=False)
 class Polynomial(JointRegressor):
     """Least squares on all products of up to `degree` features, or a ridge regression.
@@ -115,7 +104,6 @@ class Polynomial(JointRegressor):
     array([1.])
     """
 
-    family: ClassVar[Family] = _FamilyOfDegree()  # type: ignore[assignment]  # by its degree
     training: ClassVar[Mapping[str, Rule]] = {
         "trimmed": one_of(False, True), "penalty": optional(number(0.0, 1e12))
     }  # fmt: skip
@@ -127,6 +115,11 @@ class Polynomial(JointRegressor):
     by_squares: int | None = None
     trimmed: bool = False
     penalty: float | None = None
+
+    @property
+    def family(self) -> Family:  # type: ignore[override]  # by a parameter
+        """What runs it; a constant corrects an error alone."""
+        return FAMILY.of(self.model_params())
 
     @property
     def partial(self) -> bool:  # type: ignore[override]  # by a parameter

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, ClassVar, Self
 
 import numpy as np
 from sklearn.base import clone
@@ -16,7 +16,6 @@ from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.family import (
     RANDOM_STATE,
-    EstimatorData,
     Family,
     Params,
     Rule,
@@ -29,14 +28,6 @@ from truejoint.estimators.wrapped import Regressor, joint_regressor
 if TYPE_CHECKING:
     from truejoint.recordings import Recording
     from truejoint.robots import Robot
-
-
-class _FamilyOfMembers:
-    """Family of a stack, as its members make it; of the class, that without a memory."""
-
-    def __get__(self, instance: Stack | None, _owner: type) -> Family:
-        attributes: Mapping[str, Any] = {} if instance is None else vars(instance)
-        return attributes.get("_by_members", stack.FAMILY)  # type: ignore[no-any-return]
 
 
 @dataclass(eq=False, repr=False)
@@ -77,7 +68,6 @@ class Stack(JointRegressor):
     array([0.2, 1.8])
     """
 
-    family: ClassVar[Family] = _FamilyOfMembers()  # type: ignore[assignment]  # by its members
     training: ClassVar[Mapping[str, Rule]] = {
         "random_state": RANDOM_STATE,
         "rows": optional(integer(1, 10**9)),
@@ -87,17 +77,10 @@ class Stack(JointRegressor):
     random_state: int | None = None
     rows: int | None = None
 
-    def __post_init__(self) -> None:
-        if not isinstance(self.members, list | tuple):
-            return  # `fit` says so, and what else is wrong
-        with suppress(CalibrationError):
-            self._by_members = stack.FAMILY.of(_described(self._unfitted()))
-
-    def set_params(self, **params: Any) -> Self:
-        """Set parameters by name; other members may make another family of it."""
-        super().set_params(**params)
-        self.__post_init__()
-        return self
+    @property
+    def family(self) -> Family:  # type: ignore[override]  # by its members
+        """What runs it; raises CalibrationError if a member cannot be one."""
+        return stack.FAMILY.of(self.model_params())
 
     def minimum_rows(self, n_features: int) -> int:
         """As many as the most demanding member needs."""
@@ -105,10 +88,6 @@ class Stack(JointRegressor):
 
     def check_params(self) -> None:
         """Raise CalibrationError if a member cannot be one, or the weights are not theirs."""
-        if not isinstance(self.members, list | tuple):
-            raise CalibrationError(
-                f"members of a stack are {self.members!r:.60}; give a list of estimators"
-            )
         unfitted = self._unfitted()
         for member in unfitted:
             member.check_params()
@@ -171,17 +150,10 @@ class Stack(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters, to be run only."""
-        presets = [e for e in map(registry.registered, registry.OWN) if type(e) is cls]
-        made = next((preset for preset in presets if preset.model_params() == params), cls())
-        made.params_, made._by_members = params, stack.FAMILY.of(params)
-        return made
-
-    @classmethod
-    def from_data(cls, data: EstimatorData, n_features: int, n_outputs: int) -> Self:
-        """Fitted estimator of its data; raises as `JointRegressor.from_data`."""
-        data.kind.check(data, n_features, n_outputs)
-        made = super().from_data(data, n_features, n_outputs)
-        made.members, made._by_members = (), data.kind
+        made = cls()
+        if made.model_params() != params:
+            made.members = ()
+        made.params_ = params
         return made
 
     def settled(self) -> Self:
@@ -231,7 +203,11 @@ class Stack(JointRegressor):
         return arrays
 
     def _unfitted(self) -> list[JointRegressor]:
-        """Give members of one's own."""
+        """Give members of one's own; raises CalibrationError if they are none."""
+        if not isinstance(self.members, list | tuple):
+            raise CalibrationError(
+                f"members of a stack are {self.members!r:.60}; give a list of estimators"
+            )
         members = (registry.member(m) if isinstance(m, str) else m for m in self.members)
         return [clone(joint_regressor(member)) for member in members]
 
