@@ -10,7 +10,7 @@ import pytest
 import truejoint
 from truejoint.calibration import adapted, calibrate, find_zero, read_calibration, write_calibration
 from truejoint.errors import CalibrationError
-from truejoint.estimators.ridge import CHANGE_PENALTIES, changes
+from truejoint.estimators.polynomial.learn import CHANGE_PENALTIES, changes
 from truejoint.recordings import Provenance, Recording
 from truejoint.robots import get_robot
 

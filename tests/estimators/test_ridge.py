@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import arrays
 from sklearn.linear_model import Ridge
 from sklearn.preprocessing import StandardScaler
 
-from truejoint.estimators.ridge import BLOCKS, PENALTIES, cross_validated, levels
+from truejoint.estimators.polynomial.learn import BLOCKS, PENALTIES, cross_validated, levels
 
 
 def table(seed: int = 0, n: int = 300) -> tuple[np.ndarray, np.ndarray]:

@@ -18,7 +18,7 @@ from truejoint.errors import ModelFileError
 from truejoint.estimators import Plays, registry
 from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
-from truejoint.estimators.network.sequence import SequenceNetwork
+from truejoint.estimators.network.learn import SequenceNetwork
 from truejoint.estimators.registry import estimator_names
 from truejoint.estimators.wrapped import get_estimator
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory

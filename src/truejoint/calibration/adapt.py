@@ -19,7 +19,7 @@ from truejoint.calibration.origin import Session
 from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError
-from truejoint.estimators.ridge import check_row_count
+from truejoint.estimators.polynomial.learn import check_row_count
 from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import as_recordings

@@ -13,7 +13,7 @@ from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.compatibility import source_of
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError
-from truejoint.estimators.ridge import levels
+from truejoint.estimators.polynomial.learn import levels
 from truejoint.features.feature_set import sample_dt
 from truejoint.recordings import Recording
 
@@ -153,7 +153,7 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
     not. Of three or more that one loses fifths in their stead. Ten or more are left out by how fast
     they move and by how large their efforts are, a fifth at a time, so that an estimator shows what
     it does beyond them; those of one speed, or under one load, all at once
-    (`truejoint.estimators.ridge.levels`). Where several homings, or masses on the tool,
+    (`truejoint.estimators.polynomial.learn.levels`). Where several homings, or masses on the tool,
     are stated, these are left out too.
     """
     parts, left_out = wholes(recordings), list[Fold]()
@@ -192,7 +192,7 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
     """Places of the recordings of each level, from the least to the largest, of each condition.
 
     Conditions are speed and the size of efforts, where these differ by a tenth or more, and a
-    stated mass. Levels are as `truejoint.estimators.ridge.levels` finds them; where it
+    stated mass. Levels are as `truejoint.estimators.polynomial.learn.levels` finds them; where it
     finds none, speeds and efforts are cut into eight runs of as many recordings. A condition that
     parts the recordings as another does is none.
     """

@@ -12,9 +12,9 @@ from .jaw_load.learn import GatedPlays as GatedPlays
 from .jaw_load.learn import Stiffness as Stiffness
 from .motor_side.hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
+from .network.learn import GRU as GRU
+from .network.learn import TCN as TCN
 from .network.learn import NeuralNetwork as NeuralNetwork
-from .network.sequence import GRU as GRU
-from .network.sequence import TCN as TCN
 from .plays.learn import JawPlays as JawPlays
 from .plays.learn import Plays as Plays
 from .polynomial.learn import Polynomial as Polynomial

@@ -160,8 +160,8 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
 
         Coefficients and intercept are those of this model and a ridge regression of what it leaves
         on the rows `X` (n, k), `y` (n, n_outputs), NaN where unknown, with `dt` (n,) as for `fit`;
-        see `truejoint.estimators.ridge.changes`. Raises CalibrationError if the rows are too
-        few, or the estimator is none whose coefficients can be changed so.
+        see `truejoint.estimators.polynomial.learn.changes`. Raises CalibrationError if the rows are
+        too few, or the estimator is none whose coefficients can be changed so.
         """
         raise CalibrationError(
             f"{self.name} cannot be the prior of a calibration: it has no coefficients that a few "

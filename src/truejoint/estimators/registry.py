@@ -55,57 +55,43 @@ Its epochs are those of the few thousand rows of a choice; over a million they w
 """
 
 
-def _plays(learner: str, *, couple: bool = False, turn: bool = False) -> Preset:
-    params = {"learner": learner, "couple": couple, "turn": turn}
-    return Preset("plays.learn.Plays", "plays.run", params, {})
-
-
-def _jaw_plays(*signals: str) -> Preset:
-    return Preset("plays.learn.JawPlays", "plays.run:jaw_bank", {"signals": signals})
-
-
-def _least_squares(*, intercept: bool = False, compensated: bool = False) -> Preset:
-    params = {"intercept": intercept, "compensated": compensated}
-    return Preset("jaw.learn.CableLeastSquares", "jaw.least_squares", params)
-
-
-def _polynomial(
-    degree: int, *, ridge: bool = False, tried: Mapping[str, Any] | None = None
-) -> Preset:
-    params = {"degree": degree, "ridge": ridge}
-    return Preset("polynomial.learn.Polynomial", "polynomial.run", params, tried)
-
+_PLAYS: Final = "plays.learn.Plays", "plays.run"
+_JAW_PLAYS: Final = "plays.learn.JawPlays", "plays.run:jaw_bank"
+_LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.least_squares"
+_POLYNOMIAL: Final = "polynomial.learn.Polynomial", "polynomial.run"
 
 PRESETS: Final[dict[str, Preset]] = {
-    OFFSET: _polynomial(0, tried={}),
-    "linear": _polynomial(1, tried={}),
-    "poly2": _polynomial(2),
+    OFFSET: Preset(*_POLYNOMIAL, {"degree": 0, "ridge": False}, {}),
+    "linear": Preset(*_POLYNOMIAL, {"degree": 1, "ridge": False}, {}),
+    "poly2": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": False}),
     "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
-    "poly2_ridge": _polynomial(2, ridge=True, tried={}),
+    "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, {}),
     "linear_trees": Preset(
         "stack.learn.Stack",
         "stack.run",
         {"members": (LINEAR, BOOSTED_TREES)},
         {"rows": _MANY},
     ),
-    "rich_play": _plays("ridge"),
-    "rich_trees": _plays("trees"),
-    "coupled_play": _plays("trees", couple=True),
-    "run_out": _plays("ridge", turn=True),
+    "rich_play": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": False}, {}),
+    "rich_trees": Preset(*_PLAYS, {"learner": "trees", "couple": False, "turn": False}, {}),
+    "coupled_play": Preset(*_PLAYS, {"learner": "trees", "couple": True, "turn": False}, {}),
+    "run_out": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": True}, {}),
     "gp": Preset("gp.learn.GaussianProcess", "gp.run", {}, {}),
-    "gp_lowpass": _plays("gaussian_process"),
-    "gru": Preset("network.sequence.GRU", "network.run:gru"),
-    "tcn": Preset("network.sequence.TCN", "network.run:tcn"),
-    "lsm": _least_squares(),
-    "lsm_intercept": _least_squares(intercept=True),
-    "lsm_compensated": _least_squares(compensated=True),
+    "gp_lowpass": Preset(
+        *_PLAYS, {"learner": "gaussian_process", "couple": False, "turn": False}, {}
+    ),
+    "gru": Preset("network.learn.GRU", "network.run:gru"),
+    "tcn": Preset("network.learn.TCN", "network.run:tcn"),
+    "lsm": Preset(*_LEAST_SQUARES, {"intercept": False, "compensated": False}),
+    "lsm_intercept": Preset(*_LEAST_SQUARES, {"intercept": True, "compensated": False}),
+    "lsm_compensated": Preset(*_LEAST_SQUARES, {"intercept": False, "compensated": True}),
     "ukf": Preset("jaw.learn.JawFilter", "jaw.run", {"compensated": False}),
     "ukf_compensated": Preset("jaw.learn.JawFilter", "jaw.run", {"compensated": True}),
-    "play_motor": _jaw_plays("motor/jaw"),
-    "play_drive": _jaw_plays("cable/drive"),
-    "play_reset": _jaw_plays("cable/reset"),
-    "play_both": _jaw_plays("motor/jaw", "cable/reset"),
-    "play_cables": _jaw_plays("cable/drive", "cable/reset"),
+    "play_motor": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw",)}),
+    "play_drive": Preset(*_JAW_PLAYS, {"signals": ("cable/drive",)}),
+    "play_reset": Preset(*_JAW_PLAYS, {"signals": ("cable/reset",)}),
+    "play_both": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw", "cable/reset")}),
+    "play_cables": Preset(*_JAW_PLAYS, {"signals": ("cable/drive", "cable/reset")}),
     "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated"),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),

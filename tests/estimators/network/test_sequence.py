@@ -13,7 +13,7 @@ from tests.runtime.streams import stepped, trained
 
 from truejoint.errors import CalibrationError, TruejointError
 from truejoint.estimators.family import EstimatorData
-from truejoint.estimators.network.sequence import FLOOR, GRU, TCN, Steps, step_rows
+from truejoint.estimators.network.learn import FLOOR, GRU, TCN, Steps, step_rows
 
 torch = pytest.importorskip("torch", reason="the extra [torch] is not installed")
 

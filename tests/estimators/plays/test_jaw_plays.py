@@ -7,7 +7,7 @@ from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg
 from truejoint.errors import CalibrationError
 from truejoint.estimators import GatedPlays, JawPlays
 from truejoint.estimators.plays.run import follow_rows
-from truejoint.estimators.ridge import ridge
+from truejoint.estimators.polynomial.learn import ridge
 from truejoint.simulation.forceps.load import LoadTest
 
 RESET = JawPlays(signals=("cable/reset",))

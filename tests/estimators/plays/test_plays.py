@@ -12,7 +12,7 @@ from truejoint.estimators import Plays, Polynomial
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.learn import capstan_turns, loaded_pairs
 from truejoint.estimators.plays.run import expand_rows
-from truejoint.estimators.ridge import blocks
+from truejoint.estimators.polynomial.learn import blocks
 from truejoint.features.feature_set import FeatureSet, time_steps
 from truejoint.robots import get_robot
 

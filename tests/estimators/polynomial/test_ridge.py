@@ -9,9 +9,8 @@ from sklearn.preprocessing import StandardScaler
 
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import EstimatorData, evaluate
-from truejoint.estimators.polynomial.learn import Polynomial
+from truejoint.estimators.polynomial.learn import PENALTIES, Polynomial
 from truejoint.estimators.polynomial.run import FAMILY, interaction_factors
-from truejoint.estimators.ridge import PENALTIES
 
 
 def test_ridge_tells_its_error_on_blocks_that_it_did_not_see():

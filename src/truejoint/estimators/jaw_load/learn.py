@@ -24,7 +24,7 @@ from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
 from truejoint.estimators.plays import run as plays
 from truejoint.estimators.plays.learn import JAW_PENALTY, fit_jaw_bank
 from truejoint.estimators.plays.run import follow_rows
-from truejoint.estimators.ridge import ridge
+from truejoint.estimators.polynomial.learn import ridge
 
 WIDTHS: Final = (4e-6, 12e-6, 40e-6, 120e-6)  # [m] that each element bends before it slides
 

@@ -24,7 +24,7 @@ from truejoint.estimators.motor_side.learn import (
 from truejoint.estimators.motor_side.run import ElasticJoint, output_terms
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.learn import feature_scales
-from truejoint.estimators.ridge import BLOCKS
+from truejoint.estimators.polynomial.learn import BLOCKS
 from truejoint.estimators.trees.learn import TreeSum, added, tree_sum, trees_data
 from truejoint.estimators.trees.run import FAMILY as TREES
 from truejoint.estimators.wrapped import Regressor, WrappedRegressor

@@ -29,7 +29,7 @@ from truejoint.estimators.motor_side.run import (
     terms,
 )
 from truejoint.estimators.plays.run import follow_rows
-from truejoint.estimators.ridge import blocks, cross_validated, levels, ridge
+from truejoint.estimators.polynomial.learn import blocks, cross_validated, levels, ridge
 from truejoint.filters import UnscentedFilter
 
 LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque

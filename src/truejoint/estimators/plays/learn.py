@@ -28,10 +28,14 @@ from truejoint.estimators.gp.learn import GaussianProcess
 from truejoint.estimators.jaw.base import JawEstimator
 from truejoint.estimators.jaw.signals import MOTOR, RESET
 from truejoint.estimators.plays import run as play_bank
-from truejoint.estimators.polynomial.learn import MOST_PRODUCTS, Polynomial, polynomial_design
+from truejoint.estimators.polynomial.learn import (
+    BLOCKS,
+    MOST_PRODUCTS,
+    Polynomial,
+    polynomial_design,
+)
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
 from truejoint.estimators.polynomial.run import interaction_factors, of_degree
-from truejoint.estimators.ridge import BLOCKS
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.stack.run import members
 
