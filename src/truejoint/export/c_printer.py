@@ -115,6 +115,7 @@ class Printer:
             function.has_effect = bool(function.written) or self.has_effect(function.text)
             self.functions[function.name] = self._bodies[identity] = function
         self._done[key] = self._bodies[identity]
+        function.name = self._done[key].name  # its calls have been noted, and name their caller
         return self._done[key]
 
     def has_effect(self, text: str) -> bool:
