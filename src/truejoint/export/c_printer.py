@@ -7,7 +7,8 @@ floating-point operation stays where it stands in the Python, so that the C give
 
 The subset of Python: assignment, ``for ... in range``, ``if``, ``return``, ``continue``, ``break``,
 arithmetic, comparisons, views and slices of arrays, `local_vector`s, calls of other
-kernels, a few functions of `math`. Anything else raises `Unprintable`.
+kernels, a few functions of `math`. A name that is read behind a loop or choice is set before it.
+Anything else raises `Unprintable`.
 """
 
 from __future__ import annotations
