@@ -234,8 +234,8 @@ def only_joint(name: str, shapes: Mapping[str, Shape], n_outputs: int) -> dict[s
 def find_family(name: str) -> Family:
     """Family by the name that stands in model files; raises CalibrationError if there is none.
 
-    It is the ``FAMILY`` of a module that the registry names, or of another package's entry point in
-    the group ``truejoint.models``.
+    It stands where its presets say, or in another package's entry point in the group
+    ``truejoint.models``.
     """
     places = {preset.family: preset.runs for preset in PRESETS.values()}
     places["trees"] = "trees.run"  # of other estimators

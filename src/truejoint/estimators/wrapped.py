@@ -115,9 +115,6 @@ class WrappedRegressor(JointRegressor):
         if kind not in (None, "regressor"):
             raise CalibrationError(f"{what} is a {kind}; give a regressor")
 
-    def check_shape(self, n_features: int, n_outputs: int) -> None:
-        """Take any number of either: which family runs it is known once it is fitted."""
-
     def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
         """Predict (n, n_outputs) for finite rows `X` (n, k); CalibrationError if it cannot."""
         if self.family.row is not None:

@@ -46,19 +46,13 @@ def polynomial_row(
     terms = m.scaled
     if m.degree > 1:
         terms = m.terms
-        multiply(m.factors, m.scaled, terms)
+        for i in range(m.factors.shape[0]):
+            product = m.scaled[m.factors[i, 0]]
+            for j in range(1, m.factors.shape[1]):
+                product *= m.scaled[m.factors[i, j]]
+            terms[i] = product
     layer(terms, m.coef, m.intercept, m.total)
     copy(m.total, out, out.shape[0])
-
-
-@compiled
-def multiply(factors: Integers, scaled: Array, terms: Array) -> None:
-    """Multiply, for each of the `terms` (n_terms,), its `factors` (n_terms, degree)."""
-    for i in range(factors.shape[0]):
-        product = scaled[factors[i, 0]]
-        for j in range(1, factors.shape[1]):
-            product *= scaled[factors[i, j]]
-        terms[i] = product
 
 
 def polynomial_factors(n_features: int, degree: int) -> Integers:
