@@ -19,7 +19,7 @@ from numba.extending import intrinsic
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import INTEGERS, VECTOR, address, call_address, compiled
 from truejoint.errors import CalibrationError
-from truejoint.estimators.registry import PRESETS
+from truejoint.estimators.registry import FAMILIES
 from truejoint.layout import Memory
 from truejoint.plugins import load_plugin, plugins
 
@@ -237,10 +237,8 @@ def find_family(name: str) -> Family:
     It stands where its presets say, or in another package's entry point in the group
     ``truejoint.models``.
     """
-    places = {preset.family: preset.runs for preset in PRESETS.values()}
-    places["trees"] = "trees.run"  # of other estimators
-    if name in places:
-        module, _, family = places[name].partition(":")
+    if name in FAMILIES:
+        module, _, family = FAMILIES[name].partition(":")
         found = getattr(import_module(f"{__package__}.{module}"), family.upper() or "FAMILY")
         return cast("Family", found)
     points = plugins("truejoint.models")

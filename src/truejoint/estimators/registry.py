@@ -102,6 +102,8 @@ PRESETS: Final[dict[str, Preset]] = {
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
+FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {"trees": "trees.run"}
+"""Where each family is, by its name; trees are part of other estimators."""
 
 TITLES: Final = {
     OFFSET: ("Fixed offset", "the fixed offset"),

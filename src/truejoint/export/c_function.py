@@ -458,12 +458,12 @@ class Function:
         if getattr(function, "gives_fields", False):
             return Record(*arguments)
         if function in (marks.vector, marks.matrix):
-            base, place, *shape = arguments
+            base, place, *sizes = arguments
             if isinstance(base, View):
-                return base.part(place, tuple(shape))
+                return base.part(place, tuple(sizes))
             if not isinstance(base, Handle):
                 raise self.fail(node, "this is no memory")
-            return self.printer.constants.view(base, place, tuple(shape))
+            return self.printer.constants.view(base, place, tuple(sizes))
         if function is marks.borrow or function is marks.unrolled:
             return arguments[0]
         if function in (layout.part_numbers, layout.part_memory):
