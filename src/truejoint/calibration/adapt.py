@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.spatial import KDTree
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.compatibility import common_robot
 from truejoint.calibration.fit import training_origin
@@ -149,11 +149,6 @@ def _rows(calibration: Calibration, recordings: Sequence[Recording], stride: int
     return training_rows(recordings, c.feature_set, c.joints, c.gap_limit, stride)
 
 
-def _residuals(calibration: Calibration, part: Rows) -> Array:
-    """Truth minus corrected position (n, n_joints) of every row."""
-    return np.asarray(part.truth - calibration.correct(part))
-
-
 def _usual_residuals(
     models: Mapping[str, Calibration],
     known: Sequence[Rows],
@@ -168,29 +163,24 @@ def _usual_residuals(
     if not known:
         shape = sum(len(part) for part in parts), len(parts[0].joints)
         return dict.fromkeys(models, np.zeros(shape))
-    near = _most_alike(parts, known)
-    usual = {}
-    for name, model in models.items():
-        residuals = [_residuals(model, part)[part.known] for part in known]
-        if is_each_zeroed:
-            residuals = [values - values.mean(axis=0) for values in residuals]
-        usual[name] = np.concatenate(residuals)[near].mean(axis=1)
-    return usual
-
-
-def _most_alike(parts: Sequence[Rows], reference: Sequence[Rows]) -> Integers:
-    """Places (n, 8) among all rows of the reference of those most like each row of `parts`."""
-    tables = [part.recording.table for part in (*parts, *reference)]
+    tables = [part.recording.table for part in (*parts, *known)]
     names = [f"{quantity}/{joint}" for quantity in _LIKE for joint in parts[0].joints]
     names = [name for name in names if all(name in table.columns for table in tables)]
     values = [table[names].to_numpy() for table in tables]
     here = np.concatenate(values[: len(parts)])
-    is_known = np.concatenate([part.known for part in reference])
+    is_known = np.concatenate([part.known for part in known])
     there = np.concatenate(values[len(parts) :])[is_known]
     deviation = there.std(axis=0)
     inverse = np.divide(1.0, deviation, out=np.zeros(len(names)), where=deviation > 0.0)
     nearest = np.arange(1, 1 + min(_NEIGHBOURS, len(there)))
-    return np.asarray(KDTree(there * inverse).query(here * inverse, nearest)[1], dtype=np.int64)
+    near = KDTree(there * inverse).query(here * inverse, nearest)[1]  # rows, neighbours
+    usual = {}
+    for name, model in models.items():
+        residuals = [(part.truth - model.correct(part))[part.known] for part in known]
+        if is_each_zeroed:
+            residuals = [values - values.mean(axis=0) for values in residuals]
+        usual[name] = np.concatenate(residuals)[near].mean(axis=1)
+    return usual
 
 
 def _at_mean(
@@ -203,7 +193,9 @@ def _at_mean(
     is_known = np.concatenate([part.known for part in parts])
     offsets = {}
     for name, model in models.items():
-        residuals = np.concatenate([_residuals(model, part) for part in parts]) - usual[name]
+        residuals = (
+            np.concatenate([part.truth - model.correct(part) for part in parts]) - usual[name]
+        )
         offsets[name] = residuals[is_known].mean(axis=0)
     return prior.at(Zero(offsets.pop("model"), baselines=offsets))
 

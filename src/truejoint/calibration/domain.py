@@ -88,7 +88,13 @@ def fit_training_domain(
     for t, table in zip(times, tables, strict=True):
         watch_changes(t, table, gap_limit, moves, partner, flicker, step, travel, hold)
     span = np.where(moves, upper - lower, 1.0)
-    mean, whitening = _whitening(features, resting)
+    mean = features.mean(axis=0)
+    used = varies(features.min(axis=0), features.max(axis=0)) & ~resting
+    inverse = np.divide(1.0, features.std(axis=0), out=np.zeros(len(mean)), where=used)
+    scaled = (features - mean) * inverse
+    variance, directions = np.linalg.eigh(scaled.T @ scaled / len(scaled))
+    weight = 1.0 / np.sqrt(np.maximum(variance, SMALLEST_VARIANCE))
+    whitening = np.ascontiguousarray((directions * weight).T * inverse)
     return TrainingDomain(
         dt=float(np.median(np.concatenate([np.diff(t) for t in times]))),
         signal_lower=lower,
@@ -189,14 +195,3 @@ def watch_changes(
 def varies(lower: Array, upper: Array) -> Mask:
     """Whether features with such bounds (k,) changed by more than rounding."""
     return np.asarray(upper - lower > 1e-9 * np.maximum(np.abs(lower), np.abs(upper)))
-
-
-def _whitening(features: Array, resting: Mask) -> tuple[Array, Array]:
-    """Mean (k,) and whitening matrix (k, k) of the rows of `features` (n, k)."""
-    mean = features.mean(axis=0)
-    used = varies(features.min(axis=0), features.max(axis=0)) & ~resting
-    inverse = np.divide(1.0, features.std(axis=0), out=np.zeros(len(mean)), where=used)
-    scaled = (features - mean) * inverse
-    variance, directions = np.linalg.eigh(scaled.T @ scaled / len(scaled))
-    weight = 1.0 / np.sqrt(np.maximum(variance, SMALLEST_VARIANCE))
-    return mean, np.ascontiguousarray((directions * weight).T * inverse)

@@ -304,7 +304,14 @@ def fit_effort_baseline(
         ):
             continue
         coef[j], scale[j] = _fit_effort(rows)
-        shift[j], friction[j] = _held_out_shifts(of_joint)
+        for i, held_out in enumerate(of_joint):  # against the baseline of the others, in its scale
+            rest = np.concatenate([held_out[:0], *of_joint[:i], *of_joint[i + 1 :]])
+            if len(held_out) and len(rest) >= STEPS_PER_TERM * n_terms:
+                coef_rest, scale_rest = _fit_effort(rest)
+                deviation = (held_out[:, 1] - held_out[:, 4:] @ coef_rest) / scale_rest
+                columns = held_out[:, 2].copy(), held_out[:, 3].copy()
+                largest = largest_shifts(deviation, *columns)
+                shift[j], friction[j] = np.maximum((shift[j], friction[j]), largest)
         monitored[j] = 1.0
     return replace(
         bare,
@@ -350,21 +357,6 @@ def _fit_effort(rows: Array) -> tuple[Array, float]:
     coef = np.asarray(np.linalg.lstsq(terms, effort, rcond=None)[0], dtype=np.float64)
     deviation = float(np.std(effort - terms @ coef))
     return coef, max(deviation, 1e-9 * float(np.abs(effort).max()))
-
-
-def _held_out_shifts(pieces: Sequence[Array]) -> tuple[float, float]:
-    """Largest shifts that recordings show against the baseline of the others, in its scale."""
-    shift, friction = 0.0, 0.0
-    for i, own in enumerate(pieces):
-        others = [own[:0], *pieces[:i], *pieces[i + 1 :]]
-        rest = np.concatenate(others)
-        if not len(own) or not len(rest) or len(rest) < STEPS_PER_TERM * (rest.shape[1] - 4):
-            continue
-        coef, scale = _fit_effort(rest)
-        deviation = (own[:, 1] - own[:, 4:] @ coef) / scale
-        seen = largest_shifts(deviation, own[:, 2].copy(), own[:, 3].copy())
-        shift, friction = max(shift, seen[0]), max(friction, seen[1])
-    return shift, friction
 
 
 def residual_statistics(

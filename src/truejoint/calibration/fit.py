@@ -42,7 +42,7 @@ from truejoint.calibration.fit_task import (
 )
 from truejoint.calibration.folds import FEW, FOLDS, Fold, blocks, dealt, folds, wholes, without
 from truejoint.calibration.origin import Origin, Session, TrainingZeros, ZeroOf, distinct
-from truejoint.calibration.redundancy import chosen_redundant, fit_parity_equations
+from truejoint.calibration.redundancy import fit_parity_equations, redundant_columns
 from truejoint.calibration.rows import Rows
 from truejoint.estimators.base import Progress, untold
 from truejoint.estimators.family import Target
@@ -146,7 +146,7 @@ def calibrate(
         share = 1.0 - begin - (_ZEROS_SHARE if zero is None else 0.0)
     task = FitTask.of(recordings, estimator, features, joints, target, random_state)
     checks = fit_parity_equations(
-        recordings, task.joints, tuple(task.units), chosen_redundant(recordings, redundant)
+        recordings, task.joints, tuple(task.units), redundant_columns(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
     own_share = share if groups is None else 0.5 * share

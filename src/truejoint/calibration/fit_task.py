@@ -151,7 +151,19 @@ class FitTask:
             )
         report = within(report, 0.0, 1.0 - _BASELINE_SHARE)
         model = fit_model(clone(self.model), parts, self.target, report)
-        return Fitted(model, *_fit_baselines(*partly_known(parts), n_features))
+        X, error = partly_known(parts)
+        fitted = Fitted(model, {}, {})
+        for name in BASELINES:
+            baseline = get_estimator(name)
+            try:
+                fitted.baselines[name] = data_of(baseline.fit(X, error))
+            except CalibrationError as reason:
+                fitted.notes[name] = f"left out: {reason}"
+                continue
+            needed = baseline.minimum_rows(n_features)
+            if len(X) < needed:
+                fitted.notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
+        return fitted
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:
@@ -186,25 +198,6 @@ def fit_model(
 def data_of(model: JointRegressor) -> EstimatorData:
     """Give a fitted estimator as data; no file holds that of one that runs in memory alone."""
     return EstimatorData(model.family.name, model.model_params(), model.arrays_)
-
-
-def _fit_baselines(
-    X: Array, error: Array, n_features: int
-) -> tuple[dict[str, EstimatorData], dict[str, str]]:
-    """Baselines fitted to the error, and why one is weak or absent."""
-    fitted: dict[str, EstimatorData] = {}
-    notes: dict[str, str] = {}
-    for name in BASELINES:
-        model = get_estimator(name)
-        try:
-            fitted[name] = data_of(model.fit(X, error))
-        except CalibrationError as reason:
-            notes[name] = f"left out: {reason}"
-            continue
-        needed = model.minimum_rows(n_features)
-        if len(X) < needed:
-            notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
-    return fitted, notes
 
 
 def training_rows(

@@ -44,23 +44,21 @@ class ParityEquations:
     joint: Array  # (n_equations,), index of the joint that each is about
 
 
-def redundant_columns(recordings: Sequence[Recording]) -> dict[str, str]:
-    """Give the unit of each column, by name, that is in all recordings and may be redundant."""
+def redundant_columns(
+    recordings: Sequence[Recording], asked: Sequence[str] | None = None
+) -> dict[str, str]:
+    """Give the unit of each column, by name, that is in all recordings and may be redundant.
+
+    Of those `asked` for alone, where they are given; raises CalibrationError if one is none.
+    """
     first = recordings[0].units
-    return {
+    there = {
         column: unit
         for column, unit in first.items()
         if column.partition("/")[0] in REDUNDANT
         and is_signal(column)
         and all(recording.units.get(column) == unit for recording in recordings)
     }
-
-
-def chosen_redundant(
-    recordings: Sequence[Recording], asked: Sequence[str] | None
-) -> dict[str, str]:
-    """Units of the redundant columns that are asked for; of all by default."""
-    there = redundant_columns(recordings)
     if asked is None:
         return there
     for column in asked:
