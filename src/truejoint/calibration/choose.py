@@ -62,9 +62,6 @@ _SHARE: Final = 0.1  # or this share of the shortest one
 _ZEROS_TRIED_ON: Final = 3  # parts, after which zeros that are no better so far are given up
 
 
-Pair = Callable[[Sequence[int]], tuple[Calibration, Calibration]]
-"""Fits to the recordings of these indices: with one zero, and with one for each."""
-
 Extend = Callable[[FoldErrors, Collection[str]], FoldErrors | None]
 """Table of the candidates of these names with more features than in another table."""
 
@@ -257,7 +254,7 @@ def _choice(
     chosen: _Option, tables: Sequence[FoldErrors], judged: Sequence[Fold], joints: Sequence[str]
 ) -> Choice:
     """Make the choice of what was chosen, with the evidence of what was tried."""
-    reference, table, square = tables[0].linear, chosen.table, chosen.square
+    reference, table, square = tables[0].alone[:, 0], chosen.table, chosen.square
     evidence = {
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
@@ -275,7 +272,7 @@ def _choice(
     weights = chosen.weights[chosen.weights.any(axis=1)].tolist()
     stack = Stack(chosen.members, tuple(map(tuple, weights)))
     estimator = chosen.members[0] if len(weights) == 1 else stack
-    return Choice(estimator, table.features, table.rows.target, evidence)
+    return Choice(estimator, table.rows.features, table.rows.target, evidence)
 
 
 def _entry(
@@ -292,7 +289,7 @@ def _entry(
     candidate = table.candidates[number]
     entry: dict[str, Any] = {
         "estimator": candidate.model.name,
-        "features": list(table.features.names),
+        "features": list(table.rows.features.names),
         "folds": len(candidate.folds),
         "seconds": round(candidate.seconds, 3),
         "weights": {},
@@ -377,10 +374,10 @@ def choice_of(
 
     def with_rates(table: FoldErrors, names: Collection[str]) -> FoldErrors | None:
         """Give candidates of these names the rates of the table's measured positions as well."""
-        positions = [name for name in table.features.names if name.startswith("measured/")]
+        positions = [name for name in table.rows.features.names if name.startswith("measured/")]
         rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
         tried = [model for model in free if model.name in names]
-        more = FeatureSet.parse([*table.features.names, *rates])
+        more = FeatureSet.parse([*table.rows.features.names, *rates])
         return grouped(more, tried, table.rows.target) if rates else None
 
     tables = [
@@ -437,11 +434,12 @@ def _with_their_features(
 def validate_zeros(
     parts: Sequence[Rows],
     left_out: Sequence[Fold],
-    fit_pair: Pair,
+    fit_pair: Callable[[Sequence[int]], tuple[Calibration, Calibration]],
     say: Callable[[str, float], None],
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better without doubt, and how that was found, as JSON.
 
+    `fit_pair` fits to recordings of these indices, with one zero and with one for each.
     Five of the folds at most, of whole recordings, are left out of a pair of fits each, and their
     recordings are re-zeroed from the first seconds as `find_zero` gives it. A
     zero for each is better where it beats one zero, by the rule of a choice, in a joint, and is no
@@ -452,12 +450,11 @@ def validate_zeros(
     judged, squares = list[str](), list[list[Array]]()
     left_out = left_out[:: -(-len(left_out) // FOLDS)]
     for number, fold in enumerate(left_out):
-        out = sorted({part.recording for part in fold.parts})
-        training = [index for index in range(len(parts)) if index not in out]
+        training = [index for index in range(len(parts)) if index not in fold.recordings]
         if len(training) < 2:
             continue
         say(f"Judging a zero for each recording without {fold.name}", number / len(left_out))
-        testing = [parts[index] for index in out]
+        testing = [parts[index] for index in fold.recordings]
         try:
             pair = fit_pair(training)
             errors = [[judged_error(fit, one, stretch)[0] for one in testing] for fit in pair]

@@ -378,7 +378,7 @@ def cross_interval(
                 raise
     report(1.0)
     held_out = [
-        [different[i] for i in _recordings_of(fold)]
+        [different[i] for i in fold.recordings]
         if plan.whole
         else [different[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
         for fold in plan.left_out
@@ -387,7 +387,7 @@ def cross_interval(
     scores: dict[Part, list[Array]] = {}
     for fit, fold in zip(fits, plan.left_out, strict=True):
         used = replace(fit, effort_baseline=fitted.effort_baseline)
-        rows = {i: used.rows(different[i]) for i in _recordings_of(fold)}
+        rows = {i: used.rows(different[i]) for i in fold.recordings}
         for part in fold.parts:
             seen = rows[part.recording]
             found = trajectory_scores(used, seen, rezero, growth, part.rows(len(seen)))
@@ -421,7 +421,7 @@ def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
         by_part = _Plan(units, dealt(units, ""), len(recordings))
         grouped = [[part for part in parts if part.recording in group] for group in groups]
         whole = dealt(grouped, "")
-        enough = enough_beside(recordings, [_recordings_of(fold) for fold in whole])
+        enough = enough_beside(recordings, [fold.recordings for fold in whole])
         if len(groups) == 1 or not enough.all():
             return [by_part]
         return [_Plan(units, whole, len(recordings), len(groups)), by_part]
@@ -430,7 +430,3 @@ def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
     if len(units) < len(parts):  # several recordings of a homing
         return [_Plan(units, dealt(units, ""))]
     return [_Plan(units, without_levels(recordings, conditions(recordings)))]
-
-
-def _recordings_of(fold: Fold) -> list[int]:
-    return sorted({part.recording for part in fold.parts})

@@ -143,11 +143,6 @@ class FoldErrors:
         spreads = np.zeros((len(candidates), rows.targets.shape[1]))
         return cls(rows, candidates, len(simple), spreads=spreads)
 
-    @property
-    def features(self) -> FeatureSet:
-        """What the candidates see."""
-        return self.rows.features
-
     @cached_property
     def usable(self) -> Mask:
         """Which candidates (m, n_joints) do without signals that move together.
@@ -162,11 +157,6 @@ class FoldErrors:
     def alone(self) -> Array:
         """Mean square error (n_folds, m, n_joints) of each candidate, NaN where not tried."""
         return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
-
-    @property
-    def linear(self) -> Array:
-        """Mean square error (n_folds, n_joints) of the linear model."""
-        return self.alone[:, 0]
 
     def stands(self, number: int) -> bool:
         """Whether a candidate is not given up, and was fitted without half of the folds or more."""
@@ -209,7 +199,7 @@ class FoldErrors:
                 if candidate.is_member and self.stands(number) and usable[number, joint]
             ]
             simple = [o for o in options[1:] if o[0][: self.n_simple].any()]
-            linear = self.linear[:, joint]
+            linear = self.alone[:, 0, joint]
             yardstick = min(simple, key=lambda o: log_ratio(o[1], linear).mean())[1]
             better = [o for o in options if is_better(log_ratio(o[1], yardstick))]
             chosen = min(better or simple, key=lambda o: log_ratio(o[1], linear).mean())
@@ -228,7 +218,7 @@ class FoldErrors:
 
     def passed_by(self, other: Self) -> Self:
         """Do not try what is hopeless in another table, where this one has more features."""
-        if not set(other.features.names) <= set(self.features.names):
+        if not set(other.rows.features.names) <= set(self.rows.features.names):
             return self
         others = list(enumerate(self.candidates))[self.n_simple :]
         lost = [k for k, c in others if c.model.name in other.hopeless and not c.note]

@@ -30,7 +30,6 @@ from truejoint.calibration.efforts import (
 )
 from truejoint.calibration.fit_task import (
     FitTask,
-    Fitted,
     data_of,
     fit_model,
     fitted_rows,
@@ -174,11 +173,16 @@ def calibrate(
 
 
 def _assembled(
-    task: FitTask, parts: Sequence[Rows], fitted: Fitted, parity: Any, redundant: dict[str, str]
+    task: FitTask,
+    parts: Sequence[Rows],
+    fitted: tuple[RezeroedFit, dict[str, str]],
+    parity: Any,
+    redundant: dict[str, str],
 ) -> Calibration:
     """Calibration of what was fitted, with its training domain, baselines and provenance."""
     X, error = (fitted_rows(parts, name) for name in ("X", "error"))
-    identified = fitted.model.identified
+    fit, notes = fitted
+    identified = None if fit.learnt is None else fit.learnt.identified
     origin, facts = training_origin(parts)
     return Calibration(
         machine=task.robot,
@@ -189,9 +193,9 @@ def _assembled(
         gap_limit=task.gap_limit,
         lower=X.min(axis=0),
         upper=X.max(axis=0),
-        fitted=data_of(fitted.model),
-        fitted_baselines=fitted.baselines,
-        learnt=fitted.model,
+        fitted=fit.fitted,
+        fitted_baselines=fit.baselines,
+        learnt=fit.learnt,
         training_domain=fit_training_domain(
             task.recordings,
             (*task.units, *redundant),
@@ -202,9 +206,7 @@ def _assembled(
         ),
         parity=parity,
         redundant=redundant,
-        origin=replace(
-            origin, estimator=task.model.name, sample_dt=task.dt, baseline_notes=fitted.notes
-        ),
+        origin=replace(origin, estimator=task.model.name, sample_dt=task.dt, baseline_notes=notes),
         metadata={
             **facts,
             "settings": " ".join(repr(task.model).split()),
@@ -227,9 +229,8 @@ def _with_zeros(
     signals = tuple(task.units)
     moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
     at_zero, offsets = take_off_zeros(parts, group, moves, signals)
-    again = task.fit(at_zero, report)
+    fit = replace(task.fit(at_zero, report)[0], moves=moves)
     zeros = TrainingZeros("homing" if zero == "homing" else "recording", tuple(names), offsets)
-    fit = RezeroedFit(data_of(again.model), again.baselines, moves, learnt=again.model)
     return replace(fitted, rezeroed_fit=fit, origin=replace(fitted.origin, zeros=zeros)), [
         replace(part, zero=None) for part in at_zero
     ]
@@ -325,17 +326,13 @@ def cross_fit(
         for part in training:
             part.check_truth()
         if zeros is None:
-            again = task.fit(training)
-            fit = replace(
-                bare, fitted=data_of(again.model), fitted_baselines=again.baselines,
-                learnt=again.model, rezeroed_fit=None,
-            )  # fmt: skip
+            again = replace(task.fit(training)[0], moves=bare.moves)
+            both = replace(bare, rezeroed_fit=again)
         else:
             groups = zero_groups([part.recording for part in training], zeros.per)
             both, _ = _with_zeros(bare, task, training, groups, zeros.per, untold)
-            fit = both.for_rezeroing
         X = fitted_rows(training, "X")
-        fits.append(replace(fit, lower=X.min(axis=0), upper=X.max(axis=0)))
+        fits.append(replace(both.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0)))
         (progress or untold)((number + 1) / len(left_out))
     return fits
 

@@ -6,12 +6,13 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import Final, NamedTuple, Self, get_args
+from typing import Final, Self, get_args
 
 import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration.calibration import RezeroedFit
 from truejoint.calibration.compatibility import (
     check_unit,
     chosen_features,
@@ -61,14 +62,6 @@ def unfitted(
         model.set_params(**dict.fromkeys(seeds, random_state))
     model.check_params()
     return model
-
-
-class Fitted(NamedTuple):
-    """A fitted model, its baselines, and why one of these is absent or weak."""
-
-    model: JointRegressor
-    baselines: dict[str, EstimatorData]
-    notes: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -139,8 +132,13 @@ class FitTask:
             )
         return constant
 
-    def fit(self, parts: Sequence[Rows], report: Progress = untold) -> Fitted:
-        """Fit the model and its baselines; raises CalibrationError if there are too few rows."""
+    def fit(
+        self, parts: Sequence[Rows], report: Progress = untold
+    ) -> tuple[RezeroedFit, dict[str, str]]:
+        """Fit the model and its baselines, and say why one of these is absent or weak.
+
+        Raises CalibrationError if there are too few rows.
+        """
         n_features = len(self.feature_set) - len(self.unused_features(parts))
         n_rows = sum(len(part.fitted) for part in parts)
         needed = self.model.minimum_rows(n_features)
@@ -152,18 +150,19 @@ class FitTask:
         report = within(report, 0.0, 1.0 - _BASELINE_SHARE)
         model = fit_model(clone(self.model), parts, self.target, report)
         X, error = partly_known(parts)
-        fitted = Fitted(model, {}, {})
+        fitted: dict[str, EstimatorData] = {}
+        notes: dict[str, str] = {}
         for name in BASELINES:
             baseline = get_estimator(name)
             try:
-                fitted.baselines[name] = data_of(baseline.fit(X, error))
+                fitted[name] = data_of(baseline.fit(X, error))
             except CalibrationError as reason:
-                fitted.notes[name] = f"left out: {reason}"
+                notes[name] = f"left out: {reason}"
                 continue
             needed = baseline.minimum_rows(n_features)
             if len(X) < needed:
-                fitted.notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
-        return fitted
+                notes[name] = f"fitted to {len(X)} rows, though it needs {needed}"
+        return RezeroedFit(data_of(model), fitted, learnt=model), notes
 
 
 def within(report: Progress, begin: float, share: float) -> Progress:

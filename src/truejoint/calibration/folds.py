@@ -51,6 +51,11 @@ class Fold:
     name: str
     parts: tuple[Part, ...]
 
+    @property
+    def recordings(self) -> list[int]:
+        """Indices of the recordings that it has parts of."""
+        return sorted({part.recording for part in self.parts})
+
 
 def without(rows: Sequence[Rows], parts: Sequence[Part]) -> list[Rows]:
     """Hide the truth of `parts` of recordings, and of a gap around each.
@@ -98,9 +103,17 @@ def blocks(recordings: Sequence[Recording], count: int, *, in_motion: bool = Fal
                 f"{source_of(recording)}: {len(recording)} rows are too few to leave out a "
                 f"{count}th at a time; record for longer, or leave it out where there are others"
             )
-        by_motion = _marks(_time_moved(recording), count) if in_motion else marks
-        if min(np.diff(by_motion)) >= _LEAST_ROWS:
-            marks = by_motion
+        if in_motion:
+            rows = np.union1d(np.arange(0, len(recording), _every(recording)), len(recording) - 1)
+            q = recording.columns("measured", recording.joints_of("measured"))[rows]
+            dt = np.diff(recording.t[rows])
+            speeds = np.abs(np.diff(q, axis=0)) / dt[:, None]
+            usual = np.sqrt(np.mean(speeds**2, axis=0))
+            moves = ((speeds > _AT_REST * usual) & (usual > 0.0)).any(axis=1)
+            moved = np.concatenate([[0.0], np.cumsum(np.where(moves, dt, 0.0))])
+            by_motion = _marks(np.interp(np.arange(len(recording)), rows, moved), count)
+            if min(np.diff(by_motion)) >= _LEAST_ROWS:
+                marks = by_motion
         parts += [Part(index, *marks[i : i + 2]) for i in range(count)]
     return parts
 
@@ -109,18 +122,6 @@ def _marks(course: Array, count: int) -> list[int]:
     """First row of each of `count` equal parts of what never falls (n,), and the number of rows."""
     edges = course[0] + (course[-1] - course[0]) * np.arange(1, count) / count
     return [0, *np.searchsorted(course, edges).tolist(), len(course)]
-
-
-def _time_moved(recording: Recording) -> Array:
-    """Time (n,) [s] in which a joint has moved, by each row."""
-    rows = np.union1d(np.arange(0, len(recording), _every(recording)), len(recording) - 1)
-    q = recording.columns("measured", recording.joints_of("measured"))[rows]
-    dt = np.diff(recording.t[rows])
-    speeds = np.abs(np.diff(q, axis=0)) / dt[:, None]
-    usual = np.sqrt(np.mean(speeds**2, axis=0))
-    moves = ((speeds > _AT_REST * usual) & (usual > 0.0)).any(axis=1)
-    moved = np.concatenate([[0.0], np.cumsum(np.where(moves, dt, 0.0))])
-    return np.asarray(np.interp(np.arange(len(recording)), rows, moved))
 
 
 def _every(recording: Recording) -> int:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.calibration.compatibility import in_all
 from truejoint.errors import CalibrationError
 from truejoint.features.feature_set import is_signal
 
@@ -53,11 +54,9 @@ def redundant_columns(
     """
     first = recordings[0].units
     there = {
-        column: unit
-        for column, unit in first.items()
-        if column.partition("/")[0] in REDUNDANT
-        and is_signal(column)
-        and all(recording.units.get(column) == unit for recording in recordings)
+        column: first[column]
+        for column in in_all(recordings, first)
+        if column.partition("/")[0] in REDUNDANT and is_signal(column)
     }
     if asked is None:
         return there
