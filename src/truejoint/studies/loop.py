@@ -45,7 +45,3 @@ class TwinSignals:
     def values(self, column: str) -> Array:
         """Rows (n,) of a column since the start."""
         return np.concatenate(self._rows[column])
-
-    def table(self) -> Array:
-        """All columns (n, k), which have the same rows."""
-        return np.column_stack([self.values(name) for name in self._columns])
