@@ -196,7 +196,7 @@ class Layout:
                 table = np.asarray(value, dtype=np.int64 if kind == "integers" else np.float64)
                 shapes[name] = table.shape
                 numbers[0][index] = append(int(kind == "array"), table.ravel())
-                lengths += self._lengths(name, table.shape).items()
+                lengths += self._lengths(name, table.shape)
         for name, length in lengths:
             index = self.fields[name].index
             if numbers[0][index] not in (0, length):
@@ -206,14 +206,18 @@ class Layout:
             self, np.concatenate(numbers), np.concatenate(memory), shapes, parts, functions or {}
         )
 
-    def _lengths(self, name: str, shape: tuple[int, ...]) -> dict[str, int]:
+    def _lengths(self, name: str, shape: tuple[int, ...]) -> list[tuple[str, int]]:
         """Integers that the shape of an array tells; ValueError if it is not as declared."""
-        declared = self.fields[name].shape
-        pairs = list(zip(declared, shape, strict=False))
-        fixed = all(length == n for length, n in pairs if isinstance(length, int))
-        if declared and (len(declared) != len(shape) or not fixed):
+        declared, lengths = self.fields[name].shape, []
+        fits = not declared or len(declared) == len(shape)
+        for length, n in zip(declared, shape, strict=False):
+            if isinstance(length, str):
+                lengths.append((length, n))
+            else:
+                fits &= length == n
+        if not fits:
             raise ValueError(f"field {name!r} has shape {shape}; it must be {declared}")
-        return {length: n for length, n in pairs if isinstance(length, str)}
+        return lengths
 
 
 def refuse_copy(instance: object) -> NoReturn:

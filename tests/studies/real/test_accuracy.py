@@ -5,7 +5,7 @@ import pytest
 from pandas import DataFrame
 
 from truejoint import calibrate, evaluate
-from truejoint.errors import RecordingError, StudyError
+from truejoint.errors import CalibrationError, RecordingError, StudyError
 from truejoint.evaluation.evaluate import split_sides
 from truejoint.recordings.datasets import DATASETS, locate, read_dataset
 from truejoint.studies import run_study, write_study
@@ -59,3 +59,14 @@ def test_recordings_that_are_not_here_are_named(monkeypatch, tmp_path):
     monkeypatch.setattr("truejoint.recordings.datasets.store.data_folders", lambda: [tmp_path])
     with pytest.raises(StudyError, match="truejoint datasets fetch kuka"):
         run_study("real", {"datasets": KUKA})
+
+
+@pytest.mark.usefixtures("here")
+def test_the_automatic_choice_is_judged_like_an_estimator(monkeypatch):
+    def calibrate(_training, model, **_how):
+        raise CalibrationError(f"{model} was asked for")
+
+    monkeypatch.setattr("truejoint.studies.real.accuracy.calibrate", calibrate)
+    assert judge(KUKA, DATASETS[KUKA].split().name, "auto", [0]) == [
+        {"refused": "auto was asked for"}
+    ]

@@ -18,7 +18,7 @@ from pandas import DataFrame
 from truejoint.calibration import calibrate
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import CalibrationError
-from truejoint.estimators import NeuralNetwork, estimator_names, get_estimator
+from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.evaluation import part_by_time
 from truejoint.evaluation.evaluate import split_sides
 from truejoint.evaluation.judge import rmse
@@ -80,7 +80,7 @@ def judge(
     features: Sequence[str] | None = None
     if suited and estimator in _SUITED:
         features = _window(training[0]) if split == HWANG else about.features
-    unfitted: list[Any] = [get_estimator(estimator)]
+    unfitted: list[Any] = [estimator]
     if estimator == "dnn":
         params = about.settings.get("dnn", {})
         unfitted = [NeuralNetwork(**params, random_state=seed) for seed in seeds]
