@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Final
@@ -23,7 +23,7 @@ _RIGID_TOLERANCE: Final = 1e-6
 _THERE: Final = 1e-11
 _AT_POINT: Final = 1e-9  # [m]
 _STEPS: Final = 100
-_DAMPING: Final = 1e-14
+_DAMPING: Final = 1e-14  # the least that keeps steps solvable where an arm is singular
 _LONGEST_STEP: Final = 0.3  # [rad, m]
 
 
@@ -72,17 +72,11 @@ class SerialChain:
         if not np.isfinite(rows).all():
             raise RobotError(f"seed {rows[0].tolist()} must be finite joint positions")
 
-        def miss(joint: Array) -> Array:
-            now = self.forward(joint[0])
-            turn = target[:3, :3] @ now[:3, :3].T
-            axis = 0.5 * (turn[[2, 0, 1], [1, 2, 0]] - turn[[1, 2, 0], [2, 0, 1]])
-            sine = np.sqrt(axis @ axis)
-            angle = np.arctan2(sine, 0.5 * (turn.trace() - 1.0))
-            return np.concatenate(
-                [target[:3, 3] - now[:3, 3], axis * (angle / sine if sine > 0.0 else 1.0)]
-            )[None]
-
-        joint = np.asarray(newton(rows, miss, self.jacobian, range(rows.shape[1]), _THERE)[0])
+        tool, joints = np.ascontiguousarray(self.tool_rotation, dtype=float), rows.copy()
+        frames, by_axis = np.empty((1, 1, 4, 4)), np.empty((1, 6, len(self.axes)))
+        slope = np.empty((6, rows.shape[1]))
+        _search(*self._arrays, tool, target, joints, frames, by_axis, slope)
+        joint: Array = joints[0]
         if np.abs(self.forward(joint) - target).max() < 10.0 * _THERE:
             return joint
         x, y, z = 1e3 * target[:3, 3]
@@ -128,44 +122,6 @@ class SerialChain:
         return np.array(rows), prismatic, mapping
 
 
-def newton(
-    joint: Array,
-    miss: Callable[[Array], Array],
-    jacobian: Callable[[Array], Array],
-    columns: Sequence[int],
-    tolerance: float,
-) -> Array:
-    """Joint positions (m, n_joints) [rad or m] from which nothing is missed, if it finds any.
-
-    Parameters
-    ----------
-    joint : ndarray, shape (m, n_joints)
-        Starts of m searches, which go on side by side.
-    miss : callable
-        How far the tool is from its goal (m, k) [m, rad].
-    jacobian : callable
-        Slope of the tool's place (m, k, n_joints).
-    columns : sequence of int
-        Joints that move, the shortest way where there are more than k of them.
-    tolerance : float
-        Largest miss that ends the search [m, rad].
-    """
-    joint = joint.copy()
-    for _ in range(_STEPS):
-        error = miss(joint)
-        if np.abs(error).max(initial=0.0) < tolerance:
-            break
-        slope = jacobian(joint)[:, :, columns]
-        across = slope.transpose(0, 2, 1)
-        gram = slope @ across
-        # The least that keeps it solvable where the arm is singular.
-        gram += _DAMPING * gram.trace(axis1=1, axis2=2)[:, None, None] * np.eye(gram.shape[1])
-        step = (across @ np.linalg.solve(gram, error[:, :, None]))[:, :, 0]
-        largest = np.abs(step).max(axis=1, keepdims=True)
-        joint[:, columns] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-12))
-    return joint
-
-
 def reach(
     robot: Robot, points: ArrayLike, seed: ArrayLike, joints: Sequence[str] = ()
 ) -> tuple[Array, Mask]:
@@ -182,13 +138,18 @@ def reach(
         )
     chain, columns = robot.kinematics, robot.index(joints or robot.positioning)
     goal = np.asarray(points, dtype=np.float64)
-    joint = newton(
-        np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1)),
-        lambda joint: goal - chain.forward(joint)[:, :3, 3],
-        lambda joint: chain.jacobian(joint)[:, :3],
-        columns,
-        0.1 * _AT_POINT,
-    )
+    joint = np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1))
+    for _ in range(_STEPS):
+        error = goal - chain.forward(joint)[:, :3, 3]
+        if np.abs(error).max(initial=0.0) < 0.1 * _AT_POINT:
+            break
+        slope = chain.jacobian(joint)[:, :3, columns]
+        across = slope.transpose(0, 2, 1)
+        gram = slope @ across
+        gram += _DAMPING * gram.trace(axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        step = (across @ np.linalg.solve(gram, error[:, :, None]))[:, :, 0]
+        largest = np.abs(step).max(axis=1, keepdims=True)
+        joint[:, columns] += step * np.minimum(1.0, _LONGEST_STEP / np.maximum(largest, 1e-12))
     there = np.abs(goal - chain.forward(joint)[:, :3, 3]).max(axis=1) < _AT_POINT
     return joint, np.asarray(there)
 
@@ -288,3 +249,107 @@ def _jacobian(
                 out[n, 0, k] = zy * z - zz * y
                 out[n, 1, k] = zz * x - zx * z
                 out[n, 2, k] = zx * y - zy * x
+
+
+@compiled
+def _miss(frame: Array, tool: Array, goal: Array, error: Array) -> float:
+    """Fill `error` (1, 6) with way [m] and turn [rad] from a last frame (4, 4); the largest."""
+    now, turn = local_matrix(3, 3), local_matrix(3, 3)
+    for i in range(3):
+        error[0, i] = goal[i, 3] - frame[i, 3]
+        for j in range(3):
+            now[i, j] = 0.0
+            for k in range(3):
+                now[i, j] += frame[i, k] * tool[k, j]
+    for i in range(3):
+        for j in range(3):
+            turn[i, j] = 0.0
+            for k in range(3):
+                turn[i, j] += goal[i, k] * now[j, k]
+    error[0, 3] = 0.5 * (turn[2, 1] - turn[1, 2])
+    error[0, 4] = 0.5 * (turn[0, 2] - turn[2, 0])
+    error[0, 5] = 0.5 * (turn[1, 0] - turn[0, 1])
+    sine = np.sqrt(error[0, 3] ** 2 + error[0, 4] ** 2 + error[0, 5] ** 2)
+    angle = np.arctan2(sine, 0.5 * (turn[0, 0] + turn[1, 1] + turn[2, 2] - 1.0))
+    largest = 0.0
+    for i in range(6):
+        if i >= 3 and sine > 0.0:
+            error[0, i] *= angle / sine
+        largest = max(largest, abs(error[0, i]))
+    return float(largest)
+
+
+@compiled
+def _solve(matrix: Array, right: Array) -> None:
+    """Replace `right` (1, n) by the solution of `matrix` (n, n), which is overwritten."""
+    n = right.shape[1]
+    for i in range(n):
+        pivot = i
+        for j in range(i + 1, n):
+            if abs(matrix[j, i]) > abs(matrix[pivot, i]):
+                pivot = j
+        for k in range(n):
+            matrix[i, k], matrix[pivot, k] = matrix[pivot, k], matrix[i, k]
+        right[0, i], right[0, pivot] = right[0, pivot], right[0, i]
+        for j in range(i + 1, n):
+            share = matrix[j, i] / matrix[i, i]
+            for k in range(i, n):
+                matrix[j, k] -= share * matrix[i, k]
+            right[0, j] -= share * right[0, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            right[0, i] -= matrix[i, k] * right[0, k]
+        right[0, i] /= matrix[i, i]
+
+
+@compiled
+def _newton_step(by_axis: Array, mapping: Array, slope: Array, error: Array) -> float:
+    """Fill the first row of `slope` (6, n_joints) with the step that mends `error`; the largest."""
+    gram, trace, n_joints = local_matrix(6, 6), 0.0, mapping.shape[1]
+    for i in range(6):
+        for j in range(n_joints):
+            slope[i, j] = 0.0
+            for k in range(mapping.shape[0]):
+                slope[i, j] += by_axis[i, k] * mapping[k, j]
+            trace += slope[i, j] * slope[i, j]
+    for i in range(6):
+        for j in range(6):
+            gram[i, j] = _DAMPING * trace if i == j else 0.0
+            for k in range(n_joints):
+                gram[i, j] += slope[i, k] * slope[j, k]
+    _solve(gram, error)
+    largest = 1e-12
+    for j in range(n_joints):
+        step = 0.0
+        for i in range(6):
+            step += slope[i, j] * error[0, i]
+        slope[0, j] = step
+        largest = max(largest, abs(step))
+    return float(largest)
+
+
+@compiled
+def _search(
+    table: Array,
+    prismatic: NDArray[np.bool_],
+    mapping: Array,
+    tool: Array,
+    goal: Array,
+    joint: Array,
+    frames: Array,
+    by_axis: Array,
+    slope: Array,
+) -> None:
+    """Take Newton's steps from `joint` (1, n_joints) towards a pose (4, 4), in place.
+
+    `frames` (1, 1, 4, 4), `by_axis` (1, 6, n_axes) and `slope` (6, n_joints) are scratch.
+    """
+    error = local_matrix(1, 6)
+    for _ in range(_STEPS):
+        _link_frames(table, prismatic, mapping, joint, frames)
+        if _miss(frames[0, 0], tool, goal, error) < _THERE:
+            break
+        _jacobian(table, prismatic, mapping, joint, by_axis)
+        largest = _newton_step(by_axis[0], mapping, slope, error)
+        for j in range(joint.shape[1]):
+            joint[0, j] += slope[0, j] * min(1.0, _LONGEST_STEP / largest)
