@@ -18,8 +18,7 @@ from tests.estimators.motor_side.test_motor_side import recording as grasper
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
 from truejoint.calibration.cross_validate import (
-    FoldErrors,
-    FoldRows,
+    CrossValidation,
     decoupled,
     share_of,
     stacking_weights,
@@ -135,14 +134,17 @@ def test_a_mean_is_taken_where_errors_differ_and_one_alone_where_they_do_not(sha
     assert square[0, 0] == pytest.approx(left)
 
 
-def errors_of(models, products, count: int) -> FoldErrors:
+def errors_of(models, products, count: int) -> CrossValidation:
     """Table of three folds of one joint, of the first `count` candidates."""
     t = np.arange(20.0)
     part = Part(t, np.full(20, 1.0), np.sin(t)[:, None])
-    table = FoldErrors.of(FoldRows.of([part], "error", 100), models)
-    fitted = tuple(c._replace(folds=(0, 1, 2)) for c in table.candidates[:count])
-    arrays = tuple(product[None] for product in products)
-    return replace(table, candidates=fitted, products=arrays, spreads=np.zeros((count, 1)))
+    table = CrossValidation([part], "error", models, 100)
+    table.candidates = table.candidates[:count]
+    for candidate in table.candidates:
+        candidate.folds = [0, 1, 2]
+    table.products = [product[None] for product in products]
+    table.spreads = np.zeros((count, 1))
+    return table
 
 
 class Part:
@@ -472,7 +474,7 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
     dt = np.where(np.isin(np.arange(1000), [0, 501]), 0.0, 0.01)
     targets = np.where(np.arange(1000) % 30 == 7, 1.0, np.nan)[:, None]
     part = Part(t, dt, targets)
-    rows = FoldRows.of([part], "error", 50)
+    rows = CrossValidation([part], "error", [], 50)
     (kept,) = rows.kept
     assert 50 <= len(kept) <= 100
     assert np.isfinite(rows.targets).sum() == 34
@@ -480,7 +482,7 @@ def test_of_many_rows_some_are_run_over_and_each_history_still_starts():
     fresh = np.flatnonzero(rows.dt == 0.0)
     assert fresh.tolist() == [0, np.searchsorted(kept, 501)]
     np.testing.assert_allclose(np.diff(t[kept])[rows.dt[1:] > 0], rows.dt[rows.dt > 0])
-    whole = FoldRows.of([part], "error", 1000)
+    whole = CrossValidation([part], "error", [], 1000)
     np.testing.assert_array_equal(whole.kept[0], np.arange(1000))
     np.testing.assert_allclose(whole.dt, dt, atol=1e-12)
 

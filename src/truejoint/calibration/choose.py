@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any, Final
 
@@ -24,8 +24,7 @@ from truejoint.calibration.cross_validate import (
     GAIN,
     MOST_ROWS,
     TRIED_ON,
-    FoldErrors,
-    FoldRows,
+    CrossValidation,
     cross_validate,
     is_better,
     log_ratio,
@@ -37,7 +36,7 @@ from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
-from truejoint.estimators.base import JointRegressor, Progress, untold
+from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.registry import LINEAR
 from truejoint.estimators.stack.learn import Stack
@@ -60,10 +59,6 @@ _RATE_DT: Final = 0.101  # [s] between rows, beyond which they show steps and no
 _REZERO: Final = 2.0  # [s] of truth that each recording is re-zeroed from to be judged,
 _SHARE: Final = 0.1  # or this share of the shortest one
 _ZEROS_TRIED_ON: Final = 3  # parts, after which zeros that are no better so far are given up
-
-
-Extend = Callable[[FoldErrors, Collection[str]], FoldErrors | None]
-"""Table of the candidates of these names with more features than in another table."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,189 +135,12 @@ class Choice:
 class _Option:
     """What may be chosen: weights of the candidates of a table, and their errors."""
 
-    table: FoldErrors
-    weights: Array  # (m, n_joints)
+    table: CrossValidation
+    weights: Array  # (n_candidates, n_joints)
     square: Array  # (n_folds, n_joints), mean square error
-
-    @property
-    def members(self) -> tuple[JointRegressor, ...]:
-        """Unfitted candidates that have a weight."""
-        pairs = zip(self.table.candidates, self.weights, strict=True)
-        return tuple(candidate.model for candidate, weights in pairs if weights.any())
 
 
 def choose(
-    tables: Sequence[FoldErrors],
-    left_out: Sequence[Fold],
-    joints: Sequence[str],
-    tell: Callable[[str], None] | None = None,
-    progress: Progress | None = None,
-    extended: Extend | None = None,
-) -> Choice:
-    """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
-
-    `tables` are empty; `extended` makes one with more features of what was chosen, or None. A fold
-    without which the linear model of the first features cannot be fitted is passed over; raises
-    CalibrationError if that is every one. Other features with which it cannot be fitted, as more of
-    them take more rows, are left out.
-    """
-    tell, report = tell or (lambda _what: None), progress or untold
-    left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
-    share = _FIRST_SHARE if extended else 1.0
-
-    def say(begin: float, part: float, fraction: float, what: str) -> None:
-        tell(f"Choosing: {what}")
-        report(begin + part * fraction)
-
-    judged, whole, tried = _validated(tables, left_out, partial(say, 0.0, share))
-    tried = [*whole, *tried]
-    chosen = _best([option for table in whole for option in _options(table)])
-    names = {model.name for model in chosen.members}
-    more = extended(chosen.table, names) if extended and len(judged) > 1 else None
-    if more is not None:
-        _, whole, behind = _validated([more], judged, partial(say, share, 1.0 - share), chosen)
-        chosen = _best([chosen, *(option for table in whole for option in _options(table))])
-        tried += [*whole, *behind]
-    tell("Fitting what was chosen")
-    return _choice(chosen, tried, judged, joints)
-
-
-def _validated(
-    tables: Sequence[FoldErrors],
-    left_out: Sequence[Fold],
-    say: Callable[[float, str], None],
-    rival: _Option | None = None,
-) -> tuple[list[Fold], list[FoldErrors], list[FoldErrors]]:
-    """Folds on which the first table could be filled, tables that were on all of these, and others.
-
-    Those are not so much better, on the first folds, than a `rival`, which is the first table's
-    where none is given, and are given up. A table that cannot be filled is left out; without a
-    rival it is the fold, where it is the first table.
-    """
-    tables, judged, behind = list(tables), list[Fold](), list[FoldErrors]()
-    for number, fold in enumerate(left_out):
-        filled = list[FoldErrors]()
-        for place, table in enumerate(tables):
-
-            def fitting(name: str, k: int, table: FoldErrors = table, place: int = place) -> None:
-                done = (place + k / len(table.candidates)) / len(tables)  # noqa: B023
-                say((number + done) / len(left_out), f"{name} without {fold.name}")  # noqa: B023
-
-            try:
-                passed = table.passed_by(filled[0]) if filled else table
-                filled.append(cross_validate(passed, fold, fitting))
-            except CalibrationError:
-                if rival is None and place == 0:
-                    if fold is left_out[-1] and not judged:
-                        raise
-                    break
-        if filled or rival is not None:
-            tables = filled
-            judged.append(fold)
-        if filled and len(judged) == TRIED_ON:
-            usual = rival or next(_options(tables[0]))
-            first = 0 if rival else 1
-            square = usual.square[:TRIED_ON]
-            behind = [
-                table
-                for table in tables[first:]
-                if all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
-            ]
-            tables = [table for table in tables if table not in behind]
-    return judged, tables, [table.given_up() for table in behind]
-
-
-def _options(table: FoldErrors) -> Iterator[_Option]:
-    """Give what may be chosen of a table: a weighted mean, or what only works offline alone."""
-    weights, square = table.combined()
-    yield _Option(table, weights, square)
-    for number, candidate in enumerate(table.candidates):
-        if not candidate.is_member and table.stands(number) and table.usable[number].all():
-            alone = np.zeros_like(weights)
-            alone[number] = 1.0
-            yield _Option(table, alone, table.alone[:, number])
-
-
-def _best(options: Sequence[_Option]) -> _Option:
-    """Best of those that are better than the first without doubt, or the first."""
-    ratios = [log_ratio(option.square, options[0].square) for option in options]
-    better = [number for number, ratio in enumerate(ratios) if is_better(ratio.mean(axis=1))]
-    return options[min(better, key=lambda number: ratios[number].mean(), default=0)]
-
-
-def _choice(
-    chosen: _Option, tables: Sequence[FoldErrors], judged: Sequence[Fold], joints: Sequence[str]
-) -> Choice:
-    """Make the choice of what was chosen, with the evidence of what was tried."""
-    reference, table, square = tables[0].alone[:, 0], chosen.table, chosen.square
-    evidence = {
-        "reference": LINEAR,
-        "left_out": [fold.name for fold in judged],
-        "chosen": {
-            "rmse": by_joint(joints, square),
-            "median": by_joint(joints, np.median(square, axis=0, keepdims=True)),
-        }
-        | _ratio(log_ratio(square, reference)),
-        "tried": [
-            _entry(each, number, reference, joints, chosen.weights if each is table else None)
-            for each in tables
-            for number in range(len(each.candidates))
-        ],
-    }
-    weights = chosen.weights[chosen.weights.any(axis=1)].tolist()
-    stack = Stack(chosen.members, tuple(map(tuple, weights)))
-    estimator = chosen.members[0] if len(weights) == 1 else stack
-    return Choice(estimator, table.rows.features, table.rows.target, evidence)
-
-
-def _entry(
-    table: FoldErrors,
-    number: int,
-    reference: Array,
-    joints: Sequence[str],
-    weights: Array | None,
-) -> dict[str, Any]:
-    """Errors of one candidate: RMSE [rad or m] over folds, ratio to linear, its weights.
-
-    Of the folds that it was fitted without: on others it has the error of a simple model.
-    """
-    candidate = table.candidates[number]
-    entry: dict[str, Any] = {
-        "estimator": candidate.model.name,
-        "features": list(table.rows.features.names),
-        "folds": len(candidate.folds),
-        "seconds": round(candidate.seconds, 3),
-        "weights": {},
-        "note": candidate.note or candidate.lacking,
-    }
-    if weights is not None:
-        entry["weights"] = dict(zip(joints, weights[number].tolist(), strict=True))
-    coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
-    if coupled:
-        entry["note"] = f"needs signals that move together: {', '.join(coupled)}"
-    square = table.alone[:, number]
-    tried = [fold for fold in candidate.folds if np.isfinite(square[fold]).all()]
-    if tried:
-        entry["rmse"] = by_joint(joints, square[tried])
-        entry |= _ratio(log_ratio(square[tried], reference[tried]))
-    return entry
-
-
-def _ratio(ratios: Array) -> dict[str, float]:
-    """Ratio of errors to those of the linear model, mean over folds and joints; its error."""
-    by_fold = ratios.mean(axis=1)
-    verdict = {"ratio": math.exp(by_fold.mean())}
-    if len(by_fold) > 1:
-        verdict["standard_error"] = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
-    return verdict
-
-
-def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
-    """RMSE by joint, of the mean squares (n_folds, n_joints) of errors."""
-    return dict(zip(joints, np.sqrt(np.mean(square, axis=0)).tolist(), strict=True))
-
-
-def choice_of(
     recordings: Sequence[Recording],
     automatic: Automatic,
     features: FeatureSet | Iterable[str] | None,
@@ -332,63 +150,71 @@ def choice_of(
     random_state: int | None,
     progress: Progress,
 ) -> Choice:
-    """Choose among the estimators that can predict the target, each with its features."""
+    """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
+
+    A fold without which the linear model of the first features cannot be fitted is passed over;
+    raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
+    more of them take more rows, are left out.
+    """
     robot = common_robot(recordings)
-    chosen = chosen_joints(robot, recordings, joints)
+    joints = chosen_joints(robot, recordings, joints)
     recordings = distinct(recordings)
-    named = dict.fromkeys(
-        name for recording in recordings for name in default_features(robot, recording).names
-    )
+    named = dict.fromkeys(n for r in recordings for n in default_features(robot, r).names)
     usual = FeatureSet.parse(in_all(recordings, named))
-    common_units(recordings, usual, chosen)  # refuses joints that are in rad here and in m there
+    common_units(recordings, usual, joints)  # refuses joints that are in rad here and in m there
     models = [unfitted(model, None, random_state) for model in automatic.candidates]
-    by_features, targets = _with_their_features(
-        models, robot, recordings, usual if features is None else features, target
-    )
+    asked = usual if features is None else features
+    by_features, targets = _with_their_features(models, robot, recordings, asked, target)
     free = [m for models in by_features.values() for m in models if m.family.inputs is None]
-    if free and automatic.default_features and features is not None and len(recordings) >= FEW:
-        by_features.setdefault(usual, free)
-    for quantities in _MORE if features is None and free else ():
-        columns = [name for name in recordings[0].units if name.split("/")[0] in quantities]
-        more = FeatureSet.parse(in_all(recordings, columns))
-        if not any(set(more.names) == set(each.names) for each in by_features):
-            by_features[more] = free
-    for models in by_features.values():  # what learns a filter's residual, without the filter too
-        own = [model for model in models if model.family.inputs is not None]
-        each = [member for model in own for member in getattr(model, "members", ())]
-        members = {str(getattr(member, "name", member)) for member in each}
-        models += [m for m in free if m.name in members and m not in models]
-    outlying = outlying_values(recordings, chosen)
-    gap_limit, stride = default_gap_limit(recordings), stride_of(fit_rate, sample_dt(recordings))
-    sizes = [len(recording) for recording in recordings]
+    more = [usual] if automatic.default_features and len(recordings) >= FEW else []
+    _extend(by_features, free, _more_features(recordings) if features is None else more)
+    outlying = outlying_values(recordings, joints)
+    gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
+    stride, sizes = stride_of(fit_rate, dt), [len(recording) for recording in recordings]
 
-    def grouped(
-        feature_set: FeatureSet, candidates: Sequence[JointRegressor], target: Target
-    ) -> FoldErrors:
-        """Candidates with the rows of recordings, as many as serve a choice, that they see."""
-        thinned = not any(model.family.counts_samples for model in candidates)
+    def tabled(
+        feature_set: FeatureSet, models: Sequence[JointRegressor], target: Target
+    ) -> CrossValidation:
+        thinned = not any(model.family.counts_samples for model in models)
         most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        parts = training_rows(recordings, feature_set, chosen, gap_limit, stride, outlying)
-        models = [model.for_features(feature_set.names, robot, chosen) for model in candidates]
-        return FoldErrors.of(FoldRows.of(parts, target, most), models)
-
-    def with_rates(table: FoldErrors, names: Collection[str]) -> FoldErrors | None:
-        """Give candidates of these names the rates of the table's measured positions as well."""
-        positions = [name for name in table.rows.features.names if name.startswith("measured/")]
-        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
-        tried = [model for model in free if model.name in names]
-        more = FeatureSet.parse([*table.rows.features.names, *rates])
-        return grouped(more, tried, table.rows.target) if rates else None
+        parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
+        models = [model.for_features(feature_set.names, robot, joints) for model in models]
+        return CrossValidation(parts, target, models, most)
 
     tables = [
-        grouped(feature_set, models, targets.get(feature_set, target or TARGETS[0]))
+        tabled(feature_set, models, targets.get(feature_set, target or TARGETS[0]))
         for feature_set, models in by_features.items()
     ]
-    shows_rates = len(recordings) >= FEW and sample_dt(recordings) <= _RATE_DT
-    extended = with_rates if features is None and free and shows_rates else None
-    choice = choose(tables, folds(recordings), chosen, automatic.tell, progress, extended)
-    lacking = [] if features is not None else [name for name in named if name not in usual.names]
-    return replace(choice, evidence={**choice.evidence, "not_in_all": lacking})
+    tries_rates = features is None and free and len(recordings) >= FEW and dt <= _RATE_DT
+    share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
+    left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
+
+    def say(begin: float, share: float, fraction: float, what: str) -> None:
+        if automatic.tell is not None:
+            automatic.tell(what)
+        progress(begin + share * fraction)
+
+    judged, whole, tried = _validated(tables, left_out, partial(say, 0.0, share))
+    tried = [*whole, *tried]
+    chosen = _best([option for table in whole for option in _options(table)])
+    positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
+    if tries_rates and positions and len(judged) > 1:
+        names = {model.name for model in _members(chosen)}
+        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
+        more = FeatureSet.parse([*chosen.table.features.names, *rates])
+        models = [model for model in free if model.name in names]
+        extended = tabled(more, models, chosen.table.target)
+        rest = partial(say, share, 1.0 - share)
+        _, whole, behind = _validated([extended], judged, rest, chosen)
+        chosen = _best([chosen, *(option for table in whole for option in _options(table))])
+        tried += [*whole, *behind]
+    say(1.0, 0.0, 0.0, "Fitting what was chosen")
+    evidence = _evidence(chosen, tried, judged, joints)
+    evidence["not_in_all"] = [n for n in named if features is None and n not in usual.names]
+    members, weights = _members(chosen), chosen.weights[chosen.weights.any(axis=1)]
+    stack = Stack(members, tuple(map(tuple, weights.tolist())))
+    estimator = members[0] if len(members) == 1 else stack
+    return Choice(estimator, chosen.table.features, chosen.table.target, evidence)
 
 
 def _with_their_features(
@@ -429,6 +255,170 @@ def _with_their_features(
             f"{target or TARGETS[0]}; give other candidates"
         )
     return by_features, targets
+
+
+def _more_features(recordings: Sequence[Recording]) -> list[FeatureSet]:
+    """Features that a choice tries besides the default ones: all columns of some quantities."""
+    first = recordings[0].units
+    columns = [[n for n in first if n.split("/")[0] in quantities] for quantities in _MORE]
+    return [FeatureSet.parse(in_all(recordings, names)) for names in columns]
+
+
+def _extend(
+    by_features: dict[FeatureSet, list[JointRegressor]],
+    free: list[JointRegressor],
+    more: Sequence[FeatureSet],
+) -> None:
+    """Try the models that are `free` to take any features with `more` of them as well."""
+    for feature_set in more if free else ():
+        if not any(set(feature_set.names) == set(each.names) for each in by_features):
+            by_features[feature_set] = free
+    for models in by_features.values():  # what learns a filter's residual, without the filter too
+        each = [m for model in models if model.family.inputs for m in getattr(model, "members", ())]
+        members = {str(getattr(member, "name", member)) for member in each}
+        models += [m for m in free if m.name in members and m not in models]
+
+
+def _validated(
+    tables: Sequence[CrossValidation],
+    left_out: Sequence[Fold],
+    say: Callable[[float, str], None],
+    rival: _Option | None = None,
+) -> tuple[list[Fold], list[CrossValidation], list[CrossValidation]]:
+    """Folds on which the first table could be filled, tables that were on all of these, and others.
+
+    Those are not so much better, on the first folds, than a `rival`, which is the first table's
+    where none is given, and are given up. A table that cannot be filled is left out; without a
+    rival it is the fold, where it is the first table.
+    """
+    tables, judged, behind = list(tables), list[Fold](), list[CrossValidation]()
+    for fold_number, fold in enumerate(left_out):
+        filled = list[CrossValidation]()
+        for place, table in enumerate(tables):
+
+            def fitting(name: str, number: int, begin: float, count: int) -> None:
+                done = begin + number / count / len(tables)  # noqa: B023
+                say(done / len(left_out), f"Choosing: {name} without {fold.name}")  # noqa: B023
+
+            if filled:
+                table.pass_by(filled[0])
+            begin = fold_number + place / len(tables)
+            try:
+                cross_validate(
+                    table, fold, partial(fitting, begin=begin, count=len(table.candidates))
+                )
+                filled.append(table)
+            except CalibrationError:
+                if rival is None and place == 0:
+                    if fold is left_out[-1] and not judged:
+                        raise
+                    break
+        if filled or rival is not None:
+            tables = filled
+            judged.append(fold)
+        if filled and len(judged) == TRIED_ON:
+            usual = rival or next(_options(tables[0]))
+            square = usual.square[:TRIED_ON]
+            behind = [t for t in tables[0 if rival else 1 :] if _is_behind(t, square)]
+            tables = [table for table in tables if table not in behind]
+    for table in behind:
+        table.give_up_all()
+    return judged, tables, behind
+
+
+def _is_behind(table: CrossValidation, square: Array) -> bool:
+    """Whether nothing in a table has so much smaller errors than these (n_folds, n_joints)."""
+    return all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
+
+
+def _options(table: CrossValidation) -> Iterator[_Option]:
+    """Give what may be chosen of a table: a weighted mean, or what only works offline alone."""
+    weights, square = table.combined()
+    yield _Option(table, weights, square)
+    for number, candidate in enumerate(table.candidates):
+        if not candidate.is_member and table.stands(number) and table.usable[number].all():
+            alone = np.zeros_like(weights)
+            alone[number] = 1.0
+            yield _Option(table, alone, table.alone[:, number])
+
+
+def _members(option: _Option) -> tuple[JointRegressor, ...]:
+    """Unfitted candidates that have a weight."""
+    pairs = zip(option.table.candidates, option.weights, strict=True)
+    return tuple(candidate.model for candidate, weights in pairs if weights.any())
+
+
+def _best(options: Sequence[_Option]) -> _Option:
+    """Best of those that are better than the first without doubt, or the first."""
+    ratios = [log_ratio(option.square, options[0].square) for option in options]
+    better = [number for number, ratio in enumerate(ratios) if is_better(ratio.mean(axis=1))]
+    return options[min(better, key=lambda number: ratios[number].mean(), default=0)]
+
+
+def _evidence(
+    chosen: _Option,
+    tables: Sequence[CrossValidation],
+    judged: Sequence[Fold],
+    joints: Sequence[str],
+) -> dict[str, Any]:
+    """JSON values of what was tried and chosen; the first candidate of the first is linear."""
+    reference = tables[0].alone[:, 0]
+    return {
+        "reference": LINEAR,
+        "left_out": [fold.name for fold in judged],
+        "chosen": {
+            "rmse": by_joint(joints, chosen.square),
+            "median": by_joint(joints, np.median(chosen.square, axis=0, keepdims=True)),
+            **_ratio(log_ratio(chosen.square, reference)),
+        },
+        "tried": [
+            _entry(table, number, reference, joints, chosen)
+            for table in tables
+            for number in range(len(table.candidates))
+        ],
+    }
+
+
+def _entry(
+    table: CrossValidation, number: int, reference: Array, joints: Sequence[str], chosen: _Option
+) -> dict[str, Any]:
+    """Errors of one candidate: RMSE [rad or m] over folds, ratio to linear, its weights.
+
+    Of the folds that it was fitted without: on others it has the error of a simple model.
+    """
+    candidate, square = table.candidates[number], table.alone[:, number]
+    coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
+    entry: dict[str, Any] = {
+        "estimator": candidate.model.name,
+        "features": list(table.features.names),
+        "folds": len(candidate.folds),
+        "seconds": round(candidate.seconds, 3),
+        "weights": {},
+        "note": candidate.note or candidate.lacking,
+    }
+    if table is chosen.table:
+        entry["weights"] = dict(zip(joints, chosen.weights[number].tolist(), strict=True))
+    if coupled:
+        entry["note"] = f"needs signals that move together: {', '.join(coupled)}"
+    tried = [fold for fold in candidate.folds if np.isfinite(square[fold]).all()]
+    if tried:
+        entry["rmse"] = by_joint(joints, square[tried])
+        entry |= _ratio(log_ratio(square[tried], reference[tried]))
+    return entry
+
+
+def _ratio(ratios: Array) -> dict[str, float]:
+    """Ratio of errors to those of the linear model, mean over folds and joints; its error."""
+    by_fold = ratios.mean(axis=1)
+    verdict = {"ratio": math.exp(by_fold.mean())}
+    if len(by_fold) > 1:
+        verdict["standard_error"] = float(by_fold.std(ddof=1) / math.sqrt(len(by_fold)))
+    return verdict
+
+
+def by_joint(joints: Sequence[str], square: Array) -> dict[str, float]:
+    """RMSE by joint, of the mean squares (n_folds, n_joints) of errors."""
+    return dict(zip(joints, np.sqrt(np.mean(square, axis=0)).tolist(), strict=True))
 
 
 def validate_zeros(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
-from typing import Final, NamedTuple, Self
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Final
 
 import numpy as np
 from scipy.optimize import nnls
@@ -37,54 +37,75 @@ _JUDGED: Final = 100_000  # rows that a fold judges, at most
 _TINY: Final = np.finfo(float).tiny
 
 
-@dataclass(frozen=True, eq=False)
-class FoldRows:
-    """Rows of all recordings that models of the same features are fitted to and judged on.
+@dataclass(eq=False)
+class Candidate:
+    """A model, and how it was fitted so far."""
 
-    Of recording i, with stamps ``times[i]`` (n_i,) [s], the rows ``kept[i]`` are among them.
+    model: JointRegressor  # unfitted; a first fit settles what it determines
+    is_member: bool = True  # whether a weighted mean may hold it
+    folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
+    seconds: float = 0.0
+    note: str = ""  # why it is not tried any more
+    lacking: str = ""  # why it could not be fitted without the last fold, where that is so
+
+
+class CrossValidation:
+    """Table of errors: of each candidate and pair of candidates, in each fold and joint.
+
+    `cross_validate` fills it; the choice and its weights are functions of it. The simple models
+    that can predict the target come first, the linear one before the others. All see the same rows
+    of the same recordings.
+
+    Attributes
+    ----------
+    kept : list of ndarray
+        Rows of each recording that are among the m rows.
+    X, decoupled : ndarray, shape (m, k)
+        Features; the same with every signal taken from another time.
+    dt : ndarray, shape (m,)
+        Time since the row before [s], 0 where a history starts.
+    targets : ndarray, shape (m, n_joints)
+        [rad or m]; NaN where no fit uses them.
+    products : list of ndarray, shape (n_joints, n_candidates, n_candidates)
+        Mean product of two candidates' errors, for each fold; NaN where one was not tried.
+    spreads : ndarray, shape (n_candidates, n_joints)
+        Largest spread of predictions where signals come apart, over that of the targets.
+    hopeless : set of str
+        Names of the candidates that were given up after the first fold.
     """
 
-    features: FeatureSet
-    target: Target
-    times: tuple[Array, ...]
-    kept: tuple[Integers, ...]
-    X: Array  # (m, k)
-    dt: Array  # (m,), time since the row before [s], 0 where a history starts
-    targets: Array  # (m, n_joints) [rad or m], NaN where no fit uses them
-    decoupled: Array  # (m, k), features with every signal taken from another time
-
-    @classmethod
-    def of(cls, parts: Sequence[Rows], target: Target, most: int) -> Self:
-        """At most so many rows of each recording, evenly spread, and as many of those with targets.
+    def __init__(
+        self, parts: Sequence[Rows], target: Target, models: Sequence[JointRegressor], most: int
+    ) -> None:
+        """Take at most `most` rows of each recording, and as many of those with targets.
 
         A history that starts in a row that is left out starts in the next.
         """
-        kept, dt, targets = [], [], []
+        self.features: FeatureSet = parts[0].feature_set
+        self.target: Target = target
+        self.times = [part.t for part in parts]
+        self.kept, steps, targets = list[Integers](), list[Array](), list[Array]()
         for part in parts:
             values = part.fitted_targets(target)
-            known = np.flatnonzero(np.isfinite(values).any(axis=1))
-            rows = np.union1d(_spread(np.arange(len(part)), most), _spread(known, most))
+            has_target = np.flatnonzero(np.isfinite(values).any(axis=1))
+            rows = np.union1d(_spread(np.arange(len(part)), most), _spread(has_target, most))
             starts = np.diff(np.cumsum(part.dt == 0.0)[rows], prepend=0) > 0
-            dt.append(np.where(starts, 0.0, np.diff(part.t[rows], prepend=part.t[0])))
+            steps.append(np.where(starts, 0.0, np.diff(part.t[rows], prepend=part.t[0])))
             targets.append(values[rows])
-            kept.append(rows)
-        features = parts[0].feature_set
-        X = [part.X[rows] for part, rows in zip(parts, kept, strict=True)]
-        return cls(
-            features,
-            target,
-            tuple(part.t for part in parts),
-            tuple(kept),
-            np.concatenate(X),
-            np.concatenate(dt),
-            np.concatenate(targets),
-            np.concatenate([decoupled(values, features) for values in X]),
-        )
-
-    @cached_property
-    def known(self) -> Mask:
-        """Rows (m,) with a target of every joint."""
-        return np.asarray(np.isfinite(self.targets).all(axis=1))
+            self.kept.append(rows)
+        features = [part.X[rows] for part, rows in zip(parts, self.kept, strict=True)]
+        self.X, self.dt, self.targets = map(np.concatenate, (features, steps, targets))
+        self.decoupled = np.concatenate([decoupled(x, self.features) for x in features])
+        self.has_target = np.isfinite(self.targets).all(axis=1)
+        usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
+        simple = [model for model in usual if target in model.family.targets]
+        names = {model.name for model in simple}
+        others = [model for model in models if model.name not in names]
+        self.candidates = [Candidate(model) for model in (*simple, *others)]
+        self.n_simple = len(simple)
+        self.products: list[Array] = []
+        self.spreads = np.zeros((len(self.candidates), self.targets.shape[1]))
+        self.hopeless: set[str] = set()
 
     def split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit uses, few enough, and rows that are judged."""
@@ -92,70 +113,27 @@ class FoldRows:
         for index, (t, kept) in enumerate(zip(self.times, self.kept, strict=True)):
             parts = [part for part in fold.parts if part.recording == index]
             hidden.append(hidden_rows(t, parts)[kept])
-            among = [part.rows(len(t))[kept] for part in parts]
-            judged.append(np.any([np.zeros(len(kept), dtype=bool), *among], axis=0))
-        training = np.flatnonzero(self.known & ~np.concatenate(hidden))
-        test = np.flatnonzero(self.known & np.concatenate(judged))
+            masks = [part.rows(len(t))[kept] for part in parts]
+            judged.append(np.any([np.zeros(len(kept), dtype=bool), *masks], axis=0))
+        training = np.flatnonzero(self.has_target & ~np.concatenate(hidden))
+        test = np.flatnonzero(self.has_target & np.concatenate(judged))
         if not len(test):
             raise CalibrationError(f"no row of {fold.name} has a known truth")
         return _spread(training, FITTED_ROWS), _spread(test, _JUDGED)
 
-
-class Candidate(NamedTuple):
-    """A model, and how it was fitted so far."""
-
-    model: JointRegressor  # unfitted; a first fit settles what it determines
-    is_member: bool = True  # whether a weighted mean may hold it
-    folds: tuple[int, ...] = ()  # numbers of those that it was fitted without
-    seconds: float = 0.0
-    note: str = ""  # why it is not tried any more
-    lacking: str = ""  # why it could not be fitted without the last fold, where that is so
-
-
-@dataclass(frozen=True, eq=False)
-class FoldErrors:
-    """Table of errors: of each candidate and pair of candidates, in each fold and joint.
-
-    The choice, its weights and what is given up are functions of it. The simple models that can
-    predict the target come first, the linear one before the others.
-    """
-
-    rows: FoldRows
-    candidates: tuple[Candidate, ...]
-    n_simple: int
-    products: tuple[Array, ...] = ()
-    """For each fold, means (n_joints, m, m) of the products of two candidates' errors; NaN where
-    one was not tried."""
-    spreads: Array = field(default_factory=lambda: np.zeros((0, 0)))
-    """(m, n_joints), largest spread of predictions where signals come apart, over that of the
-    targets."""
-    hopeless: frozenset[str] = frozenset()
-    """Names of the candidates that were given up after the first fold."""
-
-    @classmethod
-    def of(cls, rows: FoldRows, models: Sequence[JointRegressor]) -> Self:
-        """Table of models before the first fold."""
-        usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
-        simple = [model for model in usual if rows.target in model.family.targets]
-        names = [model.name for model in simple]
-        others = [model for model in models if model.name not in names]
-        candidates = tuple(map(Candidate, [*simple, *others]))
-        spreads = np.zeros((len(candidates), rows.targets.shape[1]))
-        return cls(rows, candidates, len(simple), spreads=spreads)
-
-    @cached_property
+    @property
     def usable(self) -> Mask:
-        """Which candidates (m, n_joints) do without signals that move together.
+        """Which candidates (n_candidates, n_joints) do without signals that move together.
 
         Where no simple model does, as may be of a position, the linear one counts as if it did.
         """
-        good = np.asarray(self.spreads <= _FURTHEST)
-        good[0] |= ~good[: self.n_simple].any(axis=0)
-        return good
+        usable = np.asarray(self.spreads <= _FURTHEST)
+        usable[0] |= ~usable[: self.n_simple].any(axis=0)
+        return usable
 
-    @cached_property
+    @property
     def alone(self) -> Array:
-        """Mean square error (n_folds, m, n_joints) of each candidate, NaN where not tried."""
+        """Mean square error (n_folds, n_candidates, n_joints), NaN where one was not tried."""
         return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
 
     def stands(self, number: int) -> bool:
@@ -164,7 +142,7 @@ class FoldErrors:
         return not candidate.note and 2 * len(candidate.folds) >= len(self.products)
 
     def weights(self, without: int | None = None) -> Array:
-        """Weights (m, n_joints) of the members, of all folds or without one of several.
+        """Weights (n_candidates, n_joints) of the members, of all folds or `without` one.
 
         Each fold counts by its errors over the least of any: a fold that is easy for all, as of a
         joint at rest, is no more than another.
@@ -181,50 +159,48 @@ class FoldErrors:
         return np.array([stacking_weights(product) for product in relative]).T
 
     def combined(self) -> tuple[Array, Array]:
-        """Weights (m, n_joints): of a mean, or of one candidate, or of the best simple model.
+        """Weights (n_candidates, n_joints): of a mean, of one candidate, or of the best simple one.
 
         And the mean square error (n_folds, n_joints), of a mean with the weights of other folds.
         """
-        m, best, usable = len(self.candidates), self.weights(), self.usable
-        others = [self.weights(without=number) for number in range(len(self.products))]
-        square = np.empty((len(others), self.spreads.shape[1]))
-        for row, product, w in zip(square, self.products, others, strict=True):
+        usable, alone, weights = self.usable, self.alone, self.weights()
+        errors = np.empty((len(self.products), weights.shape[1]))
+        for fold, product in enumerate(self.products):
+            w = self.weights(without=fold)
             weighs = w.T[:, :, None] * w.T[:, None, :] > 0.0  # the others may be NaN
-            row[:] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
-        weights, errors = np.zeros_like(best), np.empty_like(square)
-        for joint in range(errors.shape[1]):
-            options = [(best[:, joint], square[:, joint])] + [
-                (np.eye(m)[number], self.alone[:, number, joint])
-                for number, candidate in enumerate(self.candidates)
-                if candidate.is_member and self.stands(number) and usable[number, joint]
-            ]
-            simple = [o for o in options[1:] if o[0][: self.n_simple].any()]
-            linear = self.alone[:, 0, joint]
-            yardstick = min(simple, key=lambda o: log_ratio(o[1], linear).mean())[1]
-            better = [o for o in options if is_better(log_ratio(o[1], yardstick))]
-            chosen = min(better or simple, key=lambda o: log_ratio(o[1], linear).mean())
-            weights[:, joint], errors[:, joint] = chosen
+            errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
+        each = np.eye(len(self.candidates))
+        members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(k)]
+        for joint in range(weights.shape[1]):
+            of_one = [(each[k], alone[:, k, joint]) for k in members if usable[k, joint]]
+            simple = [option for option in of_one if option[0][: self.n_simple].any()]
+            against = partial(_mean_log_ratio, reference=alone[:, 0, joint])
+            yardstick = min(simple, key=against)[1]
+            options = [(weights[:, joint], errors[:, joint]), *of_one]
+            better = [option for option in options if is_better(log_ratio(option[1], yardstick))]
+            weights[:, joint], errors[:, joint] = min(better or simple, key=against)
         return weights, errors
 
-    def _noting(self, notes: Mapping[int, str]) -> Self:
-        """Say why candidates of these numbers are not tried any more."""
-        noted = [c._replace(note=notes.get(k, c.note)) for k, c in enumerate(self.candidates)]
-        return replace(self, candidates=tuple(noted))
+    def give_up(self, numbers: Iterable[int], reason: str = "") -> None:
+        """Try candidates of these numbers no more, for a `reason` or what they did so far."""
+        for candidate in (self.candidates[number] for number in numbers):
+            count = len(candidate.folds)
+            candidate.note = reason or f"given up after {count} fold{'s' * (count != 1)}"
 
-    def given_up(self) -> Self:
-        """Say of what was still tried that it is not any more."""
-        tried = enumerate(self.candidates)
-        return self._noting({k: c.note or c.lacking or _given_up(c) for k, c in tried})
+    def give_up_all(self) -> None:
+        """Try nothing more."""
+        for number, candidate in enumerate(self.candidates):
+            if not candidate.note:
+                self.give_up([number], candidate.lacking)
 
-    def passed_by(self, other: Self) -> Self:
+    def pass_by(self, other: CrossValidation) -> None:
         """Do not try what is hopeless in another table, where this one has more features."""
-        if not set(other.rows.features.names) <= set(self.rows.features.names):
-            return self
-        others = list(enumerate(self.candidates))[self.n_simple :]
-        lost = [k for k, c in others if c.model.name in other.hopeless and not c.note]
-        return self._noting(dict.fromkeys(lost, "hopeless with fewer features"))
+        if set(other.features.names) <= set(self.features.names):
+            tried = list(enumerate(self.candidates))[self.n_simple :]
+            lost = [k for k, c in tried if c.model.name in other.hopeless and not c.note]
+            self.give_up(lost, "hopeless with fewer features")
 
-    def without_hopeless(self) -> Self:
+    def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
@@ -232,104 +208,96 @@ class FoldErrors:
         unneeded = (worse > math.log1p(_AT_ONCE if is_first else _HOPELESS)).all(axis=1)
         if not is_first:
             unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
-        least = min(TRIED_ON, len(self.products))
-        lost = {
-            k: c
-            for k, c in enumerate(self.candidates)
-            if k >= self.n_simple and c.is_member and not c.note
-            if unneeded[k] and len(c.folds) >= least
-        }
-        names = {c.model.name for c in lost.values()} if is_first else set()
-        table = self._noting({k: _given_up(c) for k, c in lost.items()})
-        return replace(table, hopeless=self.hopeless | names)
+        tried = list(enumerate(self.candidates))[self.n_simple :]
+        lost = [
+            number
+            for number, candidate in tried
+            if unneeded[number] and candidate.is_member and not candidate.note
+            if len(candidate.folds) >= min(TRIED_ON, len(self.products))
+        ]
+        if is_first:
+            self.hopeless |= {self.candidates[number].model.name for number in lost}
+        self.give_up(lost)
 
 
 def cross_validate(
-    table: FoldErrors, fold: Fold, say: Callable[[str, int], None] = lambda _name, _number: None
-) -> FoldErrors:
+    table: CrossValidation,
+    fold: Fold,
+    say: Callable[[str, int], None] = lambda _name, _number: None,
+) -> None:
     """Fit the candidates that are not given up without a fold, and add their errors on it.
 
     `say` is called with the name and number of the candidate that is fitted next. Raises
-    CalibrationError if the linear model cannot be fitted.
+    CalibrationError, and adds nothing, if the linear model cannot be fitted.
     """
-    rows = table.rows
-    training, test = rows.split(fold)
-    candidates, spreads = list(table.candidates), table.spreads.copy()
-    errors = np.full((len(candidates), len(test), rows.targets.shape[1]), np.nan)
+    training, test = table.split(fold)
+    errors = np.full((len(table.candidates), len(test), table.targets.shape[1]), np.nan)
     for number, candidate in enumerate(table.candidates):
         if candidate.note:
             continue
         say(candidate.model.name, number)
         began = time.perf_counter()
         try:
-            tried, predicted, spread = _predict(candidate, rows, training, test)
-            errors[number] = rows.targets[test] - predicted
-            spreads[number] = np.maximum(spreads[number], spread)
-            tried = tried._replace(folds=(*tried.folds, len(table.products)))
+            predicted, spread = _predict(candidate, table, training, test)
+            errors[number] = table.targets[test] - predicted
+            table.spreads[number] = np.maximum(table.spreads[number], spread)
+            candidate.folds.append(len(table.products))
         except CalibrationError as reason:
             if number == 0:
                 raise
             if number < table.n_simple:
-                tried = candidate._replace(note=str(reason))
+                candidate.note = str(reason)
             else:
-                tried = candidate._replace(lacking=str(reason))
+                candidate.lacking = str(reason)
                 # Other folds may show what it does: here the best simple model stands in.
                 simple = errors[: table.n_simple]
-                usable = replace(table, spreads=spreads).usable[: table.n_simple]
-                best = np.nanargmin(np.where(usable, np.mean(simple**2, axis=1), np.inf), axis=0)
+                square = np.where(
+                    table.usable[: table.n_simple], np.mean(simple**2, axis=1), np.inf
+                )
+                best = np.nanargmin(square, axis=0)
                 errors[number] = simple[best, :, np.arange(len(best))].T
-        seconds = tried.seconds + time.perf_counter() - began
-        candidates[number] = tried._replace(seconds=seconds)
-    product = np.einsum("mnj,pnj->jmp", errors, errors) / len(test)
-    return replace(
-        table,
-        candidates=tuple(candidates),
-        products=(*table.products, product),
-        spreads=spreads,
-    ).without_hopeless()
+        candidate.seconds += time.perf_counter() - began
+    table.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(test))
+    table.give_up_hopeless()
 
 
 def _predict(
-    candidate: Candidate, rows: FoldRows, training: Integers, test: Integers
-) -> tuple[Candidate, Array, Array]:
+    candidate: Candidate, table: CrossValidation, training: Integers, test: Integers
+) -> tuple[Array, Array]:
     """Fit to the rows `training`, settle what that determined, and predict the rows `test`.
 
     And how widely (n_joints,) predictions spread where signals come apart, in deviations of the
     targets; that is not asked of more than two recordings.
     """
     model = candidate.model.settled()
-    needed = model.minimum_rows(rows.X.shape[1])
+    needed = model.minimum_rows(table.X.shape[1])
     if len(training) < needed:
         raise CalibrationError(
             f"{len(training)} rows with truth beside a part left out; {model.name} needs {needed}: "
             "record for longer, or choose fewer features"
         )
     if model.family.remembers:
-        targets = np.full_like(rows.targets, np.nan)
-        targets[training] = rows.targets[training]
-        model.fit(rows.X, targets, None, rows.dt)
-        history = np.cumsum(rows.dt == 0.0)
+        targets = np.full_like(table.targets, np.nan)
+        targets[training] = table.targets[training]
+        model.fit(table.X, targets, None, table.dt)
+        history = np.cumsum(table.dt == 0.0)
         run = np.isin(history, history[test])  # what runs before it does not matter
-        predicted = model.evaluate(rows.X[run], rows.dt[run])
+        predicted = model.evaluate(table.X[run], table.dt[run])
         predicted = predicted[np.searchsorted(np.flatnonzero(run), test)]
     else:
-        model.fit(rows.X[training], rows.targets[training])
-        predicted = model.evaluate(np.ascontiguousarray(rows.X[test]))
-    is_member = model.family.row is not None and (
-        model.family.inputs is None or rows.target == "position"
-    )
+        model.fit(table.X[training], table.targets[training])
+        predicted = model.evaluate(np.ascontiguousarray(table.X[test]))
     spread = np.zeros(predicted.shape[1])
-    if len(rows.times) < FEW and model.name not in (RAW, OFFSET):  # of no signal
-        known = rows.targets[rows.known]
-        middle, deviation = known.mean(axis=0), np.maximum(known.std(axis=0), _TINY)
-        far = (model.evaluate(rows.decoupled, rows.dt) - middle) / deviation
+    if len(table.times) < FEW and model.name not in (RAW, OFFSET):  # of no signal
+        targets = table.targets[table.has_target]
+        middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
+        far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         spread = np.sqrt(np.mean(far**2, axis=0))
-    return candidate._replace(model=model.settled(), is_member=is_member), predicted, spread
-
-
-def _given_up(candidate: Candidate) -> str:
-    count = len(candidate.folds)
-    return f"given up after {count} fold{'s' * (count != 1)}"
+    family, candidate.model = model.family, model.settled()
+    candidate.is_member = family.row is not None and (
+        family.inputs is None or table.target == "position"
+    )
+    return predicted, spread
 
 
 def decoupled(features: Array, feature_set: FeatureSet) -> Array:
@@ -370,18 +338,18 @@ def stacking_weights(products: Array) -> Array:
     with a sum of 1 do.
     """
     weights = np.zeros(len(products))
-    known = np.flatnonzero(np.isfinite(np.diag(products)))
-    kept = known
+    members = np.flatnonzero(np.isfinite(np.diag(products)))
     while True:
-        values, vectors = np.linalg.eigh(products[np.ix_(kept, kept)])
+        values, vectors = np.linalg.eigh(products[np.ix_(members, members)])
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        found, _ = nnls(np.vstack([root, np.ones(len(kept))]), np.append(np.zeros(len(kept)), 1.0))
-        found /= found.sum()
-        large = found >= _LEAST
+        n = len(members)
+        shares, _ = nnls(np.vstack([root, np.ones(n)]), np.append(np.zeros(n), 1.0))
+        shares /= shares.sum()
+        large = shares >= _LEAST
         if large.all():
-            weights[kept] = found
+            weights[members] = shares
             return weights
-        kept = kept[large]
+        members = members[large]
 
 
 def is_better(ratios: Array) -> bool:
@@ -395,3 +363,7 @@ def is_better(ratios: Array) -> bool:
 def log_ratio(square: Array, other: Array) -> Array:
     """Logarithm of the ratio of two errors, of their squares."""
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
+
+
+def _mean_log_ratio(option: tuple[Array, Array], reference: Array) -> float:
+    return float(log_ratio(option[1], reference).mean())

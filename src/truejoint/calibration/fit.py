@@ -16,7 +16,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration, RezeroedFit
-from truejoint.calibration.choose import Automatic, Choice, choice_of, validate_zeros
+from truejoint.calibration.choose import Automatic, Choice, choose, validate_zeros
 from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, share_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import (
@@ -136,7 +136,7 @@ def calibrate(
     if isinstance(estimator, Automatic) or estimator == AUTO:
         automatic = estimator if isinstance(estimator, Automatic) else Automatic()
         begin = _CHOICE_SHARE
-        choice = choice_of(
+        choice = choose(
             recordings, automatic, features, joints, target, fit_rate, random_state,
             within(report, 0.0, begin),
         )  # fmt: skip
