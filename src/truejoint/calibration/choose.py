@@ -295,17 +295,13 @@ def _validated(
     for fold_number, fold in enumerate(left_out):
         filled = list[CrossValidation]()
         for place, table in enumerate(tables):
-
-            def fitting(name: str, number: int, begin: float, count: int) -> None:
-                done = begin + number / count / len(tables)  # noqa: B023
-                say(done / len(left_out), f"Choosing: {name} without {fold.name}")  # noqa: B023
-
             if filled:
                 table.pass_by(filled[0])
             begin = fold_number + place / len(tables)
+            step = 1.0 / len(table.candidates) / len(tables)
             try:
                 cross_validate(
-                    table, fold, partial(fitting, begin=begin, count=len(table.candidates))
+                    table, fold, partial(_say_fit, say, fold, begin, step, len(left_out))
                 )
                 filled.append(table)
             except CalibrationError:
@@ -324,6 +320,19 @@ def _validated(
     for table in behind:
         table.give_up_all()
     return judged, tables, behind
+
+
+def _say_fit(
+    say: Callable[[float, str], None],
+    fold: Fold,
+    begin: float,
+    step: float,
+    n_folds: int,
+    name: str,
+    number: int,
+) -> None:
+    """Say which candidate is fitted without a fold; `begin` and `step` are in folds."""
+    say((begin + step * number) / n_folds, f"Choosing: {name} without {fold.name}")
 
 
 def _is_behind(table: CrossValidation, square: Array) -> bool:

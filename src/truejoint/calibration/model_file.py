@@ -347,31 +347,29 @@ def decode_arrays(kind: type[Any], arrays: Mapping[str, Array], sizes: Mapping[s
     or none that a calibration gives.
     """
     axes, title = _AXES[kind], re.sub(r"\B([A-Z])", r" \1", kind.__name__).lower()
-    lengths = {**sizes, "1": 1}
-    for name, letters in axes.items():
-        for letter, length in zip(letters, np.shape(arrays.get(name, 0.0)), strict=False):
-            lengths.setdefault(letter, length)
-    types = {field.name: str(field.type) for field in fields(kind)}
-    shapes = {
-        name: tuple(lengths.get(letter, -1) for letter in axes.get(name, "1")) for name in types
-    }
-    if {name: array.shape for name, array in arrays.items()} != shapes:
+    lengths, values, is_possible = {**sizes, "1": 1}, dict[str, Any](), True
+    stated = fields(kind)
+    if set(arrays) != {field.name for field in stated}:
         raise ModelFileError(f"the arrays of the {title} are not those of the model")
-    if not all(np.isfinite(array).all() for array in arrays.values()):
-        raise ModelFileError(f"the {title} is not finite")
-    least = {name: array.min(initial=np.inf) for name, array in arrays.items()}
-    spans = [arrays[n.replace("lower", "upper")] - a for n, a in arrays.items() if "lower" in n]
-    if (
-        any(value < 0.0 for name, value in least.items() if not _SIGNED.fullmatch(name))
-        or any(not value > 0.0 for name, value in least.items() if _POSITIVE.fullmatch(name))
-        or any((span < 0.0).any() for span in spans)
-        or (kind is Interval and not _can_be_stated(arrays))
-    ):
+    for field_ in stated:
+        name, array = field_.name, arrays[field_.name]
+        letters = axes.get(name, "1")
+        pairs = zip(letters, array.shape, strict=False)
+        shape = [lengths.setdefault(letter, length) for letter, length in pairs]
+        if array.ndim != len(letters) or list(array.shape) != shape:
+            raise ModelFileError(f"the arrays of the {title} are not those of the model")
+        if not np.isfinite(array).all():
+            raise ModelFileError(f"the {title} is not finite")
+        least = array.min(initial=np.inf)
+        is_possible &= least >= 0.0 or _SIGNED.fullmatch(name) is not None
+        is_possible &= least > 0.0 or _POSITIVE.fullmatch(name) is None
+        number = int if field_.type == "int" else float
+        values[name] = array if name in axes else number(array[0])
+    for name in arrays:
+        if "lower" in name:
+            is_possible &= bool((arrays[name] <= arrays[name.replace("lower", "upper")]).all())
+    if not is_possible or (kind is Interval and not _can_be_stated(arrays)):
         raise ModelFileError(f"the {title} holds values that no calibration gives")
-    values: dict[str, Any] = {
-        name: array if name in axes else (int if types[name] == "int" else float)(array[0])
-        for name, array in arrays.items()
-    }
     return kind(**values)
 
 
