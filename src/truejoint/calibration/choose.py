@@ -157,18 +157,18 @@ def choose(
     more of them take more rows, are left out.
     """
     robot = common_robot(recordings)
-    joints = chosen_joints(robot, recordings, joints)
+    names = chosen_joints(robot, recordings, joints)
     recordings = distinct(recordings)
     named = dict.fromkeys(n for r in recordings for n in default_features(robot, r).names)
     usual = FeatureSet.parse(in_all(recordings, named))
-    common_units(recordings, usual, joints)  # refuses joints that are in rad here and in m there
+    common_units(recordings, usual, names)  # refuses joints that are in rad here and in m there
     models = [unfitted(model, None, random_state) for model in automatic.candidates]
     asked = usual if features is None else features
     by_features, targets = _with_their_features(models, robot, recordings, asked, target)
     free = [m for models in by_features.values() for m in models if m.family.inputs is None]
     more = [usual] if automatic.default_features and len(recordings) >= FEW else []
     _extend(by_features, free, _more_features(recordings) if features is None else more)
-    outlying = outlying_values(recordings, joints)
+    outlying = outlying_values(recordings, names)
     gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
     stride, sizes = stride_of(fit_rate, dt), [len(recording) for recording in recordings]
 
@@ -177,8 +177,8 @@ def choose(
     ) -> CrossValidation:
         thinned = not any(model.family.counts_samples for model in models)
         most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        parts = training_rows(recordings, feature_set, joints, gap_limit, stride, outlying)
-        models = [model.for_features(feature_set.names, robot, joints) for model in models]
+        parts = training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
+        models = [model.for_features(feature_set.names, robot, names) for model in models]
         return CrossValidation(parts, target, models, most)
 
     tables = [
@@ -199,17 +199,17 @@ def choose(
     chosen = _best([option for table in whole for option in _options(table)])
     positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
     if tries_rates and positions and len(judged) > 1:
-        names = {model.name for model in _members(chosen)}
+        chosen_models = {model.name for model in _members(chosen)}
         rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
-        more = FeatureSet.parse([*chosen.table.features.names, *rates])
-        models = [model for model in free if model.name in names]
-        extended = tabled(more, models, chosen.table.target)
+        with_rates = FeatureSet.parse([*chosen.table.features.names, *rates])
+        models = [model for model in free if model.name in chosen_models]
+        extended = tabled(with_rates, models, chosen.table.target)
         rest = partial(say, share, 1.0 - share)
         _, whole, behind = _validated([extended], judged, rest, chosen)
         chosen = _best([chosen, *(option for table in whole for option in _options(table))])
         tried += [*whole, *behind]
     say(1.0, 0.0, 0.0, "Fitting what was chosen")
-    evidence = _evidence(chosen, tried, judged, joints)
+    evidence = _evidence(chosen, tried, judged, names)
     evidence["not_in_all"] = [n for n in named if features is None and n not in usual.names]
     members, weights = _members(chosen), chosen.weights[chosen.weights.any(axis=1)]
     stack = Stack(members, tuple(map(tuple, weights.tolist())))

@@ -94,7 +94,9 @@ class CrossValidation:
             targets.append(values[rows])
             self.kept.append(rows)
         features = [part.X[rows] for part, rows in zip(parts, self.kept, strict=True)]
-        self.X, self.dt, self.targets = map(np.concatenate, (features, steps, targets))
+        self.X, self.dt, self.targets = (
+            np.concatenate(arrays) for arrays in (features, steps, targets)
+        )
         self.decoupled = np.concatenate([decoupled(x, self.features) for x in features])
         self.has_target = np.isfinite(self.targets).all(axis=1)
         usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
@@ -220,11 +222,7 @@ class CrossValidation:
         self.give_up(lost)
 
 
-def cross_validate(
-    table: CrossValidation,
-    fold: Fold,
-    say: Callable[[str, int], None] = lambda _name, _number: None,
-) -> None:
+def cross_validate(table: CrossValidation, fold: Fold, say: Callable[[str, int], None]) -> None:
     """Fit the candidates that are not given up without a fold, and add their errors on it.
 
     `say` is called with the name and number of the candidate that is fitted next. Raises

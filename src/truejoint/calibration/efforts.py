@@ -436,19 +436,24 @@ def beginning_offsets(
         error = rows.truth[span] - positions
         is_known = np.isfinite(error).all(axis=1)
         if is_known.any():
-            columns = (values[is_known].T for values in (in_motion, error, weights))
-            offsets.append(np.transpose([_offsets(*joint) for joint in zip(*columns, strict=True)]))
+            offsets.append(_offsets(in_motion[is_known], error[is_known], weights[is_known]))
     return offsets
 
 
 def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
-    """Offsets (n,) [rad or m] of the first `BEGINNINGS`, of one joint (m,); NaN where too long."""
-    offsets = np.full(len(BEGINNINGS), np.nan)
-    ends, is_even = np.searchsorted(in_motion, BEGINNINGS), bool((weights == weights[0]).all())
-    for row, (end, duration) in enumerate(zip(ends, BEGINNINGS, strict=True)):
-        if end and (row == 0 or in_motion[-1] >= _NEARLY * duration):
-            begun = error[:end]
-            offsets[row] = np.median(begun) if is_even else weighted_median(begun, weights[:end])
+    """Offsets (n, n_joints) [rad or m] of the first `BEGINNINGS` of rows (m, n_joints).
+
+    NaN for those that are too long for a joint.
+    """
+    offsets = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
+    is_even = (weights == weights[0]).all(axis=0)
+    for j in range(error.shape[1]):
+        ends = np.searchsorted(in_motion[:, j], BEGINNINGS)
+        for row, (end, duration) in enumerate(zip(ends, BEGINNINGS, strict=True)):
+            if not end or (row and in_motion[-1, j] < _NEARLY * duration):
+                continue
+            begun, w = error[:end, j], weights[:end, j]
+            offsets[row, j] = np.median(begun) if is_even[j] else weighted_median(begun, w)
     return offsets
 
 

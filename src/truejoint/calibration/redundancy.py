@@ -102,13 +102,15 @@ def _equations(
 ) -> Iterator[tuple[int, dict[str, float], float, Array]]:
     """Joint, weights by column, intercept, and the left side at every row, of each equation."""
     varying = [name for name in columns if np.ptp(tables[name]) > 0.0]
+    coupled = [name for name in varying if name.startswith(f"{_COUPLED}/")]
     for k, joint in enumerate(joints):
         position = tables[f"measured/{joint}"]
         scale = float(np.ptp(position))
         for quantity in REDUNDANT:
-            of_joint = [name for name in varying if name == f"{quantity}/{joint}"]
-            same = [name for name in varying if name.partition("/")[0] == quantity == _COUPLED]
-            chosen = _chosen_columns(tables, position, of_joint, same, _ROUNDING * scale)
+            own = [name for name in varying if name == f"{quantity}/{joint}"]
+            chosen = own
+            if quantity == _COUPLED and coupled:
+                chosen = _chosen_columns(tables, position, own, coupled, _ROUNDING * scale)
             if not chosen:
                 continue
             coef, intercept, rest = _regress(tables, position, chosen)
@@ -125,9 +127,8 @@ def _chosen_columns(
     def deviation(names: list[str]) -> float:
         return max(float(np.std(_regress(tables, position, names)[2])), rounding)
 
-    alone = deviation(own)
     least = deviation(same)
-    if least > _BETTER * alone:
+    if least > _BETTER * deviation(own):
         return own
     chosen = list(same)
     for name in same:
