@@ -25,6 +25,7 @@ from truejoint.calibration.cross_validate import (
     MOST_ROWS,
     TRIED_ON,
     CrossValidation,
+    Say,
     cross_validate,
     is_better,
     log_ratio,
@@ -189,12 +190,12 @@ def choose(
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
 
-    def say(begin: float, share: float, fraction: float, what: str) -> None:
+    def say(fraction: float, what: str) -> None:
         if automatic.tell is not None:
             automatic.tell(what)
-        progress(begin + share * fraction)
+        progress(fraction)
 
-    judged, whole, tried = _validated(tables, left_out, partial(say, 0.0, share))
+    judged, whole, tried = _validated(tables, left_out, lambda done, what: say(share * done, what))
     tried = [*whole, *tried]
     chosen = _best([option for table in whole for option in _options(table)])
     positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
@@ -204,11 +205,12 @@ def choose(
         with_rates = FeatureSet.parse([*chosen.table.features.names, *rates])
         models = [model for model in free if model.name in chosen_models]
         extended = tabled(with_rates, models, chosen.table.target)
-        rest = partial(say, share, 1.0 - share)
-        _, whole, behind = _validated([extended], judged, rest, chosen)
+        _, whole, behind = _validated(
+            [extended], judged, lambda done, what: say(share + (1.0 - share) * done, what), chosen
+        )
         chosen = _best([chosen, *(option for table in whole for option in _options(table))])
         tried += [*whole, *behind]
-    say(1.0, 0.0, 0.0, "Fitting what was chosen")
+    say(1.0, "Fitting what was chosen")
     evidence = _evidence(chosen, tried, judged, names)
     evidence["not_in_all"] = [n for n in named if features is None and n not in usual.names]
     members, weights = _members(chosen), chosen.weights[chosen.weights.any(axis=1)]
@@ -282,7 +284,7 @@ def _extend(
 def _validated(
     tables: Sequence[CrossValidation],
     left_out: Sequence[Fold],
-    say: Callable[[float, str], None],
+    say: Say,
     rival: _Option | None = None,
 ) -> tuple[list[Fold], list[CrossValidation], list[CrossValidation]]:
     """Folds on which the first table could be filled, tables that were on all of these, and others.
@@ -297,12 +299,10 @@ def _validated(
         for place, table in enumerate(tables):
             if filled:
                 table.pass_by(filled[0])
-            begin = fold_number + place / len(tables)
-            step = 1.0 / len(table.candidates) / len(tables)
+            share = 1.0 / len(tables) / len(left_out)
+            begin = fold_number / len(left_out) + place * share
             try:
-                cross_validate(
-                    table, fold, partial(_say_fit, say, fold, begin, step, len(left_out))
-                )
+                cross_validate(table, fold, partial(_say_within, say, begin, share))
                 filled.append(table)
             except CalibrationError:
                 if rival is None and place == 0:
@@ -322,17 +322,9 @@ def _validated(
     return judged, tables, behind
 
 
-def _say_fit(
-    say: Callable[[float, str], None],
-    fold: Fold,
-    begin: float,
-    step: float,
-    n_folds: int,
-    name: str,
-    number: int,
-) -> None:
-    """Say which candidate is fitted without a fold; `begin` and `step` are in folds."""
-    say((begin + step * number) / n_folds, f"Choosing: {name} without {fold.name}")
+def _say_within(say: Say, begin: float, share: float, fraction: float, what: str) -> None:
+    """Say what is done in a part of what `say` is called for, from `begin` on."""
+    say(begin + share * fraction, f"Choosing: {what}")
 
 
 def _is_behind(table: CrossValidation, square: Array) -> bool:

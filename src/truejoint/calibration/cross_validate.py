@@ -36,6 +36,9 @@ _LEAST: Final = 0.05  # weight, below which a member is left out
 _JUDGED: Final = 100_000  # rows that a fold judges, at most
 _TINY: Final = np.finfo(float).tiny
 
+Say = Callable[[float, str], None]
+"""Called with the fraction done, 0 to 1, and what is done next, in words."""
+
 
 @dataclass(eq=False)
 class Candidate:
@@ -222,10 +225,10 @@ class CrossValidation:
         self.give_up(lost)
 
 
-def cross_validate(table: CrossValidation, fold: Fold, say: Callable[[str, int], None]) -> None:
+def cross_validate(table: CrossValidation, fold: Fold, say: Say) -> None:
     """Fit the candidates that are not given up without a fold, and add their errors on it.
 
-    `say` is called with the name and number of the candidate that is fitted next. Raises
+    `say` is called with the share of candidates done, and what is fitted next. Raises
     CalibrationError, and adds nothing, if the linear model cannot be fitted.
     """
     training, test = table.split(fold)
@@ -233,7 +236,7 @@ def cross_validate(table: CrossValidation, fold: Fold, say: Callable[[str, int],
     for number, candidate in enumerate(table.candidates):
         if candidate.note:
             continue
-        say(candidate.model.name, number)
+        say(number / len(table.candidates), f"{candidate.model.name} without {fold.name}")
         began = time.perf_counter()
         try:
             predicted, spread = _predict(candidate, table, training, test)
