@@ -86,8 +86,8 @@ def chosen_joints(
 ) -> tuple[str, ...]:
     """Joints asked for, or the positioning joints of which each recording has the truth."""
     if joints is None:
-        with_truth = [set(recording.joints_of("truth")) for recording in recordings]
-        chosen = tuple(j for j in robot.positioning if all(j in joints for joints in with_truth))
+        with_truth = set.intersection(*[set(r.joints_of("truth")) for r in recordings])
+        chosen = tuple([joint for joint in robot.positioning if joint in with_truth])
         if not chosen:
             raise CalibrationError(
                 f"{source_of(recordings[0])} has no truth column of {', '.join(robot.positioning)}"
@@ -128,13 +128,9 @@ def chosen_features(
 
 def in_all(recordings: Sequence[Recording], columns: Iterable[str]) -> list[str]:
     """Columns that every recording has, in one unit."""
-    first = recordings[0].units
-    return [
-        name
-        for name in columns
-        if name in first
-        and all(recording.units.get(name) == first[name] for recording in recordings)
-    ]
+    in_one_unit = set.intersection(*[set(recording.units.items()) for recording in recordings])
+    common = {name for name, _ in in_one_unit}
+    return [name for name in columns if name in common]
 
 
 def common_units(

@@ -144,11 +144,13 @@ def partners(signals: Sequence[str]) -> Integers:
 
     Position and effort of a joint are partners: neither rests for long while the other moves far.
     """
-    channels = [signal.partition("/")[2] for signal in signals]
+    numbers: dict[str, list[int]] = {}
+    for i, signal in enumerate(signals):
+        numbers.setdefault(signal.partition("/")[2], []).append(i)
     partner = np.full(len(signals), -1, dtype=np.int64)
-    for i, channel in enumerate(channels):
-        order = [*range(i + 1, len(signals)), *range(i)]
-        partner[i] = next((j for j in order if channels[j] == channel), -1)
+    for alike in numbers.values():
+        if len(alike) > 1:
+            partner[alike] = np.roll(alike, -1)
     return partner
 
 
