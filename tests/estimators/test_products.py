@@ -13,7 +13,7 @@ from truejoint.estimators.products import BLOCK, add_product, add_triangle, padd
 def test_a_padded_product_is_a_product(n, m):
     rng = np.random.default_rng(n)
     x, matrix, start = rng.normal(size=n), rng.normal(size=(n, m)), rng.normal(size=m)
-    wide, out = padded(matrix), padded(start[None])[0]
+    wide, out = padded(matrix), padded(start)
     add_product(x, wide, out)
     np.testing.assert_allclose(out[:m], start + x @ matrix, rtol=1e-13, atol=1e-13)
     assert not out[m:].any()
@@ -23,7 +23,7 @@ def test_a_padded_product_is_a_product(n, m):
 @pytest.mark.parametrize("n", [1, 4, 6, 11])
 def test_a_padded_triangle_is_a_triangle(n):
     rng = np.random.default_rng(n)
-    matrix = padded(np.tril(rng.normal(size=(n, n))), rows=True)
-    x, out = padded(rng.normal(size=(1, n)))[0], np.zeros(len(matrix))
+    matrix = padded(np.tril(rng.normal(size=(n, n))), axes=2)
+    x, out = padded(rng.normal(size=n)), np.zeros(len(matrix))
     add_triangle(x, matrix, out)
     np.testing.assert_allclose(out, x @ matrix, rtol=1e-13, atol=1e-13)

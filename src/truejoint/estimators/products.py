@@ -11,10 +11,10 @@ BLOCK = 4
 """Columns of a matrix are filled up with zeros to a multiple of this."""
 
 
-def padded(matrix: Array, *, rows: bool = False) -> Array:
-    """Matrix (n, m) with zero columns, and rows if asked for, up to a multiple of `BLOCK`."""
-    n, m = matrix.shape
-    return np.pad(matrix, ((0, -n % BLOCK if rows else 0), (0, -m % BLOCK)))
+def padded(array: Array, axes: int = 1) -> Array:
+    """Fill the last axis, or so many last `axes`, up with zeros to a multiple of `BLOCK`."""
+    lengths = enumerate(array.shape, start=axes - array.ndim)
+    return np.pad(array, [(0, -n % BLOCK if place >= 0 else 0) for place, n in lengths])
 
 
 @compiled

@@ -67,10 +67,7 @@ PRESETS: Final[dict[str, Preset]] = {
     "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
     "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, {}),
     "linear_trees": Preset(
-        "stack.learn.Stack",
-        "stack.run",
-        {"members": (LINEAR, BOOSTED_TREES)},
-        {"rows": _MANY},
+        "stack.learn.Stack", "stack.run", {"members": (LINEAR, BOOSTED_TREES)}, {"rows": _MANY}
     ),
     "rich_play": Preset(*_PLAYS, {"learner": "ridge", "couple": False, "turn": False}, {}),
     "rich_trees": Preset(*_PLAYS, {"learner": "trees", "couple": False, "turn": False}, {}),

@@ -16,13 +16,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
 from truejoint.estimators.family import EstimatorData, Family, Params, find_family
-from truejoint.estimators.registry import (
-    OWN,
-    PRESETS,
-    estimator_names,
-    plugged_in,
-    registered,
-)
+from truejoint.estimators.registry import OWN, PRESETS, estimator_names, plugged_in, registered
 from truejoint.estimators.trees.learn import convert
 from truejoint.plugins import call_plugin, load_plugin, origin
 

@@ -168,7 +168,7 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
         patience=PARITY_STEPS * domain.dt,
         domain_mean=domain.feature_mean,
         # The length of a whitened row is all that counts, so a triangular factor does as well.
-        whitening=padded(np.asarray(np.linalg.qr(domain.whitening, mode="r")).T, rows=True),
+        whitening=padded(np.asarray(np.linalg.qr(domain.whitening, mode="r")).T, axes=2),
         feature_lower=np.where(used, feature_lower, -np.inf),
         feature_upper=np.where(used, feature_upper, np.inf),
         correction_lower=correction_lower,

@@ -25,7 +25,7 @@ SIZES = (4, 6, 5, 3)
 
 def problem(n: int, seed: int = 0) -> tuple[Layers, np.ndarray, np.ndarray]:
     rng = np.random.RandomState(seed)
-    layers = Layers.glorot(SIZES, rng, np.float64)
+    layers = Layers(SIZES, np.float64).drawn(rng)
     layers.flat[:] += rng.normal(0, 0.3, layers.flat.shape)
     return layers, rng.normal(size=(n, 4)), rng.normal(size=(n, 3))
 
@@ -67,7 +67,7 @@ def assert_slopes(
 @given(st.integers(1, 40), st.floats(0.0, 0.1), st.integers(0, 100))
 def test_gradient_is_the_slope_of_the_loss(n, decay, seed):
     layers, X, y = problem(n, seed)
-    gradient = Layers.zeros(SIZES, np.float64)
+    gradient = Layers(SIZES, np.float64)
     loss = loss_and_gradient(layers, X, y, decay, gradient)
     assert loss == pytest.approx(keras_loss(layers, X, y, decay), rel=1e-12)
     places = range(0, layers.flat.size, 7)
@@ -78,7 +78,7 @@ def test_an_unknown_target_counts_as_one_that_is_met():
     layers, X, y = problem(20)
     met, unknown = y.copy(), y.copy()
     met[:5, 1], unknown[:5, 1] = forward(layers, X)[:5, 1], np.nan
-    expected, found = (Layers.zeros(SIZES, np.float64) for _ in range(2))
+    expected, found = (Layers(SIZES, np.float64) for _ in range(2))
     loss = loss_and_gradient(layers, X, met, 0.01, expected)
     assert loss_and_gradient(layers, X, unknown, 0.01, found) == pytest.approx(loss, rel=1e-12)
     np.testing.assert_allclose(found.flat, expected.flat, atol=1e-12)
@@ -136,7 +136,7 @@ def test_network_predicts_its_own_layers_in_double_precision():
     rng = np.random.default_rng(0)
     X, y = rng.normal(2.0, 3.0, (500, 4)), rng.normal(5.0, 0.1, (500, 3))
     model = NeuralNetwork(hidden_layer_sizes=(6, 5), epochs=5).fit(X, y)
-    layers = Layers.zeros(SIZES, np.float64)
+    layers = Layers(SIZES, np.float64)
     for i in range(3):
         layers.weights[i][:] = getattr(model, f"weight_{i}_")
         layers.biases[i][:] = getattr(model, f"bias_{i}_")

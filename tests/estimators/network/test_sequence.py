@@ -13,7 +13,7 @@ from tests.runtime.streams import stepped, trained
 
 from truejoint.errors import CalibrationError, TruejointError
 from truejoint.estimators.family import EstimatorData
-from truejoint.estimators.network.learn import FLOOR, GRU, TCN, Steps, step_rows
+from truejoint.estimators.network.learn import FLOOR, GRU, TCN, step_rows, window_rows, windows
 
 torch = pytest.importorskip("torch", reason="the extra [torch] is not installed")
 
@@ -60,11 +60,10 @@ def test_training_errs_as_the_row_does(small):
 
 def test_windows_cover_each_history_and_none_but_short_ones_go_beyond():
     first = np.repeat([0, 40, 45], [40, 5, 30])
-    X = np.zeros((75, 1), np.float32)
-    steps, rng = Steps(X, X, first), np.random.RandomState(0)
+    rng = np.random.RandomState(0)
     for _ in range(20):
-        starts = steps.windows(16, rng)
-        rows, within = steps.batch(starts, 3, 16)
+        starts = windows(first, 16, rng)
+        rows, within = window_rows(first, starts, 3, 16)
         assert (first[rows] == first[starts])[within].all()
         assert set(rows[3:][within[3:]]) == set(range(75))
         assert within[3:, starts != 40].all()

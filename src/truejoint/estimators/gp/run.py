@@ -13,7 +13,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, fill, matrix, unrolled, wide
 from truejoint.estimators.family import Family, Params, Shape, integer
-from truejoint.estimators.network.run import scaling_shapes
+from truejoint.estimators.network.run import declare_scaling, scaling_shapes
 from truejoint.estimators.products import BLOCK, add_product, padded, standardise
 from truejoint.layout import Layout, Memory
 
@@ -23,10 +23,7 @@ SMALL: Final = -0.5 / 2**DOUBLINGS
 FARTHEST: Final = 80.0  # square of a distance; beyond it, a bell is 0 within rounding
 
 LAYOUT: Final = Layout()
-LAYOUT.array("mean", "of each feature in training", "n_features")
-LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
-LAYOUT.array("target_mean", "of each output", "n_outputs")
-LAYOUT.array("target_scale", "of each output", "n_outputs")
+declare_scaling(LAYOUT)
 LAYOUT.array("inverse_lengths", "of each output and feature", "n_outputs", "n_features")
 LAYOUT.array("points", "of each output, a row for each feature, in lengths", "n_coordinates")
 LAYOUT.array("weights", "of each output, a row of 4 for each point, three 0", "n_weights")
@@ -100,8 +97,8 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 def _pack(params: Params, arrays: Mapping[str, Array], k: int, n: int) -> Memory:
     n_points = int(params["points"])
     inverse = arrays["inverse_lengths"]
-    points = np.array([padded((arrays["points"] * lengths).T) for lengths in inverse])
-    weights = np.array([padded(column[:, None]) for column in padded(arrays["weights"])])
+    points = padded((arrays["points"] * inverse[:, None]).transpose(0, 2, 1))
+    weights = padded(padded(arrays["weights"])[..., None])
     return LAYOUT.pack(
         **{name: arrays[name] for name in scaling_shapes(k, n)},
         inverse_lengths=inverse,

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, ClassVar, Final, Self
@@ -123,13 +123,13 @@ class NeuralNetwork(JointRegressor):
         rows = ((X - arrays["mean"]) * arrays["inverse_scale"]).astype(np.float32)
         targets = ((y - arrays["target_mean"]) / arrays["target_scale"]).astype(np.float32)
         sizes = network.layer_sizes(self.get_params(), X.shape[1], y.shape[1])
-        self.epochs_ = int(self.epochs)
-        if not self.epochs_:
+
+        def start() -> tuple[Layers, np.random.RandomState]:
             rng = check_random_state(self.random_state)
-            layers = Layers.glorot(sizes, rng)
-            self.epochs_ = self._converged(rows, targets, layers, rng, progress)
-        rng = check_random_state(self.random_state)
-        layers = Layers.glorot(sizes, rng)
+            return Layers(sizes).drawn(rng), rng
+
+        self.epochs_ = int(self.epochs) or self._converged(rows, targets, *start(), progress)
+        layers, rng = start()
         for epoch in self.train(layers, rows, targets, self.epochs_, rng):
             progress((epoch + 1) / self.epochs_)
         for i, (weight, bias) in enumerate(zip(layers.weights, layers.biases, strict=True)):
@@ -143,9 +143,9 @@ class NeuralNetwork(JointRegressor):
 
         Raises CalibrationError if the loss of an epoch is out of bounds.
         """
-        sizes = len(layers.weights[0]), *map(len, layers.biases)
-        gradient = Layers.zeros(sizes, layers.flat.dtype)
-        decay, adam = float(self.weight_decay), Adam(layers.flat, float(self.learning_rate))
+        gradient = Layers((len(layers.weights[0]), *map(len, layers.biases)), layers.flat.dtype)
+        decay, rate = float(self.weight_decay), float(self.learning_rate)
+        moments, n_steps = np.zeros((2, layers.flat.size), layers.flat.dtype), 0
         self.batch_size_ = effective_batch(len(X), int(self.batch_size))
         self.loss_curve_: list[float] = []
         for epoch in range(epochs):
@@ -155,9 +155,9 @@ class NeuralNetwork(JointRegressor):
                 rows = order[start : start + self.batch_size_]
                 inputs, targets = (a.take(rows, axis=0, mode="clip") for a in (X, y))  # fastest
                 losses.append(loss_and_gradient(layers, inputs, targets, decay, gradient))
-                adam.step(gradient.flat)
-            self.loss_curve_.append(float(np.mean(losses)))
-            check_loss(self.loss_curve_, epochs, adam.learning_rate)
+                n_steps += 1
+                adam_step(layers.flat, gradient.flat, moments, n_steps, rate)
+            add_loss(self.loss_curve_, losses, epochs, rate)
             yield epoch
 
     def _converged(
@@ -185,35 +185,28 @@ def effective_batch(n_rows: int, batch_size: int) -> int:
     return min(batch_size, max(SMALLEST_BATCH, n_rows // BATCHES_PER_EPOCH))
 
 
-@dataclass(frozen=True, eq=False)
 class Layers:
-    """Weights and biases of a network, as views into one flat vector for the optimiser."""
+    """Weights and biases of a network, 0 at first, as views into one flat vector.
 
-    flat: Floats
-    weights: tuple[Floats, ...]  # (inputs, units)
-    biases: tuple[Floats, ...]  # (units,)
+    `sizes` are inputs, hidden units and outputs.
+    """
 
-    @classmethod
-    def zeros(cls, sizes: tuple[int, ...], dtype: DTypeLike = np.float32) -> Self:
-        """Layers between `sizes` = (inputs, hidden units..., outputs), all zero."""
-        pairs = list(pairwise(sizes))
-        ends = np.cumsum([n for inputs, units in pairs for n in (inputs * units, units)])
-        flat = np.zeros(ends[-1], dtype)
-        parts = np.split(flat, ends[:-1])
-        biases = tuple(parts[1::2])
-        weights = (w.reshape(-1, len(b)) for w, b in zip(parts[::2], biases, strict=True))
-        return cls(flat, tuple(weights), biases)
+    def __init__(self, sizes: Sequence[int], dtype: DTypeLike = np.float32) -> None:
+        ends = np.cumsum([n for k, units in pairwise(sizes) for n in (k * units, units)])
+        self.flat: Floats = np.zeros(ends[-1], dtype)
+        parts: list[Floats] = np.split(self.flat, ends[:-1])
+        self.biases = parts[1::2]  # (units,)
+        self.weights = [  # (inputs, units)
+            weight.reshape(-1, len(bias))
+            for weight, bias in zip(parts[::2], self.biases, strict=True)
+        ]
 
-    @classmethod
-    def glorot(
-        cls, sizes: tuple[int, ...], rng: np.random.RandomState, dtype: DTypeLike = np.float32
-    ) -> Self:
-        """Layers as Keras starts them: uniform within sqrt(6 / (inputs + units)), zero biases."""
-        layers = cls.zeros(sizes, dtype)
-        for weight in layers.weights:
+    def drawn(self, rng: np.random.RandomState) -> Self:
+        """Start as Keras does: uniform within sqrt(6 / (inputs + units)), zero biases."""
+        for weight in self.weights:
             bound = math.sqrt(6.0 / sum(weight.shape))
             weight[:] = rng.uniform(-bound, bound, weight.shape)
-        return layers
+        return self
 
 
 def loss_and_gradient(
@@ -278,51 +271,35 @@ def forward(layers: Layers, X: Floats) -> list[Floats]:
         # scipy's expit; halving the weights costs less than halving what they give.
         half = 0.5 if layer < last else 1.0
         units = activations[-1] @ (half * weight)
-        _add_to_rows(units, half * bias)
+        number = units.dtype.type
+        _scale_and_add(units, number(1.0), half * bias)
         if layer < last:
             np.tanh(units, out=units)
-            _lift(units, units.dtype.type(0.5))
+            _scale_and_add(units, number(0.5), np.full(len(bias), 0.5, number))
         activations.append(units)
     return activations
 
 
 @compiled
-def _add_to_rows(values: Floats, row: Floats) -> None:
-    """Add a row (k,) to values (n, k); numpy takes five times as long for so short a one."""
+def _scale_and_add(values: Floats, factor: float, row: Floats) -> None:
+    """Scale values (n, k), then add a row (k,); numpy takes five times as long for short rows."""
     for i in range(values.shape[0]):
         for j in range(values.shape[1]):
-            values[i, j] += row[j]
+            values[i, j] = factor * values[i, j] + row[j]
 
 
-@compiled
-def _lift(values: Floats, half: float) -> None:
-    """Make a logistic function of tanh, in one pass; a `half` of the values' own precision."""
-    for i in range(values.shape[0]):
-        for j in range(values.shape[1]):
-            values[i, j] = half * values[i, j] + half
+def adam_step(
+    values: Floats, gradient: Floats, moments: Floats, n_steps: int, learning_rate: float
+) -> None:
+    """Move flat `values` down `gradient` by Adam (Kingma and Ba, 2014), in place.
 
-
-class Adam:
-    """Adam (Kingma and Ba, 2014) on one flat vector, in place."""
-
-    def __init__(self, values: Floats, learning_rate: float) -> None:
-        self._values = values.reshape(-1, copy=False)  # raises where it would be a copy
-        self.learning_rate = learning_rate
-        self._first, self._second = np.zeros((2, values.size), values.dtype)
-        self._steps = 0
-
-    def step(self, gradient: Floats) -> None:
-        """Move the values one step down `gradient`."""
-        self._steps += 1
-        # With the bias corrections folded into the step and epsilon beside the uncorrected root, as
-        # in section 2 of the paper on Adam, in Keras and in scikit-learn.
-        first, second = FIRST_DECAY, SECOND_DECAY
-        root = math.sqrt(1.0 - second**self._steps)
-        rate = self.learning_rate * root / (1.0 - first**self._steps)
-        factors = np.array(  # of the values' precision, which each step keeps
-            [first, 1.0 - first, second, 1.0 - second, EPSILON, rate], self._values.dtype
-        )
-        _descend(self._values, gradient.ravel(), self._first, self._second, factors)
+    The bias corrections are folded into the step and epsilon is beside the uncorrected root, as in
+    section 2 of the paper, in Keras and in scikit-learn. `n_steps` counts this step.
+    """
+    first, second = FIRST_DECAY, SECOND_DECAY
+    rate = learning_rate * math.sqrt(1.0 - second**n_steps) / (1.0 - first**n_steps)
+    factors = first, 1.0 - first, second, 1.0 - second, EPSILON, rate
+    _descend(values, gradient, moments[0], moments[1], np.array(factors, values.dtype))
 
 
 @compiled
@@ -336,37 +313,36 @@ def _descend(
         values[i] -= factors[5] * (first[i] / (np.sqrt(second[i]) + factors[4]))
 
 
-def check_loss(history: list[float], epochs: int, learning_rate: float) -> None:
-    """Raise CalibrationError if the loss of the last of the epochs so far is out of bounds."""
-    if not math.isfinite(history[-1]):
+def add_loss(curve: list[float], losses: list[float], epochs: int, learning_rate: float) -> None:
+    """Add the mean loss of an epoch; raises CalibrationError if it is out of bounds."""
+    curve.append(float(np.mean(losses)))
+    if not math.isfinite(curve[-1]):
         raise CalibrationError(
-            f"training diverged in epoch {len(history)} of {epochs} at learning rate "
+            f"training diverged in epoch {len(curve)} of {epochs} at learning rate "
             f"{learning_rate:g}; lower the learning rate"
         )
 
 
-@dataclass(frozen=True, eq=False)
-class Steps:
-    """Standardised rows that a network is trained on, in the order of time."""
+def windows(first: Integers, length: int, rng: np.random.RandomState) -> Integers:
+    """First rows of windows, in random order, that cover each history from a random row on.
 
-    X: Floats  # (n, k)
-    y: Floats  # (n, n_outputs), residuals of a linear regression; NaN where unknown
-    first: Integers  # (n,), row at which the history of a row starts
+    `first` (n,) is the row at which the history of each row starts.
+    """
+    ends = np.append(np.unique(first), len(first))
+    starts = [
+        np.clip(np.arange(a - rng.randint(length), b, length), a, max(a, b - length))
+        for a, b in pairwise(ends)
+    ]
+    return rng.permutation(np.unique(np.concatenate(starts)))
 
-    def windows(self, length: int, rng: np.random.RandomState) -> Integers:
-        """First rows of windows, in random order, that cover each history from a random row on."""
-        ends = np.append(np.unique(self.first), len(self.first))
-        starts = [
-            np.clip(np.arange(a - rng.randint(length), b, length), a, max(a, b - length))
-            for a, b in pairwise(ends)
-        ]
-        return rng.permutation(np.unique(np.concatenate(starts)))
 
-    def batch(self, starts: Integers, before: int, length: int) -> tuple[Integers, Flags]:
-        """Rows (before + length, b) of windows, and which are of the window's history."""
-        rows = starts + np.arange(-before, length)[:, None]
-        within = np.clip(rows, 0, len(self.X) - 1)
-        return within, (rows == within) & (self.first[within] == self.first[starts])
+def window_rows(
+    first: Integers, starts: Integers, before: int, length: int
+) -> tuple[Integers, Flags]:
+    """Rows (before + length, b) of windows, and which are of the window's history."""
+    rows = starts + np.arange(-before, length)[:, None]
+    within = np.clip(rows, 0, len(first) - 1)
+    return within, (rows == within) & (first[within] == first[starts])
 
 
 @dataclass(eq=False, repr=False)
@@ -420,7 +396,7 @@ class SequenceNetwork(JointRegressor):
         y = (y[rows] - scales["target_mean"]) / scales["target_scale"]
         line = np.linalg.lstsq(X[labelled], y[labelled], rcond=1e-4)[0]
         first = np.searchsorted(history, history)
-        steps = Steps(X.astype(np.float32), (y - X @ line).astype(np.float32), first)
+        steps = X.astype(np.float32), (y - X @ line).astype(np.float32), first
         shapes = self.family.shapes(self.model_params(), X.shape[1], y.shape[1]).items()
         learnt = {name: shape for name, shape in shapes if name.endswith(("weights", "bias"))}
         weights = {name: np.zeros(shape, np.float32) for name, shape in learnt.items()}
@@ -430,33 +406,42 @@ class SequenceNetwork(JointRegressor):
         return arrays | scales
 
     def _train(
-        self, arrays: dict[str, Floats], steps: Steps, decay: float, progress: Progress
+        self,
+        arrays: dict[str, Floats],
+        steps: tuple[Floats, Floats, Integers],
+        decay: float,
+        progress: Progress,
     ) -> None:
-        """Train arrays in place, of which torch's tensors are views."""
+        """Train arrays in place, of which torch's tensors are views.
+
+        `steps` are features, residuals of a linear regression (NaN where unknown), and the row at
+        which the history of each row starts.
+        """
         torch = require("torch", "torch", f"training {self.name}")
         rng = check_random_state(self.random_state)
         self._start(arrays, rng)
         weights = {n: torch.from_numpy(a).requires_grad_() for n, a in arrays.items()}
+        features, residuals, first = steps
         window, epochs, before = int(self.window), int(self.epochs), self.looks_back
-        n_windows = max(1, len(steps.X) // window // BATCHES_PER_EPOCH)
+        n_windows = max(1, len(first) // window // BATCHES_PER_EPOCH)
         size = min(int(self.batch_size), n_windows)
-        adam = torch.optim.Adam(weights.values(), eps=1e-7)
-        states = np.zeros((len(steps.X), int(self.units)), np.float32)
+        adam = torch.optim.Adam(weights.values(), eps=EPSILON)
+        states = np.zeros((len(first), int(self.units)), np.float32)
         self.loss_curve_: list[float] = []
         n_threads = torch.get_num_threads()
         torch.set_num_threads(1)
         try:
             for epoch in range(epochs):
-                starts = steps.windows(window, rng)
+                starts = windows(first, window, rng)
                 losses = []
                 for place in range(0, len(starts), size):
                     some = starts[place : place + size]
-                    rows, within = steps.batch(some, before, window)
-                    goes_on = (some > steps.first[some])[:, None]
-                    tables = steps.X[rows], within[..., None].astype(np.float32)
+                    rows, within = window_rows(first, some, before, window)
+                    goes_on = (some > first[some])[:, None]
+                    tables = features[rows], within[..., None].astype(np.float32)
                     X, valid, state = map(torch.from_numpy, (*tables, states[some] * goes_on))
                     units = self.forward(weights, X, valid, state)
-                    y = np.where(within[..., None], steps.y[rows], np.nan)[before:]
+                    y = np.where(within[..., None], residuals[rows], np.nan)[before:]
                     loss = loss_of(torch, weights, (units[before:], X[before:]), y, decay)
                     done = (epoch + place / len(starts)) / epochs
                     adam.param_groups[0]["lr"] = float(self.learning_rate) * (1.0 - done)
@@ -466,8 +451,7 @@ class SequenceNetwork(JointRegressor):
                     losses.append(loss.item())
                     inner = within[before + 1 :]
                     states[rows[before + 1 :][inner]] = units[before:-1].detach().numpy()[inner]
-                self.loss_curve_.append(float(np.mean(losses)))
-                check_loss(self.loss_curve_, epochs, float(self.learning_rate))
+                add_loss(self.loss_curve_, losses, epochs, float(self.learning_rate))
                 progress((epoch + 1) / epochs)
         finally:
             torch.set_num_threads(n_threads)
@@ -607,23 +591,19 @@ class TCN(SequenceNetwork):
         return hidden
 
 
+@compiled
 def step_rows(dt: Array, labelled: Flags, period: float) -> Integers:
     """Rows (m,) of `dt` (n,) [s] to train on: one in a period, with a target where one has.
 
     Of the rows from one that a network sees to the next, the first that is `labelled` (n,), or else
     that one itself.
     """
-    is_step = np.zeros(len(dt), dtype=np.bool_)
-    _mark_steps(dt, labelled, period, is_step)
-    return np.flatnonzero(is_step)
-
-
-@compiled
-def _mark_steps(dt: Array, labelled: Flags, period: float, is_step: Flags) -> None:
+    is_step = np.zeros(len(dt), np.bool_)
     elapsed, last, is_waiting = 0.0, 0, False
-    for i in range(dt.shape[0]):
+    for i in range(len(dt)):
         elapsed += dt[i]
         if is_update(dt[i], elapsed, period):
             is_step[i], last, is_waiting, elapsed = True, i, not labelled[i], 0.0
         elif is_waiting and labelled[i]:
             is_step[i], is_step[last], is_waiting = True, False, False
+    return np.flatnonzero(is_step)

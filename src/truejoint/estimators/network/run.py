@@ -29,14 +29,7 @@ from truejoint.estimators.family import (
     is_integer,
     number,
 )
-from truejoint.estimators.products import (
-    BLOCK,
-    add_product,
-    layer,
-    padded,
-    rescale,
-    standardise,
-)
+from truejoint.estimators.products import add_product, layer, padded, rescale, standardise
 from truejoint.layout import Layout, Memory
 
 MAX_LAYERS: Final = 8
@@ -54,11 +47,17 @@ TRAINING: Final[Mapping[str, Rule]] = {
 }
 """Rules of what every network that remembers is trained by."""
 
+
+def declare_scaling(layout: Layout) -> None:
+    """Declare the arrays by which features and targets are standardised."""
+    layout.array("mean", "of each feature in training", "n_features")
+    layout.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
+    layout.array("target_mean", "of each output", "n_outputs")
+    layout.array("target_scale", "of each output", "n_outputs")
+
+
 LAYOUT: Final = Layout()
-LAYOUT.array("mean", "of each feature in training", "n_features")
-LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
-LAYOUT.array("target_mean", "of each output", "n_outputs")
-LAYOUT.array("target_scale", "of each output", "n_outputs")
+declare_scaling(LAYOUT)
 LAYOUT.array("weights", "of all layers, a row for each input", "n_weights")
 LAYOUT.array("biases", "of all layers", "n_biases")
 LAYOUT.array("activations", "of two layers in turn", 2, "widest")
@@ -117,7 +116,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_output
     units = layer_sizes(params, n_features, n_outputs)
     layers = range(len(units) - 1)
     weights = [padded(arrays[f"weight_{i}"]) for i in layers]
-    biases = [padded(arrays[f"bias_{i}"][None])[0] for i in layers]
+    biases = [padded(arrays[f"bias_{i}"]) for i in layers]
     columns = [len(bias) for bias in biases]
     widest = max(n_features, *columns)
     return LAYOUT.pack(
@@ -157,10 +156,7 @@ FAMILY: Final = Family(
 GRU_LAYOUT: Final = Layout()
 GRU_LAYOUT.scalar("period", "time between updates of the state [s]")
 GRU_ELAPSED: Final = GRU_LAYOUT.scalar("elapsed", "time since the state was updated [s]")
-GRU_LAYOUT.array("mean", "of each feature in training", "n_features")
-GRU_LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
-GRU_LAYOUT.array("target_mean", "of each output", "n_outputs")
-GRU_LAYOUT.array("target_scale", "of each output", "n_outputs")
+declare_scaling(GRU_LAYOUT)
 GRU_LAYOUT.array(
     "input_weights", "columns: the gates, then the candidate", "n_features", "gates_width"
 )
@@ -222,29 +218,36 @@ def is_update(dt: float, elapsed: float, period: float) -> bool:
     return dt == 0.0 or elapsed >= period - 0.45 * dt
 
 
-def _gru_shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    units = int(params["units"])
+def _sequence_shapes(
+    k: int, n_outputs: int, units: int, width: int, **state: Shape
+) -> dict[str, Shape]:
+    """Shapes of the arrays of a network that sees `k` features in `width` columns."""
     return {
-        **scaling_shapes(n_features, n_outputs),
-        "input_weights": (n_features, 3 * units),
-        "input_bias": (3 * units,),
-        "state_weights": (units, 3 * units),
-        "state_bias": (units,),
-        "output_weights": (units + n_features, n_outputs),
+        **scaling_shapes(k, n_outputs),
+        "input_weights": (k, width),
+        "input_bias": (width,),
+        **state,
+        "output_weights": (units + k, n_outputs),
         "output_bias": (n_outputs,),
     }
 
 
+def _gru_shapes(params: Params, k: int, n_outputs: int) -> dict[str, Shape]:
+    units = int(params["units"])
+    state = {"state_weights": (units, 3 * units), "state_bias": (units,)}
+    return _sequence_shapes(k, n_outputs, units, 3 * units, **state)
+
+
 def _gru_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
     units = int(params["units"])
-    width = units + -units % BLOCK
-    bias = padded(arrays["output_bias"][None])[0]
-    table = {**arrays, "output_weights": padded(arrays["output_weights"]), "output_bias": bias}
+    table = dict(arrays)
+    for name in ("output_weights", "output_bias", "state_bias"):
+        table[name] = padded(arrays[name])
+    width = len(table["state_bias"])
     for name in ("input_weights", "input_bias", "state_weights"):  # each gate by itself
-        array = padded(arrays[name].reshape(-1, units))
-        table[name] = array.reshape(*arrays[name].shape[:-1], 3 * width)
-    table["state_bias"] = np.zeros(3 * width)
-    table["state_bias"][2 * width :][:units] = arrays["state_bias"]
+        gates = padded(arrays[name].reshape(-1, 3, units))
+        table[name] = gates.reshape(*arrays[name].shape[:-1], 3 * width)
+    table["state_bias"] = np.append(np.zeros(2 * width), table["state_bias"])
     return GRU_LAYOUT.pack(
         width=width,
         period=params["period"],
@@ -252,7 +255,7 @@ def _gru_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> M
         **dict.fromkeys(("gates", "from_state"), np.zeros(3 * width)),
         state=np.zeros(units),
         seen=np.zeros(units + k),
-        sums=np.zeros_like(bias),
+        sums=np.zeros_like(table["output_bias"]),
     )
 
 
@@ -270,10 +273,7 @@ TCN_LAYOUT: Final = Layout()
 TCN_LAYOUT.scalar("period", "time between updates [s]")
 TCN_ELAPSED: Final = TCN_LAYOUT.scalar("elapsed", "time since the last update [s]")
 COUNT: Final = TCN_LAYOUT.scalar("count", "updates, from 0 again after the longest way back")
-TCN_LAYOUT.array("mean", "of each feature in training", "n_features")
-TCN_LAYOUT.array("inverse_scale", "of each feature; 0 where it is not used", "n_features")
-TCN_LAYOUT.array("target_mean", "of each output", "n_outputs")
-TCN_LAYOUT.array("target_scale", "of each output", "n_outputs")
+declare_scaling(TCN_LAYOUT)
 TCN_LAYOUT.array("input_weights", "a row for each feature", "n_features", "width")
 TCN_LAYOUT.array("input_bias", "of what the first layer sees", "width")
 TCN_LAYOUT.array("now_weights", "of each layer, of what it is given now", "n_squares")
@@ -324,42 +324,29 @@ def tcn_row(
     rescale(m.sums, m.target_mean, m.target_scale, out)
 
 
-def _tcn_shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+def _tcn_shapes(params: Params, k: int, n_outputs: int) -> dict[str, Shape]:
     units, n_layers = int(params["units"]), int(params["layers"])
-    return {
-        **scaling_shapes(n_features, n_outputs),
-        "input_weights": (n_features, units),
-        "input_bias": (units,),
-        "now_weights": (n_layers * units, units),
-        "past_weights": (n_layers * units, units),
-        "layer_bias": (n_layers, units),
-        "output_weights": (units + n_features, n_outputs),
-        "output_bias": (n_outputs,),
-    }
+    layers = dict.fromkeys(("now_weights", "past_weights"), (n_layers * units, units))
+    return _sequence_shapes(k, n_outputs, units, units, **layers, layer_bias=(n_layers, units))
 
 
 def _tcn_pack(params: Params, arrays: Mapping[str, Array], k: int, _n: int) -> Memory:
     units, n_layers = int(params["units"]), int(params["layers"])
-    more = -units % BLOCK
-    width = units + more
     table = dict(arrays)
-    for name in ("input_weights", "layer_bias"):
+    for name in ("input_weights", "input_bias", "layer_bias", "output_bias"):
         table[name] = padded(arrays[name])
-    for name in ("input_bias", "output_bias"):
-        table[name] = padded(arrays[name][None])[0]
     for name in ("now_weights", "past_weights"):
-        squares = arrays[name].reshape(n_layers, units, units)
-        square = np.pad(squares, ((0, 0), (0, more), (0, more)))
-        table[name] = square.ravel()
+        table[name] = padded(arrays[name].reshape(n_layers, units, units), axes=2).ravel()
     from_units, from_features = np.split(padded(arrays["output_weights"]), [units])
-    table["output_weights"] = np.vstack([padded(from_units, rows=True), from_features])
+    table["output_weights"] = np.vstack([padded(from_units, axes=2), from_features])
+    width = len(table["input_bias"])
     return TCN_LAYOUT.pack(
         period=params["period"],
         **table,
         past=np.zeros((2**n_layers - 1, width)),
         seen=np.zeros(width + k),
         units_now=np.zeros(width),
-        sums=np.zeros(table["output_bias"].size),
+        sums=np.zeros_like(table["output_bias"]),
     )
 
 

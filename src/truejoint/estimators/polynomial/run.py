@@ -130,7 +130,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int)
     if not len(factors):  # of a constant: C has no arrays without elements
         factors, coef = np.array([[n_features]]), np.zeros((1, coef.shape[1]))
     return LAYOUT.pack(
-        **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"][None])[0]},
+        **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"])},
         factors=factors,
         scaled=np.append(np.zeros(n_features), 1.0),
         terms=np.zeros(len(factors)),

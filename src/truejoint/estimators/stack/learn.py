@@ -14,14 +14,7 @@ from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
 from truejoint.estimators.base import Arrays, JointRegressor, Progress
-from truejoint.estimators.family import (
-    RANDOM_STATE,
-    Family,
-    Params,
-    Rule,
-    integer,
-    optional,
-)
+from truejoint.estimators.family import RANDOM_STATE, Family, Params, Rule, integer, optional
 from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
 
