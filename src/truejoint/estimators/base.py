@@ -33,6 +33,11 @@ def untold(_fraction: float) -> None:
     """Progress that nobody asked for."""
 
 
+def share_of(progress: Progress, place: int, n_parts: int) -> Progress:
+    """Progress of one of a few parts, as `progress` of them all."""
+    return lambda share: progress((place + share) / n_parts)
+
+
 class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc]  # sklearn: untyped
     """Base of the estimators: a subclass names its family, and learns the family's arrays.
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, NamedTuple, Self
 
@@ -20,7 +20,9 @@ from truejoint.estimators.base import (
     Progress,
     apart,
     scaling,
+    share_of,
     standardisation,
+    untold,
 )
 from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
 from truejoint.estimators.polynomial.run import FAMILY, factors_of, of_degree
@@ -172,26 +174,13 @@ class Polynomial(JointRegressor):
         if self.ridge:
             return self._learn_ridge(X, y, dt, factors, progress)
         mean, inverse_scale = standardisation(X)
-        scaled, parts = (X - mean) * inverse_scale, apart(y)
-
-        def blocks_of(part: int) -> Iterator[tuple[Array, Array]]:
-            labelled, outputs = parts[part]
-            inputs, targets = scaled[labelled], y[labelled, outputs]
-            for start in range(0, len(inputs), _BLOCK):
-                rows = slice(start, start + _BLOCK)
-                yield polynomial_design(inputs[rows], factors), targets[rows]
-                progress((part + min(start + _BLOCK, len(inputs)) / len(inputs)) / len(parts))
-
-        if len(factors):
-            fits = (least_squares(blocks_of(k)) for k in range(len(parts)))
-            coef, intercept = map(np.hstack, zip(*fits, strict=True))
-        else:
-            coef = np.zeros((0, y.shape[1]))
-            intercept = np.hstack([y[rows, outputs].mean(axis=0) for rows, outputs in parts])
-            progress(1.0)
-        return {
-            "mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept
-        }  # fmt: skip
+        scaled, parts, fits = (X - mean) * inverse_scale, apart(y), []
+        for place, (rows, outputs) in enumerate(parts):
+            share = share_of(progress, place, len(parts))
+            fits.append(least_squares(scaled[rows], y[rows, outputs], factors, share))
+        coef, intercept = map(np.hstack, zip(*fits, strict=True))
+        coef = np.ascontiguousarray(coef)
+        return {"mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept}
 
     def _learn_ridge(
         self, X: Array, y: Array, dt: Array, factors: Integers, progress: Progress
@@ -213,12 +202,8 @@ class Polynomial(JointRegressor):
             chosen = np.array(weights)[fit.weights]
             table = _without_far(scaled, targets, factors, products.sum(axis=0), chosen, fit)
         table = table * scales["target_scale"]
-        return {
-            "mean": mean,
-            "inverse_scale": inverse_scale,
-            "coef": np.ascontiguousarray(table[1:]),
-            "intercept": table[0] + scales["target_mean"],
-        }
+        coef, intercept = np.ascontiguousarray(table[1:]), table[0] + scales["target_mean"]
+        return {"mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept}
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()
@@ -257,24 +242,26 @@ def polynomial_design(scaled: Array, factors: NDArray[np.int64]) -> Array:
     return design
 
 
-def least_squares(parts: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
-    """Coefficients (m, n_outputs) and intercept (n_outputs,) of least squares over blocks of rows.
+def least_squares(
+    scaled: Array, y: Array, factors: Integers, progress: Progress
+) -> tuple[Array, Array]:
+    """Coefficients (m, n_outputs) and intercept (n_outputs,) of least squares on m terms.
 
-    Terms (n, m) and targets (n, n_outputs) of each block are folded into one triangular factor, so
-    memory does not grow with their number; with a column of ones in front, the factor below its
-    first row is that of the centred columns. Directions below 1e-10 of the strongest, columns of
-    unit length, are left out (minimum norm).
+    Terms and targets of some rows after the other are folded into one triangular factor, so memory
+    does not grow with their number; with a column of ones in front, the factor below its first row
+    is that of the centred columns. Directions below 1e-10 of the strongest, columns of unit length,
+    are left out (minimum norm).
     """
-    factor: Array | None = None
-    n_rows, m = 0, 0
-    for terms, y in parts:
-        n_rows += len(terms)
-        m = terms.shape[1]
-        stack = np.column_stack([np.ones(len(terms)), terms, y])
-        if factor is not None:
-            stack = np.vstack([factor, stack])
-        factor = np.asarray(np.linalg.qr(stack, mode="r"))
-    assert factor is not None  # noqa: S101  # fit is never given zero rows
+    m, n_rows = len(factors), len(scaled)
+    if not m:
+        progress(1.0)
+        return np.zeros((0, y.shape[1])), y.mean(axis=0)
+    factor = np.zeros((0, 1 + m + y.shape[1]))
+    done = 0
+    for table in _tables(scaled, y, factors, _BLOCK):
+        factor = np.asarray(np.linalg.qr(np.vstack([factor, table]), mode="r"))
+        done += len(table)
+        progress(done / n_rows)
     centred = factor[1 : m + 1, 1 : m + 1]
     length = np.linalg.norm(centred, axis=0)
     varies = length > _RANK_TOLERANCE * math.sqrt(n_rows)  # of terms of order one
@@ -284,17 +271,21 @@ def least_squares(parts: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
         solution = scipy.linalg.lstsq(centred * inverse, right, cond=_RANK_TOLERANCE)[0]
         coef = np.asarray(solution) * inverse[:, None]
     intercept = (factor[0, m + 1 :] - factor[0, 1 : m + 1] @ coef) / factor[0, 0]
-    return np.ascontiguousarray(coef), intercept
+    return coef, intercept
+
+
+def _tables(scaled: Array, y: Array, factors: Integers, size: int) -> Iterator[Array]:
+    """Give columns of 1, the terms and the targets, for so many rows at a time."""
+    for start in range(0, len(scaled), size):
+        terms = polynomial_design(scaled[start : start + size], factors)
+        yield np.column_stack([np.ones(len(terms)), terms, y[start : start + size]])
 
 
 def _products(scaled: Array, y: Array, factors: Integers) -> Array:
     """Give sums (m, m) of products of every two of: 1, the terms, the targets."""
     width = 1 + len(factors) + y.shape[1]
     total = np.zeros((width, width))
-    for start in range(0, len(scaled), _CHUNK):
-        rows = slice(start, start + _CHUNK)
-        terms = polynomial_design(scaled[rows], factors)
-        table = np.column_stack([np.ones(len(terms)), terms, y[rows]])
+    for table in _tables(scaled, y, factors, _CHUNK):
         total += table.T @ table
     return total
 
@@ -320,7 +311,7 @@ def _without_far(
             inliers = products - _products(scaled[rows], y[rows], factors)
             places = [*range(1 + n_terms), 1 + n_terms + j]
             inner = inliers[np.ix_(places, places)]
-            table[:, j] = solutions(inner, weights[j], 1, (fit.penalties[j],))[0, :, 0]
+            table[:, j] = solutions(inner, weights[j], 1, (fit.penalties[j],), True)[0, :, 0]
         if (far == before).all():
             break
         before = far
@@ -339,8 +330,10 @@ class PenalisedFit(NamedTuple):
 def cross_validated(
     products: Array,
     weights: Sequence[Array],
-    progress: Callable[[float], None] | None = None,
+    progress: Progress = untold,
     penalties: Sequence[float] = PENALTIES,
+    *,
+    standardise: bool = True,
 ) -> PenalisedFit:
     """Fit with the penalty, and the weights of terms, that err least on blocks left out in turn.
 
@@ -355,6 +348,8 @@ def cross_validated(
         Called with the fraction done, 0 to 1.
     penalties : sequence of float
         What is tried; one alone is taken.
+    standardise : bool
+        Whether terms are scaled to variance 1 before they are weighted.
 
     Examples
     --------
@@ -369,14 +364,14 @@ def cross_validated(
     whole = products.sum(axis=0)
     for place, trial in enumerate(weights):
         for block in products:
-            for at, table in enumerate(solutions(whole - block, trial, n_outputs, penalties)):
+            tables = solutions(whole - block, trial, n_outputs, penalties, standardise)
+            for at, table in enumerate(tables):
                 residual_of = np.vstack([-table, np.eye(n_outputs)])
                 errors[place, at] += np.sum(residual_of * (block @ residual_of), axis=0)
-        if progress is not None:
-            progress((place + 1) / len(weights))
+        progress((place + 1) / len(weights))
     flat = errors.reshape(-1, n_outputs)
     chosen, penalty = np.unravel_index(flat.argmin(axis=0), errors.shape[:2])
-    fits = [solutions(whole, trial, n_outputs, penalties) for trial in weights]
+    fits = [solutions(whole, trial, n_outputs, penalties, standardise) for trial in weights]
     columns = [fits[chosen[j]][penalty[j]][:, j] for j in range(n_outputs)]
     return PenalisedFit(np.array(columns).T, np.array(penalties)[penalty], chosen, flat.min(axis=0))
 
@@ -394,17 +389,20 @@ def ridge(columns: Array, y: Array, penalty: float) -> tuple[Array, float]:
     return np.asarray(weights), constant - float(weights @ mean)
 
 
-def solutions(products: Array, weights: Array, n_outputs: int, penalties: Sequence[float]) -> Array:
+def solutions(
+    products: Array, weights: Array, n_outputs: int, penalties: Sequence[float], standardise: bool
+) -> Array:
     """Constants and coefficients (n_penalties, 1 + n_terms, n_outputs) for every penalty.
 
-    Of sums of `products` (m, m) of terms that are scaled to variance 1, then by `weights`
-    (n_terms,).
+    Terms, of which there are the sums of `products` (m, m), are scaled to variance 1, unless that
+    is switched off, then by `weights` (n_terms,).
     """
     n_terms, n = len(weights), products[0, 0]
     mean = products[0] / n
     spread = products / n - np.outer(mean, mean)
     terms, targets = slice(1, 1 + n_terms), slice(1 + n_terms, None)
-    deviation = np.sqrt(np.maximum(np.diag(spread)[terms], 0.0))
+    variance = np.diag(spread)[terms] if standardise else np.ones(n_terms)
+    deviation = np.sqrt(np.maximum(variance, 0.0))
     scale = np.divide(weights, deviation, out=np.zeros(n_terms), where=deviation > _LEAST)
     used = np.flatnonzero(scale)
     factors = scale[used]
@@ -479,34 +477,14 @@ def changes(terms: Array, residuals: Array) -> tuple[Array, Array, Array]:
         If there are fewer than 50 rows.
     """
     check_row_count(len(terms))
-    rows = np.arange(len(terms))
-    errors = np.zeros((len(CHANGE_PENALTIES), residuals.shape[1]))
-    for block in np.array_split(rows, BLOCKS):
-        rest = np.setdiff1d(rows, block)
-        for at, (slopes, offset) in enumerate(_ridges(terms[rest], residuals[rest])):
-            errors[at] += np.sum((residuals[block] - terms[block] @ slopes - offset) ** 2, axis=0)
-    best = errors.argmin(axis=0)
-    every = _ridges(terms, residuals)
-    slopes, offset = (
-        np.array([every[at][part][..., j] for j, at in enumerate(best)]) for part in (0, 1)
-    )
-    return slopes.T, offset, np.array(CHANGE_PENALTIES)[best]
+    table = np.column_stack([np.ones(len(terms)), terms, residuals])
+    products = np.array([rows.T @ rows for rows in np.array_split(table, BLOCKS)])
+    weights = [np.ones(terms.shape[1])]
+    fit = cross_validated(products, weights, penalties=CHANGE_PENALTIES, standardise=False)
+    return fit.coefficients[1:], fit.coefficients[0], fit.penalties
 
 
 def check_row_count(n: int) -> None:
     """Raise CalibrationError if `n` rows with truth are too few to change a model by."""
     if n < _LEAST_ROWS:
         raise CalibrationError(f"{n} rows with truth; a prior is changed by {_LEAST_ROWS} or more")
-
-
-def _ridges(terms: Array, residuals: Array) -> list[tuple[Array, Array]]:
-    """Slopes (m, k) and offset (k,) for every penalty; the offset is not penalised."""
-    mean, level = terms.mean(axis=0), residuals.mean(axis=0)
-    centred = terms - mean
-    values, vectors = np.linalg.eigh(centred.T @ centred / len(terms))
-    right = vectors.T @ (centred.T @ (residuals - level) / len(terms))
-    fits = []
-    for penalty in CHANGE_PENALTIES:
-        slopes = vectors @ (right / (np.maximum(values, 0.0) + penalty)[:, None])
-        fits.append((slopes, level - mean @ slopes))
-    return fits

@@ -13,7 +13,7 @@ from sklearn.base import clone
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators import registry
-from truejoint.estimators.base import Arrays, JointRegressor, Progress
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, share_of
 from truejoint.estimators.family import RANDOM_STATE, Family, Params, Rule, integer, optional
 from truejoint.estimators.stack import run as stack
 from truejoint.estimators.wrapped import Regressor, joint_regressor
@@ -178,13 +178,8 @@ class Stack(JointRegressor):
                 rows = rows[:: -(-len(rows) // int(self.rows))]
             steps = dt[rows] if member.family.remembers else None  # as it is fitted alone
             taken = [loads.index(name) for name in member.truth_beside()]
-
-            def share_done(share: float, before: int = number) -> None:
-                progress((before + share) / len(unfitted))
-
             member.fit(
-                X[rows], residuals[rows][:, outputs],
-                share_done,
+                X[rows], residuals[rows][:, outputs], share_of(progress, number, len(unfitted)),
                 steps, self._loads[rows][:, taken],
             )  # fmt: skip
             member.memory()  # refuses what only works offline
