@@ -185,10 +185,8 @@ class WrappedRegressor(JointRegressor):
     def _predict(self, X: Array) -> Array:
         """Predict (n, n_outputs) by the parts themselves."""
         name = type(self.parts_[0]).__name__
-        columns: list[Array] = []
-        for part in self.parts_:
-            with _of_others(f"{name} cannot predict"):
-                columns.append(np.asarray(part.predict(X), dtype=np.float64))
+        with _of_others(f"{name} cannot predict"):
+            columns = [np.asarray(part.predict(X), dtype=np.float64) for part in self.parts_]
         columns = [column[:, None] if column.ndim == 1 else column for column in columns]
         shapes, n = [column.shape for column in columns], self.n_outputs_ // len(columns)
         if shapes != [(len(X), n)] * len(columns):

@@ -14,7 +14,6 @@ from functools import cached_property, lru_cache
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, unrolled, vector
@@ -25,6 +24,7 @@ if TYPE_CHECKING:  # a control loop needs neither, and pandas takes its time
     from truejoint.recordings import Recording
     from truejoint.robots import Robot
 
+Program = tuple[Integers, Integers, Array, Integers]
 Operation = Literal["value", "lag", "lowpass", "rate", "play"]
 
 MAX_FEATURES: Final = 512
@@ -201,7 +201,7 @@ class FeatureSet(Summarised):
         return bool((self.program[0] == LAG).any())
 
     @cached_property
-    def program(self) -> tuple[NDArray[np.int64], NDArray[np.int64], Array, NDArray[np.int64]]:
+    def program(self) -> Program:
         """Operation, source, parameter and state slot (k,) of each feature, for the kernels."""
         rows = [(_CODES[f.operation], self.signals.index(f.signal)) for f in self.features]
         operation, source = np.array(rows, dtype=np.int64).T.copy()
@@ -214,14 +214,11 @@ class FeatureSet(Summarised):
         return int(self._ends[-1])
 
     @cached_property
-    def _ends(self) -> NDArray[np.int64]:
+    def _ends(self) -> Integers:
         """Where the state (k + 1,) of each feature begins, and where that of the last ends."""
-        lengths = {"value": 0, "play": 1}
-        sizes = [
-            int(f.parameter) + 1 if f.operation == "lag" else lengths.get(f.operation, 2)
-            for f in self.features
-        ]
-        return np.cumsum([0, *sizes])
+        sizes = {"value": 0, "lowpass": 2, "rate": 2, "play": 1}
+        lengths = (sizes.get(f.operation, int(f.parameter) + 1) for f in self.features)
+        return np.cumsum([0, *lengths])
 
     def compute(self, recording: Recording, gap_limit: float | None = None) -> Array:
         """Features (n, k) of every row of a recording in units of the signals, a rate per second.
@@ -234,10 +231,8 @@ class FeatureSet(Summarised):
             gap_limit = default_gap_limit([recording])
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         out = np.empty((len(recording), len(self)))
-        feature_rows(
-            *self.program, gap_limit, np.array(recording.t), samples,
-            np.zeros(self.memory_size), out,
-        )  # fmt: skip
+        t, memory = np.array(recording.t), np.zeros(self.memory_size)
+        feature_rows(self.program, gap_limit, t, samples, memory, out)
         return out
 
 
@@ -429,20 +424,11 @@ def feature_row(
 
 @compiled
 def feature_rows(
-    operation: Integers,
-    source: Integers,
-    parameter: Array,
-    slot: Integers,
-    gap_limit: float,
-    t: Array,
-    samples: Array,
-    memory: Array,
-    out: Array,
+    program: Program, gap_limit: float, t: Array, samples: Array, memory: Array, out: Array
 ) -> None:
     """Features `out` (n, k) of `samples` (n, n_signals) at stamps `t` (n,) [s]."""
-    clock = np.zeros(2)
-    for row in range(t.shape[0]):
+    clock, (operation, source, parameter, slot) = np.zeros(2), program
+    for i in range(t.shape[0]):
         feature_row(
-            operation, source, parameter, slot, gap_limit,
-            t[row], samples[row], memory, clock, out[row],
-        )  # fmt: skip
+            operation, source, parameter, slot, gap_limit, t[i], samples[i], memory, clock, out[i]
+        )

@@ -189,15 +189,13 @@ class Plays(JointRegressor):
             value = getattr(self, name)
             if value and value != getattr(Plays, name) and not getattr(self, wanted):
                 raise CalibrationError(f"{name} are given; they take {wanted}=True as well")
-        if self.couple and self.positions is not None:
-            self._check_count(self.positions)
         self.family.check_params(self._asked(0))
 
     def model_params(self) -> Params:
         """Parameters of the family: its own, and the model's once there is one."""
-        params, fitted = self._asked(int(vars(self).get("n_features_in_", 0))), vars(self)
-        names = (name for name in ("pairs", "coupled", "members") if f"{name}_" in fitted)
-        return {**params, **{name: fitted[f"{name}_"] for name in names}}
+        fitted = vars(self)
+        params = self._asked(int(fitted.get("n_features_in_", 0)))
+        return {name: fitted.get(f"{name}_", value) for name, value in params.items()}
 
     def _asked(self, n_features: int) -> Params:
         """Parameters of the family for so many features, before it is fitted."""
@@ -220,33 +218,30 @@ class Plays(JointRegressor):
     @classmethod
     def from_params(cls, params: Params) -> Self:
         """Make one of these parameters; the model among them is to be run only."""
-        fitted = {name: params[name] for name in ("pairs", "coupled", "members")}
         usual = {name: params[name] for name in params if name not in ("members", "coupled")}
         made = cls(positions=params["coupled"] or None, **usual)
-        for name, value in fitted.items():
-            setattr(made, f"{name}_", value)
+        for name in ("pairs", "coupled", "members"):
+            setattr(made, f"{name}_", params[name])
         return made
 
     def check_shape(self, n_features: int, n_outputs: int) -> None:
-        """Take any number of either; raise CalibrationError for places of features not there.
+        """Raise CalibrationError for places of features not there, and for joints that do not fit.
 
-        And where one joint alone, or more than there may be, would be coupled.
+        One joint alone cannot be coupled, nor more than there may be, nor can an unknown capstan
+        turn.
         """
         params = self._asked(n_features)
         play_bank.check_features(params, n_features)
-        if self.couple:
-            self._check_count(params["coupled"])
+        n_coupled = len(params["coupled"])
+        if self.couple and not 2 <= n_coupled <= play_bank.MAX_COUPLED:
+            raise CalibrationError(
+                f"measured positions among the features: {n_coupled}; {self.name} couples 2 to "
+                f"{play_bank.MAX_COUPLED}: give other features, or do not couple them"
+            )
         if self.turn and not self.turns:
             raise CalibrationError(
                 f"{self.name} must know how capstans turn; take a robot whose transmission is in "
                 "its file, and the measured positions of its joints as features, or give turns"
-            )
-
-    def _check_count(self, joined: Sequence[int]) -> None:
-        if not 2 <= len(joined) <= play_bank.MAX_COUPLED:
-            raise CalibrationError(
-                f"measured positions among the features: {len(joined)}; {self.name} couples 2 to "
-                f"{play_bank.MAX_COUPLED}: give other features, or do not couple them"
             )
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
@@ -341,10 +336,10 @@ class Plays(JointRegressor):
         if self.learner == "ridge":
             return ridge
         trees = registry.member("boosted_trees")
-        trees.set_params(max_leaf_nodes=_LEAVES)
+        leaves, n_trees = _LEAVES, trees.max_iter
         if n_outputs > _FEW_JOINTS:
-            n = min(trees.max_iter, _FEWER_TREES)
-            trees.set_params(max_leaf_nodes=_LEAVES // 2, max_iter=n)
+            leaves, n_trees = _LEAVES // 2, min(n_trees, _FEWER_TREES)
+        trees.set_params(max_leaf_nodes=leaves, max_iter=n_trees)
         return Stack((ridge, trees), None, self.random_state)
 
 

@@ -318,8 +318,7 @@ def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
 
 def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
     """Memory of the plays and of the model of what is seen, or of the plays alone for no output."""
-    functions: dict[str, Any] = {}
-    model, address = Layout().pack(), 0
+    model, address, functions = Layout().pack(), 0, {}
     if n_outputs:
         ((data, _),) = members(params, arrays)
         family = find_family(data.family)

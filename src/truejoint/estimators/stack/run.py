@@ -53,11 +53,8 @@ def stack_row(
         first, count = m.first[i], m.count[i]
         predicted = vector(m.predicted, 0, count)
         member = MEMBER + PART_SIZE * i
-        own_numbers, own_memory = (
-            part_numbers(numbers, member),
-            part_memory(numbers, memory, member),
-        )
-        call_row(numbers[ROW + i], own_numbers, own_memory, dt, x, predicted, half_width)
+        sizes, state = part_numbers(numbers, member), part_memory(numbers, memory, member)
+        call_row(numbers[ROW + i], sizes, state, dt, x, predicted, half_width)
         for j in range(count):
             out[m.output[first + j]] += m.weights[first + j] * predicted[j]
 
@@ -72,17 +69,15 @@ def are_members(value: object, depth: int = DEPTH) -> bool:
 
 
 def _is_member(value: object, depth: int) -> bool:
-    if not isinstance(value, (tuple, list)) or len(value) != 3:
-        return False
-    family, params, outputs = value
-    return (
-        isinstance(family, str)
-        and isinstance(params, Mapping)
-        and isinstance(outputs, (tuple, list))
-        and all(is_integer(output, 0, MAX_OUTPUTS - 1) for output in outputs)
-        and len(set(outputs)) == len(outputs)
-        and ("members" not in params or (depth > 1 and are_members(params["members"], depth - 1)))
-    )
+    match value:
+        case [str(), Mapping() as params, [*outputs]]:
+            inner = params.get("members")
+            return (
+                all(is_integer(output, 0, MAX_OUTPUTS - 1) for output in outputs)
+                and len(set(outputs)) == len(outputs)
+                and ("members" not in params or (depth > 1 and are_members(inner, depth - 1)))
+            )
+    return False
 
 
 def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[EstimatorData, list[int]]]:
@@ -94,34 +89,32 @@ def members(params: Params, arrays: Mapping[str, Any]) -> Iterator[tuple[Estimat
 
 
 def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-    covered: set[int] = set()
     shapes: dict[str, Shape] = {}
-    n_weights = 0
+    used: list[int] = []
     for number, (data, outputs) in enumerate(members(params, {})):
         family = find_family(data.family)
         family.check_params(data.params)
         family.check_size(data.params, n_features)
         member_shapes = family.shapes(data.params, n_features, len(outputs))
         shapes |= {f"{number}/{name}": shape for name, shape in member_shapes.items()}
-        n_weights += len(outputs)
-        covered |= set(outputs)
+        used += outputs
+    covered = set(used)
     if covered != set(range(n_outputs)):
         raise CalibrationError(
             f"the members of a stack are for outputs {sorted(covered)}; it must be each of "
             f"{n_outputs}"
         )
-    return {"weights": (n_weights,), **shapes}
+    return {"weights": (len(used),), **shapes}
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int) -> Memory:
     table: dict[str, Any] = {f"member_{i}": Layout().pack() for i in range(MAX_MEMBERS)}
     functions: dict[str, Any] = {}
-    used: list[list[int]] = []
     for i, (data, outputs) in enumerate(members(params, arrays)):
         family = find_family(data.family)
         table[f"member_{i}"] = family.memory(data, n_features, len(outputs))
         table[f"row_{i}"], functions[f"row_{i}"] = family.row_address(), family.row
-        used.append(outputs)
+    used = [outputs for _family, _params, outputs in params["members"]]
     count = [len(outputs) for outputs in used]
     return LAYOUT.pack(
         functions, count=count, first=np.cumsum([0, *count[:-1]]), output=np.concatenate(used),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -33,14 +32,6 @@ _SCALERS: Final = {StandardScaler: "mean_", RobustScaler: "center_", MaxAbsScale
 """Steps that take away the attribute of this name and divide by ``scale_``."""
 
 
-class _Scaled(NamedTuple):
-    """A regressor that sees features less `mean` over `scale` (k,)."""
-
-    regressor: Any
-    mean: Array
-    scale: Array
-
-
 def convert(
     parts: Sequence[object], n_features: int, target_mean: Array, target_scale: Array
 ) -> EstimatorData | None:
@@ -52,65 +43,59 @@ def convert(
     """
     separate = [p.estimators_ if isinstance(p, MultiOutputRegressor) else [p] for p in parts]
     scaled = [_scaled(regressor, n_features) for single in separate for regressor in single]
-    scaled_parts = [part for part in scaled if part is not None]
-    if len(scaled_parts) != len(scaled) or len(scaled_parts) not in (1, len(target_mean)):
+    regressors, (mean, scale) = [regressor for regressor, *_ in scaled], scaled[0][1:]
+    alike = [r is not None and (m == mean).all() and (s == scale).all() for r, m, s in scaled]
+    if not all(alike) or len(scaled) not in (1, len(target_mean)):
         return None
-    mean, scale = scaled_parts[0].mean, scaled_parts[0].scale
-    if any((part.mean != mean).any() or (part.scale != scale).any() for part in scaled_parts):
-        return None
-    sums = [tree_sum(part.regressor) for part in scaled_parts]
+    sums = [tree_sum(regressor) for regressor in regressors]
     if all(part is not None and part.trees for part in sums):
         means, scales = (np.split(a, len(sums)) for a in (target_mean, target_scale))
         by = zip(filter(None, sums), means, scales, strict=True)
         return trees_data([trees.rescaled(*scaling) for trees, *scaling in by], mean, scale)
-    if isinstance(scaled_parts[0].regressor, MLPRegressor):
-        together = len(scaled_parts) == 1
-        return _network(scaled_parts[0], target_mean, target_scale) if together else None
-    return _linear(scaled_parts, target_mean, target_scale)
+    standard = {"mean": mean, "inverse_scale": 1.0 / scale}
+    if isinstance(regressors[0], MLPRegressor):
+        targets = {"target_mean": target_mean, "target_scale": target_scale}
+        return _network(regressors[0], standard | targets) if len(scaled) == 1 else None
+    return _linear(regressors, standard, target_mean, target_scale)
 
 
-def _scaled(regressor: Any, n_features: int) -> _Scaled | None:
-    """Strip a regressor of search and scaling; None if there is more."""
+def _scaled(regressor: Any, n_features: int) -> tuple[Any, Array, Array]:
+    """Strip a regressor of search and scaling: it, or None if there is more; mean and scale."""
     searched = getattr(regressor, "best_estimator_", regressor)
     mean, scale = np.zeros(n_features), np.ones(n_features)
     if not isinstance(searched, Pipeline):
-        return _Scaled(searched, mean, scale)
+        return searched, mean, scale
     *before, (_, last) = searched.steps
     steps: list[Any] = [step for _, step in before if step not in (None, "passthrough")]
     if len(steps) > 1 or any(type(step) not in _SCALERS for step in steps):
-        return None
+        return None, mean, scale
     for step in steps:
         taken = getattr(step, _SCALERS[type(step)] or "", None)
         mean = mean if taken is None else np.asarray(taken, dtype=np.float64)
         scale = scale if step.scale_ is None else np.asarray(step.scale_, dtype=np.float64)
-    return _Scaled(last, mean, scale)
+    return last, mean, scale
 
 
 def _linear(
-    parts: Sequence[_Scaled], target_mean: Array, target_scale: Array
+    fitted: Sequence[Any], standard: dict[str, Array], target_mean: Array, target_scale: Array
 ) -> EstimatorData | None:
     """Polynomial of degree 1, of whatever has coefficients and an intercept."""
-    shape = len(target_mean) // len(parts), len(parts[0].mean)
-    fitted = [part.regressor for part in parts]
+    n, k = len(target_mean) // len(fitted), len(standard["mean"])
     try:
-        coefs = [np.asarray(r.coef_, np.float64).reshape(shape) for r in fitted]
-        intercepts = [
-            np.broadcast_to(np.ravel(r.intercept_).astype(np.float64), shape[0]) for r in fitted
-        ]
+        coefs = [np.asarray(r.coef_, np.float64).reshape(n, k) for r in fitted]
+        intercepts = [np.ravel(r.intercept_).astype(np.float64) for r in fitted]
+        intercept = np.concatenate([np.broadcast_to(part, n) for part in intercepts])
     except (AttributeError, TypeError, ValueError):
         return None
-    arrays = {
-        "mean": parts[0].mean,
-        "inverse_scale": 1.0 / parts[0].scale,
+    arrays = standard | {
         "coef": np.ascontiguousarray(np.concatenate(coefs).T * target_scale),
-        "intercept": target_mean + target_scale * np.concatenate(intercepts),
+        "intercept": target_mean + target_scale * intercept,
     }
     return EstimatorData(polynomial.FAMILY.name, polynomial.of_degree(1), arrays)
 
 
-def _network(part: _Scaled, target_mean: Array, target_scale: Array) -> EstimatorData | None:
+def _network(fitted: Any, scales: dict[str, Array]) -> EstimatorData | None:
     """Network of ours, of one with logistic hidden units."""
-    fitted = part.regressor
     params = {
         "hidden_layer_sizes": tuple(len(bias) for bias in fitted.intercepts_[:-1]),
         "weight_decay": float(fitted.alpha),
@@ -123,19 +108,13 @@ def _network(part: _Scaled, target_mean: Array, target_scale: Array) -> Estimato
         network.FAMILY.check_params(params)
     except CalibrationError:
         return None
-    arrays = {
-        "mean": part.mean,
-        "inverse_scale": 1.0 / part.scale,
-        "target_mean": target_mean,
-        "target_scale": target_scale,
-    }
+    arrays = dict(scales)
     for i, (weight, bias) in enumerate(zip(fitted.coefs_, fitted.intercepts_, strict=True)):
         arrays |= {f"weight_{i}": np.array(weight), f"bias_{i}": np.array(bias)}
     return EstimatorData(network.FAMILY.name, params, arrays)
 
 
-@dataclass(frozen=True, eq=False)
-class Tree:
+class Tree(NamedTuple):
     """One tree, its nodes in the order in which a walk to the left first meets them."""
 
     feature: Integers  # (n_nodes,), -1 for a leaf
@@ -144,16 +123,15 @@ class Tree:
     value: Array  # (n_nodes, n_outputs), of which those of the leaves count
 
 
-@dataclass(frozen=True, eq=False)
-class TreeSum:
+class TreeSum(NamedTuple):
     """Trees whose values are added to `offset` (n_outputs,)."""
 
-    trees: Sequence[Tree]
+    trees: list[Tree]
     offset: Array
 
     def rescaled(self, mean: Array | float, scale: Array | float) -> TreeSum:
         """Give `mean` and `scale`, numbers or (n_outputs,), times what this gives."""
-        trees = [replace(tree, value=tree.value * scale) for tree in self.trees]
+        trees = [tree._replace(value=tree.value * scale) for tree in self.trees]
         return TreeSum(trees, mean + scale * self.offset)
 
 
@@ -248,14 +226,11 @@ def _averaged(regressor: Any) -> TreeSum | None:
         weights = np.array([weight for (_, member), weight in named if member != "drop"])
     scaled = [s.rescaled(0.0, w) for s, w in zip(sums, weights / weights.sum(), strict=True)]
     if isinstance(regressor, BaggingRegressor):  # of which each sees some features
-        seen = [np.asarray(columns) for columns in regressor.estimators_features_]
-        scaled = [
-            replace(part, trees=[
-                replace(t, feature=np.where(t.feature < 0, -1, columns[t.feature]))
-                for t in part.trees
-            ])
-            for part, columns in zip(scaled, seen, strict=True)
-        ]  # fmt: skip
+        for part, features in zip(scaled, regressor.estimators_features_, strict=True):
+            places = np.asarray(features)
+            for at, tree in enumerate(part.trees):
+                asked = np.where(tree.feature < 0, -1, places[tree.feature])
+                part.trees[at] = tree._replace(feature=asked)
     return added(scaled)
 
 
@@ -264,7 +239,7 @@ def added(sums: Sequence[TreeSum]) -> TreeSum:
     return TreeSum([t for part in sums for t in part.trees], np.sum([s.offset for s in sums], 0))
 
 
-def _sum_of(trees: Sequence[Tree], offset: float) -> TreeSum:
+def _sum_of(trees: list[Tree], offset: float) -> TreeSum:
     return TreeSum(trees, np.full(trees[0].value.shape[1] if trees else 1, offset))
 
 
