@@ -22,7 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.compiled import compiled, matrix, vector
+from truejoint.compiled import compiled, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import (
     LARGEST,
@@ -40,7 +40,7 @@ from truejoint.estimators.family import (
 )
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.polynomial.run import FAMILY as POLYNOMIAL
-from truejoint.estimators.products import standardise
+from truejoint.estimators.products import standardise, weighted
 from truejoint.estimators.stack.run import are_members, members
 from truejoint.features.feature_set import MAX_TIME_CONSTANT, lowpass, play
 from truejoint.layout import Layout, Memory, part_memory, part_numbers
@@ -66,32 +66,28 @@ the drive cable.
 JAW_SIGNALS: Final = (MOTOR, DRIVE, RESET)
 
 LAYOUT: Final = Layout()
-N_PLAYS: Final = LAYOUT.integer("n_plays", "of each feature")
-N_LOWPASSES: Final = LAYOUT.integer("n_lowpasses", "of each feature")
-CENTRE: Final = LAYOUT.array("centre", "of the range of each feature in training")
-INVERSE_HALF_RANGE: Final = LAYOUT.array("inverse_half_range", "of it; 0 where it is not used")
-HALF_WIDTHS: Final = LAYOUT.array("half_widths", "of the plays, in half ranges")
-TIME_CONSTANTS: Final = LAYOUT.array("time_constants", "of the low-passes [s]")
-OUTPUTS: Final = LAYOUT.array("outputs", "of the plays of each feature, as they were last")
-TRAILS: Final = LAYOUT.array("trails", "output and input of each low-pass, as they were last")
-SEEN: Final = LAYOUT.array("seen", "by the model: features, then plays, then low-passes")
-N_PAIRS: Final = LAYOUT.integer("n_pairs", "of a feature and one that its plays grow with")
-N_GROWING: Final = LAYOUT.integer("n_growing", "plays of a pair, each way")
-PAIRS: Final = LAYOUT.integers("pairs", "the feature, and the one that its plays grow with")
-GROWING: Final = LAYOUT.array("growing", "largest half-widths of growing plays, in half ranges")
-GROWN: Final = LAYOUT.array("grown", "outputs of growing plays, as they were last")
-N_COUPLED: Final = LAYOUT.integer("n_coupled", "features with plays of all together")
-N_SHARES: Final = LAYOUT.integer("n_shares", "such plays of all")
-COUPLED: Final = LAYOUT.integers("coupled", "the features")
-COUPLING: Final = LAYOUT.array("coupling", "stiffness between two of them over that of the first")
-REACHES: Final = LAYOUT.array("reaches", "half-widths of their plays, in half ranges")
-SHARES: Final = LAYOUT.array("shares", "of the half-widths")
-WANTED: Final = LAYOUT.array("wanted", "features that are coupled, scaled")
-STOOD: Final = LAYOUT.array("stood", "where they were last behind the plays, for each share")
-N_TURNING: Final = LAYOUT.integer("n_turning", "capstans of which the angle is seen")
-TURNS: Final = LAYOUT.array("turns", "of each capstan, by each feature [rad over its unit]")
+LAYOUT.array("centre", "of the range of each feature in training", "n_features")
+LAYOUT.array("inverse_half_range", "of it; 0 where it is not used", "n_features")
+LAYOUT.array("half_widths", "of the plays of each feature, in half ranges", "n_plays")
+LAYOUT.array("time_constants", "of the low-passes of each feature [s]", "n_lowpasses")
+LAYOUT.array("outputs", "of the plays of each feature, as they were last", "n_bands")
+LAYOUT.array("trails", "output and input of each low-pass, as they were last", "n_trails", 2)
+LAYOUT.array("seen", "by the model: features, then plays, then low-passes", "n_seen")
+LAYOUT.integers("pairs", "the feature, and the one that its plays grow with", "n_pairs", 2)
+LAYOUT.array("growing", "largest half-widths of growing plays, in half ranges", "n_growing")
+LAYOUT.array(
+    "grown", "outputs of plays of a pair, each way, as they were last", "n_ways", "n_growing"
+)
+LAYOUT.integers("coupled", "features with plays of all together", "n_coupled")
+LAYOUT.array("coupling", "stiffness of two over that of the first", "n_coupled", "n_coupled")
+LAYOUT.array("reaches", "half-widths of their plays, in half ranges", "n_coupled")
+LAYOUT.array("shares", "of the half-widths that such plays have", "n_shares")
+LAYOUT.array("wanted", "features that are coupled, scaled", "n_coupled")
+LAYOUT.array("stood", "where they were last behind the plays", "n_shares", "n_coupled")
+LAYOUT.array("turns", "of capstans, by each feature [rad over its unit]", "n_turning", "n_features")
 ROW: Final = LAYOUT.address("row", "prediction of the model")
 MODEL: Final = LAYOUT.part("model", "of what is seen")
+unpack = LAYOUT.unpacker()
 
 
 @compiled
@@ -149,57 +145,45 @@ def expand(numbers: Integers, memory: Array, dt: float, x: Array, inputs: Array)
     `inputs` is ``n_seen(k, ...)`` long. A play is divided by its half-width, so that it too runs
     from -1 to 1.
     """
-    k, n_plays, n_lowpasses = x.shape[0], numbers[N_PLAYS], numbers[N_LOWPASSES]
-    fresh = dt == 0.0
-    centre, inverse = (numbers[CENTRE], numbers[INVERSE_HALF_RANGE])
-    standardise(x, vector(memory, centre, k), vector(memory, inverse, k), inputs)
-    half_widths = vector(memory, numbers[HALF_WIDTHS], n_plays)
-    outputs = vector(memory, numbers[OUTPUTS], k * n_plays)
-    time_constants = vector(memory, numbers[TIME_CONSTANTS], n_lowpasses)
+    m = unpack(numbers, memory)
+    k, fresh = x.shape[0], dt == 0.0
+    standardise(x, m.centre, m.inverse_half_range, inputs)
     for i in range(k):
-        for j in range(n_plays):
-            at = i * n_plays + j
-            outputs[at] = play(half_widths[j], fresh, inputs[i], outputs[at])
-            inputs[k + at] = (outputs[at] - inputs[i]) / half_widths[j]
-        for j in range(n_lowpasses):
-            at = i * n_lowpasses + j
-            trails = vector(memory, numbers[TRAILS] + 2 * at, 2)
-            trail = lowpass(time_constants[j], fresh, dt, inputs[i], trails)
-            inputs[k + k * n_plays + at] = trail - inputs[i]
-    start = k * (1 + n_plays + n_lowpasses)
+        for j in range(m.n_plays):
+            at = i * m.n_plays + j
+            m.outputs[at] = play(m.half_widths[j], fresh, inputs[i], m.outputs[at])
+            inputs[k + at] = (m.outputs[at] - inputs[i]) / m.half_widths[j]
+        for j in range(m.n_lowpasses):
+            at = i * m.n_lowpasses + j
+            trail = lowpass(m.time_constants[j], fresh, dt, inputs[i], m.trails[at])
+            inputs[k + k * m.n_plays + at] = trail - inputs[i]
+    start = k * (1 + m.n_plays + m.n_lowpasses)
     couple(numbers, memory, fresh, inputs, start)
-    start += numbers[N_COUPLED] * numbers[N_SHARES]
+    start += m.n_coupled * m.n_shares
     turn(numbers, memory, x, inputs, start)
-    grow(numbers, memory, fresh, inputs, start + 2 * numbers[N_TURNING])
+    grow(numbers, memory, fresh, inputs, start + 2 * m.n_turning)
 
 
 @compiled
 def couple(numbers: Integers, memory: Array, fresh: bool, inputs: Array, start: int) -> None:
     """Add plays of several features together: `inputs` from `start` on, in their half-widths."""
-    k, n_shares = numbers[N_COUPLED], numbers[N_SHARES]
-    coupling = matrix(memory, numbers[COUPLING], k, k)
-    reaches = vector(memory, numbers[REACHES], k)
-    shares = vector(memory, numbers[SHARES], n_shares)
-    wanted = vector(memory, numbers[WANTED], k)
+    m = unpack(numbers, memory)
+    k = m.n_coupled
     for i in range(k):
-        wanted[i] = inputs[numbers[numbers[COUPLED] + i]]
-    for j in range(n_shares):
-        deflections = vector(inputs, start + j * k, k)
-        stood = vector(memory, numbers[STOOD] + j * k, k)
-        coupled_play(coupling, reaches, shares[j], fresh, wanted, stood, deflections)
+        m.wanted[i] = inputs[m.coupled[i]]
+    for j in range(m.n_shares):
+        share, deflections = m.shares[j], vector(inputs, start + j * k, k)
+        coupled_play(m.coupling, m.reaches, share, fresh, m.wanted, m.stood[j], deflections)
         for i in range(k):
-            deflections[i] /= shares[j] * reaches[i]
+            deflections[i] /= share * m.reaches[i]
 
 
 @compiled
 def turn(numbers: Integers, memory: Array, x: Array, inputs: Array, start: int) -> None:
     """Add cosine and sine of the angle of each capstan: `inputs` from `start` on."""
-    k, n_turning = x.shape[0], numbers[N_TURNING]
-    turns = vector(memory, numbers[TURNS], n_turning * k)
-    for i in range(n_turning):
-        angle = 0.0
-        for j in range(k):
-            angle += turns[i * k + j] * x[j]
+    m = unpack(numbers, memory)
+    for i in range(m.n_turning):
+        angle = weighted(x, m.turns[i])
         inputs[start + 2 * i] = math.cos(angle)
         inputs[start + 2 * i + 1] = math.sin(angle)
 
@@ -207,19 +191,15 @@ def turn(numbers: Integers, memory: Array, x: Array, inputs: Array, start: int) 
 @compiled
 def grow(numbers: Integers, memory: Array, fresh: bool, inputs: Array, start: int) -> None:
     """Add plays whose widths go up, then down, with another feature: `inputs` from `start` on."""
-    n_pairs, n_growing = numbers[N_PAIRS], numbers[N_GROWING]
-    growing = vector(memory, numbers[GROWING], n_growing)
-    outputs = vector(memory, numbers[GROWN], 2 * n_pairs * n_growing)
-    for i in range(n_pairs):
-        here = inputs[numbers[numbers[PAIRS] + 2 * i]]
-        other = 0.5 * inputs[numbers[numbers[PAIRS] + 2 * i + 1]]
+    m = unpack(numbers, memory)
+    for i in range(m.n_pairs):
+        here, other = inputs[m.pairs[i, 0]], 0.5 * inputs[m.pairs[i, 1]]
         for way in range(2):
-            share = 0.5 + other if way == 0 else 0.5 - other
-            width = LEAST + (1.0 - LEAST) * min(max(share, 0.0), 1.0)
-            for j in range(n_growing):
-                at = (2 * i + way) * n_growing + j
-                outputs[at] = play(width * growing[j], fresh, here, outputs[at])
-                inputs[start + at] = (outputs[at] - here) / growing[j]
+            share, at = 0.5 + other if way == 0 else 0.5 - other, 2 * i + way
+            width, outputs = LEAST + (1.0 - LEAST) * min(max(share, 0.0), 1.0), m.grown[at]
+            for j in range(m.n_growing):
+                outputs[j] = play(width * m.growing[j], fresh, here, outputs[j])
+                inputs[start + at * m.n_growing + j] = (outputs[j] - here) / m.growing[j]
 
 
 @compiled
@@ -227,14 +207,10 @@ def play_bank_row(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
     """Predict by the model from what the features are and were."""
-    k = x.shape[0]
-    n = k * (1 + numbers[N_PLAYS] + numbers[N_LOWPASSES])
-    n += numbers[N_COUPLED] * numbers[N_SHARES] + 2 * numbers[N_TURNING]
-    n += 2 * numbers[N_PAIRS] * numbers[N_GROWING]
-    inputs = vector(memory, numbers[SEEN], n)
-    expand(numbers, memory, dt, x, inputs)
+    m = unpack(numbers, memory)
+    expand(numbers, memory, dt, x, m.seen)
     model = part_memory(numbers, memory, MODEL)
-    call_row(numbers[ROW], part_numbers(numbers, MODEL), model, dt, inputs, out, half_width)
+    call_row(numbers[ROW], part_numbers(numbers, MODEL), model, dt, m.seen, out, half_width)
 
 
 @compiled
@@ -324,37 +300,27 @@ def pack(params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs
         family = find_family(data.family)
         model = family.memory(data, n_seen(params, n_features), n_outputs)
         address, functions = family.row_address(), {"row": family.row}
-    k = n_features
-    n_plays, n_lowpasses = len(params["plays"]), len(params["time_constants"])
-    pairs, n_growing = params["pairs"], len(params["growing"])
-    coupled, shares = params["coupled"], params["shares"]
-    nothing = np.ones((1, 1))  # C has no array without elements
+    k, n_plays, n_coupled = n_features, len(params["plays"]), len(params["coupled"])
+    pairs, turns = np.reshape(params["pairs"], (-1, 2)), np.reshape(params["turns"], (-1, k))
     return LAYOUT.pack(
         functions,
-        n_plays=n_plays,
-        n_lowpasses=n_lowpasses,
         centre=arrays["centre"],
         inverse_half_range=arrays["inverse_half_range"],
-        half_widths=params["plays"] or nothing,
-        time_constants=params["time_constants"] or nothing,
-        outputs=np.zeros(max(1, k * n_plays)),
-        trails=np.zeros((max(1, k * n_lowpasses), 2)),
+        half_widths=params["plays"],
+        time_constants=params["time_constants"],
+        outputs=np.zeros(k * n_plays),
+        trails=np.zeros((k * len(params["time_constants"]), 2)),
         seen=np.zeros(n_seen(params, k)),
-        n_pairs=len(pairs),
-        n_growing=n_growing,
-        pairs=pairs or ((0, 0),),
+        pairs=pairs,
         growing=params["growing"],
-        grown=np.zeros(max(1, 2 * len(pairs) * n_growing)),
-        n_coupled=len(coupled),
-        n_shares=len(shares),
-        coupled=coupled or (0,),
-        coupling=arrays["coupling"] if coupled else nothing,
-        reaches=arrays["reaches"] if coupled else nothing,
-        shares=shares,
-        wanted=np.zeros(max(1, len(coupled))),
-        stood=np.zeros(max(1, len(coupled) * len(shares))),
-        n_turning=len(params["turns"]),
-        turns=np.ravel(params["turns"]) if params["turns"] else nothing,
+        grown=np.zeros((2 * len(pairs), len(params["growing"]))),
+        coupled=params["coupled"],
+        coupling=arrays.get("coupling", np.zeros((0, 0))),
+        reaches=arrays.get("reaches", np.zeros(0)),
+        shares=params["shares"],
+        wanted=np.zeros(n_coupled),
+        stood=np.zeros((len(params["shares"]), n_coupled)),
+        turns=turns,
         row=address,
         model=model,
     )
