@@ -127,8 +127,6 @@ def _shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]
 
 def _pack(params: Params, arrays: Mapping[str, Array], n_features: int, _n: int) -> Memory:
     factors, coef = factors_of(params, n_features), padded(arrays["coef"])
-    if not len(factors):  # of a constant: C has no arrays without elements
-        factors, coef = np.array([[n_features]]), np.zeros((1, coef.shape[1]))
     return LAYOUT.pack(
         **{**arrays, "coef": coef, "intercept": padded(arrays["intercept"])},
         factors=factors,
