@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol, Self
@@ -265,8 +265,7 @@ def _of_others(what: str) -> Iterator[None]:
 
 
 def _last(regressor: Any) -> Any:
-    steps: Sequence[Any] = getattr(regressor, "steps", ())
-    return steps[-1][-1] if steps else regressor
+    return (getattr(regressor, "steps", None) or [[regressor]])[-1][-1]
 
 
 def _tags(regressor: Any) -> Any:

@@ -171,39 +171,41 @@ class Polynomial(JointRegressor):
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         factors = factors_of(self.model_params(), X.shape[1])
-        if self.ridge:
-            return self._learn_ridge(X, y, dt, factors, progress)
-        mean, inverse_scale = standardisation(X)
-        scaled, parts, fits = (X - mean) * inverse_scale, apart(y), []
-        for place, (rows, outputs) in enumerate(parts):
-            share = share_of(progress, place, len(parts))
-            fits.append(least_squares(scaled[rows], y[rows, outputs], factors, share))
-        coef, intercept = map(np.hstack, zip(*fits, strict=True))
-        coef = np.ascontiguousarray(coef)
-        return {"mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept}
-
-    def _learn_ridge(
-        self, X: Array, y: Array, dt: Array, factors: Integers, progress: Progress
-    ) -> Arrays:
         scales = scaling(X, y)
         mean, inverse_scale = scales["mean"], scales["inverse_scale"]
         scaled = (X - mean) * inverse_scale
-        targets = (y - scales["target_mean"]) / scales["target_scale"]
+        if self.ridge:
+            targets = (y - scales["target_mean"]) / scales["target_scale"]
+            table = self._penalised(scaled, targets, dt, factors, progress)
+            table *= scales["target_scale"]
+            coef, intercept = table[1:], table[0] + scales["target_mean"]
+        else:
+            parts = apart(y)
+            n = len(parts)
+            fits = [
+                least_squares(scaled[rows], y[rows, outputs], factors, share_of(progress, i, n))
+                for i, (rows, outputs) in enumerate(parts)
+            ]
+            coef, intercept = map(np.hstack, zip(*fits, strict=True))
+        coef = np.ascontiguousarray(coef)
+        return {"mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept}
+
+    def _penalised(
+        self, scaled: Array, targets: Array, dt: Array, factors: Integers, progress: Progress
+    ) -> Array:
+        """Coefficients (1 + n_terms, n_outputs) of the ridge regression, constants first."""
         products = np.array([_products(scaled[b], targets[b], factors) for b in blocks(dt)])
-        is_product = factors[:, 1] < X.shape[1]
+        is_product = factors[:, 1] < scaled.shape[1]
         shares = SHARES if is_product.any() and self.penalty is None else SHARES[-1:]
         weights = [np.where(is_product, share, 1.0) for share in shares]
         penalties = PENALTIES if self.penalty is None else (float(self.penalty),)
         fit = cross_validated(products, weights, progress, penalties)
         self.shares_, self.penalties_ = np.array(shares)[fit.weights], fit.penalties
-        self.errors_ = np.sqrt(np.maximum(fit.errors, 0.0) / len(X))
-        table = fit.coefficients
-        if self.trimmed:
-            chosen = np.array(weights)[fit.weights]
-            table = _without_far(scaled, targets, factors, products.sum(axis=0), chosen, fit)
-        table = table * scales["target_scale"]
-        coef, intercept = np.ascontiguousarray(table[1:]), table[0] + scales["target_mean"]
-        return {"mean": mean, "inverse_scale": inverse_scale, "coef": coef, "intercept": intercept}
+        self.errors_ = np.sqrt(np.maximum(fit.errors, 0.0) / len(scaled))
+        if not self.trimmed:
+            return fit.coefficients
+        chosen = np.array(weights)[fit.weights]
+        return _without_far(scaled, targets, factors, products.sum(axis=0), chosen, fit)
 
     def __sklearn_tags__(self) -> Any:
         tags = super().__sklearn_tags__()

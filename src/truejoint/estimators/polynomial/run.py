@@ -80,8 +80,8 @@ def interaction_factors(
     if not squared:
         return factors
     filled = np.column_stack([factors, np.full(len(factors), n_features)])
-    cubes = [(i, j, j) for j in range(squared)
-             for i in range(crossed if by_squares is None else by_squares)]  # fmt: skip
+    n_by_squares = crossed if by_squares is None else by_squares
+    cubes = [(i, j, j) for j in range(squared) for i in range(n_by_squares)]
     return np.vstack([filled, np.array(cubes, dtype=np.int64)])
 
 
