@@ -311,12 +311,11 @@ class Plays(JointRegressor):
         Raises CalibrationError if there are too many products of what was asked for.
         """
         squared = min(int(self.squared), n_features)
-        if self.turn and self.turns and self.leading is None and not squared:
-            first = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
-            if first**2 <= MOST_PRODUCTS:
-                return first, first, 0
         if self.leading is None and not squared:
             choices = [(n_features, n_seen), (n_features, n_features), (0, 0)]
+            if self.turns:
+                n_turned = len(np.trim_zeros(np.any(self.turns, axis=0), "b"))
+                choices.insert(0, (n_turned, n_turned))
             return (*next(pair for pair in choices if pair[0] * pair[1] <= MOST_PRODUCTS), 0)
         leading = min(squared if self.leading is None else int(self.leading), n_features)
         asked = (leading + squared) * n_seen
@@ -378,15 +377,10 @@ def capstan_turns(
     if robot.transmission is None:
         return ()
     by_joint = robot.transmission.capstan_matrix[robot.index(joints)]
-    place = _places(names, "measured/")
-    by_capstan = []
-    for row in by_joint:
-        used = {joint: turn for joint, turn in zip(robot.joint_names, row, strict=True) if turn}
-        if set(used) <= set(place):
-            turns = np.zeros(len(names))
-            turns[[place[joint] for joint in used]] = list(used.values())
-            by_capstan.append(tuple(turns.tolist()))
-    return tuple(by_capstan)
+    places = [f"measured/{joint}" for joint in robot.joint_names]
+    is_place = np.array([[name == place for name in names] for place in places])
+    unmeasured = by_joint[:, ~is_place.any(axis=1)].any(axis=1)
+    return tuple(map(tuple, (by_joint @ is_place)[~unmeasured].tolist()))
 
 
 def _places(names: Sequence[str], quantity: str) -> dict[str, int]:
