@@ -86,25 +86,6 @@ def data():
 
 
 @pytest.mark.parametrize("estimator", QUICK, ids=KEY)
-def test_arrays_restore_bit_for_bit(estimator, data):
-    X, y = data
-    fitted = clone(estimator).fit(X, y)
-    shapes = fitted.family.shapes(fitted.model_params(), 4, 3)
-    assert {name: a.shape for name, a in fitted.arrays_.items()} == shapes
-    again = type(fitted).from_data(fitted.data, 4, 3)
-    assert again.predict(X).tobytes() == fitted.predict(X).tobytes()
-
-
-@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
-def test_one_row_gives_the_bits_of_all_rows(estimator, data):
-    X, y = data
-    fitted = clone(estimator).fit(X, y)
-    whole = fitted.predict(X)
-    for row in range(0, 300, 37):
-        assert fitted.predict(X[row : row + 1]).tobytes() == whole[row : row + 1].tobytes()
-
-
-@pytest.mark.parametrize("estimator", QUICK, ids=KEY)
 def test_constant_feature_has_no_weight(estimator, data):
     X, y = data
     X = np.column_stack([X, np.full(len(X), 0.1)])

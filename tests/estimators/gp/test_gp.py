@@ -10,7 +10,6 @@ from sklearn.base import clone
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from truejoint.errors import CalibrationError
 from truejoint.estimators.gp import learn as gaussian_process
 from truejoint.estimators.gp.learn import (
     GaussianProcess,
@@ -152,8 +151,3 @@ def test_where_no_feature_changes_the_mean_is_predicted():
     X, y = np.ones((120, 2)), np.random.default_rng(0).normal(size=120)
     model = GaussianProcess(points=20).fit(X, y)
     np.testing.assert_allclose(model.predict(X[:1]), y.mean(), atol=0.1)
-
-
-def test_wrong_points_are_refused():
-    with pytest.raises(CalibrationError, match="points is 1; it must be an integer from 2 to 4096"):
-        GaussianProcess(points=1).fit(*waves())

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.base import clone
-from tests.runtime.streams import stepped, trained
+from tests.runtime.streams import trained
 
 from truejoint.errors import CalibrationError, TruejointError
 from truejoint.estimators.family import EstimatorData
@@ -96,26 +96,6 @@ def test_it_learns_hysteresis(model):
     errors = model.predict(X[3000:], dt) - y[3000:], line(X[3000:, 0]) - y[3000:]
     assert np.std(errors[0]) < 0.85 * np.std(errors[1])  # as the worst of them
     assert model.loss_curve_[-1] < model.loss_curve_[0] - 1.0
-
-
-@pytest.mark.parametrize("small", ALL, ids=lambda one: one.name)
-def test_one_row_at_a_time_gives_the_bits_of_all(small):
-    X, y = delayed(300)
-    model = clone(small).fit(X, y)
-    dt = model.time_steps(np.where(np.arange(300) % 70 == 0, 0.0, 0.004), 300)
-    assert stepped(model, X, dt)[0].tobytes() == model.evaluate(X, dt).tobytes()
-    again = type(model).from_data(model.data, 2, 2)
-    assert again.evaluate(X, dt).tobytes() == model.evaluate(X, dt).tobytes()
-
-
-@pytest.mark.parametrize("small", ALL, ids=lambda one: one.name)
-def test_a_history_starts_anew(small):
-    X, y = delayed(300)
-    model = clone(small).fit(X, y)
-    dt = np.where(np.arange(300) == 100, 0.0, 0.005)
-    whole = model.predict(X, dt)
-    np.testing.assert_array_equal(whole[100:], model.predict(X[100:]))
-    assert not np.allclose(whole[100:105], model.predict(X)[100:105])
 
 
 @pytest.mark.parametrize("small", ALL, ids=lambda one: one.name)
