@@ -258,7 +258,7 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         return tags
 
 
-def apart(y: Array) -> list[tuple[Any, Any]]:
+def labelled_parts(y: Array) -> list[tuple[Any, Any]]:
     """Rows and columns of targets `y` (n, k) that are known together; each column where one lacks.
 
     Raises CalibrationError if a column is known nowhere.
@@ -282,7 +282,7 @@ def standardisation(X: Array) -> tuple[Array, Array]:
 def scaling(X: Array, y: Array) -> Arrays:
     """Give `standardisation` of features and targets, by the names under which models keep it."""
     mean, inverse_scale = standardisation(X)
-    parts = [y[rows, columns] for rows, columns in apart(y)]
+    parts = [y[rows, columns] for rows, columns in labelled_parts(y)]
     target_mean, inverse = np.hstack([standardisation(part) for part in parts])
     deviation = np.hstack([part.std(axis=0) for part in parts])
     return {

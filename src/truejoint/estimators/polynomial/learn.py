@@ -18,7 +18,7 @@ from truejoint.estimators.base import (
     Arrays,
     JointRegressor,
     Progress,
-    apart,
+    labelled_parts,
     scaling,
     share_of,
     standardisation,
@@ -180,7 +180,7 @@ class Polynomial(JointRegressor):
             table *= scales["target_scale"]
             coef, intercept = table[1:], table[0] + scales["target_mean"]
         else:
-            parts = apart(y)
+            parts = labelled_parts(y)
             n = len(parts)
             fits = [
                 least_squares(scaled[rows], y[rows, outputs], factors, share_of(progress, i, n))
@@ -464,19 +464,9 @@ def changes(terms: Array, residuals: Array) -> tuple[Array, Array, Array]:
     """Give changes of a model's coefficients (m, k) and intercept (k,), and penalties (k,).
 
     For each output by itself, the penalty is the one of the least mean square on five blocks of
-    rows, on end, that are left out in turn.
-
-    Parameters
-    ----------
-    terms : ndarray, shape (n, m)
-        Of the model, scaled so that they had a variance of about 1 where it was fitted.
-    residuals : ndarray, shape (n, k)
-        Target minus prediction of the model.
-
-    Raises
-    ------
-    CalibrationError
-        If there are fewer than 50 rows.
+    rows, on end, that are left out in turn. `terms` (n, m) are those of the model, scaled so that
+    they had a variance of about 1 where it was fitted; `residuals` (n, k) are target minus
+    prediction. Raises CalibrationError for fewer than 50 rows.
     """
     check_row_count(len(terms))
     table = np.column_stack([np.ones(len(terms)), terms, residuals])
