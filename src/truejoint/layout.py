@@ -210,7 +210,7 @@ class Layout:
 
     def _empty(self, values: Mapping[str, Any]) -> dict[str, Array]:
         """Arrays of zeros for those that `values` lack, and whose shape numbers and they tell."""
-        shapes = {
+        shapes: dict[str, list[Any]] = {
             name: [values.get(n) if isinstance(n, str) else n for n in f.shape]
             for name, f in self.fields.items()
             if f.shape and name not in values

@@ -15,8 +15,8 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables import run as cable_filter
 from truejoint.estimators.cables.run import DECAY, SOUGHT
-from truejoint.estimators.family import Family, Rule, optional
-from truejoint.estimators.filtered import histories, run_histories
+from truejoint.estimators.family import EstimatorData, Family, Rule, optional
+from truejoint.estimators.filtered import histories, run_filter
 from truejoint.estimators.jaw.base import MIN_ROWS, median_dt
 from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import CableMechanism
@@ -361,7 +361,13 @@ class CableFilter(JointRegressor):
 
     def states(self, X: Array, dt: Array) -> CableStates:
         """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before."""
-        return states(self.arrays_, np.ascontiguousarray(X), dt)
+        return self._states(self.arrays_, X, dt)
+
+    def _states(self, arrays: Arrays, X: Array, dt: Array) -> CableStates:
+        data = EstimatorData(self.family.name, self.model_params(), arrays)
+        model = self.family.memory(data, 2 * r.N, r.N)
+        run = run_filter(model, X, dt, cable_filter.LOADS, n_outputs=r.N)
+        return CableStates(run.outputs, run.deviations, run.beside[:, 0], run.beside[:, 1], run.x)
 
     def unloaded(self, X: Array, dt: Array) -> tuple[Array, Array]:
         """Joints (n, 3) [rad] and states (n, 15) of the model alone, where nothing loads it.
@@ -379,15 +385,13 @@ class CableFilter(JointRegressor):
         return joint + geometry(inputs[:, : r.N] @ rigid.T) @ self.arrays_["added"], states
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        arrays, estimates = self._identified(X, y, dt, progress)
-        arrays["structure"] = self._structure(estimates, X, y, dt)
+        arrays = self._identified(X, y, dt, progress)
+        arrays["structure"] = self._structure(self._states(arrays, X, dt), X, y, dt)
         progress(1.0)
         return arrays
 
-    def _identified(
-        self, X: Array, y: Array, dt: Array, progress: Progress
-    ) -> tuple[Arrays, CableStates]:
-        """Arrays that were identified, and what their filter says, its deviations its own."""
+    def _identified(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        """Arrays that were identified, with the filter's own deviations."""
         if self.mechanism is None:
             raise CalibrationError(f"{self.name} knows no cables; give it a mechanism")
         self._known(y)
@@ -408,8 +412,7 @@ class CableFilter(JointRegressor):
                 f"{self.name}: no recording with truth has a load, so that grip and tip torque "
                 "cannot be told from friction; add a minute under known loads (truth_load/...)"
             )
-        arrays = identify(runs, self.mechanism, progress)
-        return arrays, states(arrays, X, dt)
+        return identify(runs, self.mechanism, progress)
 
     def _runs(self, X: Array, y: Array, dt: Array) -> list[tuple[slice, Run]]:
         """Histories that have truth, and the rows of each."""
@@ -422,21 +425,6 @@ class CableFilter(JointRegressor):
         rows, runs = zip(*self._runs(X, y, dt), strict=True)
         parts = [CableStates(*(values[one] for values in vars(estimates).values())) for one in rows]
         return structure(runs, parts)
-
-
-def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
-    """Run the filter of fitted `arrays` over rows, as `CableFilter.states`."""
-    inputs, parameters = filter_inputs(X, dt), arrays["parameters"]
-    prior = cable_filter.cable_prior(parameters)
-    unscented, efforts = cable_filter.cable_filter(arrays), np.ascontiguousarray(X[:, r.N :])
-    x, P = run_histories(unscented, prior, efforts, inputs, dt, smoothed=False)
-    out = np.empty((len(X), 4, r.N))
-    by_state = cable_filter.angles_by_state(parameters)
-    cable_filter.estimate_rows(
-        inputs, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
-    )
-    angles, rates, loads, deviations = out.transpose(1, 0, 2)
-    return CableStates(angles, rates, loads, deviations, x)
 
 
 def _check_mechanism(name: str, mechanism: CableMechanism) -> None:

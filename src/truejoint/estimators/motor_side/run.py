@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan, sqrt
-from typing import Final, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.compiled import compiled, copy
+from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
 from truejoint.estimators.family import (
     Family,
@@ -26,11 +26,20 @@ from truejoint.estimators.family import (
     one_of,
     only_joint,
 )
-from truejoint.estimators.filtered import advance, quadratic
+from truejoint.estimators.filtered import (
+    FILTER,
+    SIGNALS,
+    filter_layout,
+    filter_row,
+    pack_filter,
+    quadratic,
+)
+from truejoint.estimators.hybrid import hybrid_family
+from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.plays.run import expand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.kernels import restart
-from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.layout import Memory, part_memory, part_numbers
 
 DRIVER: Final = "driver/jaw"
 TORQUE: Final = "effort/jaw"
@@ -225,50 +234,51 @@ class ElasticJoint:
         return mean, np.diag(variance)
 
 
-LAYOUT: Final = Layout()
+LAYOUT: Final = filter_layout()
 LAYOUT.integer("elements", "of friction")
-LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges; NaN: start anew")
+LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges")
 LAYOUT.scalar("middle", "of the driver's range [rad]")
 LAYOUT.scalar("half_range", "of the driver [rad]")
 LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
 LAYOUT.array("responses", "coefficients of each output", "n_told", "n_terms")
 LAYOUT.array("misfit", "standard deviation of what a response misses", "n_told")
-LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
-LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
+BESIDE: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
 LAYOUT.array("near", "a state beside the estimate", "n_states")
 LAYOUT.array("slope", "of an output over the state", "n_states")
-FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
 unpack = LAYOUT.unpacker()
 
 
 @compiled
-def elastic_joint_row(
-    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+def take_inputs(
+    numbers: Integers, memory: Array, dt: float, x: Array, _out: Array, _half_width: Array
 ) -> None:
-    """Predict by the filter of the elastic joint."""
+    """Measure the driver's torque; its angle and travel act."""
     m = unpack(numbers, memory)
-    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(sizes, state)
+    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
     angle = (x[0] - m.middle) / m.half_range
-    moved = angle - m.last
-    if dt == 0.0 or math.isnan(moved):
-        restart(sizes, state)
-        moved = dt = 0.0
     f.z[0] = x[1] / m.torque_scale
-    f.u[0], f.u[1] = angle, moved
-    good = advance(sizes, state, dt)
-    memory[LAST] = angle if good else nan
+    f.u[0], f.u[1] = angle, angle - m.last if dt != 0.0 else 0.0
+    memory[LAST] = angle
+
+
+@compiled
+def tell(
+    numbers: Integers, memory: Array, _dt: float, _x: Array, out: Array, half_width: Array
+) -> None:
+    """Tell the jaw's angle and, where it was learnt, its torque."""
+    m = unpack(numbers, memory)
+    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    angle = f.u[0]
     for j in range(m.n_told):
         coefficients = m.responses[j]
-        value = output(angle, f.x, m.elements, coefficients) if good else nan
+        value = output(angle, f.x, m.elements, coefficients)
         deviations = m.deviations if j == 0 else m.beside_deviations
         width = 0.0
         if deviations > 0.0:
             variance = output_variance(angle, f.x, f.covariance, coefficients, m.near, m.slope)
             width = deviations * sqrt(variance + m.misfit[j] ** 2)
         if j > 0:
-            m.torque[0], m.torque[1] = value, width
+            m.torque[0], m.torque[1] = value if m.started == 1.0 else nan, width
         else:
             out[0] = value
             if deviations > 0.0:
@@ -330,22 +340,23 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     return only_joint("motor_side", learnt, n_outputs)
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
+    """Memory of `filter_row`, with fields of a model on top or without."""
     joint = ElasticJoint.from_arrays(arrays)
     middle, half_range, torque, dt = arrays["scales"].tolist()
     elements = int(params["elements"])
-    return LAYOUT.pack(
+    return pack_filter(
+        LAYOUT, take_inputs=take_inputs, tell=tell,
         elements=elements,
-        torque=np.zeros(2),
         middle=middle,
         half_range=half_range,
         torque_scale=torque,
         responses=arrays["outputs"],
         misfit=arrays["misfit"],
-        near=np.zeros(elements + 2),
-        slope=np.zeros(elements + 2),
+        n_states=elements + 2,
         filter=UnscentedFilter(joint.state_space(dt)).memory(*joint.prior()),
-    )
+        **on_top,
+    )  # fmt: skip
 
 
 FAMILY: Final = Family(
@@ -357,11 +368,56 @@ FAMILY: Final = Family(
         "tells_torque": one_of(False, True),
     },
     shapes=_shapes,
-    pack=_pack,
-    row=elastic_joint_row,
+    pack=pack,
+    row=filter_row,
     remembers=True,
     inputs=lambda _params: (DRIVER, TORQUE),
     targets=("position",),
     states_deviation=lambda _params: True,
     beside=lambda params: {BESIDE_NAME: ()} if params["tells_torque"] else {},
 )
+
+
+N_SIGNALS: Final = 2
+"""Driver and torque, of which trees see plays."""
+_PLAYS: Final = "plays", "time_constants"
+
+
+@compiled
+def sight(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, sighted: Array
+) -> None:
+    """Show a model signals, their plays and low-passes, states and angle of the filter."""
+    signals = part_numbers(numbers, SIGNALS)
+    expand(signals, part_memory(numbers, memory, SIGNALS), dt, x, sighted)
+    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    last, n_states = sighted.shape[0] - 1, f.n_states
+    copy(f.x, vector(sighted, last - n_states, n_states), n_states)
+    sighted[last] = out[0]
+
+
+def _bank(params: Params) -> Params:
+    """Parameters of the plays, of those of the family."""
+    return {**play_bank.BARE, **{name: params[name] for name in _PLAYS}}
+
+
+def _sizes(params: Params) -> tuple[int, int]:
+    n_plays = play_bank.n_seen(_bank(params), N_SIGNALS)
+    return n_plays + int(params["elements"]) + 3, n_told(params)
+
+
+HYBRID_ROWS: Final = replace(
+    hybrid_family(
+        "motor_side.hybrid_rows",
+        FAMILY,
+        pack,
+        sight,
+        BESIDE,
+        _sizes,
+        rules={name: play_bank.FAMILY.rules[name] for name in _PLAYS},
+        scales={"centre": (N_SIGNALS,), "inverse_half_range": (N_SIGNALS,)},
+        signals=lambda params, arrays: play_bank.pack(_bank(params), arrays, N_SIGNALS, 0),
+    ),
+    states_deviation=lambda _params: False,
+)
+"""The filter, and trees that learn what it leaves."""
