@@ -100,25 +100,17 @@ def allocate(n: int, m: int, functions: Mapping[str, Any], values: Mapping[str, 
 
 
 @intrinsic
-def call_transition(
+def call_model(
     _typing: Any, function: Any, x: Any, u: Any, dt: Any, parameters: Any, out: Any
 ) -> Any:
-    """Call the transition at an address."""
-    return types.void(types.int64, *TRANSITION.args), call_address
+    """Call the transition or the process noise at an address."""
+    return types.void(types.int64, x, u, dt, parameters, out), call_address
 
 
 @intrinsic
 def call_measurement(_typing: Any, function: Any, x: Any, u: Any, parameters: Any, out: Any) -> Any:
     """Call the measurement function at an address."""
     return types.void(types.int64, *MEASUREMENT.args), call_address
-
-
-@intrinsic
-def call_process_noise(
-    _typing: Any, function: Any, x: Any, u: Any, dt: Any, parameters: Any, out: Any
-) -> Any:
-    """Call the process noise function at an address."""
-    return types.void(types.int64, *PROCESS_NOISE.args), call_address
 
 
 @intrinsic

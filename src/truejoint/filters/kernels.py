@@ -15,13 +15,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import borrow, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
-from truejoint.filters.fields import (
-    call_measurement,
-    call_process_noise,
-    call_step,
-    call_transition,
-    unpack_filter,
-)
+from truejoint.filters.fields import call_measurement, call_model, call_step, unpack_filter
 from truejoint.filters.status import FilterStatus
 
 LIMIT: Final = 1e100
@@ -105,7 +99,7 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
     fill(m.image, n, np.nan)
     image = vector(m.image, 0, n)
     copy(m.x, m.point, n)
-    call_transition(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
+    call_model(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
     copy(image, m.centre, n)
     if not within_limit(m.centre, n, LIMIT):
         return False
@@ -113,7 +107,7 @@ def _propagate(numbers: Integers, memory: Array) -> bool:
         for i in range(n):
             m.point[i] = m.x[i] + m.deviations[k, i]
             image[i] = np.nan
-        call_transition(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
+        call_model(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
         if not within_limit(image, n, LIMIT):
             return False
         for i in range(n):
@@ -128,7 +122,7 @@ def _update_process_noise(numbers: Integers, memory: Array) -> bool:
     m, n = unpack_filter(numbers, memory), numbers[at.N]
     entries = vector(memory, numbers[at.NOISE], n * n)
     fill(entries, n * n, 0.0)
-    call_process_noise(numbers[at.G], m.x, m.u, m.dt, m.theta, m.noise)
+    call_model(numbers[at.G], m.x, m.u, m.dt, m.theta, m.noise)
     # Any array of the right size holds the factor until it is known to be good.
     good = within_limit(entries, n * n, LIMIT)
     if not good or not semidefinite_cholesky(m.noise, n, m.factor_mean):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from scipy.integrate import quad_vec
@@ -20,7 +18,7 @@ from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.studies.forceps.record_forceps import record_forceps
 
-MODEL = replace(ForcepsModel.from_params(JawFilter().model_params()), drive_stiffness=13e3)
+MODEL = ForcepsModel(**{**JawFilter().model_params(), "drive_stiffness": 13e3})
 OBSERVED = np.array([[0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]])
 
 
@@ -80,7 +78,7 @@ def test_filter_is_a_kalman_filter(pair):
     model = fitted(pair, JawFilter())
     run = pair.verification
     X, dt = columns(run, model)[:3000], 5e-3
-    own = ForcepsModel.from_params(model.model_params())
+    own = ForcepsModel(**model.model_params())
     A, B, _ = system(own)
     transition, gain, *_ = cont2discrete((A, B, OBSERVED, np.zeros((2, 1))), dt)
     noise = np.zeros((4, 4))

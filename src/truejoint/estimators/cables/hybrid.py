@@ -10,7 +10,7 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Progress
-from truejoint.estimators.cables.learn import NO_LOAD, CableFilter
+from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, structure
 from truejoint.estimators.cables.loops import N
 from truejoint.estimators.cables.run import HYBRID_ROWS
 from truejoint.estimators.family import EstimatorData, Family, Params
@@ -80,6 +80,6 @@ class CableHybrid(CableFilter):
         blocks = np.square(plays.model_.errors_ * wanted[has_truth].std(axis=0))
         grown = np.maximum(blocks / np.mean(np.square(errors[has_truth]), axis=0), 1.0)
         unseen = np.repeat(grown.reshape(2, N), 2, axis=0)
-        arrays["structure"] = self._structure(estimate, X, y, dt) * unseen
+        arrays["structure"] = structure(self._runs(X, y, dt), estimate) * unseen
         progress(1.0)
         return arrays

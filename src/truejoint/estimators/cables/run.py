@@ -16,16 +16,10 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, local_vector, unrolled, vector
 from truejoint.errors import CalibrationError
+from truejoint.estimators import filtered as at
 from truejoint.estimators.cables import loops
 from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
 from truejoint.estimators.family import Family, Params, Rule, Shape
-from truejoint.estimators.filtered import (
-    FILTER,
-    filter_layout,
-    filter_row,
-    pack_filter,
-    quadratic,
-)
 from truejoint.estimators.hybrid import hybrid_family
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
@@ -134,7 +128,7 @@ def cable_prior(parameters: Array) -> tuple[Array, Array]:
 LOADS: Final = "grip", "tip_first", "tip_second"
 """What the row tells beside the joints."""
 
-LAYOUT: Final = filter_layout()
+LAYOUT: Final = at.filter_layout()
 LAYOUT.array("last", "motor angles of the row before [rad]", N)
 LAYOUT.array("played", "the same without what trembles [rad]", N)
 LAYOUT.array("raw", "joints of cables that give nowhere [rad]", N)
@@ -175,7 +169,7 @@ def take_inputs(
 ) -> None:
     """Measure the motors' efforts; the motors act."""
     m = unpack(numbers, memory)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     take_motors(dt, x, m.last, m.played, f.u)
     for j in range(N):
         f.z[j] = x[N + j]
@@ -191,7 +185,7 @@ def tell(
     per square of the loads that are seen.
     """
     m = unpack(numbers, memory)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     loops.joints(f.x, m.played, f.theta, out)
     add_geometry(m.played, f.theta, m.geometry, m.raw, out)
     loads = 0.0
@@ -200,7 +194,7 @@ def tell(
     for j in range(unrolled(N)):
         by_load = loads * loads * m.structure[1, j]
         if m.deviations > 0.0:
-            variance = quadratic(m.by_state[j], f.covariance, STATES) * m.structure[0, j]
+            variance = at.quadratic(m.by_state[j], f.covariance, STATES) * m.structure[0, j]
             half_width[j] = m.deviations * sqrt(variance + by_load)
         variance = max(f.covariance[LOAD + j, LOAD + j], 0.0) * m.structure[2, j]
         load = vector(memory, numbers[GRIP + j], 2)
@@ -226,7 +220,7 @@ def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shap
 def pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
     """Memory of `filter_row`, with fields of a model on top or without."""
     parameters = arrays["parameters"]
-    return pack_filter(
+    return at.pack_filter(
         LAYOUT, take_inputs=take_inputs, tell=tell,
         beside_deviations=1.0,
         geometry=arrays["added"],
@@ -250,7 +244,7 @@ def sight(
 
     It adds to raw joints, and to loads of nothing.
     """
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     raw_joints(x, f.theta, sighted)
     for j in range(N):
         sighted[N + j], sighted[2 * N + j] = x[j], x[N + j]
@@ -275,7 +269,7 @@ FAMILY: Final = Family(
     },
     shapes=_shapes,
     pack=pack,
-    row=filter_row,
+    row=at.filter_row,
     remembers=True,
     inputs=inputs,
     targets=("position",),

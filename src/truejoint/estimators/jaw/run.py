@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from math import nan, sqrt
-from typing import Any, Final, Self
+from types import SimpleNamespace
+from typing import Any, Final
 
 import numpy as np
 
@@ -119,38 +119,25 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row + 1, 2 * column + 1] += shape * speed
 
 
-@dataclass(frozen=True)
-class ForcepsModel:
-    """What the filter takes the forceps to be, and the sizes of what it does not know of it."""
+_OWN: Final = (
+    "drive_stiffness", "reset_stiffness", "jaw_inertia", "slider_mass", "jaw_friction",
+    "slider_friction", "correlation_time", "displacement_noise", "speed_noise",
+)  # fmt: skip
+"""Parameters of the filter beyond those of the mechanism."""
 
-    drive_stiffness: float  # K_d [N/m]
-    reset_stiffness: float  # K_r [N/m]
-    jaw_inertia: float  # J_e [kg m2]
-    slider_mass: float  # m_g2 [kg]
-    gear_ratio: float  # z_i
-    spring_stiffness: float  # K_sp [N/m]
-    wheel_radius: float  # R [m]
-    jaw_radius: float  # r [m]
-    jaw_friction: float  # size of the torque that (12) neglects [Nm]
-    slider_friction: float  # and of the force [N]
-    correlation_time: float  # over which friction counts as one draw [s]
-    displacement_noise: float  # deviation of the measured displacement [m]
-    speed_noise: float  # and of its speed [m/s]
 
-    @classmethod
-    def from_params(cls, params: Params) -> Self:
-        """Model of a filter with these parameters."""
-        return cls(**{field.name: float(params[field.name]) for field in fields(cls)})
+class ForcepsModel(SimpleNamespace):
+    """What the filter takes the forceps to be, by the parameters of `JawFilter`."""
 
     @property
     def drive_tension(self) -> float:
         """Tension of the drive cable per motor angle at rest [N/rad]."""
-        return self.drive_stiffness * self.wheel_radius / self.gear_ratio
+        return float(self.drive_stiffness * self.wheel_radius / self.gear_ratio)
 
     @property
     def rest_divisor(self) -> float:
         """Tension of both cables at rest per jaw angle [N/rad]."""
-        return (self.drive_stiffness + self.reset_stiffness) * self.jaw_radius
+        return float((self.drive_stiffness + self.reset_stiffness) * self.jaw_radius)
 
     @property
     def sensor(self) -> Array:
@@ -205,7 +192,7 @@ class ForcepsModel:
 
 def jaw_filter(params: Params) -> UnscentedFilter:
     """Build the filter (15)-(23), of its parameters."""
-    space = ForcepsModel.from_params(params).state_space()
+    space = ForcepsModel(**params).state_space()
     return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))
 
 
@@ -263,7 +250,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
     """Memory of `filter_row`, with fields of a model on top or without."""
-    model = ForcepsModel.from_params(params)
+    model = ForcepsModel(**params)
     return pack_filter(
         LAYOUT, take_inputs=take_inputs, tell=tell,
         compensated=params["compensated"],
@@ -279,7 +266,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
 FAMILY: Final = Family(
     "jaw",
     rules={
-        **dict.fromkeys((field.name for field in fields(ForcepsModel)), POSITIVE),
+        **dict.fromkeys(_OWN, POSITIVE),
         **MECHANISM_RULES,
         "lambda_": number(-4.0 + 1e-6, 1e6),
         "compensated": one_of(False, True),

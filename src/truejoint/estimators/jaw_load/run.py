@@ -20,6 +20,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
+from truejoint.estimators import filtered as at
 from truejoint.estimators.family import (
     POSITIVE,
     Family,
@@ -29,13 +30,6 @@ from truejoint.estimators.family import (
     number,
     numbers,
     only_joint,
-)
-from truejoint.estimators.filtered import (
-    FILTER,
-    filter_layout,
-    filter_row,
-    pack_filter,
-    quadratic,
 )
 from truejoint.estimators.jaw.signals import MECHANISM_RULES, MOTOR, RESET, SLIDING, stand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
@@ -226,7 +220,7 @@ def friction_prior(elements: int) -> tuple[Array, Array]:
     return np.zeros(elements + 1), np.diag([*([0.25] * elements), 4e-12])
 
 
-LAYOUT: Final = filter_layout()
+LAYOUT: Final = at.filter_layout()
 LAYOUT.integer("elements", "of friction")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
@@ -245,7 +239,7 @@ def take_inputs(
 ) -> None:
     """Measure the drive cable; the reset cable's motion and place act."""
     m = unpack(numbers, memory)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     f.z[0] = x[0] * m.drive_factor
     f.u[0], f.u[1] = x[1] - m.reset if dt != 0.0 else 0.0, x[1]
     memory[LAST_RESET] = x[1]
@@ -257,13 +251,13 @@ def tell(
 ) -> None:
     """Tell the jaw's angle and load."""
     m = unpack(numbers, memory)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     n, load, reset = m.elements, m.load, x[1]
     out[0] = response(reset * m.inverse_scale, f.x, n, m.angle)
     hidden = judge(dt, f.z[0], reset, f.x[n], f.covariance[n, n], m.cable, m.hold, load)
     load[1] *= m.beside_deviations
     if m.deviations > 0.0:
-        variance = quadratic(m.angle[1 + DEGREE :], f.covariance, n) + m.misfit**2
+        variance = at.quadratic(m.angle[1 + DEGREE :], f.covariance, n) + m.misfit**2
         half_width[0] = m.deviations * sqrt(variance + hidden)
     if not abs(load[0]) <= m.cable[7]:
         half_width[0] = nan  # no load is as large: a sensor has slipped, or the cable is slack
@@ -281,7 +275,7 @@ def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]
 def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
     """Memory of `filter_row`, with fields of a model on top or without."""
     elements = len(params["widths"])
-    return pack_filter(
+    return at.pack_filter(
         LAYOUT, take_inputs=take_inputs, tell=tell,
         elements=elements,
         drive_factor=params["wheel_radius"] / params["gear_ratio"],
@@ -307,7 +301,7 @@ FAMILY: Final = Family(
     },
     shapes=shapes,
     pack=pack,
-    row=filter_row,
+    row=at.filter_row,
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position",),

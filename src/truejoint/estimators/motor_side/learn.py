@@ -23,7 +23,6 @@ from truejoint.estimators.motor_side.run import (
     PER_ELEMENT,
     POLYNOMIAL,
     TORQUE,
-    ElasticJoint,
     bent_terms,
     output_terms,
     terms,
@@ -129,22 +128,21 @@ class ElasticJointFilter(JointRegressor):
             )
         progress(0.05)
         static = _Static(motion, settled, with_truth, y[chosen][settled[with_truth], 0])
-        joint = static.identify(
+        identified = static.identify(
             int(self.elements), float(self.load_drift), float(self.torque_noise) ** 2
         )
-        if joint.load_deviation < LEAST_LOAD_SPREAD:
+        load_deviation = identified["noise"][-1]
+        if load_deviation < LEAST_LOAD_SPREAD:
             raise CalibrationError(
-                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
+                f"{self.name}: the load on the jaw varies by {load_deviation:.2g} of the "
                 f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
                 " be told apart: add recordings under other loads"
             )
         progress(0.8)
         filtered = {
+            **identified,
             "scales": np.append(scales[:3], mean_dt(motion.dt)),
-            "noise": np.array([getattr(joint, name) for name in NOISE]),
-            "widths": joint.widths,
-            "torque": joint.torque,
-            "outputs": np.zeros((1, len(joint.torque) + 2)),
+            "outputs": np.zeros((1, len(identified["torque"]) + 2)),
             "misfit": np.zeros(1),
         }
         run = run_filter(model.pack(self.model_params(), filtered, 2, 1), X[chosen], motion.dt)
@@ -332,22 +330,23 @@ class _Static:
         self.settle_loads(widths)
         return widths
 
-    def identify(self, elements: int, load_drift: float, noise_density: float) -> ElasticJoint:
+    def identify(self, elements: int, load_drift: float, noise_density: float) -> Arrays:
         """Identify widths, torque response and noise of a joint."""
         widths = self.find_widths(elements)
         load = self.load[self.history]
         torque, residual = regress_torque(self.columns(widths), self.torque, load)
         spread = max(float(load.std()), 1e-6)
-        return ElasticJoint(
-            widths=widths,
-            torque=torque,
-            load_density=(load_drift * spread) ** 2,
-            rest_deviation=max(float(residual.std()), 1e-6),
-            rest_travel=_memory(residual, self.motion.travel[self.rows]),
-            noise_density=noise_density,
-            load_mean=float(load.mean()),
-            load_deviation=spread,
-        )
+        noise = {
+            "load_density": (load_drift * spread) ** 2,
+            "rest_deviation": max(float(residual.std()), 1e-6),
+            "rest_travel": _memory(residual, self.motion.travel[self.rows]),
+            "noise_density": noise_density,
+            "load_mean": float(load.mean()),
+            "load_deviation": spread,
+        }
+        return {
+            "noise": np.array([noise[name] for name in NOISE]), "widths": widths, "torque": torque
+        }  # fmt: skip
 
     def _by_history(self, values: Array) -> Array:
         return np.bincount(self.history, values) / self.count

@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from math import nan, sqrt
-from typing import Any, Final, Self
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
+from truejoint.estimators import filtered as at
 from truejoint.estimators.family import (
     Family,
     Params,
@@ -25,14 +26,6 @@ from truejoint.estimators.family import (
     number,
     one_of,
     only_joint,
-)
-from truejoint.estimators.filtered import (
-    FILTER,
-    SIGNALS,
-    filter_layout,
-    filter_row,
-    pack_filter,
-    quadratic,
 )
 from truejoint.estimators.hybrid import hybrid_family
 from truejoint.estimators.plays import run as play_bank
@@ -60,9 +53,14 @@ BENT_OF_ELEMENT: Final = 4
 SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "dt")
 """What turns radians and newton metres into units of the calibration, and its time step [s]."""
 NOISE: Final = (
-    "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
-)  # fmt: skip
-"""Fields of `ElasticJoint` that are one number each, in the order of the model file."""
+    "load_density",  # variance that the load gains in a second
+    "rest_deviation",  # of the friction that the elements do not explain
+    "rest_travel",  # over which it forgets itself
+    "noise_density",  # of the measured torque: variance times the time step [s]
+    "load_mean",  # of the loads calibrated with: what the filter expects at first
+    "load_deviation",
+)
+"""What is identified of load and noise, in units of the calibration."""
 
 _LARGEST: Final = 1e30
 _FARTHEST: Final = 3.0
@@ -177,64 +175,44 @@ def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     out[0] = x[elements + 1] + response(u[0], x[elements], x, elements, coefficients)
 
 
-@dataclass(frozen=True, eq=False)
-class ElasticJoint:
-    """Identified joint, in units of the calibration."""
-
-    widths: Array  # (m,), travel from the middle of an element's deflection to sliding
-    torque: Array  # (count_terms(m),), of the driver's torque, whose load part is ``B`` as it is
-    load_density: float  # variance that the load gains in a second
-    rest_deviation: float  # of the friction that the elements do not explain
-    rest_travel: float  # over which it forgets itself
-    noise_density: float  # of the measured torque: variance times the time step [s]
-    load_mean: float  # of the loads calibrated with: what the filter expects at first
-    load_deviation: float
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
-        """Joint of the arrays of a fitted filter; raises CalibrationError if one makes no sense."""
-        noise = dict(zip(NOISE, arrays["noise"].tolist(), strict=True))
-        positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
-        bounded = all(abs(v) <= _LARGEST for v in (*arrays["scales"], *arrays["noise"]))
-        if min(positive) <= 0.0 or noise["load_density"] < 0.0 or not bounded:
-            raise CalibrationError(
-                f"elastic_joint: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit "
-                "it again"
-            )
-        return cls(arrays["widths"], arrays["torque"], **noise)
-
-    def state_space(self, dt: float) -> StateSpaceModel:
-        """Build the model of the filter for rows `dt` [s] apart."""
-        elements = len(self.widths)
-        head = [elements, self.load_density, self.rest_deviation**2, self.rest_travel]
-        return StateSpaceModel(
-            transition=transition,
-            measurement=measurement,
-            process_noise=process_noise,
-            measurement_noise=[[self.noise_density / dt]],
-            states=(*(f"friction{i + 1}" for i in range(elements)), "load", "rest"),
-            measurements=("torque",),
-            inputs=("driver", "travel"),
-            parameters=np.concatenate([head, self.widths, self.torque]),
-            possible={
-                "driver": (-_FARTHEST, _FARTHEST),
-                "travel": (-2.0 * _FARTHEST, 2.0 * _FARTHEST),
-                **dict.fromkeys(("torque", "load", "rest"), (-_STRONGEST, _STRONGEST)),
-            },
+def elastic_filter(arrays: Mapping[str, Array]) -> UnscentedFilter:
+    """Build the filter of what was identified; raises CalibrationError if it makes no sense."""
+    (_middle, *scales), noise, widths = (arrays[n].tolist() for n in ("scales", "noise", "widths"))
+    load_density, rest_deviation, rest_travel, noise_density, *_ = noise
+    bounded = all(abs(value) <= _LARGEST for value in (_middle, *scales, *noise))
+    if min(*scales, *noise[1:4], *widths) <= 0.0 or load_density < 0.0 or not bounded:
+        raise CalibrationError(
+            f"elastic_joint: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit "
+            "it again"
         )
+    head = [len(widths), load_density, rest_deviation**2, rest_travel]
+    model = StateSpaceModel(
+        transition=transition,
+        measurement=measurement,
+        process_noise=process_noise,
+        measurement_noise=[[noise_density / scales[-1]]],
+        states=(*(f"friction{i + 1}" for i in range(len(widths))), "load", "rest"),
+        measurements=("torque",),
+        inputs=("driver", "travel"),
+        parameters=np.concatenate([head, widths, arrays["torque"]]),
+        possible={
+            "driver": (-_FARTHEST, _FARTHEST),
+            "travel": (-2.0 * _FARTHEST, 2.0 * _FARTHEST),
+            **dict.fromkeys(("torque", "load", "rest"), (-_STRONGEST, _STRONGEST)),
+        },
+    )
+    return UnscentedFilter(model)
 
-    def prior(self) -> tuple[Array, Array]:
-        """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
-        elements = len(self.widths)
-        mean = np.zeros(elements + 2)
-        mean[elements] = self.load_mean
-        variance = np.full(elements + 2, 1.0 / 3.0)
-        variance[elements] = self.load_deviation**2
-        variance[elements + 1] = self.rest_deviation**2
-        return mean, np.diag(variance)
+
+def elastic_prior(arrays: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
+    _, rest_deviation, *_, load_mean, load_deviation = arrays["noise"].tolist()
+    elements = len(arrays["widths"])
+    variance = [1.0 / 3.0] * elements + [load_deviation**2, rest_deviation**2]
+    return np.array([*[0.0] * elements, load_mean, 0.0]), np.diag(variance)
 
 
-LAYOUT: Final = filter_layout()
+LAYOUT: Final = at.filter_layout()
 LAYOUT.integer("elements", "of friction")
 LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges")
 LAYOUT.scalar("middle", "of the driver's range [rad]")
@@ -254,7 +232,7 @@ def take_inputs(
 ) -> None:
     """Measure the driver's torque; its angle and travel act."""
     m = unpack(numbers, memory)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     angle = (x[0] - m.middle) / m.half_range
     f.z[0] = x[1] / m.torque_scale
     f.u[0], f.u[1] = angle, angle - m.last if dt != 0.0 else 0.0
@@ -267,7 +245,7 @@ def tell(
 ) -> None:
     """Tell the jaw's angle and, where it was learnt, its torque."""
     m = unpack(numbers, memory)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     angle = f.u[0]
     for j in range(m.n_told):
         coefficients = m.responses[j]
@@ -304,7 +282,7 @@ def output_variance(
         near[i] = x[i] - width
         slope[i] = (ahead - output(angle, near, elements, coefficients)) / (2.0 * width)
         near[i] = x[i]
-    return float(quadratic(slope, spread, n))
+    return float(at.quadratic(slope, spread, n))
 
 
 @compiled
@@ -342,10 +320,9 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
     """Memory of `filter_row`, with fields of a model on top or without."""
-    joint = ElasticJoint.from_arrays(arrays)
-    middle, half_range, torque, dt = arrays["scales"].tolist()
+    middle, half_range, torque, _dt = arrays["scales"].tolist()
     elements = int(params["elements"])
-    return pack_filter(
+    return at.pack_filter(
         LAYOUT, take_inputs=take_inputs, tell=tell,
         elements=elements,
         middle=middle,
@@ -354,7 +331,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
         responses=arrays["outputs"],
         misfit=arrays["misfit"],
         n_states=elements + 2,
-        filter=UnscentedFilter(joint.state_space(dt)).memory(*joint.prior()),
+        filter=elastic_filter(arrays).memory(*elastic_prior(arrays)),
         **on_top,
     )  # fmt: skip
 
@@ -369,7 +346,7 @@ FAMILY: Final = Family(
     },
     shapes=_shapes,
     pack=pack,
-    row=filter_row,
+    row=at.filter_row,
     remembers=True,
     inputs=lambda _params: (DRIVER, TORQUE),
     targets=("position",),
@@ -388,9 +365,9 @@ def sight(
     numbers: Integers, memory: Array, dt: float, x: Array, out: Array, sighted: Array
 ) -> None:
     """Show a model signals, their plays and low-passes, states and angle of the filter."""
-    signals = part_numbers(numbers, SIGNALS)
-    expand(signals, part_memory(numbers, memory, SIGNALS), dt, x, sighted)
-    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+    signals = part_numbers(numbers, at.SIGNALS)
+    expand(signals, part_memory(numbers, memory, at.SIGNALS), dt, x, sighted)
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     last, n_states = sighted.shape[0] - 1, f.n_states
     copy(f.x, vector(sighted, last - n_states, n_states), n_states)
     sighted[last] = out[0]
