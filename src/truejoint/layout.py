@@ -155,7 +155,8 @@ class Layout:
             What stands at each address.
         **values
             A number (or an array of one), an array_like of one or two dimensions, or the `Memory`
-            of a part. Every array and part must be given; other fields are 0 where not.
+            of a part. Fields that are not given are 0; every part must be given, and every array
+            unless numbers and given integers tell its shape.
 
         Returns
         -------
@@ -167,6 +168,7 @@ class Layout:
             If a name is no field, or an array is missing.
         """
         kinds = {name: f.kind for name, f in self.fields.items()}
+        values = {**values, **self._empty(values)}
         needed = {name for name, kind in kinds.items() if kind in ("array", "integers", "part")}
         if not needed <= set(values) <= set(kinds):
             raise ValueError(f"fields {sorted(needed ^ set(values))} are missing or unknown")
@@ -205,6 +207,15 @@ class Layout:
         return Memory(
             self, np.concatenate(numbers), np.concatenate(memory), shapes, parts, functions or {}
         )
+
+    def _empty(self, values: Mapping[str, Any]) -> dict[str, Array]:
+        """Arrays of zeros for those that `values` lack, and whose shape numbers and they tell."""
+        shapes: dict[str, list[Any]] = {
+            name: [values.get(n) if isinstance(n, str) else n for n in f.shape]
+            for name, f in self.fields.items()
+            if f.shape and name not in values
+        }
+        return {name: np.zeros(shape) for name, shape in shapes.items() if None not in shape}
 
     def _lengths(self, name: str, shape: tuple[int, ...]) -> list[tuple[str, int]]:
         """Integers that the shape of an array tells; ValueError if it is not as declared."""

@@ -208,7 +208,7 @@ void loads(int n, const double *t, const double *sample, double *load)
 
 
 @needs_compiler
-@pytest.mark.parametrize(("name", "told"), [("ukf_friction", "load"), ("hybrid", "filter.torque")])
+@pytest.mark.parametrize(("name", "told"), [("ukf_friction", "load"), ("hybrid", "torque")])
 def test_what_is_told_beside_the_position_stands_in_the_state(library, name, told):
     """It is a field of the state, of the same bits."""
     folder, calibration = library(name).folder, model(name)

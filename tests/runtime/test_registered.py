@@ -20,7 +20,6 @@ from truejoint.calibration.interval import Interval
 from truejoint.calibration.model_file import encode
 from truejoint.errors import CalibrationError
 from truejoint.estimators import get_estimator
-from truejoint.estimators.jaw.run import ForcepsModel, jaw_filter
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector, Status
@@ -262,16 +261,7 @@ def test_half_width_is_the_filters_own_where_it_knows_one(name, level):
     elif name == "ukf_elastic":
         deviation = calibration.model.estimate(X, dt).deviations[:, 0]
     else:
-        params = calibration.model.model_params()
-        estimator, forceps_model = jaw_filter(params), ForcepsModel.from_params(params)
-        state = estimator.initial_state(
-            forceps_model.at_rest(*X[0]), forceps_model.rest_covariance()
-        )
-        deviation = np.empty(len(X))
-        speed = np.diff(X[:, 1], prepend=np.nan) / np.where(dt > 0.0, dt, 1.0)
-        for i in range(len(X)):
-            estimator.step(state, (X[i, 1], speed[i]), (X[max(i - 1, 0), 0],), dt[i])
-            deviation[i] = np.sqrt(state.P[0, 0])
+        deviation = np.sqrt(calibration.model.states(X, dt).P[:, 0, 0])
     expected = NormalDist().inv_cdf(0.5 + 0.5 * level) * deviation[:800]
     assert np.isinf(widths[~good]).all()
     np.testing.assert_allclose(widths[good], expected[good], rtol=1e-9)

@@ -1,17 +1,31 @@
-"""What the rows and the fits of filters share: a step of one, and its run over histories."""
+"""The row of every estimator with a filter, with or without a model of what it leaves.
+
+A filter's own kernels have the signature of a row: `take_inputs` fills the filter's measurement and
+inputs from the features; `tell` fills outputs, half-widths and quantities beside from the filter's
+state. A model of another family may stand on top: `sight` fills what it sees (its last argument),
+and may replace what the filter tells by something else that the model then adds to. All of them
+work on the memory of a layout that begins as `filter_layout`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from math import nan
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import compiled
-from truejoint.filters import FilterStatus, UnscentedFilter
+from truejoint.compiled import address, borrow, compiled, copy, fill, inlined, unrolled
+from truejoint.estimators.family import ROW, call_row
+from truejoint.filters import FilterStatus
 from truejoint.filters import fields as at
-from truejoint.filters.fields import call_step
+from truejoint.filters.fields import call_step, unpack_filter
+from truejoint.filters.kernels import restart
+from truejoint.filters.smoother import smooth
+from truejoint.layout import Layout, Memory, part_memory, part_numbers
 
 FAULTS: Final = int(
     FilterStatus.INVALID_INPUT
@@ -24,14 +38,99 @@ FAULTS: Final = int(
 """What makes a filter's estimate none: its row is then NaN, and the sample IMPLAUSIBLE."""
 
 
-@compiled
-def advance(numbers: Integers, memory: Array, dt: float) -> bool:
-    """Advance the filter; whether its estimate is one. After one that is none, rows start anew.
+def filter_layout() -> Layout:
+    """Begin the layout of an estimator with a filter."""
+    layout = Layout()
+    layout.scalar("deviations", "of the filter's own that a half-width is; 0: none")
+    layout.scalar("beside_deviations", "that half-widths of what stands beside are; 0: none")
+    layout.scalar("started", "whether there is a row before; 0: start anew")
+    layout.integer("beside", "where the first quantity beside the outputs is")
+    layout.array("sighted", "what the model on top sees", "n_sighted")
+    layout.array("added", "by it to outputs, then to quantities beside", "n_added")
+    layout.array("width", "of these, which is not used", "n_added")
+    layout.address("take_inputs", "fills measurement and inputs of the filter")
+    layout.address("tell", "fills what is told of its state")
+    layout.address("sight", "fills what the model sees; 0 where there is none")
+    layout.address("model_row", "prediction of the model; 0 where there is none")
+    layout.part("filter", "whose state tells the rest")
+    layout.part("signals", "what the model sees of them beside the filter")
+    layout.part("model", "of what the filter leaves")
+    return layout
+
+
+_LAYOUT: Final = filter_layout()
+_INDEX: Final = {name: field.index for name, field in _LAYOUT.fields.items()}
+DEVIATIONS, BESIDE_DEVIATIONS = _INDEX["deviations"], _INDEX["beside_deviations"]
+STARTED, TAKE_INPUTS, TELL = _INDEX["started"], _INDEX["take_inputs"], _INDEX["tell"]
+SIGHT, MODEL_ROW = _INDEX["sight"], _INDEX["model_row"]
+FILTER, SIGNALS, MODEL = _INDEX["filter"], _INDEX["signals"], _INDEX["model"]
+unpack = _LAYOUT.unpacker()
+
+
+def pack_filter(layout: Layout, **values: Any) -> Memory:
+    """Memory of `filter_row`, of kernels and other fields by name; no model unless given."""
+    nothing: dict[str, Any] = dict.fromkeys(("sighted", "added", "width"), np.zeros(1))
+    nothing |= dict.fromkeys(("signals", "model"), Layout().pack())
+    functions = {n: value for n, value in values.items() if layout.fields[n].kind == "address"}
+    addresses = {name: address(kernel, ROW) for name, kernel in functions.items()}
+    return layout.pack(functions, **{**nothing, **values, **addresses})
+
+
+@inlined
+def _begin(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> float:
+    """Take a row's inputs; the time that the filter is to advance, 0 where it starts anew."""
+    if dt == 0.0 or memory[STARTED] == 0.0:
+        restart(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
+        dt = 0.0
+    call_row(numbers[TAKE_INPUTS], numbers, memory, dt, x, out, half_width)
+    return dt
+
+
+@inlined
+def _advance(numbers: Integers, memory: Array, dt: float) -> None:
+    """Advance the filter; after an estimate that is none, the next row starts anew.
 
     What happened meanwhile nobody saw, so that the covariance must be that of a start.
     """
-    memory[at.DT] = dt
-    return bool((call_step(numbers[at.ADVANCE], numbers, memory) & FAULTS) == 0)
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    state[at.DT] = dt
+    status = call_step(sizes[at.ADVANCE], sizes, state)
+    memory[STARTED] = 1.0 if (status & FAULTS) == 0 else 0.0
+
+
+@inlined
+def _tell(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Tell of the filter's state, with what the model adds."""
+    call_row(numbers[TELL], numbers, memory, dt, x, out, half_width)
+    m = unpack(numbers, memory)
+    if numbers[SIGHT] != 0:
+        call_row(numbers[SIGHT], numbers, memory, dt, x, out, m.sighted)
+    if numbers[MODEL_ROW] != 0:
+        sizes, model = part_numbers(numbers, MODEL), part_memory(numbers, memory, MODEL)
+        call_row(numbers[MODEL_ROW], sizes, model, dt, m.sighted, m.added, m.width)
+        n = out.shape[0]
+        for j in range(n):
+            out[j] += m.added[j]
+        for j in range(unrolled(m.n_added - n)):
+            memory[numbers[m.beside + j]] += m.added[n + j]
+
+
+@compiled
+def filter_row(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Predict by a filter."""
+    numbers, memory = borrow(numbers), borrow(memory)
+    x, out, half_width = borrow(x), borrow(out), borrow(half_width)
+    dt = _begin(numbers, memory, dt, x, out, half_width)
+    _advance(numbers, memory, dt)
+    _tell(numbers, memory, dt, x, out, half_width)
+    if memory[STARTED] == 0.0:
+        fill(out, out.shape[0], nan)
 
 
 @compiled
@@ -44,25 +143,91 @@ def quadratic(weights: Array, spread: Array, n: int) -> float:
     return max(variance, 0.0)
 
 
+@dataclass(frozen=True, eq=False)
+class FilterRun:
+    """What a filter makes of N rows, each from the rows up to it or, smoothed, from all.
+
+    Rows after one that has no estimate start anew, as in the loop.
+    """
+
+    x: Array  # (N, n) states
+    P: Array  # (N, n, n) their covariances
+    u: Array  # (N, inputs) of the filter
+    nis: Array  # (N,) normalised innovations squared
+    outputs: Array  # (N, n_outputs)
+    deviations: Array  # (N, n_outputs)
+    beside: Array  # (N, 2, k) values and deviations of quantities beside
+    sighted: Array  # (N, n_sighted) what a model on top sees, or would see
+
+
+@compiled
+def _run_rows(
+    numbers: Integers, memory: Array, replays: bool, X: Array, dt: Array, places: Integers,
+    status: Integers, x: Array, P: Array, u: Array, nis: Array, out: Array, half_width: Array,
+    beside: Array, sighted: Array,
+) -> None:  # fmt: skip
+    """Run every row of `X` and note what it makes, or tell of the states that are given.
+
+    Times `dt` become 0 where the filter starts anew.
+    """
+    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
+    f, m = unpack_filter(sizes, state), unpack(numbers, memory)
+    for i in range(X.shape[0]):
+        dt[i] = _begin(numbers, memory, dt[i], X[i], out[i], half_width[i])
+        if not replays:
+            _advance(numbers, memory, dt[i])
+            status[i], nis[i] = sizes[at.STATUS], state[at.NIS]
+            copy(f.u, u[i], f.n_inputs)
+        for k in range(f.n_states):
+            row, noted = f.covariance[k], P[i, k]
+            if replays:
+                f.x[k] = x[i, k]
+                copy(noted, row, f.n_states)
+            else:
+                x[i, k] = f.x[k]
+                copy(row, noted, f.n_states)
+        _tell(numbers, memory, dt[i], X[i], out[i], half_width[i])
+        copy(m.sighted, sighted[i], m.n_sighted)
+        for k in range(places.shape[0]):
+            beside[i, 0, k], beside[i, 1, k] = memory[places[k]], memory[places[k] + 1]
+
+
+def run_filter(
+    model: Memory,
+    X: Array,
+    dt: Array,
+    beside: Sequence[str] = (),
+    *,
+    n_outputs: int = 1,
+    smoothed: bool = False,
+) -> FilterRun:
+    """Run the filter over rows `X` (N, k), `dt` (N,) [s] after those before, 0 at a start.
+
+    `model` is a memory of `filter_row`, `beside` names arrays of it that stand beside the outputs.
+    """
+    numbers, memory, part = model.numbers, model.memory, model.part("filter")
+    memory[[DEVIATIONS, BESIDE_DEVIATIONS]] = 1.0
+    places = np.array([numbers[model.layout.fields[name].index] for name in beside], dtype=np.int64)
+    N, n = len(X), len(part.view("x"))
+    shapes = (
+        (n,), (n, n), part.shapes["u"], (), (n_outputs,), (n_outputs,), (2, len(beside)),
+        model.shapes["sighted"],
+    )  # fmt: skip
+    noted = FilterRun(*(np.zeros((N, *shape)) for shape in shapes))
+    rows, times, status = np.ascontiguousarray(X), np.array(dt), np.zeros(N, dtype=np.int64)
+    for replays in (False, True)[: 1 + smoothed]:
+        _run_rows(numbers, memory, replays, rows, times, places, status, *vars(noted).values())
+        if smoothed and not replays:
+            for history in histories(times):
+                prior = part.view("x_prior").copy(), part.view("covariance_prior").copy()
+                smooth(
+                    part.numbers, part.memory, noted.u[history], times[history],
+                    np.ones(N)[history], status[history], *prior, noted.x[history],
+                    noted.P[history],
+                )  # fmt: skip
+    return noted
+
+
 def histories(dt: Array) -> list[slice]:
     """Rows of each history, of the time (n,) since the row before, 0 where one starts."""
     return [slice(*ends) for ends in pairwise([*np.flatnonzero(dt == 0.0).tolist(), len(dt)])]
-
-
-def run_histories(
-    unscented: UnscentedFilter,
-    prior: tuple[Array, Array],
-    z: Array,
-    u: Array,
-    dt: Array,
-    *,
-    smoothed: bool,
-) -> tuple[Array, Array]:
-    """States (N, n) and covariances (N, n, n) by filter or smoother, each history from a prior."""
-    n = len(prior[0])
-    states, covariances = np.empty((len(dt), n)), np.empty((len(dt), n, n))
-    for rows in histories(dt):
-        result = unscented.run(z[rows], u[rows], x0=prior[0], P0=prior[1], dt=dt[rows])
-        estimate = unscented.smooth(result) if smoothed else result
-        states[rows], covariances[rows] = estimate.x, estimate.P
-    return states, covariances

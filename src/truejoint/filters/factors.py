@@ -100,15 +100,14 @@ def triangularise(stack: Array, rows: int, size: int, factor: Array) -> None:
     top = 0  # a column without a pivot uses up no row, so that its variance is not lost
     for j in range(size):
         square = 0.0
+        for i in range(size):
+            factor[i, j] = 0.0
         for k in range(top, rows):
             square += stack[k, j] * stack[k, j]
         norm = math.sqrt(square)
         for k in range(j):
             square += factor[j, k] * factor[j, k]
         if not (norm > _PIVOT * math.sqrt(square)):
-            for i in range(j, size):
-                factor[i, j] = 0.0
-            _clear_above(factor, j)
             continue
         head = stack[top, j]
         # The reflection maps the column onto -sign(head) norm, which cancels nothing.
@@ -125,14 +124,7 @@ def triangularise(stack: Array, rows: int, size: int, factor: Array) -> None:
             for k in range(top, rows):
                 stack[k, i] -= dot * stack[k, j]
             factor[i, j] = sign * stack[top, i]
-        _clear_above(factor, j)
         top += 1
-
-
-@compiled
-def _clear_above(factor: Array, column: int) -> None:
-    for i in range(column):
-        factor[i, column] = 0.0
 
 
 @compiled

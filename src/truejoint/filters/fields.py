@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
@@ -25,8 +24,8 @@ LAYOUT: Final = Layout()
 _N: Final = "n_states"
 _M: Final = "n_measurements"
 N: Final = LAYOUT.integer(_N, "states")
-M: Final = LAYOUT.integer(_M, "measurements")
-INPUTS: Final = LAYOUT.integer("n_inputs", "control inputs")
+LAYOUT.integer(_M, "measurements")
+LAYOUT.integer("n_inputs", "control inputs")
 LAYOUT.integer("n_parameters", "parameters of the model")
 F: Final = LAYOUT.address("transition", "state after a step")
 H: Final = LAYOUT.address("measurement", "what a state measures")
@@ -49,31 +48,31 @@ NIS: Final = LAYOUT.scalar("nis", "normalised innovation squared")
 LOGLIK: Final = LAYOUT.scalar("loglik", "log-likelihood of the measurement")
 INFLATION: Final = LAYOUT.scalar("inflation", "of the covariance, where a measurement was far off")
 
-X: Final = LAYOUT.array("x", "state", _N)
+LAYOUT.array("x", "state", _N)
 P: Final = LAYOUT.array("covariance", "of the state", _N, _N)
-S: Final = LAYOUT.array("factor", "lower factor of the covariance", _N, _N)
-Z: Final = LAYOUT.array("z", "measurement, NaN where missing", _M)
-U: Final = LAYOUT.array("u", "control input", "n_inputs")
-INNOVATION: Final = LAYOUT.array("innovation", "measured less predicted, or NaN", _M)
+LAYOUT.array("factor", "lower factor of the covariance", _N, _N)
+LAYOUT.array("z", "measurement, NaN where missing", _M)
+LAYOUT.array("u", "control input", "n_inputs")
+LAYOUT.array("innovation", "measured less predicted, or NaN", _M)
 Q: Final = LAYOUT.array("noise_factor", "lower factor of the process noise", _N, _N)
-X_PRIOR: Final = LAYOUT.array("x_prior", "state before the first step")
-P_PRIOR: Final = LAYOUT.array("covariance_prior", "of the state before the first step")
-S_PRIOR: Final = LAYOUT.array("factor_prior", "its lower factor")
+LAYOUT.array("x_prior", "state before the first step", _N)
+LAYOUT.array("covariance_prior", "of the state before the first step", _N, _N)
+LAYOUT.array("factor_prior", "its lower factor", _N, _N)
 LAYOUT.array("theta", "parameters of the model", "n_parameters")
 LAYOUT.array("sensor_factor", "lower factor of the measurement noise", _M, _M)
-GATE: Final = LAYOUT.array("gate", "NIS limit for 0, 1, ... components, all 0 without a gate")
-X_MEAN: Final = LAYOUT.array("x_mean", "predicted state", _N)
+LAYOUT.array("gate", "NIS limit for 0, 1, ... components, all 0 without a gate", "n_limits")
+LAYOUT.array("x_mean", "predicted state", _N)
 P_MEAN: Final = LAYOUT.array("covariance_mean", "of the predicted state", _N, _N)
-S_MEAN: Final = LAYOUT.array("factor_mean", "its lower factor", _N, _N)
-CENTRE: Final = LAYOUT.array("centre", "image of the centre point", _N)
-SHIFT: Final = LAYOUT.array("shift", "predicted state minus centre", _N)
+LAYOUT.array("factor_mean", "its lower factor", _N, _N)
+LAYOUT.array("centre", "image of the centre point", _N)
+LAYOUT.array("shift", "predicted state minus centre", _N)
 LAYOUT.array("deviations", "sigma points less centre", "n_deviations", _N)
 LAYOUT.array("z_deviations", "of their measurements", "n_deviations", _M)
-Z_SHIFT: Final = LAYOUT.array("z_shift", "predicted measurement minus that of the centre", _M)
+LAYOUT.array("z_shift", "predicted measurement minus that of the centre", _M)
 LAYOUT.array("z_mean", "predicted measurement", _M)
-P_ZZ: Final = LAYOUT.array("z_covariance", "of the predicted measurement")
-S_ZZ: Final = LAYOUT.array("z_factor", "its lower factor")
-GAIN: Final = LAYOUT.array("gain", "of the measurement", _N, _M)
+P_ZZ: Final = LAYOUT.array("z_covariance", "of the predicted measurement", _M, _M)
+S_ZZ: Final = LAYOUT.array("z_factor", "its lower factor", _M, _M)
+LAYOUT.array("gain", "of the measurement", _N, _M)
 LAYOUT.array("white", "innovation divided by its factor", _M)
 LAYOUT.array("stack", "rows whose outer products are summed", "n_rows", "widest")
 LAYOUT.array("deficit", "row whose outer product is added or taken away", "widest")
@@ -92,45 +91,26 @@ unpack_filter = LAYOUT.unpacker()
 
 def allocate(n: int, m: int, functions: Mapping[str, Any], values: Mapping[str, Any]) -> Memory:
     """Memory of a filter of n states and m measurements, zero but for what is given by field."""
-    widest = max(n, m)
-    shapes: dict[str, tuple[int, ...]] = {
-        "x": (n,), "covariance": (n, n), "factor": (n, n), "z": (m,), "innovation": (m,),
-        "noise_factor": (n, n), "x_prior": (n,), "covariance_prior": (n, n),
-        "factor_prior": (n, n), "sensor_factor": (m, m), "gate": (m + 1,), "x_mean": (n,),
-        "covariance_mean": (n, n), "factor_mean": (n, n), "centre": (n,), "shift": (n,),
-        "deviations": (4 * n, n), "z_deviations": (4 * n, m), "z_shift": (m,), "z_mean": (m,),
-        "z_covariance": (m, m), "z_factor": (m, m), "gain": (n, m), "white": (m,),
-        "stack": (5 * n + m + 1, widest), "deficit": (widest,), "point": (n,), "image": (widest,),
-        "noise": (n, n), "angles": (n + m,), "chosen": (m,),
-    }  # fmt: skip
-    empty = {name: np.zeros(shape) for name, shape in shapes.items()}
     sizes = {
         "n_states": n, "n_measurements": m, "n_inputs": len(values["u"]),
-        "n_parameters": len(values["theta"]),
+        "n_parameters": len(values["theta"]), "n_deviations": 4 * n, "n_rows": 5 * n + m + 1,
+        "widest": max(n, m), "n_limits": m + 1,
     }  # fmt: skip
-    return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **empty, **values})
+    return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **values})
 
 
 @intrinsic
-def call_transition(
+def call_model(
     _typing: Any, function: Any, x: Any, u: Any, dt: Any, parameters: Any, out: Any
 ) -> Any:
-    """Call the transition at an address."""
-    return types.void(types.int64, *TRANSITION.args), call_address
+    """Call the transition or the process noise at an address."""
+    return types.void(types.int64, x, u, dt, parameters, out), call_address
 
 
 @intrinsic
 def call_measurement(_typing: Any, function: Any, x: Any, u: Any, parameters: Any, out: Any) -> Any:
     """Call the measurement function at an address."""
     return types.void(types.int64, *MEASUREMENT.args), call_address
-
-
-@intrinsic
-def call_process_noise(
-    _typing: Any, function: Any, x: Any, u: Any, dt: Any, parameters: Any, out: Any
-) -> Any:
-    """Call the process noise function at an address."""
-    return types.void(types.int64, *PROCESS_NOISE.args), call_address
 
 
 @intrinsic

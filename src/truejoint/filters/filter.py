@@ -228,12 +228,9 @@ class UnscentedFilter:
         n, m = len(model.states), len(model.measurements)
         reach, correction = points.reach(self._directions), points.centre_correction
         factor = covariance_factor(P0)
-        functions: dict[str, Any] = {
-            "transition": model.transition, "measurement": model.measurement, "step": _step,
-        }  # fmt: skip
-        names = ("transition", "measurement", "process_noise")
+        functions = {name: getattr(model, name) for name in model.addresses} | {"step": _step}
         values: dict[str, Any] = {
-            **dict(zip(names, model.addresses, strict=True)), "step": address(_step, at.STEP),
+            **model.addresses, "step": address(_step, at.STEP),
             "second_generation": self.second_generation, "square_root": self.square_root,
             "reach": reach, "root_weight": np.sqrt(0.5) / reach, "correction": correction,
             "root_correction": np.sqrt(abs(correction)), "theta": model.parameters,
@@ -244,9 +241,7 @@ class UnscentedFilter:
             "x_prior": x0, "covariance_prior": P0, "factor_prior": factor,
             "lowest": model.bounds[0], "highest": model.bounds[1], "longest": model.longest_step,
         }  # fmt: skip
-        if callable(model.process_noise):
-            functions["process_noise"] = model.process_noise
-        else:
+        if not callable(model.process_noise):
             values["noise_factor"] = covariance_factor(np.asarray(model.process_noise))
         if self.gate is not None:
             from scipy.stats import chi2  # noqa: PLC0415  # a control loop without a gate

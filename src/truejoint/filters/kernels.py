@@ -1,28 +1,438 @@
-"""One step of the unscented filter and a whole record of steps, as compiled kernels."""
+"""The unscented filter's step, and a whole record of steps, as kernels for any model and size.
+
+Equation numbers are those of yan2020, section III-B. All arrays live in the filter's memory (see
+`fields`); nothing is allocated and nothing raised.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Final
 
+import numpy as np
+
 from truejoint.array_types import Array, Integers
-from truejoint.compiled import borrow, compiled, copy, fill, vector
+from truejoint.compiled import borrow, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
-from truejoint.filters.correction import correct
-from truejoint.filters.fields import call_step
-from truejoint.filters.prediction import possible, predict
+from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
+from truejoint.filters.fields import call_measurement, call_model, call_step, unpack_filter
 from truejoint.filters.status import FilterStatus
 
+LIMIT: Final = 1e100
+"""Beyond it a number is out of range: squares within it, and sums of them, stay finite."""
+
+_MISSING: Final = int(FilterStatus.MISSING)
+_PARTIAL: Final = int(FilterStatus.PARTIAL)
+_GATED: Final = int(FilterStatus.GATED)
+_REACQUIRED: Final = int(FilterStatus.REACQUIRED)
+_INVALID_INPUT: Final = int(FilterStatus.INVALID_INPUT)
+_INVALID_MEASUREMENT: Final = int(FilterStatus.INVALID_MEASUREMENT)
+_TRANSITION_FAILED: Final = int(FilterStatus.TRANSITION_FAILED)
+_MEASUREMENT_FAILED: Final = int(FilterStatus.MEASUREMENT_FAILED)
+_REPAIRED: Final = int(FilterStatus.COVARIANCE_REPAIRED)
+_OUT_OF_RANGE: Final = int(FilterStatus.OUT_OF_RANGE)
+_SINGULAR: Final = int(FilterStatus.SINGULAR)
 _RESTARTED: Final = int(FilterStatus.RESTARTED)
+_INFLATION_TRIES: Final = 60
+_LOG_2_PI: Final = math.log(2.0 * math.pi)
+
+
+@compiled
+def within_limit(values: Array, count: int, limit: float) -> bool:
+    """Whether the first `count` numbers are finite and not beyond a limit."""
+    for i in range(count):  # noqa: SIM110 - numba compiles no generator expression
+        # `not (a <= b)` instead of `a > b`: it holds for NaN too.
+        if not (abs(values[i]) <= limit):
+            return False
+    return True
+
+
+@inlined
+def possible(numbers: Integers, memory: Array, values: Array, count: int, first: int) -> bool:
+    """Whether numbers are within `LIMIT` and the bounds that begin at index `first`."""
+    for i in range(count):
+        lowest = memory[numbers[at.LOWEST] + first + i]
+        highest = memory[numbers[at.HIGHEST] + first + i]
+        # `not (a <= b)` instead of `a > b`: it holds for NaN too.
+        if not (abs(values[i]) <= LIMIT and lowest <= values[i] and values[i] <= highest):
+            return False
+    return True
+
+
+@inlined
+def _believe(
+    x: Array, covariance: Array, factor: Array, to_x: Array, to_covariance: Array, to_factor: Array
+) -> None:
+    """Copy a state with its covariance and the factor of that."""
+    n = x.shape[0]
+    copy(x, to_x, n)
+    for i in range(n):
+        copy(covariance[i], to_covariance[i], n)
+        copy(factor[i], to_factor[i], n)
+
+
+@inlined
+def _place_points(
+    numbers: Integers, memory: Array, factor: Array, scale: float, first: int
+) -> None:
+    """Deviations of 2 n sigma points from number `first` on, (15), (18), which are the last.
+
+    They stand plus and minus reach times the columns of a factor (n, n), times a scale.
+    """
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    reach = scale * m.reach
+    for j in range(n):
+        # One row at a time: numba takes each computed index for possibly negative.
+        below, above = m.deviations[first + 2 * j], m.deviations[first + 2 * j + 1]
+        for i in range(n):
+            step = reach * factor[i, j]
+            below[i] = -step
+            above[i] = step
+    numbers[at.POINTS] = first + 2 * n
+
+
+@compiled
+def _propagate(numbers: Integers, memory: Array) -> bool:
+    """Send the sigma points through the transition, (16); False if the images are unusable."""
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    # NaN first: a function that fails to write an element is found out.
+    fill(m.image, n, np.nan)
+    image = vector(m.image, 0, n)
+    copy(m.x, m.point, n)
+    call_model(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
+    copy(image, m.centre, n)
+    if not within_limit(m.centre, n, LIMIT):
+        return False
+    for k in range(m.points):
+        for i in range(n):
+            m.point[i] = m.x[i] + m.deviations[k, i]
+            image[i] = np.nan
+        call_model(numbers[at.F], m.point, m.u, m.dt, m.theta, image)
+        if not within_limit(image, n, LIMIT):
+            return False
+        for i in range(n):
+            difference = image[i] - m.centre[i]
+            m.deviations[k, i] = wrap(difference) if m.angles[i] else difference
+    return True
+
+
+@compiled
+def _update_process_noise(numbers: Integers, memory: Array) -> bool:
+    """Factor of the process noise at the present state; False, and the last one kept, if bad."""
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    entries = vector(memory, numbers[at.NOISE], n * n)
+    fill(entries, n * n, 0.0)
+    call_model(numbers[at.G], m.x, m.u, m.dt, m.theta, m.noise)
+    # Any array of the right size holds the factor until it is known to be good.
+    good = within_limit(entries, n * n, LIMIT)
+    if not good or not semidefinite_cholesky(m.noise, n, m.factor_mean):
+        return False
+    for i in range(n):
+        copy(m.factor_mean[i], m.noise_factor[i], n)
+    return True
+
+
+@compiled
+def predict(numbers: Integers, memory: Array) -> int:
+    """Mean and covariance of the predicted state, (15)-(17); status bits.
+
+    With dt = 0 no time passes: the prediction is the state. Where the inputs or the transition
+    cannot be used the state is held and the process noise still added.
+    """
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    moving = m.dt != 0.0
+    status = 0
+    first = n + m.n_measurements
+    if not (0.0 <= m.dt <= LIMIT and possible(numbers, memory, m.u, m.n_inputs, first)):
+        status = _INVALID_INPUT
+    elif moving and numbers[at.G] != 0 and not _update_process_noise(numbers, memory):
+        status = _TRANSITION_FAILED
+    _place_points(numbers, memory, m.factor, 1.0, 0)
+    if moving and status == 0 and not _propagate(numbers, memory):
+        status = _TRANSITION_FAILED
+        _place_points(numbers, memory, m.factor, 1.0, 0)
+    if status != 0 or not moving:
+        copy(m.x, m.centre, n)
+    status |= _combine_prediction(numbers, memory, moving)
+    covariance = vector(memory, numbers[at.P_MEAN], n * n)
+    if not (within_limit(m.x_mean, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2)):
+        _believe(m.x, m.covariance, m.factor, m.x_mean, m.covariance_mean, m.factor_mean)
+        _place_points(numbers, memory, m.factor, 1.0, 0)
+        copy(m.x, m.centre, n)
+        fill(m.shift, n, 0.0)
+        return status | _OUT_OF_RANGE
+    if numbers[at.SECOND] == 0:
+        # Points for the process noise too, so that the predicted measurement feels it.
+        _place_points(numbers, memory, m.noise_factor, 1.0 if moving else 0.0, 2 * n)
+    return status
+
+
+@compiled
+def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
+    """Mean and covariance from the images of the sigma points, (17)."""
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    root = m.root_weight
+    for i in range(n):
+        total = 0.0
+        for k in range(2 * n):
+            total += m.deviations[k, i]
+            m.stack[k, i] = root * m.deviations[k, i]
+        m.shift[i] = root * root * total
+        m.deficit[i] = m.root_correction * m.shift[i]
+        m.x_mean[i] = m.centre[i] + m.shift[i]
+        if m.angles[i]:
+            m.x_mean[i] = wrap(m.x_mean[i])
+    rows = 2 * n
+    if moving:
+        for j in range(n):
+            row = m.stack[rows]
+            for i in range(n):
+                row[i] = m.noise_factor[i, j]
+            rows += 1
+    whole = finish(numbers, memory, rows, n, m.covariance_mean, m.factor_mean)
+    return 0 if whole else _REPAIRED
+
+
+@inlined
+def finish(
+    numbers: Integers, memory: Array, rows: int, size: int, covariance: Array, factor: Array
+) -> bool:
+    """Combine stack and centre's term, in `deficit`, into covariance and factor: see `combine`."""
+    m, by_root = unpack_filter(numbers, memory), numbers[at.ROOT] == 1
+    if m.correction > 0.0:
+        copy(m.deficit, m.stack[rows], size)
+        rows += 1
+    return combine(m.stack, rows, size, m.deficit, m.correction < 0.0, by_root, covariance, factor)
+
+
+@compiled
+def _choose_measurements(numbers: Integers, memory: Array) -> int:
+    """List the components of the measurement that are there; status bits."""
+    m = unpack_filter(numbers, memory)
+    status = 0
+    count = 0
+    for i in range(m.n_measurements):
+        m.innovation[i] = np.nan
+        if possible(numbers, memory, m.z[i : i + 1], 1, m.n_states + i):
+            m.chosen[count] = i
+            count += 1
+        elif not math.isnan(m.z[i]):
+            status |= _INVALID_MEASUREMENT
+    numbers[at.OBSERVED] = count
+    memory[at.NIS] = np.nan
+    memory[at.LOGLIK] = 0.0
+    memory[at.INFLATION] = 1.0
+    if count == 0:
+        status |= _MISSING
+    elif count < m.n_measurements:
+        status |= _PARTIAL
+    return status
+
+
+@compiled
+def _observe(numbers: Integers, memory: Array) -> bool:
+    """Send the sigma points through the measurement function, (19); False if unusable."""
+    m = unpack_filter(numbers, memory)
+    n, count, image = m.n_states, m.observed, vector(m.image, 0, m.n_measurements)
+    fill(image, m.n_measurements, np.nan)
+    copy(m.centre, m.point, n)
+    call_measurement(numbers[at.H], m.point, m.u, m.theta, image)
+    for c in range(count):
+        m.z_mean[c] = image[m.chosen[c]]
+        m.z_shift[c] = 0.0
+    if not within_limit(m.z_mean, count, LIMIT):
+        return False
+    for k in range(m.points):
+        for i in range(n):
+            m.point[i] = m.centre[i] + m.deviations[k, i]
+        fill(image, m.n_measurements, np.nan)
+        call_measurement(numbers[at.H], m.point, m.u, m.theta, image)
+        for c in range(count):
+            i = m.chosen[c]
+            difference = image[i] - m.z_mean[c]
+            if not (abs(difference) <= LIMIT):
+                return False
+            if m.angles[n + i]:
+                difference = wrap(difference)
+            m.z_deviations[k, c] = difference
+            m.z_shift[c] += difference
+    weight = m.root_weight**2
+    for c in range(count):
+        m.z_shift[c] *= weight
+        m.z_mean[c] += m.z_shift[c]
+        m.deficit[c] = m.root_correction * m.z_shift[c]
+    return True
+
+
+@compiled
+def _innovate(numbers: Integers, memory: Array) -> int:
+    """Innovation, its covariance, (20), and its NIS; status bits."""
+    if not _observe(numbers, memory):
+        return _MEASUREMENT_FAILED
+    m = unpack_filter(numbers, memory)
+    count, points = m.observed, m.points
+    for k in range(points):
+        for c in range(count):
+            m.stack[k, c] = m.root_weight * m.z_deviations[k, c]
+    for j in range(m.n_measurements):
+        row = m.stack[points + j]
+        for c in range(count):
+            row[c] = m.sensor_factor[m.chosen[c], j]
+    covariance = matrix(memory, numbers[at.P_ZZ], count, count)
+    factor, white = matrix(memory, numbers[at.S_ZZ], count, count), m.white
+    whole = finish(numbers, memory, points + m.n_measurements, count, covariance, factor)
+    status = 0 if whole else _REPAIRED
+    nis, logarithm, product, rank = 0.0, 0.0, 1.0, 0
+    for c in range(count):
+        i = m.chosen[c]
+        difference = m.z[i] - m.z_mean[c]
+        m.innovation[i] = wrap(difference) if m.angles[m.n_states + i] else difference
+        rest = m.innovation[i]
+        for k in range(c):
+            rest -= factor[c, k] * white[k]
+        if factor[c, c] > 0.0:
+            white[c] = rest / factor[c, c]
+            nis += white[c] * white[c]
+            product *= factor[c, c]
+            if not (1e-100 < product < 1e100):
+                logarithm += math.log(product)
+                product = 1.0
+            rank += 1
+        else:
+            white[c] = 0.0
+            status |= _SINGULAR
+    memory[at.NIS] = nis
+    memory[at.LOGLIK] = -0.5 * (nis + rank * _LOG_2_PI) - logarithm - math.log(product)
+    return status
+
+
+@inlined
+def _second_generation(numbers: Integers, memory: Array, scale: float) -> None:
+    """Draw sigma points again from the predicted mean and covariance, (18)."""
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    _place_points(numbers, memory, m.factor_mean, scale, 0)
+    copy(m.x_mean, m.centre, n)
+    fill(m.shift, n, 0.0)
+
+
+@inlined
+def _gain(numbers: Integers, memory: Array) -> None:
+    """Covariance of state and measurement, (21), divided by that of the measurement, (22)."""
+    m, n, count = unpack_filter(numbers, memory), numbers[at.N], numbers[at.OBSERVED]
+    weight = m.root_weight**2
+    for i in range(n):
+        for c in range(count):
+            total = 0.0
+            for k in range(m.points):
+                total += m.deviations[k, i] * m.z_deviations[k, c]
+            m.gain[i, c] = weight * total + m.correction * m.shift[i] * m.z_shift[c]
+    solve_rows(matrix(memory, numbers[at.S_ZZ], count, count), count, m.gain, n)
+
+
+@compiled
+def _apply_gain(numbers: Integers, memory: Array) -> int:
+    """Corrected state, (23), and its covariance in Joseph's form; status bits.
+
+    Each sigma point is corrected with the gain as if it were the state, and the covariance is that
+    of the corrected points plus the gain's share of the measurement noise. For this gain that is
+    (23), but it cannot turn indefinite.
+    """
+    m, n, count = unpack_filter(numbers, memory), numbers[at.N], numbers[at.OBSERVED]
+    x, gain, points = m.x, m.gain, m.points
+    _gain(numbers, memory)
+    for j in range(m.n_measurements):
+        row = m.stack[points + j]
+        for i in range(n):
+            total = 0.0
+            for c in range(count):
+                total += gain[i, c] * m.sensor_factor[m.chosen[c], j]
+            row[i] = total
+    for i in range(n):
+        for k in range(points):
+            rest = m.deviations[k, i]
+            for c in range(count):
+                rest -= gain[i, c] * m.z_deviations[k, c]
+            m.stack[k, i] = m.root_weight * rest
+        x[i] = m.x_mean[i]
+        for c in range(count):
+            x[i] += gain[i, c] * m.innovation[m.chosen[c]]
+            m.shift[i] -= gain[i, c] * m.z_shift[c]
+        m.deficit[i] = m.root_correction * m.shift[i]
+        if m.angles[i]:
+            x[i] = wrap(x[i])
+    whole = finish(numbers, memory, points + m.n_measurements, n, m.covariance, m.factor)
+    covariance = vector(memory, numbers[at.P], n * n)
+    if within_limit(x, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2):
+        return 0 if whole else _REPAIRED
+    _keep_prediction(numbers, memory)
+    return _OUT_OF_RANGE
+
+
+@inlined
+def _keep_prediction(numbers: Integers, memory: Array) -> None:
+    """Take the prediction for the state."""
+    m = unpack_filter(numbers, memory)
+    _believe(m.x_mean, m.covariance_mean, m.factor_mean, m.x, m.covariance, m.factor)
+
+
+@compiled
+def _reacquire(numbers: Integers, memory: Array, limit: float) -> int:
+    """Enlarge the predicted covariance until the gate lets the measurement in; status bits.
+
+    A filter that trusts its own wrong prediction would gate every measurement for ever. If the
+    measurement function cannot bear points that far out, the last covariance it bore is used.
+    """
+    inflation = 1.0
+    status = 0
+    for _ in range(_INFLATION_TRIES):
+        # Twice at least, so that it ends; a thousandfold at most, so that it does not overshoot.
+        larger = inflation * min(max(memory[at.NIS] / limit, 2.0), 1e3)
+        _second_generation(numbers, memory, math.sqrt(larger))
+        attempt = _innovate(numbers, memory)
+        if attempt & _MEASUREMENT_FAILED:
+            break
+        status = attempt
+        inflation = larger
+        if memory[at.NIS] <= limit:
+            memory[at.INFLATION] = inflation
+            return status | _REACQUIRED
+    _second_generation(numbers, memory, math.sqrt(inflation))
+    status |= _innovate(numbers, memory)
+    memory[at.INFLATION] = inflation
+    return status | _REACQUIRED
+
+
+@compiled
+def correct(numbers: Integers, memory: Array) -> int:
+    """Correct the prediction by what is usable of the measurement in Z, (18)-(23); status bits."""
+    m, status = unpack_filter(numbers, memory), _choose_measurements(numbers, memory)
+    if status & _MISSING:
+        _keep_prediction(numbers, memory)
+        return status
+    if numbers[at.SECOND] == 1:
+        _second_generation(numbers, memory, 1.0)
+    status |= _innovate(numbers, memory)
+    limit = m.gate[numbers[at.OBSERVED]]
+    if limit > 0.0 and not (status & _MEASUREMENT_FAILED) and not (memory[at.NIS] <= limit):
+        if numbers[at.REJECTED] < numbers[at.PATIENCE]:
+            numbers[at.REJECTED] += 1
+            memory[at.LOGLIK] = 0.0
+            _keep_prediction(numbers, memory)
+            return status | _GATED
+        status |= _reacquire(numbers, memory, limit)
+    if status & _MEASUREMENT_FAILED:
+        memory[at.INFLATION] = 1.0
+        _keep_prediction(numbers, memory)
+        return status
+    numbers[at.REJECTED] = 0
+    return status | _apply_gain(numbers, memory)
 
 
 @compiled
 def restart(numbers: Integers, memory: Array) -> None:
     """Put the filter back to where it stood before its first step."""
-    n = numbers[at.N]
-    size = n * n
-    copy(vector(memory, numbers[at.X_PRIOR], n), vector(memory, numbers[at.X], n), n)
-    copy(vector(memory, numbers[at.P_PRIOR], size), vector(memory, numbers[at.P], size), size)
-    copy(vector(memory, numbers[at.S_PRIOR], size), vector(memory, numbers[at.S], size), size)
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    _believe(m.x_prior, m.covariance_prior, m.factor_prior, m.x, m.covariance, m.factor)
     if numbers[at.G] != 0:
         fill(vector(memory, numbers[at.Q], n * n), n * n, 0.0)
     numbers[at.REJECTED] = 0
@@ -32,15 +442,14 @@ def restart(numbers: Integers, memory: Array) -> None:
 def step(numbers: Integers, memory: Array) -> int:
     """Advance the state in the memory by DT, correct it by the measurement in Z; status bits."""
     lent_numbers, lent_memory = borrow(numbers), borrow(memory)
-    status = 0
+    m, status = unpack_filter(lent_numbers, lent_memory), 0
     if memory[at.DT] > memory[at.LONGEST]:
         restart(lent_numbers, lent_memory)
         memory[at.DT] = 0.0
         status = _RESTARTED
     status |= predict(lent_numbers, lent_memory)
     status |= correct(lent_numbers, lent_memory)
-    x = vector(lent_memory, numbers[at.X], numbers[at.N])
-    if not possible(lent_numbers, lent_memory, x, numbers[at.N], 0):
+    if not possible(lent_numbers, lent_memory, m.x, m.n_states, 0):
         restart(lent_numbers, lent_memory)
         status |= _RESTARTED
     numbers[at.STATUS] = status
@@ -67,20 +476,16 @@ def run(
     Of measurements `z` (N, m), inputs `u` (N, inputs) and time steps `dt` (N,) [s]; the other
     arrays, a row for each of them, are filled.
     """
-    n, m, inputs = numbers[at.N], numbers[at.M], numbers[at.INPUTS]
-    row_z = vector(memory, numbers[at.Z], m)
-    row_u = vector(memory, numbers[at.U], inputs)
-    x = vector(memory, numbers[at.X], n)
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
     covariance = vector(memory, numbers[at.P], n * n)
-    innovation = vector(memory, numbers[at.INNOVATION], m)
     for k in range(z.shape[0]):
-        copy(z[k], row_z, m)
-        copy(u[k], row_u, inputs)
+        copy(z[k], m.z, m.n_measurements)
+        copy(u[k], m.u, m.n_inputs)
         memory[at.DT] = dt[k]
         statuses[k] = call_step(numbers[at.ADVANCE], numbers, memory)
-        copy(x, states[k], n)
+        copy(m.x, states[k], n)
         copy(covariance, covariances[k], n * n)
-        copy(innovation, innovations[k], m)
+        copy(m.innovation, innovations[k], m.n_measurements)
         nis[k] = memory[at.NIS]
         loglik[k] = memory[at.LOGLIK]
         inflation[k] = memory[at.INFLATION]

@@ -8,9 +8,9 @@ from typing import Final
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, vector
 from truejoint.filters import fields as at
-from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
+from truejoint.filters.factors import semidefinite_cholesky, solve_rows, wrap
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.prediction import LIMIT, predict, within_limit
+from truejoint.filters.kernels import LIMIT, finish, predict, within_limit
 from truejoint.filters.status import BROKEN_PREDICTION
 
 _BROKEN: Final = int(BROKEN_PREDICTION)
@@ -44,7 +44,7 @@ def _gain(numbers: Integers, memory: Array, inflation: float, gain: Array) -> No
 
 @compiled
 def _fill_stack(
-    numbers: Integers, memory: Array, inflation: float, gain: Array, later: Array, stack: Array
+    numbers: Integers, memory: Array, inflation: float, gain: Array, later: Array
 ) -> int:
     """Outer products whose sum is the smoothed covariance, all of them positive; their number."""
     m, n = unpack_filter(numbers, memory), numbers[at.N]
@@ -56,15 +56,15 @@ def _fill_stack(
                 rest = (2 * sign - 1) * m.reach * m.factor[i, j]
                 for k in range(n):
                     rest -= gain[i, k] * m.deviations[2 * j + sign, k]
-                stack[2 * j + sign, i] = m.root_weight * rest
+                m.stack[2 * j + sign, i] = m.root_weight * rest
             by_noise, by_surplus, by_later = 0.0, 0.0, 0.0
             for k in range(n):
                 by_noise += gain[i, k] * m.noise_factor[k, j]
                 by_surplus += gain[i, k] * m.factor_mean[k, j]
                 by_later += gain[i, k] * later[k, j]
-            stack[2 * n + j, i] = moving * by_noise
-            stack[3 * n + j, i] = surplus * by_surplus
-            stack[4 * n + j, i] = by_later
+            m.stack[2 * n + j, i] = moving * by_noise
+            m.stack[3 * n + j, i] = surplus * by_surplus
+            m.stack[4 * n + j, i] = by_later
     return 5 * int(n)
 
 
@@ -108,12 +108,8 @@ def _smooth_one(
     if not _move(numbers, memory, gain, x, later_x):
         return
     semidefinite_cholesky(later_covariance, n, scratch)
-    rows = _fill_stack(numbers, memory, inflation, gain, scratch, m.stack)
-    if m.correction > 0.0:
-        copy(m.deficit, m.stack[rows], n)
-        rows += 1
-    by_root = numbers[at.ROOT] == 1
-    combine(m.stack, rows, n, m.deficit, m.correction < 0.0, by_root, scratch, m.factor_mean)
+    rows = _fill_stack(numbers, memory, inflation, gain, scratch)
+    finish(numbers, memory, rows, n, scratch, m.factor_mean)
     if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
         copy(m.point, x, n)
         for i in range(n):
@@ -139,11 +135,11 @@ def smooth(
     for `u` (N, inputs) and `dt` (N,). Replaced by their smoothed selves: the prior `x0` (n,), `P0`
     (n, n), and the filtered `x` (N, n), `P` (N, n, n).
     """
-    inputs = numbers[at.INPUTS]
+    m = unpack_filter(numbers, memory)
     for k in range(x.shape[0] - 1, -1, -1):
         if status[k] & _BROKEN:
             continue
-        copy(u[k], vector(memory, numbers[at.U], inputs), inputs)
+        copy(u[k], m.u, m.n_inputs)
         memory[at.DT] = dt[k]
         before_x, before_P = (x[k - 1], P[k - 1]) if k > 0 else (x0, P0)
         _load(numbers, memory, before_x, before_P)

@@ -126,8 +126,8 @@ class StateSpaceModel:
     angles: tuple[str, ...] = ()
     possible: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     longest_step: float = np.inf
-    addresses: tuple[int, int, int] = field(init=False, repr=False)
-    """Where the compiled transition, measurement and process noise (0: a matrix) stand."""
+    addresses: Mapping[str, int] = field(init=False, repr=False)
+    """Where the compiled functions stand, by field."""
     called: tuple[Dispatcher, ...] = field(init=False, repr=False)
     """What stands there: an address is valid as long as its function lives."""
     bounds: Array = field(init=False, repr=False)
@@ -155,20 +155,20 @@ class StateSpaceModel:
         noise = check_covariance(self.measurement_noise, m, "measurement noise")
         freeze(self, "measurement_noise", noise)
         x, u = np.zeros(n), np.zeros(len(self.inputs))
-        f = _compile(self.transition, TRANSITION, "transition", (x, u, 1e-3, parameters), (n,))
-        h = _compile(self.measurement, MEASUREMENT, "measurement", (x, u, parameters), (m,))
-        called = [f, h]
+        step = x, u, 1e-3, parameters
+        trials: dict[str, tuple[Any, ...]] = {
+            "transition": (TRANSITION, step, (n,)),
+            "measurement": (MEASUREMENT, (x, u, parameters), (m,)),
+        }
         if callable(self.process_noise):
-            arguments = (x, u, 1e-3, parameters)
-            noise_of = _compile(
-                self.process_noise, PROCESS_NOISE, "process noise", arguments, (n, n)
-            )
-            called.append(noise_of)
+            trials["process_noise"] = (PROCESS_NOISE, step, (n, n))
         else:
             freeze(self, "process_noise", check_covariance(self.process_noise, n, "process noise"))
-        places, functions = zip(*called, strict=True)
-        freeze(self, "addresses", (*places, 0)[:3])
-        freeze(self, "called", functions)
+        called = {}
+        for name, trial in trials.items():
+            called[name] = _compile(getattr(self, name), name.replace("_", " "), *trial)
+        freeze(self, "addresses", {name: place for name, (place, _) in called.items()})
+        freeze(self, "called", tuple(function for _, function in called.values()))
 
     def _bounds(self) -> Array:
         names = (*self.states, *self.measurements, *self.inputs)
@@ -186,7 +186,7 @@ class StateSpaceModel:
 
 
 def _compile(
-    function: Any, signature: Any, what: str, arguments: tuple[Any, ...], shape: tuple[int, ...]
+    function: Any, what: str, signature: Any, arguments: tuple[Any, ...], shape: tuple[int, ...]
 ) -> tuple[int, Dispatcher]:
     """Address of a model function, and the function, after a trial run that sees stray writes."""
     if not callable(function):

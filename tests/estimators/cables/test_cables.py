@@ -46,11 +46,13 @@ def test_a_half_width_never_vanishes_though_loads_explain_all_errors():
     wave = np.sin(np.arange(1000.0))[:, None] * np.ones(3)
     truth, dt, states = np.zeros((1000, 3)), np.full(1000, 5e-3), np.zeros((1000, r.STATES))
     runs, found = [], []
-    for size in (0.5, 2.0):  # the filter's own deviations say the opposite of what errors do
+    for n, size in enumerate((0.5, 2.0)):  # the filter's deviations say the opposite of errors
         load, deviation = 0.01 * size * wave, np.full((1000, 3), 1e-3 / size)
-        runs.append(own.Run(np.zeros((1000, 6)), truth, load, dt))
-        found.append(own.CableStates(1e-3 * size * wave, deviation, 1.01 * load, deviation, states))
-    assert (own.structure(runs, found) > 1e-6).all()
+        rows = slice(1000 * n, 1000 * (n + 1))
+        runs.append((rows, own.Run(np.zeros((1000, 6)), truth, load, dt)))
+        found.append((1e-3 * size * wave, deviation, 1.01 * load, deviation, states))
+    whole = own.CableStates(*(np.concatenate(parts) for parts in zip(*found, strict=True)))
+    assert (own.structure(runs, whole) > 1e-6).all()
 
 
 def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
@@ -59,7 +61,7 @@ def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
     run = own.Run(np.zeros((1000, 6)), noise, true, np.full(1000, 5e-3))
     one, load = np.full((1000, 3), 1e-3), 0.01 * rng.normal(size=(1000, 3))
     found = own.CableStates(true, one, load, one, np.zeros((1000, r.STATES)))
-    structure = own.structure([run], [found])
+    structure = own.structure([(slice(None), run)], found)
     assert structure.shape == (4, 3)
     assert (structure.reshape(2, 2, 3).sum(axis=1) > 0.0).all()
 

@@ -10,8 +10,10 @@ from tests.runtime.streams import OneByOne
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import CableHybrid
-from truejoint.estimators.cables import hybrid_rows as cable_hybrid
-from truejoint.estimators.cables.learn import states
+from truejoint.estimators.cables.learn import CableFilter
+from truejoint.estimators.cables.loops import LOAD, PIN
+from truejoint.estimators.cables.run import FAMILY, HYBRID_ROWS
+from truejoint.estimators.family import EstimatorData
 from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.robots.wrist.instruments import JOINTS
@@ -29,6 +31,13 @@ def rows_of(recording, calibration=None):
     calibration = calibration or model("hybrid_cables")
     gap = calibration.gap_limit
     return calibration.feature_set.compute(recording, gap), time_steps(recording.t, gap)
+
+
+def filter_of(hybrid):
+    """Filter within, whose plays say nothing."""
+    arrays = {name: hybrid.arrays_[name] for name in FAMILY.shapes({}, 6, 3)}
+    params = {"channels": hybrid.channels}
+    return CableFilter.from_data(EstimatorData(FAMILY.name, params, arrays), 6, 3)
 
 
 def test_it_is_nearer_than_the_filter_it_contains():
@@ -50,15 +59,17 @@ def test_it_tells_a_grip_it_was_not_fitted_to():
 def test_plays_see_in_the_loop_what_they_were_fitted_to():
     calibration, (X, dt) = model("hybrid_cables"), rows_of(unseen("hybrid_cables").rows(range(200)))
     one, whole = calibration.model, calibration.model.states(X, dt)
-    found = states(one.arrays_, X, dt)
-    expected = cable_hybrid.sight(X, found.angle, found.states, one.arrays_["parameters"])
+    found = filter_of(one).states(X, dt)
+    raw = X[:, :3] @ one.arrays_["parameters"][:9].reshape(3, 3).T
+    states = found.states[:, LOAD:], found.states[:, PIN:LOAD]
+    expected = np.hstack([raw, X, found.angle - raw, *states])
     state = OneByOne(one)
     for i, row in enumerate(X):
         angle = state.step(dt[i], row)
-        np.testing.assert_allclose(state.memory.view("inputs"), expected[i], rtol=1e-9, atol=1e-12)
-        np.testing.assert_allclose(angle, whole.angle[i], rtol=0.0, atol=1e-11)
-        loads = [state.memory.part("filter").view(name)[0] for name in LOADS]
-        np.testing.assert_allclose(loads, whole.load[i], rtol=0.0, atol=1e-11)
+        np.testing.assert_allclose(state.memory.view("sighted"), expected[i], rtol=1e-9, atol=1e-12)
+        np.testing.assert_array_equal(angle, whole.angle[i])
+        loads = [state.memory.view(name)[0] for name in LOADS]
+        np.testing.assert_array_equal(loads, whole.load[i])
 
 
 def test_it_begins_anew_with_what_its_plays_remember_after_a_row_that_is_none():
@@ -82,7 +93,7 @@ def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
     for i, row in enumerate(X):
         state.step(dt[i], row)
         np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
-        widths = [state.memory.part("filter").view(name)[1] for name in LOADS]
+        widths = [state.memory.view(name)[1] for name in LOADS]
         assert widths == pytest.approx(found.load_deviation[i])
 
 
@@ -107,7 +118,7 @@ def test_of_a_load_that_calibration_did_not_have_it_says_what_the_filter_says():
     calibration = fit("hybrid_cables", runs)
     X, dt = rows_of(unseen("hybrid_cables"), calibration)
     own = calibration.model.states(X, dt)
-    expected = states(calibration.model.arrays_, X, dt).load[:, 2]
+    expected = filter_of(calibration.model).states(X, dt).load[:, 2]
     assert rms(own.load[:, 2] - expected) < 0.1 * rms(expected)
     assert (own.load_deviation > 0.0).all()
 
@@ -121,4 +132,4 @@ def test_without_a_load_it_is_refused_as_the_filter_is():
 
 def test_plays_that_are_none_are_refused():
     with pytest.raises(CalibrationError, match="model is 3; it must be a family"):
-        cable_hybrid.FAMILY.check_params({"channels": JOINTS, "model": 3})
+        HYBRID_ROWS.check_params({"channels": JOINTS, "model": 3})

@@ -8,7 +8,7 @@ from tests.estimators.conftest import columns, fitted, loaded_run, rms_deg, step
 
 from truejoint.calibration import calibrate
 from truejoint.estimators import FrictionFilter
-from truejoint.estimators.jaw_load import learn as friction_filter
+from truejoint.estimators.jaw_load import run as friction_filter
 from truejoint.estimators.jaw_load.run import DEGREE, SHOWN
 from truejoint.runtime import Corrector, Status
 from truejoint.simulation.forceps.load import LoadTest

@@ -16,7 +16,6 @@ from truejoint import calibrate, read_calibration, write_calibration
 from truejoint.cli.correct import correct_rows
 from truejoint.errors import CalibrationError
 from truejoint.estimators.jaw.base import MIN_ROWS
-from truejoint.estimators.motor_side import run as elastic_joint
 from truejoint.estimators.motor_side.learn import ElasticJointFilter
 from truejoint.estimators.motor_side.run import NOISE
 from truejoint.features.feature_set import time_steps
@@ -275,9 +274,7 @@ numbers = st.floats(allow_nan=False, allow_infinity=False, min_value=-1e12, max_
 @given(st.lists(st.tuples(st.floats(0.0, 100.0), numbers, numbers), min_size=1, max_size=20))
 def test_it_outlives_any_finite_rows(fitted, garbage):
     state = OneByOne(fitted)
-    own = state.memory.parts["filter"]
-    first = state.memory.numbers[elastic_joint.FILTER + 1]
-    live = replace(own, memory=state.memory.memory[first : first + len(own.memory)])
+    live = state.memory.part("filter")
     for interval, driver, torque in garbage:
         state.step(interval, np.array([driver, torque]))
         assert np.isfinite(live.view("x")).all()

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -14,15 +16,16 @@ ELEMENTS = 3
 @pytest.fixture
 def joint():
     rng = np.random.default_rng(1)
-    return model.ElasticJoint(
+    noise = {
+        "load_density": 0.04, "rest_deviation": 0.3, "rest_travel": 0.05, "noise_density": 1e-4,
+        "load_mean": 0.5, "load_deviation": 0.2,
+    }  # fmt: skip
+    return SimpleNamespace(
+        **noise,
+        noise=np.array([noise[name] for name in model.NOISE]),
         widths=np.array([0.02, 0.1, 0.4]),
         torque=rng.normal(size=model.count_terms(ELEMENTS)),
-        load_density=0.04,
-        rest_deviation=0.3,
-        rest_travel=0.05,
-        noise_density=1e-4,
-        load_mean=0.5,
-        load_deviation=0.2,
+        scales=np.array([0.0, 1.0, 1.0, 1e-3]),
     )
 
 
@@ -38,7 +41,7 @@ def test_outputs_weigh_their_terms():
 
 
 def test_measured_torque_is_response_plus_unexplained_friction(joint):
-    space = joint.state_space(1e-3)
+    space = model.elastic_filter(vars(joint)).model
     x, u = np.array([0.3, -0.2, 1.0, 0.7, 0.05]), np.array([0.4, 0.01])
     out = np.empty(1)
     space.measurement(x, u, space.parameters, out)
@@ -51,7 +54,7 @@ def test_the_filter_drags_friction_along_as_the_fit_does(joint):
     rng = np.random.default_rng(3)
     angle = np.cumsum(rng.normal(scale=0.05, size=300))
     motion = Motion(angle, angle, np.r_[0.0, np.full(299, 1e-3)])
-    space = joint.state_space(1e-3)
+    space = model.elastic_filter(vars(joint)).model
     x = np.zeros(ELEMENTS + 2)
     followed = []
     for place, moved in zip(angle, motion.moved, strict=True):
@@ -63,7 +66,7 @@ def test_the_filter_drags_friction_along_as_the_fit_does(joint):
 
 
 def test_unexplained_friction_keeps_its_size_however_the_way_is_cut(joint):
-    space = joint.state_space(1e-3)
+    space = model.elastic_filter(vars(joint)).model
     rest = ELEMENTS + 1
     for pieces in (1, 7):
         variance = joint.rest_deviation**2
@@ -78,7 +81,7 @@ def test_unexplained_friction_keeps_its_size_however_the_way_is_cut(joint):
 
 
 def test_a_load_wanders_with_time_alone(joint):
-    space = joint.state_space(1e-3)
+    space = model.elastic_filter(vars(joint)).model
     noise = np.zeros((ELEMENTS + 2, ELEMENTS + 2))
     space.process_noise(np.zeros(ELEMENTS + 2), np.zeros(2), 2.0, space.parameters, noise)
     wanted = np.zeros_like(noise)

@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import ClassVar, Final, Self
 
 import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
-from truejoint.estimators import hybrid
 from truejoint.estimators.base import Arrays, Progress
-from truejoint.estimators.cables import hybrid_rows as cable_hybrid
-from truejoint.estimators.cables import loops as r
-from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, CableStates
-from truejoint.estimators.family import Family, Params
+from truejoint.estimators.cables.learn import NO_LOAD, CableFilter, structure
+from truejoint.estimators.cables.loops import N
+from truejoint.estimators.cables.run import HYBRID_ROWS
+from truejoint.estimators.family import EstimatorData, Family, Params
+from truejoint.estimators.filtered import run_filter
+from truejoint.estimators.hybrid import joined
 from truejoint.estimators.plays.learn import Plays
 
 WRIST_PLAYS: Final = Plays(
@@ -48,7 +49,7 @@ class CableHybrid(CableFilter):
     'hybrid_cables'
     """
 
-    family: ClassVar[Family] = cable_hybrid.FAMILY
+    family: ClassVar[Family] = HYBRID_ROWS
 
     def model_params(self) -> dict[str, object]:
         """Parameters of the family: the motors, and the plays'."""
@@ -62,44 +63,23 @@ class CableHybrid(CableFilter):
         made.plays_ = params["model"]
         return made
 
-    def states(self, X: Array, dt: Array) -> CableStates:
-        """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before.
-
-        The states are those of the filter.
-        """
-        data = hybrid.model_of(self.model_params(), self.arrays_)
-        plays = Plays.from_data(data, cable_hybrid.SEEN, cable_hybrid.TOLD)
-        return _told(plays, super().states(X, dt), X, dt, self.arrays_["parameters"])
-
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        filtered, filter_states = self._identified(
-            X, y, dt, lambda done: progress(_FILTERED * done)
-        )
-        parameters = filtered["parameters"]
-        raw = cable_hybrid.raw_rows(X, parameters)
+        arrays = self._identified(X, y, dt, lambda done: progress(_FILTERED * done))
+        data = EstimatorData(self.family.name, self.model_params(), arrays)
+        run = run_filter(self.family.memory(data, 2 * N, N), X, dt, n_outputs=N)
         # Of a load that calibration does not have, the filter's word is all there is.
-        load = np.where(np.ptp(self._loads, axis=0) > NO_LOAD, self._loads, filter_states.load)
-        wanted = np.hstack([y - raw, load])
-        inputs = cable_hybrid.sight(X, filter_states.angle, filter_states.states, parameters)
-        plays = clone(WRIST_PLAYS).fit(inputs, wanted, dt=dt)
+        has_load, by_filter = np.ptp(self._loads, axis=0) > NO_LOAD, run.sighted[:, 4 * N : 5 * N]
+        wanted = np.hstack([y - run.outputs, np.where(has_load, self._loads, by_filter)])
+        plays = clone(WRIST_PLAYS).fit(run.sighted, wanted, dt=dt)
         self.plays_ = (Plays.family.name, plays.model_params(), ())
-        estimate = _told(plays, filter_states, X, dt, parameters)
+        arrays = joined(arrays, plays.arrays_)
+        estimate = self._states(arrays, X, dt)
         errors = np.hstack([y - estimate.angle, self._loads - estimate.load])
         # Squares of errors are larger on blocks that plays were not fitted to.
         has_truth = np.isfinite(wanted).all(axis=1)
         blocks = np.square(plays.model_.errors_ * wanted[has_truth].std(axis=0))
         grown = np.maximum(blocks / np.mean(np.square(errors[has_truth]), axis=0), 1.0)
-        unseen = np.repeat(grown.reshape(2, r.N), 2, axis=0)
-        filtered["structure"] = self._structure(estimate, X, y, dt) * unseen
+        unseen = np.repeat(grown.reshape(2, N), 2, axis=0)
+        arrays["structure"] = structure(self._runs(X, y, dt), estimate) * unseen
         progress(1.0)
-        return hybrid.joined(filtered, plays.arrays_)
-
-
-def _told(
-    plays: Plays, filter_states: CableStates, X: Array, dt: Array, parameters: Array
-) -> CableStates:
-    """Estimate of the plays from that of the filter, whose deviations stay."""
-    inputs = cable_hybrid.sight(X, filter_states.angle, filter_states.states, parameters)
-    outputs = plays.evaluate(inputs, dt)
-    angle = cable_hybrid.raw_rows(X, parameters) + outputs[:, : r.N]
-    return replace(filter_states, angle=angle, load=outputs[:, r.N :])
+        return arrays

@@ -15,8 +15,8 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables import run as cable_filter
 from truejoint.estimators.cables.run import DECAY, SOUGHT
-from truejoint.estimators.family import Family, Rule, optional
-from truejoint.estimators.filtered import histories, run_histories
+from truejoint.estimators.family import EstimatorData, Family, Rule, optional
+from truejoint.estimators.filtered import histories, run_filter
 from truejoint.estimators.jaw.base import MIN_ROWS, median_dt
 from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import CableMechanism
@@ -89,7 +89,6 @@ def filter_inputs(X: Array, dt: Array) -> Array:
 
 def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
     """Parameters of `cable_loops` for an instrument and what was found of it."""
-    p = np.zeros(r.PARAMETERS)
     radius = mechanism.radii
     first = [next(c for c in mechanism.cables if c.motor == m) for m in mechanism.motors]
     moments = np.array([mechanism.row(cable.moments) for cable in first])
@@ -110,24 +109,24 @@ def constants(mechanism: CableMechanism, sought: Mapping[str, float]) -> Array:
     stiffness = np.array([sought[f"{name}_stiffness"] for name in ("pitch", "jaw1", "jaw2")])
     level = [sought[f"{name}_friction"] for name in ("pitch", "jaw1", "jaw2")]
     mu, tension = sought["wrist_friction"], sought["tension"]
-    for at, values in (
-        (r.RIGID, inverse * radius),
-        (r.INVERSE, inverse),
-        (r.ON_JOINT, np.column_stack([opening, *(arm / np.abs(arm).sum() for arm in arms)])),
-        (r.RADIUS, radius),
-        (r.STRETCH, 0.5 * parts / stiffness),
-        (r.LEVEL, [level, wrapped * mu * tension]),
-        (r.PIN_LEVEL, [sought["pitch_pin"], *[sought["jaw_pin"]] * 2]),
-        (r.EFFORT, [*[1.0] * 3, *[0.0] * 9]),
-        (r.CROSSING, crossing / crossing.sum(axis=1, keepdims=True)),
-        (r.WRAP, mu * turned),
-        (r.DRIFT, np.square(_DRIFT)),
-    ):
-        flat = np.array(values, dtype=np.float64).ravel()
-        p[at : at + len(flat)] = flat
-    p[r.BUILD_UP], p[r.PIN_WAY] = sought["build_up"], sought["pin_way"]
-    p[r.TENSION], p[r.MOTOR_WAY], p[r.DECAY] = tension, sought["motor_way"], 1.0 / DECAY
-    return p
+    parts_of_parameters = (
+        inverse * radius,
+        inverse,
+        np.column_stack([opening, *(arm / np.abs(arm).sum() for arm in arms)]),
+        radius,
+        0.5 * parts / stiffness,
+        level,
+        wrapped * mu * tension,
+        [sought["pitch_pin"], *[sought["jaw_pin"]] * 2],
+        [*[1.0] * 3, *[0.0] * 9],  # efforts are torques, and
+        crossing / crossing.sum(axis=1, keepdims=True),
+        mu * turned,
+        np.zeros(r.N),  # loads do not change, until more is known
+        np.square(_DRIFT),
+        [sought[name] for name in ("build_up", "pin_way", "motor_way", "tension")],
+        [1.0 / DECAY],
+    )
+    return np.concatenate([np.ravel(part) for part in parts_of_parameters])
 
 
 def geometry(rigid: Array) -> Array:
@@ -135,41 +134,32 @@ def geometry(rigid: Array) -> Array:
     return np.column_stack([np.ones(len(rigid)), rigid, np.sin(rigid), np.cos(rigid)])
 
 
-@dataclass(frozen=True, eq=False)
-class _Misfit:
-    """What a model leaves of angles and efforts, and what is linear in it."""
+def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Array]:
+    """Find what a model leaves of angles and efforts (k, 6), in thinned rows with truth.
 
-    rows: Array  # (k, 6), of thinned rows with truth
-    added: Array  # (10, 3)
-    by_motor: Array  # (3, 4) effort of each motor, per torque, share of friction, speed, constant
-    run: Integers  # (k,) number of each row's history
-
-
-def _misfit(runs: Sequence[Run], p: Array) -> _Misfit:
-    angle, basis, columns, effort, run = [], [], [], [], []
+    With the number of each row's history (k,), and what is linear in it: what geometry adds
+    (10, 3), and the effort of each motor (3, 4) per torque, share of friction, speed, and constant.
+    """
+    parts = []
     rigid = p[r.RIGID : r.RIGID + r.N**2].reshape(r.N, r.N)
     for n, history in enumerate(runs):
         inputs = filter_inputs(history.X, history.dt)
         (joint, torque), x = np.empty((2, *history.load.shape)), np.empty((len(inputs), r.STATES))
         r.simulate(inputs, history.load, p, x, joint, torque)
-        share = x[:, r.MOTOR : r.PIN]
+        share, speed = x[:, r.MOTOR : r.PIN], inputs[:, r.SPEED :]
+        columns = np.stack([torque, share, speed, np.ones_like(torque)], axis=2)
         rows = history.with_truth[::_THINNED]
-        angle.append((history.truth - joint)[rows])
-        basis.append(geometry(inputs[rows, : r.N] @ rigid.T))
-        columns.append(
-            np.stack([torque, share, inputs[:, r.SPEED :], np.ones_like(torque)], axis=2)[rows]
-        )
-        effort.append(history.effort[rows])
-        run.append(np.full(len(rows), n))
-    geometries, off_angle = np.vstack(basis), np.vstack(angle)
-    added = np.linalg.lstsq(geometries, off_angle, rcond=None)[0]
-    design, measured = np.concatenate(columns), np.vstack(effort)
+        terms = geometry(inputs[rows, : r.N] @ rigid.T)
+        left = (history.truth - joint)[rows], history.effort[rows]
+        parts.append((*left, terms, columns[rows], np.full(len(rows), n)))
+    angle, effort, terms, columns, run = (np.concatenate(part) for part in zip(*parts, strict=True))
+    added = np.linalg.lstsq(terms, angle, rcond=None)[0]
     by_motor = np.array(
-        [np.linalg.lstsq(design[:, m], measured[:, m], rcond=None)[0] for m in range(r.N)]
+        [np.linalg.lstsq(columns[:, m], effort[:, m], rcond=None)[0] for m in range(r.N)]
     )
-    off_effort = measured - np.einsum("nmk,mk->nm", design, by_motor)
-    rows_left = np.hstack([off_angle - geometries @ added, off_effort])
-    return _Misfit(rows_left, added, by_motor, np.concatenate(run))
+    off_effort = effort - np.einsum("nmk,mk->nm", columns, by_motor)
+    misfits = np.hstack([angle - terms @ added, off_effort])
+    return misfits, run.astype(np.int64), added, by_motor
 
 
 def jackknife_deviations(
@@ -208,26 +198,26 @@ def identify(runs: Sequence[Run], mechanism: CableMechanism, progress: Progress)
         nonlocal calls
         calls += 1
         progress(min(0.9 * calls / (_ROUNDS * (len(names) + 1)), 0.9))
-        return np.ravel(_misfit(short, parameters(logarithms)).rows / scale)
+        return np.ravel(_misfit(short, parameters(logarithms))[0] / scale)
 
     start = min(table[2:], key=lambda x: float(np.sum(misfit(x) ** 2)))
     search = least_squares(
         misfit, start, bounds=(table[0], table[1]), diff_step=[1e-3], max_nfev=_ROUNDS, x_scale=0.3
     )
     p = parameters(search.x)
-    misfits = _misfit(short, p)
-    signal = np.tile(np.arange(2 * r.N), len(misfits.rows))
-    recording = np.repeat(misfits.run, 2 * r.N)
+    misfits, run, added, by_motor = _misfit(short, p)
+    signal = np.tile(np.arange(2 * r.N), len(misfits))
+    recording = np.repeat(run, 2 * r.N)
     # Where nothing tells, a quantity may be anything that is searched.
     deviation = jackknife_deviations(
         np.asarray(search.jac), search.fun, (signal, recording), 12.0 / (table[1] - table[0]) ** 2
     )
-    p[r.EFFORT : r.EFFORT + 4 * r.N] = misfits.by_motor.T.ravel()
+    p[r.EFFORT : r.EFFORT + 4 * r.N] = by_motor.T.ravel()
     p[r.LOAD_RATE : r.LOAD_RATE + r.N] = 2.0 * load_variances(runs) / DECAY
     return {
         "parameters": p,
-        "added": np.asarray(misfits.added, dtype=np.float64),
-        "effort_misfit": np.maximum(misfits.rows[:, r.N :].std(axis=0), 1e-6),
+        "added": np.asarray(added, dtype=np.float64),
+        "effort_misfit": np.maximum(misfits[:, r.N :].std(axis=0), 1e-6),
         "structure": np.repeat([1.0, 0.0, 1.0, 0.0], r.N).reshape(4, r.N),
         "identified": np.column_stack([np.exp(search.x), np.exp(search.x) * deviation]),
         "dt": np.array([float(np.mean([history.step for history in runs]))]),
@@ -251,36 +241,33 @@ def _is_loaded(load: Array) -> bool:
     return bool((np.abs(load) > NO_LOAD).any())
 
 
-def structure(runs: Sequence[Run], estimates: Sequence[CableStates]) -> Array:
+def structure(runs: Sequence[tuple[slice, Run]], states: CableStates) -> Array:
     """By what variances of angles and of loads are multiplied, what is added to them (4, 3).
 
-    The latter per square of the loads that are seen. The errors in each run are then as large as
-    is stated, free and, with a margin for other motions, loaded; the deviations in `estimates` are
-    those of the filter alone.
+    The latter per square of the loads that are seen. The errors in each of the runs, with its rows
+    in `states`, are then as large as is stated, free and, with a margin for other motions, loaded;
+    the deviations in `states` are those of the filter alone.
     """
     shown, stated, loads = [], [], []
-    for history, estimate in zip(runs, estimates, strict=True):
-        with_truth = history.with_truth
-        truth = history.truth[with_truth]
-        white = np.var(np.diff(truth, n=3, axis=0), axis=0) / 20.0  # of the reference
-        squares = [
-            np.mean(np.square(each[with_truth]), axis=0)
-            for each in (estimate.angle - history.truth, estimate.load - history.load)
-        ]
+    estimates = np.hstack([states.angle, states.load])
+    deviations = np.hstack([states.angle_deviation, states.load_deviation])
+    for rows, run in runs:
+        with_truth = run.with_truth
+        third = np.diff(run.truth[with_truth], n=3, axis=0)
+        white = np.append(np.var(third, axis=0) / 20.0, np.zeros(r.N))  # of the reference
+        errors = estimates[rows] - np.hstack([run.truth, run.load])
+        squares = np.mean(np.square(errors[with_truth]), axis=0)
         # Of an error that the reference's noise hides, some is believed all the same.
-        own_squares = np.array([np.maximum(squares[0] - white, 0.1 * squares[0]), squares[1]])
-        shown.append(own_squares * (_OTHER_MOTION if _is_loaded(history.load) else 1.0))
-        deviations = (estimate.angle_deviation, estimate.load_deviation)
-        stated.append([np.mean(np.square(each[with_truth]), axis=0) for each in deviations])
-        loads.append(np.mean(np.abs(estimate.load[with_truth]).sum(axis=1) ** 2))
-    out = np.empty((4, r.N))
-    for quantity, k in np.ndindex(2, r.N):
-        variances = np.column_stack([np.array(stated)[:, quantity, k], np.array(loads)])
-        wanted = np.array(shown)[:, quantity, k]
+        squares = np.maximum(squares - white, 0.1 * squares)
+        shown.append(squares * (_OTHER_MOTION if _is_loaded(run.load) else 1.0))
+        stated.append(np.mean(np.square(deviations[rows][with_truth]), axis=0))
+        loads.append(np.mean(np.abs(states.load[rows][with_truth]).sum(axis=1) ** 2))
+    out = np.empty((2, 2 * r.N))
+    for k, (wanted, own) in enumerate(zip(np.transpose(shown), np.transpose(stated), strict=True)):
+        variances = np.column_stack([own, loads])
         factor, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
-        least = _FLOOR * np.min(wanted / variances[:, 0])
-        out[2 * quantity : 2 * quantity + 2, k] = max(factor, least), by_load
-    return out
+        out[:, k] = max(factor, _FLOOR * np.min(wanted / own)), by_load
+    return out.reshape(2, 2, r.N).swapaxes(0, 1).reshape(4, r.N)
 
 
 @dataclass(eq=False, repr=False)
@@ -361,7 +348,13 @@ class CableFilter(JointRegressor):
 
     def states(self, X: Array, dt: Array) -> CableStates:
         """Angles and loads in every row of `X` (n, 6), `dt` (n,) [s] after that before."""
-        return states(self.arrays_, np.ascontiguousarray(X), dt)
+        return self._states(self.arrays_, X, dt)
+
+    def _states(self, arrays: Arrays, X: Array, dt: Array) -> CableStates:
+        data = EstimatorData(self.family.name, self.model_params(), arrays)
+        model = self.family.memory(data, 2 * r.N, r.N)
+        run = run_filter(model, X, dt, cable_filter.LOADS, n_outputs=r.N)
+        return CableStates(run.outputs, run.deviations, run.beside[:, 0], run.beside[:, 1], run.x)
 
     def unloaded(self, X: Array, dt: Array) -> tuple[Array, Array]:
         """Joints (n, 3) [rad] and states (n, 15) of the model alone, where nothing loads it.
@@ -379,15 +372,13 @@ class CableFilter(JointRegressor):
         return joint + geometry(inputs[:, : r.N] @ rigid.T) @ self.arrays_["added"], states
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        arrays, estimates = self._identified(X, y, dt, progress)
-        arrays["structure"] = self._structure(estimates, X, y, dt)
+        arrays = self._identified(X, y, dt, progress)
+        arrays["structure"] = structure(self._runs(X, y, dt), self._states(arrays, X, dt))
         progress(1.0)
         return arrays
 
-    def _identified(
-        self, X: Array, y: Array, dt: Array, progress: Progress
-    ) -> tuple[Arrays, CableStates]:
-        """Arrays that were identified, and what their filter says, its deviations its own."""
+    def _identified(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        """Arrays that were identified, with the filter's own deviations."""
         if self.mechanism is None:
             raise CalibrationError(f"{self.name} knows no cables; give it a mechanism")
         self._known(y)
@@ -408,35 +399,13 @@ class CableFilter(JointRegressor):
                 f"{self.name}: no recording with truth has a load, so that grip and tip torque "
                 "cannot be told from friction; add a minute under known loads (truth_load/...)"
             )
-        arrays = identify(runs, self.mechanism, progress)
-        return arrays, states(arrays, X, dt)
+        return identify(runs, self.mechanism, progress)
 
     def _runs(self, X: Array, y: Array, dt: Array) -> list[tuple[slice, Run]]:
         """Histories that have truth, and the rows of each."""
         every = [(rows, Run(X[rows], y[rows], self._loads[rows], dt[rows]))
                  for rows in histories(dt)]  # fmt: skip
         return [(rows, run) for rows, run in every if len(run.with_truth) > run.settled]
-
-    def _structure(self, estimates: CableStates, X: Array, y: Array, dt: Array) -> Array:
-        """`structure` of what was found of all rows."""
-        rows, runs = zip(*self._runs(X, y, dt), strict=True)
-        parts = [CableStates(*(values[one] for values in vars(estimates).values())) for one in rows]
-        return structure(runs, parts)
-
-
-def states(arrays: Arrays, X: Array, dt: Array) -> CableStates:
-    """Run the filter of fitted `arrays` over rows, as `CableFilter.states`."""
-    inputs, parameters = filter_inputs(X, dt), arrays["parameters"]
-    prior = cable_filter.cable_prior(parameters)
-    unscented, efforts = cable_filter.cable_filter(arrays), np.ascontiguousarray(X[:, r.N :])
-    x, P = run_histories(unscented, prior, efforts, inputs, dt, smoothed=False)
-    out = np.empty((len(X), 4, r.N))
-    by_state = cable_filter.angles_by_state(parameters)
-    cable_filter.estimate_rows(
-        inputs, x, P, parameters, arrays["added"], by_state, arrays["structure"], out
-    )
-    angles, rates, loads, deviations = out.transpose(1, 0, 2)
-    return CableStates(angles, rates, loads, deviations, x)
 
 
 def _check_mechanism(name: str, mechanism: CableMechanism) -> None:

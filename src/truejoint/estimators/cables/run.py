@@ -8,22 +8,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from math import nan, sqrt
-from typing import Final
+from math import sqrt
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, local_vector, unrolled, vector
 from truejoint.errors import CalibrationError
+from truejoint.estimators import filtered as at
 from truejoint.estimators.cables import loops
-from truejoint.estimators.cables.loops import LOAD, PARAMETERS, RIGID, STATES, N
+from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
 from truejoint.estimators.family import Family, Params, Rule, Shape
-from truejoint.estimators.filtered import advance, quadratic
+from truejoint.estimators.hybrid import hybrid_family
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.kernels import restart
-from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.layout import Memory, part_memory, part_numbers
 
 TERMS: Final = 1 + 3 * N
 """Terms of what geometry adds: a constant, each raw joint, its sine and its cosine."""
@@ -79,40 +79,6 @@ def add_geometry(motor: Array, p: Array, added: Array, raw: Array, out: Array) -
         out[j] += total
 
 
-@compiled
-def estimate(
-    motor: Array, x: Array, P: Array, p: Array, added: Array, by_state: Array, structure: Array,
-    out: Array, raw: Array,
-) -> None:  # fmt: skip
-    """Angles, their deviations, loads and theirs, into `out` (4, N), of one state.
-
-    Of played motors (N,), a state (STATES,) and its covariance; `added` (TERMS, N) is what geometry
-    adds, `structure` (4, N) by what variances of angles and loads are multiplied, and what is added
-    to them per square of the loads that are seen. `raw` (N,) is for work.
-    """
-    loops.joints(x, motor, p, out[0])
-    add_geometry(motor, p, added, raw, out[0])
-    loads = 0.0
-    for k in range(N):
-        loads += abs(x[LOAD + k])
-    for j in range(N):
-        angle, load = quadratic(by_state[j], P, STATES), max(P[LOAD + j, LOAD + j], 0.0)
-        out[1, j] = sqrt(angle * structure[0, j] + loads * loads * structure[1, j])
-        out[2, j] = x[LOAD + j]
-        out[3, j] = sqrt(load * structure[2, j] + loads * loads * structure[3, j])
-
-
-@compiled
-def estimate_rows(
-    motor: Array, x: Array, P: Array, p: Array, added: Array, by_state: Array, structure: Array,
-    out: Array,
-) -> None:  # fmt: skip
-    """`estimate` of every row, into `out` (n, 4, N)."""
-    raw = local_vector(N)
-    for i in range(motor.shape[0]):
-        estimate(motor[i], x[i], P[i], p, added, by_state, structure, out[i], raw)
-
-
 def angles_by_state(parameters: Array) -> Array:
     """Give the derivative (N, STATES) of the joints by the state, of cables that are taut."""
     rows, zero, still = np.empty((STATES, N)), np.empty(N), np.zeros(N)
@@ -162,21 +128,16 @@ def cable_prior(parameters: Array) -> tuple[Array, Array]:
 LOADS: Final = "grip", "tip_first", "tip_second"
 """What the row tells beside the joints."""
 
-LAYOUT: Final = Layout()
-LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAYOUT.scalar("beside_deviations", "that a load's half-width is")
-STARTED: Final = LAYOUT.scalar("started", "whether there is a row before; 0: start anew")
+LAYOUT: Final = at.filter_layout()
 LAYOUT.array("last", "motor angles of the row before [rad]", N)
 LAYOUT.array("played", "the same without what trembles [rad]", N)
 LAYOUT.array("raw", "joints of cables that give nowhere [rad]", N)
-LAYOUT.array("added", "what geometry adds, by term and joint", TERMS, N)
+LAYOUT.array("geometry", "what it adds, by term and joint", TERMS, N)
 LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
-LAYOUT.array("estimates", "angles, their deviations, loads and theirs", 4, N)
 LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
 GRIP: Final = LAYOUT.array("grip", "of the jaws on what they hold, and its half-width [Nm]", 2)
 LAYOUT.array("tip_first", "torque of the tip's first arm, half-width [Nm]", 2)
 LAYOUT.array("tip_second", "torque of its second arm, half-width [Nm]", 2)
-FILTER: Final = LAYOUT.part("filter", "of friction of loops, motors and pins, and loads")
 unpack = LAYOUT.unpacker()
 
 
@@ -203,31 +164,42 @@ def input_rows(X: Array, dt: Array, out: Array) -> None:
 
 
 @compiled
-def cable_filter_row(
-    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+def take_inputs(
+    numbers: Integers, memory: Array, dt: float, x: Array, _out: Array, _half_width: Array
 ) -> None:
-    """Predict by the filter of the cables."""
+    """Measure the motors' efforts; the motors act."""
     m = unpack(numbers, memory)
-    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(sizes, state)
-    if dt == 0.0 or m.started == 0.0:
-        restart(sizes, state)
-        dt = 0.0
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     take_motors(dt, x, m.last, m.played, f.u)
     for j in range(N):
         f.z[j] = x[N + j]
-    good = advance(sizes, state, dt)
-    memory[STARTED] = 1.0 if good else 0.0
-    estimates = m.estimates
-    estimate(
-        m.played, f.x, f.covariance, f.theta, m.added, m.by_state, m.structure, estimates, m.raw
-    )
+
+
+@compiled
+def tell(
+    numbers: Integers, memory: Array, _dt: float, _x: Array, out: Array, half_width: Array
+) -> None:
+    """Tell joints and loads.
+
+    `structure` is by what variances of angles and loads are multiplied, and what is added to them
+    per square of the loads that are seen.
+    """
+    m = unpack(numbers, memory)
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
+    loops.joints(f.x, m.played, f.theta, out)
+    add_geometry(m.played, f.theta, m.geometry, m.raw, out)
+    loads = 0.0
+    for k in range(N):
+        loads += abs(f.x[LOAD + k])
     for j in range(unrolled(N)):
-        out[j] = estimates[0, j] if good else nan
+        by_load = loads * loads * m.structure[1, j]
         if m.deviations > 0.0:
-            half_width[j] = m.deviations * estimates[1, j]
+            variance = at.quadratic(m.by_state[j], f.covariance, STATES) * m.structure[0, j]
+            half_width[j] = m.deviations * sqrt(variance + by_load)
+        variance = max(f.covariance[LOAD + j, LOAD + j], 0.0) * m.structure[2, j]
         load = vector(memory, numbers[GRIP + j], 2)
-        load[0], load[1] = estimates[2, j], m.beside_deviations * estimates[3, j]
+        load[0] = f.x[LOAD + j]
+        load[1] = m.beside_deviations * sqrt(variance + loads * loads * m.structure[3, j])
 
 
 def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -245,25 +217,42 @@ def _shapes(_params: Params, _n_features: int, n_outputs: int) -> dict[str, Shap
     }
 
 
-def _pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+def pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
+    """Memory of `filter_row`, with fields of a model on top or without."""
     parameters = arrays["parameters"]
-    return LAYOUT.pack(
+    return at.pack_filter(
+        LAYOUT, take_inputs=take_inputs, tell=tell,
         beside_deviations=1.0,
-        last=np.zeros(N),
-        played=np.zeros(N),
-        raw=np.zeros(N),
-        estimates=np.zeros((4, N)),
-        added=arrays["added"],
+        geometry=arrays["added"],
         by_state=angles_by_state(parameters),
         structure=arrays["structure"],
-        **dict.fromkeys(LOADS, np.zeros(2)),
         filter=cable_filter(arrays).memory(*cable_prior(parameters)),
-    )
+        **on_top,
+    )  # fmt: skip
 
 
 def inputs(params: Params) -> tuple[str, ...]:
     """Features that it takes: angles of the motors, and their efforts."""
     return tuple(f"{kind}/{name}" for kind in ("motor", "effort") for name in params["channels"])
+
+
+@compiled
+def sight(
+    numbers: Integers, memory: Array, _dt: float, x: Array, out: Array, sighted: Array
+) -> None:
+    """Show a model raw joints, motors, efforts, what the filter adds to the joints, loads, pins.
+
+    It adds to raw joints, and to loads of nothing.
+    """
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
+    raw_joints(x, f.theta, sighted)
+    for j in range(N):
+        sighted[N + j], sighted[2 * N + j] = x[j], x[N + j]
+        sighted[3 * N + j] = out[j] - sighted[j]
+        sighted[4 * N + j], sighted[5 * N + j] = f.x[LOAD + j], f.x[PIN + j]
+        out[j] = sighted[j]
+    for j in range(unrolled(N)):
+        memory[numbers[GRIP + j]] = 0.0
 
 
 FAMILY: Final = Family(
@@ -279,8 +268,8 @@ FAMILY: Final = Family(
         )
     },
     shapes=_shapes,
-    pack=_pack,
-    row=cable_filter_row,
+    pack=pack,
+    row=at.filter_row,
     remembers=True,
     inputs=inputs,
     targets=("position",),
@@ -288,3 +277,7 @@ FAMILY: Final = Family(
     beside=lambda _params: dict.fromkeys(LOADS, ()),
     bears_load=lambda _params: True,
 )
+HYBRID_ROWS: Final = hybrid_family(
+    "cables.hybrid_rows", FAMILY, pack, sight, GRIP, lambda _params: (6 * N, 2 * N)
+)
+"""The filter, and plays of what `sight` shows of it."""

@@ -11,12 +11,12 @@ from scipy.optimize import least_squares
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.family import EstimatorData, Family
+from truejoint.estimators.family import Family
+from truejoint.estimators.filtered import FilterRun, run_filter
 from truejoint.estimators.jaw import least_squares as cable_least_squares
 from truejoint.estimators.jaw import run as jaw_filter
 from truejoint.estimators.jaw.base import JawEstimator, MechanismEstimator
 from truejoint.estimators.jaw.signals import COEFFICIENTS, NEAREST
-from truejoint.filters import FilterResult
 
 ERROR_MARGIN: Final = 0.25  # share of the range of errors seen by which (25) may leave it
 SMALLEST_DENOMINATOR: Final = 0.3  # that fitting allows on the tube; 1 in the middle of the range
@@ -78,36 +78,19 @@ class JawFilter(MechanismEstimator):
     speed_noise: float = 1e-4
     lambda_: float = -1.0
 
-    def states(self, X: Array, dt: Array) -> FilterResult:
-        """States, covariances, innovations and NIS of the bare filter over one history.
+    def states(self, X: Array, dt: Array) -> FilterRun:
+        """Run the bare filter, (23) without any compensation, over rows `X` (n, 2) of histories.
 
-        Of rows `X` (n, 2), `dt` (n,) [s] after those before; the covariance is what it states of
-        itself, which holds as far as friction is the white noise that it takes it for.
+        `dt` (n,) [s] is the time since the row before. The covariance is what it states of itself,
+        which holds as far as friction is the white noise that it takes it for.
         """
-        speed = np.divide(
-            np.diff(X[:, 1], prepend=X[0, 1]), dt, where=dt > 0.0, out=np.full(len(X), np.nan)
-        )
-        motor = np.concatenate([X[:1, 0], X[:-1, 0]])
-        params = self.model_params()
-        model = jaw_filter.ForcepsModel.from_params(params)
-        return jaw_filter.jaw_filter(params).run(
-            np.column_stack([X[:, 1], speed]),
-            motor,
-            x0=model.at_rest(*X[0]),
-            P0=model.rest_covariance(),
-            dt=dt,
-        )
-
-    def filtered(self, X: Array, dt: Array) -> Array:
-        """Angle of the bare filter (n,) [rad]: (23) without any compensation."""
         params = {**self.model_params(), "compensated": False}
-        data = EstimatorData(self.family.name, params, {"constant": np.zeros(1)})
-        return JawFilter.from_data(data, 2, 1).evaluate(X, dt)[:, 0]
+        return run_filter(jaw_filter.pack(params, {"constant": np.zeros(1)}, 2, 1), X, dt)
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress
     ) -> Arrays:
-        error = self.filtered(X, dt)[has_truth] - y[has_truth]
+        error = self.states(X, dt).x[has_truth, 0] - y[has_truth]
         progress(0.3)
         if self.compensated:
             return fit_rational(X[has_truth, 0], X[has_truth, 1], error)

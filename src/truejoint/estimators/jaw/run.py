@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
 from math import nan, sqrt
-from typing import Final, Self
+from types import SimpleNamespace
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.estimators.family import POSITIVE, Family, Params, Shape, number, one_of, only_joint
-from truejoint.estimators.filtered import advance
+from truejoint.estimators.filtered import FILTER, filter_layout, filter_row, pack_filter
 from truejoint.estimators.jaw.signals import (
     COEFFICIENTS,
     ERROR_SHAPES,
@@ -25,8 +25,7 @@ from truejoint.estimators.jaw.signals import (
 )
 from truejoint.filters import LambdaSigmaPoints, StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.kernels import restart
-from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.layout import Memory, part_memory, part_numbers
 
 # Parameters of the compiled functions: two angular frequencies, two modes by two coordinates (row
 # by row), jaw inertia, slider mass, torque on the jaw per motor angle, and the spectral densities
@@ -120,38 +119,25 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row + 1, 2 * column + 1] += shape * speed
 
 
-@dataclass(frozen=True)
-class ForcepsModel:
-    """What the filter takes the forceps to be, and the sizes of what it does not know of it."""
+_OWN: Final = (
+    "drive_stiffness", "reset_stiffness", "jaw_inertia", "slider_mass", "jaw_friction",
+    "slider_friction", "correlation_time", "displacement_noise", "speed_noise",
+)  # fmt: skip
+"""Parameters of the filter beyond those of the mechanism."""
 
-    drive_stiffness: float  # K_d [N/m]
-    reset_stiffness: float  # K_r [N/m]
-    jaw_inertia: float  # J_e [kg m2]
-    slider_mass: float  # m_g2 [kg]
-    gear_ratio: float  # z_i
-    spring_stiffness: float  # K_sp [N/m]
-    wheel_radius: float  # R [m]
-    jaw_radius: float  # r [m]
-    jaw_friction: float  # size of the torque that (12) neglects [Nm]
-    slider_friction: float  # and of the force [N]
-    correlation_time: float  # over which friction counts as one draw [s]
-    displacement_noise: float  # deviation of the measured displacement [m]
-    speed_noise: float  # and of its speed [m/s]
 
-    @classmethod
-    def from_params(cls, params: Params) -> Self:
-        """Model of a filter with these parameters."""
-        return cls(**{field.name: float(params[field.name]) for field in fields(cls)})
+class ForcepsModel(SimpleNamespace):
+    """What the filter takes the forceps to be, by the parameters of `JawFilter`."""
 
     @property
     def drive_tension(self) -> float:
         """Tension of the drive cable per motor angle at rest [N/rad]."""
-        return self.drive_stiffness * self.wheel_radius / self.gear_ratio
+        return float(self.drive_stiffness * self.wheel_radius / self.gear_ratio)
 
     @property
     def rest_divisor(self) -> float:
         """Tension of both cables at rest per jaw angle [N/rad]."""
-        return (self.drive_stiffness + self.reset_stiffness) * self.jaw_radius
+        return float((self.drive_stiffness + self.reset_stiffness) * self.jaw_radius)
 
     @property
     def sensor(self) -> Array:
@@ -172,13 +158,8 @@ class ForcepsModel:
         values, vectors = np.linalg.eigh(restoring * np.outer(scale, 1.0 / scale))
         return np.sqrt(values), vectors / scale[:, None]
 
-    def at_rest(self, motor: float, reset: float) -> Array:
-        """State (4,) in balance at a motor angle [rad] and a slider place [m]: (9), no friction."""
-        tension = self.drive_tension * motor + self.reset_stiffness * reset
-        return np.array([tension / self.rest_divisor, 0.0, reset, 0.0])
-
     def rest_covariance(self) -> Array:
-        """Covariance (4, 4) of the state that `at_rest` gives: friction holds the jaw off it."""
+        """Covariance (4, 4) of the state in balance, (9): friction holds the jaw off it."""
         slider = self.slider_friction / (self.reset_stiffness * self.jaw_radius)
         angle = slider + self.jaw_friction / (self.rest_divisor * self.jaw_radius)
         sensors = self.displacement_noise, self.speed_noise
@@ -211,14 +192,13 @@ class ForcepsModel:
 
 def jaw_filter(params: Params) -> UnscentedFilter:
     """Build the filter (15)-(23), of its parameters."""
-    space = ForcepsModel.from_params(params).state_space()
+    space = ForcepsModel(**params).state_space()
     return UnscentedFilter(space, LambdaSigmaPoints(params["lambda_"]))
 
 
-LAYOUT: Final = Layout()
+LAYOUT: Final = filter_layout()
 LAYOUT.integer("compensated", "1: less the error model (25)")
-LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]; NaN: start anew")
+LAST_MOTOR: Final = LAYOUT.scalar("motor", "angle of the row before [rad]")
 LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 LAYOUT.scalar("drive_tension", "per motor angle at rest [N/rad]")
 LAYOUT.scalar("reset_stiffness", "of the reset cable [N/m]")
@@ -227,37 +207,40 @@ LAYOUT.scalar("constant", "added to the angle [rad]")
 LAYOUT.array("scale", "inverse largest motor angle [1/rad] and displacement [1/m]", 2)
 LAYOUT.array("error_coef", "coefficients of the error model (25)", COEFFICIENTS)
 LAYOUT.array("error_range", "within which that is believed [rad]", 2)
-FILTER: Final = LAYOUT.part("filter", "of jaw [rad] and its speed, reset cable [m] and its speed")
 unpack = LAYOUT.unpacker()
 
 
 @compiled
-def jaw_filter_row(
-    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+def take_inputs(
+    numbers: Integers, memory: Array, dt: float, x: Array, _out: Array, _half_width: Array
 ) -> None:
-    """Predict by the filter of yan2020."""
+    """Measure the reset cable and its speed; the motor's angle acts from the row before on."""
     m = unpack(numbers, memory)
-    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(sizes, state)
+    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
     motor, reset = x[0], x[1]
     f.z[0] = reset
-    if dt == 0.0 or math.isnan(m.motor):
-        restart(sizes, state)
+    if dt == 0.0:
         f.x[0] = (m.drive_tension * motor + m.reset_stiffness * reset) / m.divisor
         f.x[2] = reset
         f.z[1], f.u[0] = nan, motor
-        dt = 0.0
     else:
         f.z[1], f.u[0] = (reset - m.reset) / dt, m.motor
-    good = advance(sizes, state, dt)
+    memory[LAST_MOTOR], memory[LAST_RESET] = motor, reset
+
+
+@compiled
+def tell(
+    numbers: Integers, memory: Array, _dt: float, x: Array, out: Array, half_width: Array
+) -> None:
+    """Tell the jaw's angle, less the error model or with a constant."""
+    m = unpack(numbers, memory)
+    f = unpack_filter(part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER))
     if m.deviations > 0.0:
         half_width[0] = m.deviations * sqrt(max(f.covariance[0, 0], 0.0))
     added = m.constant
     if m.compensated == 1:
-        added = -bounded_error(motor, reset, m.scale, m.error_coef, m.error_range, half_width)
-    memory[LAST_MOTOR] = motor if good else nan
-    memory[LAST_RESET] = reset
-    out[0] = f.x[0] + added if good else nan
+        added = -bounded_error(x[0], x[1], m.scale, m.error_coef, m.error_range, half_width)
+    out[0] = f.x[0] + added
 
 
 def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -265,29 +248,32 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     return only_joint("jaw", learnt, n_outputs)
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    model = ForcepsModel.from_params(params)
-    return LAYOUT.pack(
+def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
+    """Memory of `filter_row`, with fields of a model on top or without."""
+    model = ForcepsModel(**params)
+    return pack_filter(
+        LAYOUT, take_inputs=take_inputs, tell=tell,
         compensated=params["compensated"],
         drive_tension=model.drive_tension,
         reset_stiffness=model.reset_stiffness,
         divisor=model.rest_divisor,
         **{**NO_ERROR, **arrays},
         filter=jaw_filter(params).memory(np.zeros(4), model.rest_covariance()),
-    )
+        **on_top,
+    )  # fmt: skip
 
 
 FAMILY: Final = Family(
     "jaw",
     rules={
-        **dict.fromkeys((field.name for field in fields(ForcepsModel)), POSITIVE),
+        **dict.fromkeys(_OWN, POSITIVE),
         **MECHANISM_RULES,
         "lambda_": number(-4.0 + 1e-6, 1e6),
         "compensated": one_of(False, True),
     },
     shapes=_shapes,
-    pack=_pack,
-    row=jaw_filter_row,
+    pack=pack,
+    row=filter_row,
     remembers=True,
     # The gain depends on the step, and what is left to compensate depends on the gain.
     counts_samples=True,

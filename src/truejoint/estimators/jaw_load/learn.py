@@ -9,6 +9,7 @@ as friction, slow and lasting as a load.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import inf
 from typing import ClassVar, Final, Self
 
 import numpy as np
@@ -16,11 +17,11 @@ import numpy as np
 from truejoint.array_types import Array
 from truejoint.estimators.base import Arrays, Flags, Progress
 from truejoint.estimators.family import Family, evaluate
-from truejoint.estimators.filtered import run_histories
+from truejoint.estimators.filtered import run_filter
 from truejoint.estimators.jaw.base import JawEstimator, MechanismEstimator, median_dt
 from truejoint.estimators.jaw_load import gated
 from truejoint.estimators.jaw_load import run as friction_filter
-from truejoint.estimators.jaw_load.run import DEGREE, friction_prior
+from truejoint.estimators.jaw_load.run import DEGREE
 from truejoint.estimators.plays import run as plays
 from truejoint.estimators.plays.learn import JAW_PENALTY, fit_jaw_bank
 from truejoint.estimators.plays.run import follow_rows
@@ -155,26 +156,13 @@ class FrictionFilter(MechanismEstimator):
         Each is from the rows up to it or, `smoothed`, which no controller can, from later ones as
         well.
         """
-        unscented = friction_filter.friction_filter(self.model_params(), self.arrays_)
-        drive, reset = self._drive(X), X[:, 1]
-        moved = np.where(dt > 0.0, np.diff(reset, prepend=reset[:1]), 0.0)
-        control, prior = np.column_stack([moved, reset]), friction_prior(len(self.widths))
-        x, P = run_histories(unscented, prior, drive[:, None], control, dt, smoothed=smoothed)
-        cable = friction_filter.cable_numbers(self.model_params(), self.arrays_)
-        judged, scale = np.empty((4, len(X))), float(self.arrays_["scale"][0])
-        friction_filter.judge_rows(
-            dt,
-            drive,
-            np.ascontiguousarray(reset),
-            scale,
-            x,
-            P,
-            self.arrays_["angle"],
-            cable,
-            judged,
-        )
-        angle_deviation = np.sqrt(judged[1] + self.arrays_["misfit"][1] ** 2)
-        return JawStates(judged[0], angle_deviation, judged[2], np.sqrt(judged[3]), x[:, -1])
+        # Whatever the load is, the angle is told.
+        params = {**self.model_params(), "largest_load": inf}
+        model = friction_filter.pack(params, self.arrays_, 2, 1)
+        run = run_filter(model, X, dt, ("load",), smoothed=smoothed)
+        angle, deviation = run.outputs[:, 0], run.deviations[:, 0]
+        load, load_deviation = run.beside[:, :, 0].T
+        return JawStates(angle, deviation, load, load_deviation, run.x[:, -1])
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress

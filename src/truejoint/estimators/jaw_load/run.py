@@ -12,14 +12,15 @@ stands, its friction may hide a part of a load; so may the slider's a part of th
 from __future__ import annotations
 
 from collections.abc import Mapping
-from math import exp, expm1, isnan, nan, sqrt
-from typing import Final
+from math import exp, expm1, nan, sqrt
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
+from truejoint.estimators import filtered as at
 from truejoint.estimators.family import (
     POSITIVE,
     Family,
@@ -30,12 +31,10 @@ from truejoint.estimators.family import (
     numbers,
     only_joint,
 )
-from truejoint.estimators.filtered import advance, quadratic
 from truejoint.estimators.jaw.signals import MECHANISM_RULES, MOTOR, RESET, SLIDING, stand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.kernels import restart
-from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.layout import Memory, part_memory, part_numbers
 
 DEGREE: Final = 4
 """Highest power of ``x2`` in both polynomials."""
@@ -221,74 +220,47 @@ def friction_prior(elements: int) -> tuple[Array, Array]:
     return np.zeros(elements + 1), np.diag([*([0.25] * elements), 4e-12])
 
 
-LAYOUT: Final = Layout()
+LAYOUT: Final = at.filter_layout()
 LAYOUT.integer("elements", "of friction")
-LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]; NaN: start anew")
+LAST_RESET: Final = LAYOUT.scalar("reset", "displacement of the row before [m]")
 LAYOUT.scalar("drive_factor", "drive cable per motor angle [m/rad]")
 LAYOUT.scalar("inverse_scale", "inverse largest displacement [1/m]")
 LAYOUT.scalar("misfit", "standard deviation of what the angle's model misses [rad]")
-LAYOUT.scalar("beside_deviations", "that the load's half-width is")
 LAYOUT.array("angle", "constant, powers and elements of the angle [rad]", "n_terms")
 LAYOUT.array("load", "on the jaw from outside, opening, and its half-width [Nm]", 2)
 LAYOUT.array("cable", "stiffness, growth, radius, spring, error, frictions, largest", 8)
 LAYOUT.array("hold", "where both cables stand [m], for how long; a load not shown", 5)
-FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, and the stretch [m]")
 unpack = LAYOUT.unpacker()
 
 
 @compiled
-def friction_filter_row(
-    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+def take_inputs(
+    numbers: Integers, memory: Array, dt: float, x: Array, _out: Array, _half_width: Array
 ) -> None:
-    """Predict by the filter with friction and load."""
+    """Measure the drive cable; the reset cable's motion and place act."""
     m = unpack(numbers, memory)
-    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(sizes, state)
-    drive, reset = x[0] * m.drive_factor, x[1]
-    moved = reset - m.reset
-    if dt == 0.0 or isnan(moved):
-        restart(sizes, state)
-        moved = dt = 0.0
-    f.z[0] = drive
-    f.u[0], f.u[1] = moved, reset
-    good = advance(sizes, state, dt)
-    memory[LAST_RESET] = reset if good else nan
-    n, load = m.elements, m.load
-    out[0] = response(reset * m.inverse_scale, f.x, n, m.angle) if good else nan
-    hidden = judge(dt, drive, reset, f.x[n], f.covariance[n, n], m.cable, m.hold, load)
-    load[1] *= m.beside_deviations
-    if m.deviations > 0.0:
-        variance = quadratic(m.angle[1 + DEGREE :], f.covariance, n) + m.misfit**2
-        half_width[0] = m.deviations * sqrt(variance + hidden)
-    if not abs(load[0]) <= m.cable[7]:
-        half_width[0] = nan  # no load is as large: a sensor has slipped, or the cable is slack
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
+    f.z[0] = x[0] * m.drive_factor
+    f.u[0], f.u[1] = x[1] - m.reset if dt != 0.0 else 0.0, x[1]
+    memory[LAST_RESET] = x[1]
 
 
 @compiled
-def judge_rows(
-    dt: Array,
-    drive: Array,
-    reset: Array,
-    scale: float,
-    X: Array,
-    spread: Array,
-    weights: Array,
-    cable: Array,
-    out: Array,
+def tell(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
 ) -> None:
-    """Angle and load in every row, each with its variance, into `out` (4, n).
-
-    Of both cables' displacements (n,) [m], states (n, m + 1) and covariances.
-    """
-    elements = X.shape[1] - 1
-    hold, load = np.zeros(5), np.empty(2)
-    for i in range(X.shape[0]):
-        variance = spread[i, elements, elements]
-        hidden = judge(dt[i], drive[i], reset[i], X[i, elements], variance, cable, hold, load)
-        out[0, i] = response(reset[i] * scale, X[i], elements, weights)
-        out[1, i] = quadratic(weights[1 + DEGREE :], spread[i], elements) + hidden
-        out[2, i], out[3, i] = load[0], load[1] * load[1]
+    """Tell the jaw's angle and load."""
+    m = unpack(numbers, memory)
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
+    n, load, reset = m.elements, m.load, x[1]
+    out[0] = response(reset * m.inverse_scale, f.x, n, m.angle)
+    hidden = judge(dt, f.z[0], reset, f.x[n], f.covariance[n, n], m.cable, m.hold, load)
+    load[1] *= m.beside_deviations
+    if m.deviations > 0.0:
+        variance = at.quadratic(m.angle[1 + DEGREE :], f.covariance, n) + m.misfit**2
+        half_width[0] = m.deviations * sqrt(variance + hidden)
+    if not abs(load[0]) <= m.cable[7]:
+        half_width[0] = nan  # no load is as large: a sensor has slipped, or the cable is slack
 
 
 def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]:
@@ -300,20 +272,21 @@ def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]
     return only_joint("jaw_load", learnt, n_outputs)
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
+def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
+    """Memory of `filter_row`, with fields of a model on top or without."""
     elements = len(params["widths"])
-    return LAYOUT.pack(
+    return at.pack_filter(
+        LAYOUT, take_inputs=take_inputs, tell=tell,
         elements=elements,
         drive_factor=params["wheel_radius"] / params["gear_ratio"],
         inverse_scale=arrays["scale"][0],
         misfit=arrays["misfit"][1],
         angle=arrays["angle"],
         beside_deviations=1.0,
-        load=np.zeros(2),
         cable=cable_numbers(params, arrays),
-        hold=np.zeros(5),
         filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
-    )
+        **on_top,
+    )  # fmt: skip
 
 
 FAMILY: Final = Family(
@@ -327,8 +300,8 @@ FAMILY: Final = Family(
         "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
     },
     shapes=shapes,
-    pack=_pack,
-    row=friction_filter_row,
+    pack=pack,
+    row=at.filter_row,
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),
     targets=("position",),

@@ -11,23 +11,18 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
-from truejoint.estimators import hybrid, registry
-from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.family import Family, Params
-from truejoint.estimators.motor_side import hybrid_rows as elastic_hybrid
-from truejoint.estimators.motor_side.learn import (
-    ElasticJointFilter,
-    JointEstimate,
-    motion_of,
-    run,
-)
-from truejoint.estimators.motor_side.run import ElasticJoint, output_terms
-from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators import registry
+from truejoint.estimators.base import Arrays, Progress
+from truejoint.estimators.family import EstimatorData, Family, Params
+from truejoint.estimators.filtered import run_filter
+from truejoint.estimators.hybrid import joined
+from truejoint.estimators.motor_side.learn import ElasticJointFilter, JointEstimate
+from truejoint.estimators.motor_side.run import HYBRID_ROWS
 from truejoint.estimators.plays.learn import feature_scales
 from truejoint.estimators.polynomial.learn import BLOCKS
 from truejoint.estimators.trees.learn import TreeSum, added, tree_sum, trees_data
 from truejoint.estimators.trees.run import FAMILY as TREES
-from truejoint.estimators.wrapped import Regressor, WrappedRegressor
+from truejoint.estimators.wrapped import Regressor
 
 _PLAYS: Final[Params] = {
     "plays": (0.01, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 0.9),  # half-widths, in half ranges
@@ -60,7 +55,7 @@ class ElasticJointHybrid(ElasticJointFilter):
     'hybrid'
     """
 
-    family: ClassVar[Family] = elastic_hybrid.FAMILY
+    family: ClassVar[Family] = HYBRID_ROWS
     members: ClassVar[tuple[str, ...]] = (registry.BESIDE_FILTER,)
     """What an automatic choice tries on the same signals, so that a mean of both can be taken."""
 
@@ -75,14 +70,13 @@ class ElasticJointHybrid(ElasticJointFilter):
         chosen = np.zeros(len(X), dtype=bool)
         chosen[with_truth[:: -(-len(with_truth) // _ROWS)]] = True
         filtered |= feature_scales(X[with_truth])
-        motion = motion_of(X, filtered["scales"], dt)
-        states, _ = run(ElasticJoint.from_arrays(filtered), motion, float(filtered["scales"][3]))
-        columns = output_terms(motion.angle, states)[chosen]
-        outputs = np.column_stack([columns @ response for response in filtered["outputs"]])
-        inputs = self._sight(filtered, X, dt, chosen, states[chosen], outputs)
-        residual, history = self._targets(y, dt)[chosen] - outputs, motion.history[chosen]
+        data = EstimatorData(self.family.name, self.model_params(), filtered)
+        torque = tuple(self.family.beside(self.model_params()))
+        run = run_filter(self.family.memory(data, 2, 1), X, dt, torque)
+        inputs, outputs = run.sighted[chosen], np.hstack([run.outputs, run.beside[:, 0]])[chosen]
+        residual, history = self._targets(y, dt)[chosen] - outputs, np.cumsum(dt == 0.0)[chosen]
         unfitted = registry.member("boosted_trees")
-        plays = inputs[:, : elastic_hybrid.n_plays(self.found_)]
+        plays = inputs[:, : -run.x.shape[1] - 1]
         zero = zeros(unfitted, plays, residual[:, :1], history)[:, 0]
         both = ((plays, residual[:, 0] - zero), (inputs, residual[:, 0]))
         sums = [added([_fitted(unfitted, *pair).rescaled(0.0, 0.5) for pair in both])]
@@ -94,7 +88,7 @@ class ElasticJointHybrid(ElasticJointFilter):
         progress(1.0)
         trees = trees_data(sums, np.zeros(inputs.shape[1]), np.ones(inputs.shape[1]))
         self.found_ = {**self.found_, "model": (TREES.name, trees.params, ())}
-        return hybrid.joined(filtered, trees.arrays)
+        return joined(filtered, trees.arrays)
 
     def estimate(
         self, X: Array, dt: ArrayLike | None = None, *, smoothed: bool = False
@@ -110,22 +104,6 @@ class ElasticJointHybrid(ElasticJointFilter):
                 f"{ElasticJointFilter().name}, or take smoothed=False"
             )
         return super().estimate(X, dt)
-
-    def _beyond(self, X: Array, dt: Array, states: Array, outputs: Array) -> Array:
-        data = hybrid.model_of(self.model_params(), self.arrays_)
-        inputs = self._sight(self.arrays_, X, dt, np.ones(len(X), dtype=bool), states, outputs)
-        return WrappedRegressor.from_data(data, inputs.shape[1], outputs.shape[1]).evaluate(inputs)
-
-    def _sight(
-        self, scales: Arrays, X: Array, dt: Array, chosen: Flags, states: Array, outputs: Array
-    ) -> Array:
-        """Give the trees' inputs in rows `chosen` (n,) of `X` (n, 2), at these `states`.
-
-        Of its `outputs` the angle alone: trees that see the torque err more between loads.
-        """
-        bank = elastic_hybrid.bank(self.model_params())
-        plays = play_bank.expand_rows(bank, scales, X, dt, chosen)
-        return np.hstack([plays, states, outputs[:, :1]])
 
 
 def _fitted(unfitted: Regressor, X: Array, y: Array) -> TreeSum:

@@ -13,7 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, JointRegressor, Progress
 from truejoint.estimators.family import Family, Params
-from truejoint.estimators.filtered import histories, run_histories
+from truejoint.estimators.filtered import histories, run_filter
 from truejoint.estimators.jaw import base as jaw
 from truejoint.estimators.motor_side import run as model
 from truejoint.estimators.motor_side.run import (
@@ -23,14 +23,12 @@ from truejoint.estimators.motor_side.run import (
     PER_ELEMENT,
     POLYNOMIAL,
     TORQUE,
-    ElasticJoint,
     bent_terms,
     output_terms,
     terms,
 )
 from truejoint.estimators.plays.run import follow_rows
 from truejoint.estimators.polynomial.learn import blocks, cross_validated, levels, ridge
-from truejoint.filters import UnscentedFilter
 
 LEAST_LOAD_SPREAD: Final = 0.1  # of the loads, in standard deviations of the driver's torque
 SETTLED: Final = 0.5  # travel after which friction has forgotten how it began, in half ranges
@@ -130,26 +128,31 @@ class ElasticJointFilter(JointRegressor):
             )
         progress(0.05)
         static = _Static(motion, settled, with_truth, y[chosen][settled[with_truth], 0])
-        joint = static.identify(
+        identified = static.identify(
             int(self.elements), float(self.load_drift), float(self.torque_noise) ** 2
         )
-        if joint.load_deviation < LEAST_LOAD_SPREAD:
+        load_deviation = identified["noise"][-1]
+        if load_deviation < LEAST_LOAD_SPREAD:
             raise CalibrationError(
-                f"{self.name}: the load on the jaw varies by {joint.load_deviation:.2g} of the "
+                f"{self.name}: the load on the jaw varies by {load_deviation:.2g} of the "
                 f"torque's own variation, less than {LEAST_LOAD_SPREAD:g}; load and friction cannot"
                 " be told apart: add recordings under other loads"
             )
         progress(0.8)
-        states, spread = run(joint, motion, mean_dt(motion.dt))
+        filtered = {
+            **identified,
+            "scales": np.append(scales[:3], mean_dt(motion.dt)),
+            "outputs": np.zeros((1, len(identified["torque"]) + 2)),
+            "misfit": np.zeros(1),
+        }
+        run = run_filter(model.pack(self.model_params(), filtered, 2, 1), X[chosen], motion.dt)
         targets = self._targets(y, dt)[chosen]
         self.found_: Params = {**self._FOUND, "tells_torque": targets.shape[1] > 1}
-        responses = [_response(motion, states, spread, target) for target in targets.T]
+        responses = [_response(motion, run.x, run.P, target) for target in targets.T]
         progress(1.0)
         return {
+            **filtered,
             "scales": scales,
-            "noise": np.array([getattr(joint, name) for name in NOISE]),
-            "widths": joint.widths,
-            "torque": joint.torque,
             "outputs": np.array([coefficients for coefficients, _ in responses]),
             "misfit": np.array([misfit for _, misfit in responses]),
         }
@@ -168,23 +171,15 @@ class ElasticJointFilter(JointRegressor):
 
         `dt` (n,) is as for `fit`; `smoothed` uses later rows as well, which no controller can.
         """
-        arrays = self.arrays_
-        motion = motion_of(X, arrays["scales"], self.time_steps(dt, len(X)))
-        joint, dt = ElasticJoint.from_arrays(arrays), float(arrays["scales"][3])
-        states, spread = run(joint, motion, dt, smoothed=smoothed)
-        outputs, variance = np.empty((2, len(X), len(arrays["outputs"])))
-        model.output_rows(motion.angle, states, spread, arrays["outputs"], outputs, variance)
-        elements, scale = int(self.elements), float(arrays["scales"][2])
+        steps, elements = self.time_steps(dt, len(X)), int(self.elements)
+        scale, torque = float(self.arrays_["scales"][2]), self.family.beside(self.model_params())
+        run = run_filter(self.memory(), X, steps, tuple(torque), smoothed=smoothed)
         return JointEstimate(
-            outputs=outputs + self._beyond(X, motion.dt, states, outputs),
-            deviations=np.sqrt(variance + arrays["misfit"] ** 2),
-            load=states[:, elements] * scale,
-            load_deviation=np.sqrt(np.maximum(spread[:, elements, elements], 0.0)) * scale,
+            outputs=np.hstack([run.outputs, run.beside[:, 0]]),
+            deviations=np.hstack([run.deviations, run.beside[:, 1]]),
+            load=run.x[:, elements] * scale,
+            load_deviation=np.sqrt(np.maximum(run.P[:, elements, elements], 0.0)) * scale,
         )
-
-    def _beyond(self, _X: Array, _dt: Array, _states: Array, outputs: Array) -> Array:
-        """Give what is to be added (n, n_outputs) to the filter's `outputs`."""
-        return np.zeros_like(outputs)
 
 
 def motion_of(X: Array, scales: Array, dt: Array) -> Motion:
@@ -335,22 +330,23 @@ class _Static:
         self.settle_loads(widths)
         return widths
 
-    def identify(self, elements: int, load_drift: float, noise_density: float) -> ElasticJoint:
+    def identify(self, elements: int, load_drift: float, noise_density: float) -> Arrays:
         """Identify widths, torque response and noise of a joint."""
         widths = self.find_widths(elements)
         load = self.load[self.history]
         torque, residual = regress_torque(self.columns(widths), self.torque, load)
         spread = max(float(load.std()), 1e-6)
-        return ElasticJoint(
-            widths=widths,
-            torque=torque,
-            load_density=(load_drift * spread) ** 2,
-            rest_deviation=max(float(residual.std()), 1e-6),
-            rest_travel=_memory(residual, self.motion.travel[self.rows]),
-            noise_density=noise_density,
-            load_mean=float(load.mean()),
-            load_deviation=spread,
-        )
+        noise = {
+            "load_density": (load_drift * spread) ** 2,
+            "rest_deviation": max(float(residual.std()), 1e-6),
+            "rest_travel": _memory(residual, self.motion.travel[self.rows]),
+            "noise_density": noise_density,
+            "load_mean": float(load.mean()),
+            "load_deviation": spread,
+        }
+        return {
+            "noise": np.array([noise[name] for name in NOISE]), "widths": widths, "torque": torque
+        }  # fmt: skip
 
     def _by_history(self, values: Array) -> Array:
         return np.bincount(self.history, values) / self.count
@@ -366,18 +362,6 @@ def _memory(residual: Array, travel: Array) -> float:
         np.mean(residual[near] * residual[near - 1]) / max(float(np.mean(residual**2)), 1e-300)
     )
     return float(-distance[near].mean() / np.log(min(max(alike, 0.05), 0.99)))
-
-
-def run(
-    joint: ElasticJoint, motion: Motion, dt: float, *, smoothed: bool = False
-) -> tuple[Array, Array]:
-    """States (n, m + 2) and covariances (n, m + 2, m + 2) by filter or smoother, in each history.
-
-    The torque's noise is reckoned with rows `dt` [s] apart.
-    """
-    unscented = UnscentedFilter(joint.state_space(dt))
-    u = np.column_stack([motion.angle, motion.moved])
-    return run_histories(unscented, joint.prior(), motion.torque, u, motion.dt, smoothed=smoothed)
 
 
 def mean_dt(dt: Array) -> float:

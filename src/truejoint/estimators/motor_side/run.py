@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import replace
 from math import nan, sqrt
-from typing import Final, Self
+from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers, Mask
-from truejoint.compiled import compiled, copy
+from truejoint.compiled import compiled, copy, vector
 from truejoint.errors import CalibrationError
+from truejoint.estimators import filtered as at
 from truejoint.estimators.family import (
     Family,
     Params,
@@ -26,11 +27,12 @@ from truejoint.estimators.family import (
     one_of,
     only_joint,
 )
-from truejoint.estimators.filtered import advance, quadratic
+from truejoint.estimators.hybrid import hybrid_family
+from truejoint.estimators.plays import run as play_bank
+from truejoint.estimators.plays.run import expand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.kernels import restart
-from truejoint.layout import Layout, Memory, part_memory, part_numbers
+from truejoint.layout import Memory, part_memory, part_numbers
 
 DRIVER: Final = "driver/jaw"
 TORQUE: Final = "effort/jaw"
@@ -51,9 +53,14 @@ BENT_OF_ELEMENT: Final = 4
 SCALES: Final = ("angle_middle", "angle_scale", "torque_scale", "dt")
 """What turns radians and newton metres into units of the calibration, and its time step [s]."""
 NOISE: Final = (
-    "load_density", "rest_deviation", "rest_travel", "noise_density", "load_mean", "load_deviation",
-)  # fmt: skip
-"""Fields of `ElasticJoint` that are one number each, in the order of the model file."""
+    "load_density",  # variance that the load gains in a second
+    "rest_deviation",  # of the friction that the elements do not explain
+    "rest_travel",  # over which it forgets itself
+    "noise_density",  # of the measured torque: variance times the time step [s]
+    "load_mean",  # of the loads calibrated with: what the filter expects at first
+    "load_deviation",
+)
+"""What is identified of load and noise, in units of the calibration."""
 
 _LARGEST: Final = 1e30
 _FARTHEST: Final = 3.0
@@ -168,107 +175,88 @@ def measurement(x: Array, u: Array, parameters: Array, out: Array) -> None:
     out[0] = x[elements + 1] + response(u[0], x[elements], x, elements, coefficients)
 
 
-@dataclass(frozen=True, eq=False)
-class ElasticJoint:
-    """Identified joint, in units of the calibration."""
-
-    widths: Array  # (m,), travel from the middle of an element's deflection to sliding
-    torque: Array  # (count_terms(m),), of the driver's torque, whose load part is ``B`` as it is
-    load_density: float  # variance that the load gains in a second
-    rest_deviation: float  # of the friction that the elements do not explain
-    rest_travel: float  # over which it forgets itself
-    noise_density: float  # of the measured torque: variance times the time step [s]
-    load_mean: float  # of the loads calibrated with: what the filter expects at first
-    load_deviation: float
-
-    @classmethod
-    def from_arrays(cls, arrays: Mapping[str, Array]) -> Self:
-        """Joint of the arrays of a fitted filter; raises CalibrationError if one makes no sense."""
-        noise = dict(zip(NOISE, arrays["noise"].tolist(), strict=True))
-        positive = (*arrays["scales"][1:], *arrays["noise"][1:4], *arrays["widths"])
-        bounded = all(abs(v) <= _LARGEST for v in (*arrays["scales"], *arrays["noise"]))
-        if min(positive) <= 0.0 or noise["load_density"] < 0.0 or not bounded:
-            raise CalibrationError(
-                f"elastic_joint: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit "
-                "it again"
-            )
-        return cls(arrays["widths"], arrays["torque"], **noise)
-
-    def state_space(self, dt: float) -> StateSpaceModel:
-        """Build the model of the filter for rows `dt` [s] apart."""
-        elements = len(self.widths)
-        head = [elements, self.load_density, self.rest_deviation**2, self.rest_travel]
-        return StateSpaceModel(
-            transition=transition,
-            measurement=measurement,
-            process_noise=process_noise,
-            measurement_noise=[[self.noise_density / dt]],
-            states=(*(f"friction{i + 1}" for i in range(elements)), "load", "rest"),
-            measurements=("torque",),
-            inputs=("driver", "travel"),
-            parameters=np.concatenate([head, self.widths, self.torque]),
-            possible={
-                "driver": (-_FARTHEST, _FARTHEST),
-                "travel": (-2.0 * _FARTHEST, 2.0 * _FARTHEST),
-                **dict.fromkeys(("torque", "load", "rest"), (-_STRONGEST, _STRONGEST)),
-            },
+def elastic_filter(arrays: Mapping[str, Array]) -> UnscentedFilter:
+    """Build the filter of what was identified; raises CalibrationError if it makes no sense."""
+    (_middle, *scales), noise, widths = (arrays[n].tolist() for n in ("scales", "noise", "widths"))
+    load_density, rest_deviation, rest_travel, noise_density, *_ = noise
+    bounded = all(abs(value) <= _LARGEST for value in (_middle, *scales, *noise))
+    if min(*scales, *noise[1:4], *widths) <= 0.0 or load_density < 0.0 or not bounded:
+        raise CalibrationError(
+            f"elastic_joint: a scale, width or noise is not above 0, up to {_LARGEST:g}; fit "
+            "it again"
         )
+    head = [len(widths), load_density, rest_deviation**2, rest_travel]
+    model = StateSpaceModel(
+        transition=transition,
+        measurement=measurement,
+        process_noise=process_noise,
+        measurement_noise=[[noise_density / scales[-1]]],
+        states=(*(f"friction{i + 1}" for i in range(len(widths))), "load", "rest"),
+        measurements=("torque",),
+        inputs=("driver", "travel"),
+        parameters=np.concatenate([head, widths, arrays["torque"]]),
+        possible={
+            "driver": (-_FARTHEST, _FARTHEST),
+            "travel": (-2.0 * _FARTHEST, 2.0 * _FARTHEST),
+            **dict.fromkeys(("torque", "load", "rest"), (-_STRONGEST, _STRONGEST)),
+        },
+    )
+    return UnscentedFilter(model)
 
-    def prior(self) -> tuple[Array, Array]:
-        """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
-        elements = len(self.widths)
-        mean = np.zeros(elements + 2)
-        mean[elements] = self.load_mean
-        variance = np.full(elements + 2, 1.0 / 3.0)
-        variance[elements] = self.load_deviation**2
-        variance[elements + 1] = self.rest_deviation**2
-        return mean, np.diag(variance)
+
+def elastic_prior(arrays: Mapping[str, Array]) -> tuple[Array, Array]:
+    """Mean (m + 2,) and covariance (m + 2, m + 2) before the first row: any deflection."""
+    _, rest_deviation, *_, load_mean, load_deviation = arrays["noise"].tolist()
+    elements = len(arrays["widths"])
+    variance = [1.0 / 3.0] * elements + [load_deviation**2, rest_deviation**2]
+    return np.array([*[0.0] * elements, load_mean, 0.0]), np.diag(variance)
 
 
-LAYOUT: Final = Layout()
+LAYOUT: Final = at.filter_layout()
 LAYOUT.integer("elements", "of friction")
-LAYOUT.scalar("deviations", "of the filter's own that a half-width is; 0: none")
-LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges; NaN: start anew")
+LAST: Final = LAYOUT.scalar("last", "driver of the row before, in half ranges")
 LAYOUT.scalar("middle", "of the driver's range [rad]")
 LAYOUT.scalar("half_range", "of the driver [rad]")
 LAYOUT.scalar("torque_scale", "standard deviation of the torque [Nm]")
 LAYOUT.array("responses", "coefficients of each output", "n_told", "n_terms")
 LAYOUT.array("misfit", "standard deviation of what a response misses", "n_told")
-LAYOUT.scalar("beside_deviations", "that the torque's half-width is; 0: none")
-LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
+BESIDE: Final = LAYOUT.array("torque", "at the jaw, and its half-width [Nm]", 2)
 LAYOUT.array("near", "a state beside the estimate", "n_states")
 LAYOUT.array("slope", "of an output over the state", "n_states")
-FILTER: Final = LAYOUT.part("filter", "of the elements, -1 to 1, the load, the rest of friction")
 unpack = LAYOUT.unpacker()
 
 
 @compiled
-def elastic_joint_row(
-    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, half_width: Array
+def take_inputs(
+    numbers: Integers, memory: Array, dt: float, x: Array, _out: Array, _half_width: Array
 ) -> None:
-    """Predict by the filter of the elastic joint."""
+    """Measure the driver's torque; its angle and travel act."""
     m = unpack(numbers, memory)
-    sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
-    f = unpack_filter(sizes, state)
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     angle = (x[0] - m.middle) / m.half_range
-    moved = angle - m.last
-    if dt == 0.0 or math.isnan(moved):
-        restart(sizes, state)
-        moved = dt = 0.0
     f.z[0] = x[1] / m.torque_scale
-    f.u[0], f.u[1] = angle, moved
-    good = advance(sizes, state, dt)
-    memory[LAST] = angle if good else nan
+    f.u[0], f.u[1] = angle, angle - m.last if dt != 0.0 else 0.0
+    memory[LAST] = angle
+
+
+@compiled
+def tell(
+    numbers: Integers, memory: Array, _dt: float, _x: Array, out: Array, half_width: Array
+) -> None:
+    """Tell the jaw's angle and, where it was learnt, its torque."""
+    m = unpack(numbers, memory)
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
+    angle = f.u[0]
     for j in range(m.n_told):
         coefficients = m.responses[j]
-        value = output(angle, f.x, m.elements, coefficients) if good else nan
+        value = output(angle, f.x, m.elements, coefficients)
         deviations = m.deviations if j == 0 else m.beside_deviations
         width = 0.0
         if deviations > 0.0:
             variance = output_variance(angle, f.x, f.covariance, coefficients, m.near, m.slope)
             width = deviations * sqrt(variance + m.misfit[j] ** 2)
         if j > 0:
-            m.torque[0], m.torque[1] = value, width
+            m.torque[0], m.torque[1] = value if m.started == 1.0 else nan, width
         else:
             out[0] = value
             if deviations > 0.0:
@@ -294,7 +282,7 @@ def output_variance(
         near[i] = x[i] - width
         slope[i] = (ahead - output(angle, near, elements, coefficients)) / (2.0 * width)
         near[i] = x[i]
-    return float(quadratic(slope, spread, n))
+    return float(at.quadratic(slope, spread, n))
 
 
 @compiled
@@ -330,22 +318,22 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     return only_joint("motor_side", learnt, n_outputs)
 
 
-def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    joint = ElasticJoint.from_arrays(arrays)
-    middle, half_range, torque, dt = arrays["scales"].tolist()
+def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
+    """Memory of `filter_row`, with fields of a model on top or without."""
+    middle, half_range, torque, _dt = arrays["scales"].tolist()
     elements = int(params["elements"])
-    return LAYOUT.pack(
+    return at.pack_filter(
+        LAYOUT, take_inputs=take_inputs, tell=tell,
         elements=elements,
-        torque=np.zeros(2),
         middle=middle,
         half_range=half_range,
         torque_scale=torque,
         responses=arrays["outputs"],
         misfit=arrays["misfit"],
-        near=np.zeros(elements + 2),
-        slope=np.zeros(elements + 2),
-        filter=UnscentedFilter(joint.state_space(dt)).memory(*joint.prior()),
-    )
+        n_states=elements + 2,
+        filter=elastic_filter(arrays).memory(*elastic_prior(arrays)),
+        **on_top,
+    )  # fmt: skip
 
 
 FAMILY: Final = Family(
@@ -357,11 +345,56 @@ FAMILY: Final = Family(
         "tells_torque": one_of(False, True),
     },
     shapes=_shapes,
-    pack=_pack,
-    row=elastic_joint_row,
+    pack=pack,
+    row=at.filter_row,
     remembers=True,
     inputs=lambda _params: (DRIVER, TORQUE),
     targets=("position",),
     states_deviation=lambda _params: True,
     beside=lambda params: {BESIDE_NAME: ()} if params["tells_torque"] else {},
 )
+
+
+N_SIGNALS: Final = 2
+"""Driver and torque, of which trees see plays."""
+_PLAYS: Final = "plays", "time_constants"
+
+
+@compiled
+def sight(
+    numbers: Integers, memory: Array, dt: float, x: Array, out: Array, sighted: Array
+) -> None:
+    """Show a model signals, their plays and low-passes, states and angle of the filter."""
+    signals = part_numbers(numbers, at.SIGNALS)
+    expand(signals, part_memory(numbers, memory, at.SIGNALS), dt, x, sighted)
+    f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
+    last, n_states = sighted.shape[0] - 1, f.n_states
+    copy(f.x, vector(sighted, last - n_states, n_states), n_states)
+    sighted[last] = out[0]
+
+
+def _bank(params: Params) -> Params:
+    """Parameters of the plays, of those of the family."""
+    return {**play_bank.BARE, **{name: params[name] for name in _PLAYS}}
+
+
+def _sizes(params: Params) -> tuple[int, int]:
+    n_plays = play_bank.n_seen(_bank(params), N_SIGNALS)
+    return n_plays + int(params["elements"]) + 3, n_told(params)
+
+
+HYBRID_ROWS: Final = replace(
+    hybrid_family(
+        "motor_side.hybrid_rows",
+        FAMILY,
+        pack,
+        sight,
+        BESIDE,
+        _sizes,
+        rules={name: play_bank.FAMILY.rules[name] for name in _PLAYS},
+        scales={"centre": (N_SIGNALS,), "inverse_half_range": (N_SIGNALS,)},
+        signals=lambda params, arrays: play_bank.pack(_bank(params), arrays, N_SIGNALS, 0),
+    ),
+    states_deviation=lambda _params: False,
+)
+"""The filter, and trees that learn what it leaves."""
