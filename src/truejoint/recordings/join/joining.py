@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Final
 
 import numpy as np
@@ -111,11 +113,12 @@ def join_truth(
     joints = tuple(name.removeprefix("truth/") for name in truth.columns)
     if recording.joints_of("truth"):
         raise RecordingError(f"{source}: has a truth already; give one without")
-    robot = {f"measured/{joint}": recording.column(f"measured/{joint}") for joint in joints}
+    measured = recording.columns("measured", joints)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
     if offset is None:
         about = None if near is None else near - begins
-        clock = find_clock_offset(Stream(recording.t, robot), truth, about)
+        positions = np.column_stack([*truth.columns.values()])
+        clock = find_clock_offset(recording.t, measured, truth.t, positions, joints, about)
         clock = _refined(recording, truth, clock)
         clock = replace(clock, seconds=clock.seconds + begins)
     elif math.isfinite(offset):
@@ -149,15 +152,11 @@ def _shifted(
     state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
     gap_limit = BRIDGED_STEPS * float(np.median(np.diff(truth.t)))
     columns, counts = synchronise(state, shifted, gap_limit)
-    units = {
-        name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns
-    }
+    units = {n: recording.units["measured" + n.removeprefix("truth")] for n in truth.columns}
     units = {**recording.units, **units}
     # Arrays of the other recording, and new ones.
-    joined = Recording.from_columns(
-        columns, recording.provenance, units, robot=recording.robot, copy=False
-    )
-    return joined, counts
+    origin, robot = recording.provenance, recording.robot
+    return Recording.from_columns(columns, origin, units, robot=robot, copy=False), counts
 
 
 def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockOffset:
@@ -188,37 +187,39 @@ def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockO
     if not (deviation < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
         farthest = max(abs(lag.seconds), abs(other.seconds))
         return replace(coarse, sd=math.hypot(coarse.sd, farthest))
-    steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
-    sd = math.hypot(deviation, lag.seconds / 2, *(step / math.sqrt(12.0) for step in steps))
+    sd = math.hypot(deviation, lag.seconds / 2, *_age_sds(recording.t, truth.t))
     return replace(coarse, seconds=coarse.seconds - lag.seconds, sd=sd)
 
 
-def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:
+def _age_sds(*stamps: Array) -> list[float]:
+    """Deviation [s] of each stream's stamps: a reading may be as old as a step of it."""
+    return [float(np.median(np.diff(t))) / math.sqrt(12.0) for t in stamps]
+
+
+def find_clock_offset(
+    t: Array,
+    measured: Array,
+    truth_t: Array,
+    truth: Array,
+    joints: Sequence[str],
+    near: float | None = None,
+) -> ClockOffset:
     """Offset to be added to the stamps of the truth [s], by the motion; raises RecordingError.
 
-    `state` has columns ``measured/<joint>``, `truth` in the same order ``truth/<joint>``, neither
-    a NaN. The stamps of both rise.
+    `measured` (n, k) and `truth` (m, k) are positions of `joints` at stamps `t` (n,) and `truth_t`
+    (m,) [s] that rise, without a NaN.
     """
-    joints = tuple(name.partition("/")[2] for name in truth.columns)
-    moving = [
-        k
-        for k, joint in enumerate(joints)
-        if np.ptp(state.columns[f"measured/{joint}"]) > 0 and np.ptp([*truth.columns.values()][k])
-    ]
-    if not moving:
+    moves = (np.ptp(measured, axis=0) > 0) & (np.ptp(truth, axis=0) > 0)
+    if not moves.any():
         raise RecordingError(
             f"{', '.join(joints)} stand still: no motion tells the offset of the clocks; state it"
         )
-    joints = tuple(joints[k] for k in moving)
-    measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
-    positions = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
-    coarse = coarse_offset(
-        state.t, measured, truth.t, positions, ", ".join(joints), near, joint_likeness
-    )
+    joints = tuple(compress(joints, moves))
+    motion = t, measured[:, moves], truth_t, truth[:, moves]
+    coarse = coarse_offset(*motion, ", ".join(joints), near, joint_likeness)
     with one_thread():  # many small regressions, of which each would wait for its threads
-        seconds, sd = fine_offset(state.t, measured, truth.t, positions, coarse)
-    steps = [float(np.median(np.diff(stamps))) for stamps in (state.t, truth.t)]
-    return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)
+        seconds, sd = fine_offset(*motion, coarse)
+    return ClockOffset(seconds, math.hypot(sd, *_age_sds(t, truth_t)), joints)
 
 
 def find_path_offset(

@@ -162,10 +162,8 @@ def _stands(
         for end, outwards in ((still.max(), way), (still.min(), -way)):
             at_end = [run for run in repeats if still[run[0]] == end]
             ways = []
-            for (
-                a,
-                b,
-            ) in at_end:  # how far outwards from both ends, its first if all ends, a quarter is
+            for a, b in at_end:
+                # How far outwards from both ends, its first if all ends, a quarter is.
                 stretch = outwards * other[a : b + 1]
                 ends = stretch[:1] if b == len(other) - 1 else stretch[[0, -1]]
                 ways.append(float(np.quantile(stretch, 0.75) - ends.max()) / span)

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 from scipy.stats import rankdata
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.recordings.join.explained import (
     FEWEST,
     SLOW,
@@ -42,7 +42,8 @@ _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of 
 _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
 _MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
-_STEP_OF_REDUNDANT: Final = 0.6  # of the step that counts for the truth, which is noisier
+# Their finding, and the share of the step that counts for the truth, which is noisier.
+_REDUNDANT: Final = ("redundant", 0.6)
 _LATE_DROP: Final = 0.05  # of the residual's variance
 _PERHAPS_DROP: Final = 0.02  # of that, for a word only
 _SURE: Final = 5.0  # uncertainties
@@ -75,38 +76,51 @@ def judge_positions(
                 judged[joint].append(recording)
     truths: list[tuple[list[Recording], Explained]] = []
     for joint, whole in judged.items():
-        with_truth = [r for r in whole if _truths(r, joint) >= FEWEST]
-        if with_truth:
-            explained = explain(with_truth, joint)
-            cleaned, defects = _judge_truth(with_truth, explained)
+        for quantity in ("truth", *REDUNDANT):
+            column = f"{quantity}/{joint}"
+            if not (telling := [r for r in whole if _tells(r, column)]):
+                continue
+            explained = explain(telling, joint, quantity)
+            steps, defects = _judge_sensor(telling, explained)
             marked += defects
-            truths.append((cleaned, explained))
-        for quantity in REDUNDANT:
-            marked += _judge_redundant(whole, joint, quantity)
+            if quantity == "truth":
+                pairs = zip(telling, steps, strict=True)
+                cleaned = [_without(r, column, s.outliers) for r, s in pairs]
+                truths.append((cleaned, explained))
     yield from one_line_each(marked, recordings)
     yield from _judge_delay(truths, recordings)
     if truths:
         yield from _judge_instruments(*truths[0])
 
 
-def _truths(recording: Recording, joint: str) -> int:
-    name = f"truth/{joint}"
-    return int(np.isfinite(recording.column(name)).sum()) if name in recording.units else 0
+def _tells(recording: Recording, column: str) -> bool:
+    """Whether a column has enough values, and those of a sensor beside the truth's change."""
+    if column not in recording.units:
+        return False
+    values = recording.column(column)
+    enough = bool(np.isfinite(values).sum() >= FEWEST)
+    return enough and (column.startswith("truth/") or bool(np.ptp(values) > 0.0))
 
 
-def _judge_truth(
+def _without(recording: Recording, column: str, rows: Integers) -> Recording:
+    """Take the truth of some rows away."""
+    truth = recording.column(column).copy()
+    truth[rows] = np.nan
+    return replace(recording, table=recording.table.assign(**{column: truth}))
+
+
+def _judge_sensor(
     recordings: Sequence[Recording], explained: Explained
-) -> tuple[list[Recording], list[Marked]]:
-    """Take the outliers out of recordings, and say what was found."""
-    cleaned, defects = [], []
-    column = f"truth/{explained.joint}"
-    for recording in recordings:
-        steps = find_steps(recording, explained)
-        defects += [(d, recording) for d in _judge_steps(recording, explained, steps, "zero")]
-        truth = recording.column(column).copy()
-        truth[steps.outliers] = np.nan
-        cleaned.append(replace(recording, table=recording.table.assign(**{column: truth})))
-    return cleaned, defects + _judge_zeros(recordings, explained, "zero", defects)
+) -> tuple[list[Steps], list[Marked]]:
+    """Find steps in, and between, recordings of a truth or of two sensors that may disagree."""
+    name, share = ("zero", 1.0) if explained.quantity == "truth" else _REDUNDANT
+    steps = [find_steps(recording, explained, share) for recording in recordings]
+    marked = [
+        (defect, recording)
+        for recording, of_recording in zip(recordings, steps, strict=True)
+        for defect in _judge_steps(recording, explained, of_recording, name)
+    ]
+    return steps, marked + _judge_zeros(recordings, explained, name, marked)
 
 
 def _judge_steps(
@@ -156,25 +170,6 @@ def _judge_zeros(
             defect = Defect("fail", name, what, column, advice, size=abs(offset))
             moved.append((defect, recording))
     return moved[:1] if len(recordings) == 2 else moved
-
-
-def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Marked]:
-    """Two sensors of one joint that disagree, in a recording or from a row on."""
-    column = f"{quantity}/{joint}"
-    moving = [
-        r
-        for r in recordings
-        if len(r) >= FEWEST and column in r.units and np.ptp(r.column(column)) > 0.0
-    ]
-    if not moving:
-        return []
-    explained = explain(moving, joint, quantity)
-    marked: list[Marked] = []
-    for recording in moving:
-        steps = find_steps(recording, explained, _STEP_OF_REDUNDANT)
-        defects = _judge_steps(recording, explained, steps, "redundant")
-        marked += [(defect, recording) for defect in defects]
-    return marked + _judge_zeros(moving, explained, "redundant", marked)
 
 
 def _judge_delay(
@@ -233,15 +228,13 @@ def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
             if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
                 unit, display = measured.unit, display_unit(measured.unit)
                 wrong = max(ratio, 1.0 / ratio)
-                name, side = (
-                    ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
-                )
+                sides = ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
                 guess = f" (1 {unit} = {display.scale:.4g} {display.name})"
-                what = f"it spans {wrong:.3g} times what the {side} does{guess}"
+                what = f"it spans {wrong:.3g} times what the {sides[1]} does{guess}"
                 advice = (
                     f"give both in {unit}: state the column's unit, as {display.name}, or its scale"
                 )
-                yield Defect("fail", "unit", what, f"{name}/{joint}", advice, size=wrong)
+                yield Defect("fail", "unit", what, f"{sides[0]}/{joint}", advice, size=wrong)
                 return
             moves = np.ptp(truth[rows]) > 0.0 and np.ptp(reported[rows]) > 0.0
             ranks = rankdata(truth[rows]), rankdata(reported[rows])

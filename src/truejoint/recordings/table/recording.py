@@ -356,7 +356,7 @@ def recordings_of_file(
     columns: Mapping[str, Array],
     units: Mapping[str, str] | None = None,
     *,
-    rate: float | None = None,
+    rate: float = 0.0,
     dropped: Mapping[str, int] | None = None,
     **about: Any,
 ) -> list[Recording]:
@@ -365,7 +365,7 @@ def recordings_of_file(
     Rows in which a value other than truth is missing are left out, of rows with the same stamp all
     but the last; both are counted beside what was `dropped` before. Stamps since 1970 are counted
     from the first row. The session is the file's name up to a dot unless stated. State and truth
-    are of `rate` [Hz]; without one the state is of that which its stamps show.
+    are of `rate` [Hz]; where it is 0 the state is of that which its stamps show.
     """
     robot = get_robot(robot) if isinstance(robot, str) else robot
     _check_shapes(columns, path.name)
