@@ -167,9 +167,7 @@ def test_redundant_sensors_that_disagree_are_found(healthy: list[Recording], fir
     assert finding.where.startswith("motor/elbow in synthetic-0.csv")
 
 
-def test_a_recording_unlike_the_others_is_named(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_a_recording_unlike_the_others_is_named(recording_of: Callable[..., Recording]) -> None:
     recordings = [recording_of("davinci_grasper", seed=seed, seconds=60) for seed in range(5)]
     foreign = _in_first(recordings, "effort/jaw", lambda effort: 40.0 + effort)
     (finding,) = named(check_data(foreign), "instrument")

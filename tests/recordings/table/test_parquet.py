@@ -227,9 +227,7 @@ joints = [{ name = "jaw", upper = 1.0 }]
 """
 
 
-def test_a_robot_of_a_file_comes_with_the_recording(
-    tmp_path: Path,
-) -> None:
+def test_a_robot_of_a_file_comes_with_the_recording(tmp_path: Path) -> None:
     (tmp_path / "tool.toml").write_text(TOOL)
     (tmp_path / "run.csv").write_text("t,measured/jaw\n0,0.1\n1,0.2\n")
     (tmp_path / "map.toml").write_text(

@@ -15,11 +15,7 @@ import requests
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import sha256_of
-from truejoint.recordings.datasets.catalogue import (
-    Dataset,
-    DatasetFile,
-    get_dataset,
-)
+from truejoint.recordings.datasets.catalogue import Dataset, DatasetFile, get_dataset
 from truejoint.recordings.read.reading import read_recording
 from truejoint.recordings.table.recording import Recording
 

@@ -13,14 +13,17 @@ from scipy.stats import rankdata
 from truejoint.array_types import Array, Integers
 from truejoint.recordings.join.explained import (
     FEWEST,
+    LATE,
     SLOW,
     Explained,
+    Lag,
     Steps,
+    estimate_lag,
     explain,
     find_steps,
+    lags_unlike_others,
     robust_spread,
 )
-from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,

@@ -89,12 +89,7 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
         lines.append('# robot = "<name, or a robot file beside this one>"')
     if "t" not in sketched:
         lines.append("# rate_hz = <rate of the rows, unless one of the columns is t>")
-    lines += [
-        "",
-        "[columns]",
-        *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()),
-        *rest,
-    ]
+    lines += ["", "[columns]", *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()), *rest]
     return "\n".join(lines)
 
 

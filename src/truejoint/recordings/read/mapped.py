@@ -20,12 +20,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
-from truejoint.recordings.read.column_map import (
-    ColumnMap,
-    MappedColumn,
-    MapSource,
-    read_column_map,
-)
+from truejoint.recordings.read.column_map import ColumnMap, MappedColumn, MapSource, read_column_map
 from truejoint.recordings.read.numeric_text import TextLayout, read_numbers, text_layout
 from truejoint.recordings.table.recording import (
     POSITION_QUANTITIES,

@@ -17,7 +17,7 @@ from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.bags.reading import bag_topics, read_topic
+from truejoint.recordings.read.bags.reading import Bags, bag_topics, read_topic
 from truejoint.recordings.read.numeric_text import read_numbers, text_layout
 from truejoint.recordings.table.parquet import PARQUET_MAGIC, check_size
 from truejoint.recordings.table.stream import forward_rows
@@ -155,11 +155,7 @@ class Track:
         return cls(t[usable], position[usable], turns, source, counts)
 
 
-def read_track(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-    topic: str = "",
-    unit: str = "m",
-) -> Track:
+def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     """Read the points or poses of a marker on the tool from a file, or the bags of a session.
 
     Parameters

@@ -378,11 +378,10 @@ def recordings_of_file(
             f"{path.name}: {missing} of {whole.size} rows lack a value, {worst!r} in "
             f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
         )
-    if missing:
-        columns = {name: values[whole] for name, values in columns.items()}
-    last = last_of_each_stamp(columns["t"])
-    if not last.all():
-        columns = {name: values[last] for name, values in columns.items()}
+    last = last_of_each_stamp(columns["t"][whole])
+    rows = np.flatnonzero(whole)[last]
+    if len(rows) < whole.size:
+        columns = {name: values[rows] for name, values in columns.items()}
     counts = {**(dropped or {}), MISSING: missing, "repeated time stamp": int((~last).sum())}
     stated: dict[str, Any] = {
         "source": path.name,
@@ -393,12 +392,12 @@ def recordings_of_file(
     sessions = _sessions(columns["t"])
     recordings = []
     for count, (first, end) in enumerate(sessions, 1):
-        rows = {name: values[first:end] for name, values in columns.items()}
-        rows["t"], start = since_first(rows["t"])
+        part = {name: values[first:end] for name, values in columns.items()}
+        part["t"], start = since_first(part["t"])
         origin = replace(provenance, start=start, dropped=counts if count == 1 else {})
         if len(sessions) > 1:
             origin = replace(origin, session=f"{provenance.session}#{count}")
-        recordings.append(Recording.from_columns(rows, origin, units, robot=robot))
+        recordings.append(Recording.from_columns(part, origin, units, robot=robot))
     return recordings
 
 

@@ -237,11 +237,7 @@ def assemble(
 
 
 def _series_of(
-    lots: Iterable[Lot],
-    robot: Robot,
-    wiring: Wiring,
-    quantities: Collection[str],
-    place: str,
+    lots: Iterable[Lot], robot: Robot, wiring: Wiring, quantities: Collection[str], place: str
 ) -> dict[str, Series]:
     """Columns of the topics of a wiring, by topic."""
     quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {

@@ -30,10 +30,10 @@ from truejoint.recordings.read.bags.fields import Series, lots_of
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Robot, get_robot
 
+Bags = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
-def bag_topics(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-) -> dict[str, tuple[str, int]]:
+
+def bag_topics(bags: Bags) -> dict[str, tuple[str, int]]:
     """Topics of bags: the type of each, and how many messages it has in all of them.
 
     Raises RecordingError if one is no bag.
@@ -53,7 +53,7 @@ def bag_topics(
 
 
 def read_bag(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    bags: Bags,
     robot: str = "",
     arm: str = "",
     *,
@@ -115,9 +115,7 @@ def read_bag(
     return _read(paths, machine, wiring, topics, quantities, offset, near)
 
 
-def read_other_arm(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], recording: Recording
-) -> Recording | None:
+def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
     """Read what RAVEN's state in the same bags says of the other arm's positions.
 
     None where the robot has no other arm, or the bags no such state.
@@ -140,9 +138,7 @@ def read_other_arm(
 
 
 def read_topic(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-    topic: str,
-    fields: Collection[str],
+    bags: Bags, topic: str, fields: Collection[str]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
     """Fields of all messages of any topic, for instance ``pose.position.x`` of a tracker.
 
@@ -193,11 +189,8 @@ def read_topic(
     return stamps, {name: np.column_stack(values) for name, values in parts.items() if values}
 
 
-def _paths(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-) -> list[Path]:
-    listed = [bags] if isinstance(bags, str | os.PathLike) else list(bags)
-    paths = [Path(bag) for bag in listed]
+def _paths(bags: Bags) -> list[Path]:
+    paths = [Path(bag) for bag in ([bags] if isinstance(bags, str | os.PathLike) else bags)]
     for path in paths:
         if not path.exists():
             raise RecordingError(f"{path}: there is no such file or folder; check the path")
