@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter
 from contextlib import suppress
@@ -100,14 +101,9 @@ def test_the_left_arm_is_where_the_profile_says(bag):
     found = read_bag(bag, "raven2", "left", state="/arm2/measured_js")
     assert not found.joints_of("effort")
     assert not found.joints_of("setpoint")
-    assert "raven2" in found.provenance.notes
-    assert "+0.1309 to elbow" in found.provenance.notes
-
-
-def test_the_notes_say_what_was_read(bag):
-    said = read_bag(bag, state="/arm2/measured_js").provenance.notes
-    assert said.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
-    assert "; added to the truth [rad or m]: " in said
+    notes = found.provenance.notes
+    assert notes.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
+    assert re.search(r"; added to the truth \[rad or m\]: .*\+0.1309 to elbow", notes)
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap"])
@@ -140,10 +136,6 @@ def test_of_many_topics_a_message_lists_thirty():
     assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
     topics.pop("/30")
     assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29)")
-
-
-def test_any_command_reads_a_bag(bag, session):
-    same(read_recording(bag), session)
 
 
 def _messages(path: Path) -> list[tuple[Any, int, bytes]]:
