@@ -28,11 +28,10 @@ from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
     Level,
+    Rows,
     count,
     file_name,
     one_line_each,
-    row_ranges,
-    row_text,
 )
 from truejoint.recordings.table.recording import Recording
 from truejoint.robots import Joint
@@ -132,12 +131,12 @@ def _judge_steps(
     column = f"{explained.quantity}/{explained.joint}"
     unit = recording.units[column]
     if len(steps.outliers):
-        rows = row_ranges(steps.outliers)
+        rows = _row_ranges(steps.outliers)
         most = shown(float(np.abs(steps.size).max()), unit)
         weight = float(np.sqrt((steps.size**2).sum() / len(recording)))
         what = (
             f"{len(steps.outliers)} of {count(len(recording), 'row')} up to {most} off those "
-            f"beside them ({row_text(rows)})"
+            f"beside them ({_row_text(rows)})"
         )
         level: Level = "fail" if weight > _MISLEADS * explained.spread else "warn"
         yield Defect(level, "outliers", what, column, rows=rows, size=weight)
@@ -152,6 +151,19 @@ def _judge_steps(
         yield Defect(
             "warn" if harmless else "fail", kind, what, column, advice, rows, abs(float(rise))
         )
+
+
+def _row_ranges(rows: Integers) -> Rows:
+    """Ranges, first and one behind the last, of rising row numbers (n,)."""
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    return tuple((int(part[0]), int(part[-1]) + 1) for part in parts)
+
+
+def _row_text(ranges: Rows) -> str:
+    """Row numbers for a person: ``"rows 3, 17-20, ..."``."""
+    texts = [f"{a}" if b == a + 1 else f"{a}-{b - 1}" for a, b in ranges[:3]]
+    few = len(ranges) == 1 and ranges[0][1] == ranges[0][0] + 1
+    return ("row " if few else "rows ") + ", ".join(texts) + (", ..." if len(ranges) > 3 else "")
 
 
 def _judge_zeros(
@@ -188,18 +200,18 @@ def _judge_delay(
     where = ", ".join(f"truth/{e.joint}" for e in explained)
     together = estimate_lag(recordings, explained)
     single = [
-        (replace(defect, where=where, size=abs(lag.seconds)), recordings[0][number])
+        (defect, recordings[0][number])
         for number, lag in ([] if together.slow else lags_unlike_others(recordings, explained))
-        for defect in _late(lag)
+        for defect in _late(lag, where)
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
         yield from one_line_each(single, every)
     else:
-        defect = (replace(defect, where=where) for defect in _late(together))
-        yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in defect)
+        for d in _late(together, where):
+            yield Finding(d.level, d.name, d.what, d.where, d.advice)
 
 
-def _late(lag: Lag) -> Iterable[Defect]:
+def _late(lag: Lag, where: str) -> Iterable[Defect]:
     """Say how late the truth is, if that is not nothing; where rows are far apart, in any case."""
     beyond = abs(lag.seconds) >= LATE
     sure = beyond and lag.drop >= _LATE_DROP and abs(lag.seconds) > _SURE * lag.sd
@@ -213,7 +225,8 @@ def _late(lag: Lag) -> Iterable[Defect]:
         f"(+- {1e3 * lag.sd:.0f} ms)"
     )
     advice = "correct the clocks or shift the truth" if sure else "look at the clocks"
-    yield Defect("fail" if sure else "warn" if likely else "info", "delay", what, "", advice)
+    level: Level = "fail" if sure else "warn" if likely else "info"
+    yield Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
 
 
 def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:

@@ -133,10 +133,8 @@ def read_streams(
             while True:
                 try:
                     batch, described = reader.read_next_batch_with_custom_metadata()
-                except StopIteration:
+                except (StopIteration, *_DAMAGE):  # for a damaged length there is no memory
                     break
-                except _DAMAGE:
-                    break  # a length that is none takes more memory than there is
                 name, block = _block(source, batch, described)
                 whole = name == _END
                 if not whole and wanted(name):

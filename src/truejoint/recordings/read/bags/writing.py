@@ -12,7 +12,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Mask
 from truejoint.crtk.messages import (
     DEFINITIONS,
     JOINT_STATE,
@@ -118,26 +117,22 @@ def _topics(recording: Recording, profile: Profile) -> Iterator[_Messages]:
             **raven_state_fields(robot, columns),
         }  # fmt: skip
     for quantity in ("measured", "setpoint", "truth"):
-        if not recording.joints_of(quantity):
+        if not (joints := recording.joints_of(quantity)):
             continue
-        name = TRUTH_TOPIC
-        rows: Mask = np.ones(len(stamps), dtype=np.bool_)
-        if quantity == "truth":
-            truth = recording.columns("truth", recording.joints_of("truth"))
-            rows = np.asarray(~np.isnan(truth).any(axis=1))
-        else:
-            name = profile.topic(robot.arm, f"{quantity}_js")
-        with_truth = {column: values[rows] for column, values in columns.items()}
-        names, fields = joint_state_fields(robot, quantity, name, with_truth, profile)
+        is_truth = quantity == "truth"
+        name = TRUTH_TOPIC if is_truth else profile.topic(robot.arm, f"{quantity}_js")
+        rows = ~np.isnan(recording.columns(quantity, joints)).any(axis=1)
+        known = {column: values[rows] for column, values in columns.items()}
+        names, fields = joint_state_fields(robot, quantity, name, known, profile)
         if names and not (quantity == "setpoint" and profile.no_setpoint):
             yield name, JOINT_STATE, stamps[rows], {"name": list(names), **fields}
 
 
 def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> None:
     """Write all messages in the order of their stamps."""
-    connections = []
-    for name, kind, _, _ in topics:
-        connections.append(writer.add_connection(name, full_name(kind), typestore=store))
+    connections = [
+        writer.add_connection(name, full_name(kind), typestore=store) for name, kind, _, _ in topics
+    ]
     stamps = np.concatenate([stamps for _, _, stamps, _ in topics])
     owner = np.concatenate([np.full(len(stamps), k) for k, (_, _, stamps, _) in enumerate(topics)])
     row = np.concatenate([np.arange(len(stamps)) for _, _, stamps, _ in topics])
