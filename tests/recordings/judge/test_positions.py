@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,15 +35,22 @@ def _in_all(recordings: list[Recording], column: str, change: Change) -> list[Re
     return [_changed(recording, column, change) for recording in recordings]
 
 
+def _added(rows: Any, by: Any) -> Change:
+    """Add to the values of some rows."""
+
+    def change(values: np.ndarray) -> np.ndarray:
+        values[rows] += by
+        return values
+
+    return change
+
+
 def test_nothing_is_found_where_nothing_is_wrong(healthy):
     assert {finding.name for finding in check_data(healthy).findings} <= {"limits", "load"}
 
 
 def test_outliers_are_named_by_row_and_size(healthy):
-    def spoil(truth: np.ndarray) -> np.ndarray:
-        truth[[200, 900, 901, 902]] += 0.4
-        return truth
-
+    spoil = _added([200, 900, 901, 902], 0.4)
     (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
     assert finding.level == "fail"
     assert finding.rows == ((200, 201), (900, 903))
@@ -52,19 +60,13 @@ def test_outliers_are_named_by_row_and_size(healthy):
 
 
 def test_what_steps_away_and_creeps_back_is_no_outlier(healthy):
-    def slip(truth: np.ndarray) -> np.ndarray:
-        truth[900:1000] += 0.05 * np.exp(-np.arange(100) / 10)
-        return truth
-
+    slip = _added(slice(900, 1000), 0.05 * np.exp(-np.arange(100) / 10))
     assert not named(check_data(_in_first(healthy, "truth/elbow", slip)), "outliers")
 
 
 def test_a_single_small_outlier_is_a_warning_only(healthy):
-    def spoil(truth: np.ndarray) -> np.ndarray:
-        truth[500] += 0.012
-        return truth
-
-    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+    spoilt = _in_first(healthy, "truth/elbow", _added(500, 0.012))
+    (finding,) = named(check_data(spoilt), "outliers")
     assert finding.level == "warn"
 
 
@@ -93,24 +95,16 @@ def test_degrees_on_both_sides_are_seen_by_the_limits(healthy):
     assert "the limits are" in finding.what
 
 
-def test_a_late_truth_is_measured(healthy):
+@pytest.mark.parametrize(("spread", "where"), [(_in_all, ""), (_in_first, "in synthetic-0.csv")])
+def test_a_late_truth_is_measured_in_all_recordings_or_in_one(healthy, spread, where):
     late = healthy
     for joint in ("shoulder", "elbow", "insertion"):
         t = late[0].t
-        late = _in_all(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
+        late = spread(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
     (finding,) = named(check_data(late), "delay")
     assert 55 <= float(finding.what.split()[3]) <= 65
     assert "behind" in finding.what
-
-
-def test_one_late_recording_is_named(healthy):
-    late = list(healthy)
-    for joint in ("shoulder", "elbow", "insertion"):
-        t = late[0].t
-        late = _in_first(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
-    (finding,) = named(check_data(late), "delay")
-    assert 55 <= float(finding.what.split()[3]) <= 65
-    assert finding.where.endswith("in synthetic-0.csv")
+    assert finding.where.endswith(where)
 
 
 def test_the_delay_of_slow_rows_is_told_with_its_uncertainty():
@@ -137,11 +131,8 @@ def test_a_zero_that_moved_is_found_in_its_recording(healthy):
 
 
 def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy):
-    def move(truth: np.ndarray) -> np.ndarray:
-        truth[1000:] += 0.05
-        return truth
-
-    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", move)), "zero")
+    moved = _in_first(healthy, "truth/elbow", _added(slice(1000, None), 0.05))
+    (finding,) = named(check_data(moved), "zero")
     assert finding.rows == ((1000, 1001),)
 
 
@@ -154,11 +145,7 @@ def test_redundant_sensors_that_disagree_are_found(healthy, first):
         for r, motor in zip(healthy, motors, strict=True)
     ]
     assert not named(check_data(recordings), "redundant")
-
-    def slip(motor: np.ndarray) -> np.ndarray:
-        motor[first:] += 7.3 * 0.0175
-        return motor
-
+    slip = _added(slice(first, None), 7.3 * 0.0175)
     (finding,) = named(check_data(_in_first(recordings, "motor/elbow", slip)), "redundant")
     assert finding.where.startswith("motor/elbow in synthetic-0.csv")
 

@@ -107,49 +107,37 @@ def test_stamps_since_1970_count_from_the_first_row(tmp_path):
     assert recording.provenance.start == 1.7e9
 
 
+BROS = {"robot": "bros"}
+
+
+def by(columns: dict[str, Any]) -> dict[str, Any]:
+    return {**BROS, "column_map": {"columns": columns}}
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
         ("t,measured/joint1\n0,1\n1,2\n", {}, "which robot is it"),
-        ("t,measured/elbow\n0,1\n1,2\n", {"robot": "bros"}, "has no joint 'elbow'; it has joint1"),
-        ("t,angle\n0,1\n1,2\n", {"robot": "bros"}, "'angle' is neither 't' nor"),
-        ("t,truth/joint1\n0,1\n1,2\n", {"robot": "bros"}, "no 'measured/<joint>' column"),
-        ("t,measured/joint1\n0,1\n", {"robot": "bros"}, "1 rows; a recording needs at least 2"),
-        ("t,measured/joint1\n", {"robot": "bros"}, "holds no rows"),
-        ("t,measured/joint1\n0,1\n1,2\n0,3\n", {"robot": "bros"}, "row 2 goes back or repeats"),
-        ("t,measured/joint1\n0,1\n1,high\n", {"robot": "bros"}, "line 3, column 1 is 'high'"),
-        ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "lack a value, 'measured/joint1'"),
-        (
-            "measured/joint1\n0\n1\n",
-            {"robot": "bros"},
-            "no column 't' .* --metadata rate_hz=.*truejoint col",
-        ),
-        ("t,measured/joint1\n0,1\n1,2\n", {"robot": "bros", "rate": 9.0}, "has time stamps"),
-        ("measured/joint1\n0\n1\n", {"robot": "bros", "rate": np.nan}, "a rate of nan Hz"),
-        ("t,measured/joint1\n0,1\n1,inf\n", {"robot": "bros"}, "row 1 is inf"),
-        ("t,t,measured/joint1\n0,0,1\n1,1,2\n", {"robot": "bros"}, "column 't' is twice"),
-        (TABLE, {"column_map": {"columns": {"t": "stamp"}}, "robot": "bros"}, "no 'measured/"),
-        (
-            TABLE,
-            {"column_map": {"columns": {"t": "time", "measured/joint1": 1}}, "robot": "bros"},
-            "column 'time' is not there; the header has stamp, counts",
-        ),
+        ("t,measured/elbow\n0,1\n1,2\n", BROS, "has no joint 'elbow'; it has joint1"),
+        ("t,angle\n0,1\n1,2\n", BROS, "'angle' is neither 't' nor"),
+        ("t,truth/joint1\n0,1\n1,2\n", BROS, "no 'measured/<joint>' column"),
+        ("t,measured/joint1\n0,1\n", BROS, "1 rows; a recording needs at least 2"),
+        ("t,measured/joint1\n", BROS, "holds no rows"),
+        ("t,measured/joint1\n0,1\n1,2\n0,3\n", BROS, "row 2 goes back or repeats"),
+        ("t,measured/joint1\n0,1\n1,high\n", BROS, "line 3, column 1 is 'high'"),
+        ("t,measured/joint1\n0,1\n1,nan\n", BROS, "lack a value, 'measured/joint1'"),
+        ("measured/joint1\n0\n1\n", BROS, "no column 't' .* --metadata rate_hz=.*truejoint col"),
+        ("t,measured/joint1\n0,1\n1,2\n", {**BROS, "rate": 9.0}, "has time stamps"),
+        ("measured/joint1\n0\n1\n", {**BROS, "rate": np.nan}, "a rate of nan Hz"),
+        ("t,measured/joint1\n0,1\n1,inf\n", BROS, "row 1 is inf"),
+        ("t,t,measured/joint1\n0,0,1\n1,1,2\n", BROS, "column 't' is twice"),
+        (TABLE, by({"t": "stamp"}), "no 'measured/"),
+        (TABLE, by({"t": "time", "measured/joint1": 1}), "'time' is not there; the header has"),
+        (TABLE, by({"t": 0, "measured/joint1": 6}), "to be column 6, but there are 6 columns"),
+        ("0,1\n1,2\n", by({"t": "a", "measured/joint1": 1}), "has no header"),
         (
             TABLE,
-            {"column_map": {"columns": {"t": 0, "measured/joint1": 6}}, "robot": "bros"},
-            "to be column 6, but there are 6 columns",
-        ),
-        (
-            "0,1\n1,2\n",
-            {"column_map": {"columns": {"t": "a", "measured/joint1": 1}}, "robot": "bros"},
-            "has no header",
-        ),
-        (
-            TABLE,
-            {
-                "column_map": {"columns": {"t": 0, "measured/joint1": {"column": 1, "unit": "mm"}}},
-                "robot": "bros",
-            },
+            by({"t": 0, "measured/joint1": {"column": 1, "unit": "mm"}}),
             "is in rad, which 'mm' cannot be",
         ),
     ],
