@@ -81,14 +81,12 @@ def _clock(t: Array) -> Iterable[Defect]:
 
 
 def _dropped(recording: Recording) -> Iterable[Defect]:
-    dropped = {reason: n for reason, n in recording.provenance.dropped.items() if n}
-    total = sum(dropped.values())
-    share = total / (total + len(recording))
-    if total:
+    dropped = recording.provenance.dropped
+    if total := sum(dropped.values()):
+        share = total / (total + len(recording))
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        what = (
-            f"{count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: {reasons}"
-        )
+        rows = f"{count(total, 'row')} ({100 * share:.2g} %)"
+        what = f"{rows} dropped when the file was read: {reasons}"
         level: Level = "warn" if share > 0.05 else "info"
         yield Defect(level, "dropped", what, "rows", size=share)
 

@@ -299,16 +299,13 @@ def left_out_zeros(explained: Explained) -> tuple[Array, float]:
     pairs = list(zip(designs, explained.samples, strict=True))
     normal = np.array([(d * s.weights[:, None]).T @ d for d, s in pairs])
     right = np.array([d.T @ (s.weights * s.error) for d, s in pairs])
-    all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)
-    medians, spreads = [], []
-    for matrix, own_right, (design, sample) in zip(normal, right, pairs, strict=True):
-        rest = all_normal - matrix
-        k = len(rest) - 1
-        rest[np.arange(k), np.arange(k)] += _RIDGE_LEFT_OUT * rest[-1, -1]
-        residual = sample.error - design @ np.linalg.solve(rest, all_right - own_right)
-        medians.append(float(np.median(residual)))
-        spreads.append(robust_spread(residual))
-    return np.array(medians), float(np.median(spreads))
+    others = normal.sum(axis=0) - normal
+    diagonal = np.arange(others.shape[1] - 1)
+    others[:, diagonal, diagonal] += _RIDGE_LEFT_OUT * others[:, -1:, -1]
+    solutions = np.linalg.solve(others, (right.sum(axis=0) - right)[:, :, None])[:, :, 0]
+    residuals = [s.error - d @ x for (d, s), x in zip(pairs, solutions, strict=True)]
+    zeros = np.array([np.median(residual) for residual in residuals])
+    return zeros, float(np.median([robust_spread(residual) for residual in residuals]))
 
 
 def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:
@@ -319,14 +316,13 @@ def _judge_instruments(recordings: Sequence[Recording], explained: Explained) ->
     sums = np.array([x.sum(axis=0) for x in inputs])
     squares = np.array([x.T @ x for x in inputs])
     counts = np.array([len(x) for x in inputs])
-    rms = []
-    for index, x in enumerate(inputs):
-        n = counts.sum() - counts[index]
-        mean = (sums.sum(axis=0) - sums[index]) / n
-        covariance = (squares.sum(axis=0) - squares[index]) / n - np.outer(mean, mean)
-        values, vectors = np.linalg.eigh(covariance)
-        away = (x - mean) @ vectors / np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
-        rms.append(np.sqrt(np.mean(away**2)))
+    n = counts.sum() - counts  # of the others, as all that follows
+    means = (sums.sum(axis=0) - sums) / n[:, None]
+    covariances = (squares.sum(axis=0) - squares) / n[:, None, None]
+    values, vectors = np.linalg.eigh(covariances - means[:, :, None] * means[:, None, :])
+    deviations = np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
+    others = zip(inputs, means, vectors, deviations, strict=True)
+    rms = [np.sqrt(np.mean(((x - mean) @ axes / sd) ** 2)) for x, mean, axes, sd in others]
     farther = np.array(rms) / np.median(rms)
     for index in np.flatnonzero(farther > _FARTHER).tolist():
         what = (

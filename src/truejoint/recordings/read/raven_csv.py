@@ -23,8 +23,14 @@ from truejoint.array_types import Array, Mask
 from truejoint.crtk.messages import RAVEN_FIELDS, RUN_LEVELS
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head
-from truejoint.recordings.read.column_map import ColumnMap, MappedColumn
-from truejoint.recordings.read.mapped import CUT_SHORT, Header, Table, read_text
+from truejoint.recordings.read.mapped import (
+    CUT_SHORT,
+    ColumnMap,
+    Header,
+    MappedColumn,
+    Table,
+    read_text,
+)
 from truejoint.recordings.read.numeric_text import text_layout
 from truejoint.recordings.table.recording import Recording, runs
 from truejoint.robots import Robot, get_robot

@@ -12,9 +12,8 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, require_file
 from truejoint.recordings.read import mapped, raven_csv
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.column_map import MapSource
 from truejoint.recordings.read.formats import FORMATS, format_names, get_format
-from truejoint.recordings.read.mapped import find_layout, layouts
+from truejoint.recordings.read.mapped import MapSource, find_layout, layouts
 from truejoint.recordings.read.numeric_text import is_number, split_fields
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import Recording, as_recordings

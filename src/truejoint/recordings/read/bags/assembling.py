@@ -219,21 +219,17 @@ def assemble(
         dropped[f"state: {MISSING} in one of its topics"] = int((~finite).sum())
         keep_rows(columns, np.flatnonzero(finite))
     dropped |= lost  # counted to the end of the files, which is now
+    truth = _stream(series[wiring.truth], base, "truth", dropped) if wiring.truth else None
     provenance = replace(origin, rates=rates, dropped=dropped, notes=_notes(wiring))
     recording = Recording.from_columns(columns, provenance, robot=robot, copy=False)
-    if wiring.truth:
-        counts: dict[str, int] = {}
-        truth = _stream(series[wiring.truth], base, "truth", counts)
-        recording = replace(
-            recording, provenance=replace(provenance, dropped={**dropped, **counts})
-        )
+    notes = provenance.notes
+    if truth is not None:
         # By stamps, or by motion where they have too little in common.
         alike = offset is None and near is None and cover_same_time(recording.t, truth.t)
         recording, _ = join_truth(recording, truth, 0.0 if alike else offset, near=near)
-        if alike:
-            provenance = replace(recording.provenance, notes=provenance.notes)
-            recording = replace(recording, provenance=provenance)
-    return replace(recording, provenance=replace(recording.provenance, start=base / _SECOND))
+        notes = notes if alike else recording.provenance.notes
+    provenance = replace(recording.provenance, start=base / _SECOND, notes=notes)
+    return replace(recording, provenance=provenance)
 
 
 def _series_of(
