@@ -121,6 +121,10 @@ def _other(recording: Recording, truth: Stream) -> object:
             "no column 'measured/elbow'",
         ),
         (lambda recording, truth: join_truth(recording, truth, np.inf), "an offset of inf s"),
+        (
+            lambda recording, truth: join_truth(recording, Stream(truth.t, {"jaw": truth.t})),
+            r"columns \['jaw'\] are none of it; call them truth/",
+        ),
     ],
 )
 def test_what_cannot_be_joined_is_one_line(call, message):
@@ -216,13 +220,3 @@ def test_a_path_that_repeats_itself_is_refused_unless_told_about_where():
 def path(t: np.ndarray, seed: int) -> np.ndarray:
     """Way (n, 3) that does not repeat itself."""
     return np.column_stack([angles(t, seed), angles(t, seed + 1000)[:, :1]])
-
-
-def test_a_truth_is_called_one(recording):
-    bare = Recording.from_columns(
-        {n: c for n, c in recording.table.items() if not str(n).startswith("truth")},
-        recording.provenance,
-    )
-    stream = Stream(recording.t, {"jaw": recording.t})
-    with pytest.raises(RecordingError, match=r"columns \['jaw'\] are none of it; call them truth/"):
-        join_truth(bare, stream)

@@ -77,14 +77,6 @@ def test_every_column_is_where_the_layout_has_it(write_raven, arm, offset, colum
     assert recording.joints_of("truth") == (CHANNELS[:3] if columns == 252 else ())
 
 
-def test_insertion_of_the_home_pose_is_in_metres(write_raven):
-    def home(table: np.ndarray) -> None:
-        table[:, 3] = 22.9183  # what the robot reports at 0.4 m
-
-    recording = read_recording(write_raven(240, change=home))
-    assert recording.column("measured/insertion") == pytest.approx(0.4, abs=1e-6)
-
-
 @pytest.mark.parametrize("unit", list(TRUTH_UNITS))
 def test_truth_in_any_stated_unit(write_raven, unit):
     def convert(table: np.ndarray) -> None:
@@ -150,14 +142,6 @@ def test_another_column_count_is_named(write_raven, found, asked):
         read_recording(path, f"raven_csv_{asked}")
     assert "column map" in str(caught.value)
     assert str(path) in str(caught.value)
-
-
-def test_a_clock_that_goes_back_is_named(write_raven):
-    def back(table: np.ndarray) -> None:
-        table[20:, 0] -= 0.5
-
-    with pytest.raises(RecordingError, match="time stamp of row 20 goes back"):
-        read_recording(write_raven(240, change=back))
 
 
 def test_missing_numbers(write_raven):

@@ -116,12 +116,9 @@ def test_angles_are_not_wrapped():
 
 
 @pytest.mark.parametrize("limit", [0.0, -1.0, float("nan")])
-def test_a_gap_limit_must_be_positive(limit):
+def test_streams_need_a_gap_limit_rows_and_matching_columns(limit):
     with pytest.raises(RecordingError, match="gap limit"):
         synchronise(stream([0.0, 1.0]), stream([0.0, 1.0], x=[0.0, 0.0]), limit)
-
-
-def test_streams_need_rows_and_matching_columns():
     with pytest.raises(RecordingError, match="truth: 1 usable rows"):
         synchronise(stream([0.0, 1.0]), stream([0.0], x=[0.0]), 1.0)
     with pytest.raises(RecordingError, match=r"column 'x' has shape \(2,\)"):
