@@ -15,11 +15,7 @@ KINDS = ("PointStamped", "PoseStamped", "PoseWithCovarianceStamped", "TransformS
 
 
 def write_marker_bag(
-    path: Path,
-    t: np.ndarray,
-    points: np.ndarray,
-    turns: np.ndarray,
-    topics: dict[str, str],
+    path: Path, t: np.ndarray, points: np.ndarray, turns: np.ndarray, topics: dict[str, str]
 ) -> None:
     """Say at stamps (n,) [s] where a marker is (n, 3) [m], (n, 4), on topics of one of `KINDS`.
 

@@ -2,7 +2,6 @@ from __future__ import annotations
 
 import gzip
 import hashlib
-from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -19,9 +18,7 @@ from truejoint.recordings.bounded_file import (
 
 
 @given(data=st.binary(min_size=1, max_size=3000), packed=st.booleans())
-def test_reads_what_was_written_and_hashes_the_unpacked_content(
-    tmp_path_factory: pytest.TempPathFactory, data: bytes, packed: bool
-) -> None:
+def test_reads_what_was_written_and_hashes_the_unpacked_content(tmp_path_factory, data, packed):
     path = tmp_path_factory.mktemp("files") / "some.bin"
     if data.startswith(b"\x1f\x8b"):
         packed = True
@@ -32,7 +29,7 @@ def test_reads_what_was_written_and_hashes_the_unpacked_content(
     assert Head.of(path, 10).data == data[:10]
 
 
-def test_hash_covers_what_was_not_read_yet(tmp_path: Path) -> None:
+def test_hash_covers_what_was_not_read_yet(tmp_path):
     path = tmp_path / "a"
     path.write_bytes(b"0123456789" * 1000)
     with BoundedFile(path) as file:
@@ -40,21 +37,21 @@ def test_hash_covers_what_was_not_read_yet(tmp_path: Path) -> None:
         assert file.sha256() == hashlib.sha256(b"0123456789" * 1000).hexdigest()
 
 
-def test_a_gzip_bomb_is_refused_before_it_is_unpacked(tmp_path: Path) -> None:
+def test_a_gzip_bomb_is_refused_before_it_is_unpacked(tmp_path):
     path = tmp_path / "bomb.gz"
     path.write_bytes(gzip.compress(b"\0" * 10_000_000))
     with pytest.raises(RecordingError, match=r"bomb.gz: unpacks to more than 100000 bytes"):
         read_bounded(path, limit=100_000)
 
 
-def test_a_small_file_does_not_unpack_to_a_large_one(tmp_path: Path) -> None:
+def test_a_small_file_does_not_unpack_to_a_large_one(tmp_path):
     path = tmp_path / "bomb.gz"
     path.write_bytes(gzip.compress(bytes((1 << 26) + 1), 1))
     with pytest.raises(RecordingError, match=f"unpacks to more than {1 << 26} bytes"):
         read_bounded(path)
 
 
-def test_an_endless_line_is_refused(tmp_path: Path) -> None:
+def test_an_endless_line_is_refused(tmp_path):
     path = tmp_path / "line.txt"
     path.write_bytes(b"1,2\n" + b"3" * 3_000_000)
     with BoundedFile(path, lines=True) as file, pytest.raises(RecordingError, match="line longer"):
@@ -62,14 +59,14 @@ def test_an_endless_line_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("cut", [5, 20, -4])
-def test_a_damaged_gzip_file_is_one_line(tmp_path: Path, cut: int) -> None:
+def test_a_damaged_gzip_file_is_one_line(tmp_path, cut):
     path = tmp_path / "cut.gz"
     path.write_bytes(gzip.compress(bytes(range(256)) * 50)[:cut])
     with pytest.raises(RecordingError, match=r"cut.gz: the gzip file is cut short or damaged"):
         read_bounded(path)
 
 
-def test_what_is_no_file_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_file_is_refused(tmp_path):
     (tmp_path / "empty").touch()
     with pytest.raises(RecordingError, match="no such file"):
         require_file(tmp_path / "nowhere")

@@ -11,13 +11,13 @@ from .read.bags.reading import read_bag as read_bag
 from .read.bags.reading import read_other_arm as read_other_arm
 from .read.bags.reading import read_topic as read_topic
 from .read.bags.writing import write_bag as write_bag
-from .read.column_map import ColumnMap as ColumnMap
-from .read.column_map import MappedColumn as MappedColumn
-from .read.column_map import read_column_map as read_column_map
 from .read.formats import FORMATS as FORMATS
 from .read.formats import Format as Format
 from .read.formats import format_names as format_names
 from .read.map_sketch import sketch_column_map as sketch_column_map
+from .read.mapped import ColumnMap as ColumnMap
+from .read.mapped import MappedColumn as MappedColumn
+from .read.mapped import read_column_map as read_column_map
 from .read.mapped import read_truth as read_truth
 from .read.reading import detect_format as detect_format
 from .read.reading import read_recording as read_recording

@@ -19,18 +19,10 @@ from truejoint.crtk.arm import as_arm
 from truejoint.crtk.topics import OPERATING_STATE, check_topics, state_columns, topic_columns
 from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target, free_name, move, uninterrupted
+from truejoint.recordings.table import stream_file
 from truejoint.recordings.table.parquet import recording_header, write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.recordings.table.stream import BRIDGED_TIME, Stream
-from truejoint.recordings.table.stream_file import (
-    STATE,
-    SUFFIX,
-    TOPICS_SUFFIX,
-    TRUTH,
-    StreamSize,
-    StreamWriter,
-    recording_of_streams,
-)
 
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 LONGEST: Final = 12 * 3600.0
@@ -137,7 +129,7 @@ class Recorder:
         if not (self.gap_limit > 0):
             raise RecordingError(f"recorder: gap limit {self.gap_limit} s; give one above 0 s")
         self.written: Path | None = None
-        self._stream: StreamWriter | None = None
+        self._stream: stream_file.StreamWriter | None = None
         self._lock = threading.Lock()
         check_topics(as_arm(self.arm).robot, self.topics)
         if self.topics and self.path is None:
@@ -161,8 +153,8 @@ class Recorder:
                 "gap_limit": self.gap_limit,
                 "state_rate": None if math.isinf(self.state_rate) else self.state_rate,
             }
-            unfinished = free_name(Path(self.path).with_suffix(SUFFIX), "unfinished")
-            self._stream = StreamWriter(unfinished, header)
+            unfinished = free_name(Path(self.path).with_suffix(stream_file.SUFFIX), "unfinished")
+            self._stream = stream_file.StreamWriter(unfinished, header)
         self.arm.subscribe(self._from_arm, every=_PIECE)
         if OPERATING_STATE in self.topics:
             self.arm.watch(self._keep_state)
@@ -199,7 +191,7 @@ class Recorder:
         return self._stream.size if self._stream else 0
 
     @property
-    def streams(self) -> dict[str, StreamSize]:
+    def streams(self) -> dict[str, stream_file.StreamSize]:
         """Rows, rate and bytes on disk so far of state, truth and each topic."""
         return dict(self._stream.streams) if self._stream else {}
 
@@ -219,7 +211,7 @@ class Recorder:
         )
         state, truth = self._state.joined(), self._truth.joined()
         robot, limit = self.arm.robot, self.gap_limit
-        return recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
+        return stream_file.recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
 
     def _provenance(self) -> Provenance:
         return Provenance(
@@ -257,8 +249,8 @@ class Recorder:
         stream.path.unlink(missing_ok=True)
 
     def _clear(self) -> None:
-        self._state = _Rows(STATE, self.state_rate)
-        self._truth = _Rows(TRUTH, math.inf)
+        self._state = _Rows(stream_file.STATE, self.state_rate)
+        self._truth = _Rows(stream_file.TRUTH, math.inf)
         self._thinning = {topic: Decimator(rate) for topic, rate in self.topics.items()}
         self._states: list[OperatingState] = []  # not yet written
         self._first = math.nan
@@ -320,7 +312,7 @@ class Recorder:
 
 def topics_beside(path: str | os.PathLike[str]) -> Path:
     """File of the topics that are recorded with a recording at `path`."""
-    return Path(path).with_suffix(TOPICS_SUFFIX)
+    return Path(path).with_suffix(stream_file.TOPICS_SUFFIX)
 
 
 class _Rows:

@@ -6,14 +6,14 @@ import pytest
 
 from truejoint.errors import RecordingError
 from truejoint.recordings import FORMATS
-from truejoint.recordings.datasets import DATASETS, Dataset, HeldOut, get_dataset
+from truejoint.recordings.datasets import DATASETS, HeldOut, get_dataset
 from truejoint.robots import get_robot
 
 every_dataset = pytest.mark.parametrize("dataset", DATASETS.values(), ids=list(DATASETS))
 
 
 @every_dataset
-def test_an_entry_is_complete(dataset: Dataset) -> None:
+def test_an_entry_is_complete(dataset):
     assert dataset.format in FORMATS or {*dataset.maps} == {r.name for r in dataset.recordings}
     assert get_robot(dataset.robot).name == dataset.robot
     assert re.fullmatch(r"[\w.-]+/[\w.-]+", dataset.repository)
@@ -31,7 +31,7 @@ def test_an_entry_is_complete(dataset: Dataset) -> None:
 
 
 @every_dataset
-def test_splits_hold_something_out_and_leave_something(dataset: Dataset) -> None:
+def test_splits_hold_something_out_and_leave_something(dataset):
     for split in dataset.splits:
         chosen = dataset.match(split.files)
         if split.test:
@@ -43,7 +43,7 @@ def test_splits_hold_something_out_and_leave_something(dataset: Dataset) -> None
             assert not any(split.holds_out(r.name) for r in chosen)
 
 
-def test_the_grasper_is_held_out_by_frequency_and_load() -> None:
+def test_the_grasper_is_held_out_by_frequency_and_load():
     dataset = get_dataset("davinci_grasper_umn")
     by_frequency = dataset.match(dataset.split("frequency").test)
     assert [r.name[-2:] for r in by_frequency] == [f"3{load}" for load in range(10)]
@@ -51,7 +51,7 @@ def test_the_grasper_is_held_out_by_frequency_and_load() -> None:
     assert [r.name[-2:] for r in by_load] == [f"{f}{load}" for f in range(5) for load in (3, 7)]
 
 
-def test_a_file_may_come_from_another_repository() -> None:
+def test_a_file_may_come_from_another_repository():
     dataset = get_dataset("raven2_motor_side")
     first, second = (recording.files[0] for recording in dataset.recordings)
     assert dataset.url(first).endswith(
@@ -61,7 +61,7 @@ def test_a_file_may_come_from_another_repository() -> None:
     assert dataset.url(second).endswith("/recorderFiles/ravenJoint_pose_recorder.txt")
 
 
-def test_an_address_is_quoted() -> None:
+def test_an_address_is_quoted():
     dataset = get_dataset("kuka_kr300_dual_encoder")
     url = dataset.url(dataset.recordings[0].files[0])
     assert url == (
@@ -71,7 +71,7 @@ def test_an_address_is_quoted() -> None:
     )
 
 
-def test_names_that_are_not_there_are_answered_with_those_that_are() -> None:
+def test_names_that_are_not_there_are_answered_with_those_that_are():
     with pytest.raises(RecordingError, match="no data set called 'x'; known: davinci_grasper"):
         get_dataset("x")
     dataset = get_dataset("bros_dual_encoder")
@@ -85,6 +85,6 @@ def test_names_that_are_not_there_are_answered_with_those_that_are() -> None:
 @pytest.mark.parametrize(
     "options", [{}, {"test": "a", "test_fraction": 0.3}, {"test_fraction": 1.0}]
 )
-def test_a_split_is_by_recording_or_by_time(options: dict[str, object]) -> None:
+def test_a_split_is_by_recording_or_by_time(options):
     with pytest.raises(RecordingError, match="either test or a test_fraction"):
         HeldOut("s", "*", **options)

@@ -20,7 +20,7 @@ def _names(check: DataCheck) -> set[str]:
 MEASURED = 0.5 * np.sin(0.7 * np.arange(3000) / 50) + 0.1 * np.sin(1.9 * np.arange(3000) / 50)
 
 
-def test_a_saturated_sensor_is_found() -> None:
+def test_a_saturated_sensor_is_found():
     check = _jaw(np.minimum(MEASURED, 0.4), MEASURED)
     (finding,) = [f for f in check.findings if f.name == "saturated"]
     assert finding.level == "fail"
@@ -30,7 +30,7 @@ def test_a_saturated_sensor_is_found() -> None:
 
 
 @pytest.mark.parametrize(("setpoint", "load"), [(True, 0.0), (False, 0.2)])
-def test_a_load_that_turns_a_standing_joint_is_no_saturation(setpoint: bool, load: float) -> None:
+def test_a_load_that_turns_a_standing_joint_is_no_saturation(setpoint, load):
     still = np.minimum.accumulate(np.append(np.linspace(0.5, 0.0, 600), np.zeros(600)))
     pushed = still - 0.2 * np.clip(np.arange(1200) / 200 - 4, 0.0, 1.0)
     columns = {"t": np.arange(1200) / 50, "measured/jaw": still, "truth/jaw": pushed}
@@ -45,7 +45,7 @@ def test_a_load_that_turns_a_standing_joint_is_no_saturation(setpoint: bool, loa
     assert "saturated" in names({"setpoint/jaw": pushed}, load), "a motor that was sent on"
 
 
-def test_slack_is_no_saturation() -> None:
+def test_slack_is_no_saturation():
     """With play the joint stands at its end while the motor side turns back."""
     truth, place = np.empty(len(MEASURED)), 0.0
     for k, value in enumerate(MEASURED):
@@ -54,11 +54,11 @@ def test_slack_is_no_saturation() -> None:
     assert "saturated" not in _names(_jaw(truth, MEASURED))
 
 
-def test_a_coarse_encoder_is_no_saturation() -> None:
+def test_a_coarse_encoder_is_no_saturation():
     assert "saturated" not in _names(_jaw(np.round(MEASURED / 0.01) * 0.01, MEASURED))
 
 
-def test_stamps_in_milliseconds_are_suspected() -> None:
+def test_stamps_in_milliseconds_are_suspected():
     t = np.arange(500) * 100.0 * 1000
     columns = {"t": t, "measured/jaw": MEASURED[:500], "truth/jaw": MEASURED[:500]}
     check = check_data(Recording.from_columns(columns, "davinci_grasper"))

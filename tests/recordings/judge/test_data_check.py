@@ -23,7 +23,7 @@ def _found(check: DataCheck, word: str) -> list[Finding]:
     return [f for f in check.findings if word in f.what]
 
 
-def test_clean_data_raise_nothing_but_information(clean: Recording) -> None:
+def test_clean_data_raise_nothing_but_information(clean):
     check = check_data([clean])
     assert {f.level for f in check.findings} <= {"info"}
     assert not check.failed
@@ -31,7 +31,7 @@ def test_clean_data_raise_nothing_but_information(clean: Recording) -> None:
     json.dumps(check.to_dict(), allow_nan=False)
 
 
-def test_coverage_is_what_was_recorded(clean: Recording) -> None:
+def test_coverage_is_what_was_recorded(clean):
     row = joint_coverage([clean, clean], "jaw")
     position = clean.column("measured/jaw")
     assert (row.lowest, row.highest) == (position.min(), position.max())
@@ -43,7 +43,7 @@ def test_coverage_is_what_was_recorded(clean: Recording) -> None:
     assert 0 < row.speed_median < row.speed_high
 
 
-def test_limits_give_a_share_of_travel(recording_of: Callable[..., Recording]) -> None:
+def test_limits_give_a_share_of_travel(recording_of):
     recording = recording_of("raven2")
     joint = recording.robot.joint("elbow")
     position = recording.column("measured/elbow")
@@ -51,7 +51,7 @@ def test_limits_give_a_share_of_travel(recording_of: Callable[..., Recording]) -
     assert share == pytest.approx(np.ptp(position) / (joint.upper - joint.lower))
 
 
-def test_a_gap_is_found(clean: Recording) -> None:
+def test_a_gap_is_found(clean):
     keep = np.ones(len(clean), dtype=bool)
     keep[300:360] = False
     (finding,) = _found(check_data([clean.rows(keep)]), "gap")
@@ -59,14 +59,14 @@ def test_a_gap_is_found(clean: Recording) -> None:
     assert finding.what.startswith("1 gap longer than 5 samples, up to 2.03 s")
 
 
-def test_an_irregular_clock_is_found(clean: Recording) -> None:
+def test_an_irregular_clock_is_found(clean):
     step = np.where(np.arange(len(clean)) % 3 == 0, 0.06, 0.02)
     check = check_data([changed(clean, t=np.cumsum(step))])
     assert _found(check, "half off the median")
 
 
 @pytest.mark.parametrize("quantity", ["measured", "truth"])
-def test_a_wrap_of_the_encoder_fails_the_check(clean: Recording, quantity: str) -> None:
+def test_a_wrap_of_the_encoder_fails_the_check(clean, quantity):
     values = clean.column(f"{quantity}/jaw").copy()
     values[700:] += 2 * np.pi
     check = check_data([changed(clean, **{f"{quantity}__jaw": values})])
@@ -81,21 +81,17 @@ def test_a_wrap_of_the_encoder_fails_the_check(clean: Recording, quantity: str) 
         assert _found(check, "1 sudden jump,")[0].level == "warn"
 
 
-@pytest.mark.parametrize(("frozen", "level"), [("truth", "fail"), ("measured", "fail")])
-def test_a_sensor_that_freezes_while_the_joint_moves(
-    clean: Recording, frozen: str, level: str
-) -> None:
+@pytest.mark.parametrize("frozen", ["truth", "measured"])
+def test_a_sensor_that_freezes_while_the_joint_moves(clean, frozen):
     values = clean.column(f"{frozen}/jaw").copy()
     values[400:600] = values[400]
     check = check_data([changed(clean, **{f"{frozen}__jaw": values})])
     (finding,) = _found(check, "repeats one value")
-    assert finding.level == level
+    assert finding.level == "fail"
     assert finding.where.startswith(f"{frozen}/jaw")
 
 
-def test_a_constant_signal_is_found_but_not_on_an_unused_channel(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_a_constant_signal_is_found_but_not_on_an_unused_channel(recording_of):
     recording = recording_of("raven2")
     table = recording.table.assign(
         **{"effort/elbow": 0.5, "measured/unused": 0.0, "effort/unused": 0.0}
@@ -106,7 +102,7 @@ def test_a_constant_signal_is_found_but_not_on_an_unused_channel(
     assert finding.where.startswith("effort/elbow")
 
 
-def test_missing_truth_is_counted_and_its_end_found(clean: Recording) -> None:
+def test_missing_truth_is_counted_and_its_end_found(clean):
     values = clean.column("truth/jaw").copy()
     values[len(values) * 7 // 10 :] = np.nan
     check = check_data([changed(clean, truth__jaw=values)])
@@ -116,7 +112,7 @@ def test_missing_truth_is_counted_and_its_end_found(clean: Recording) -> None:
     assert check_data([changed(clean, truth__jaw=values)]).failed
 
 
-def test_one_direction_and_rest_are_found() -> None:
+def test_one_direction_and_rest_are_found():
     t = np.arange(3000) / 100
     position = np.interp(t % 10, [0, 4, 4.5, 10], [0, 1, 0, 0])
     columns = {"t": t, "measured/jaw": position, "truth/jaw": position + 0.01 * np.sin(t)}
@@ -125,7 +121,7 @@ def test_one_direction_and_rest_are_found() -> None:
     assert _found(check, "stands still in 5")
 
 
-def test_a_hole_in_the_range_is_found() -> None:
+def test_a_hole_in_the_range_is_found():
     t = np.arange(4000) / 100
     position = np.where(t < 20, 0.2 * np.sin(3 * t), 2.0 + 0.2 * np.sin(3 * t))
     columns = {"t": t, "measured/jaw": position, "truth/jaw": position}
@@ -133,7 +129,7 @@ def test_a_hole_in_the_range_is_found() -> None:
     assert _found(check, "hardly visited")
 
 
-def test_dropped_rows_and_two_homings_are_told(recording_of: Callable[..., Recording]) -> None:
+def test_dropped_rows_and_two_homings_are_told(recording_of):
     recording = recording_of("davinci_grasper", dropped={"in a gap": 200, "before truth": 0})
     homings = [recording_of("davinci_grasper", homing_id=h) for h in ("a", "b")]
     assert _found(check_data(homings), "2 homings (a, b)")
@@ -143,9 +139,7 @@ def test_dropped_rows_and_two_homings_are_told(recording_of: Callable[..., Recor
     assert finding.level == "warn"
 
 
-def test_the_same_finding_of_many_recordings_is_one_line(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_the_same_finding_of_many_recordings_is_one_line(recording_of):
     recordings = []
     for seed in range(4):
         recording = recording_of("davinci_grasper", seed=seed, seconds=60)
@@ -166,7 +160,7 @@ class _Trained:
     training_domain: None = None
 
 
-def test_extrapolation_is_counted_by_signal(clean: Recording) -> None:
+def test_extrapolation_is_counted_by_signal(clean):
     features = FeatureSet.parse(["measured/jaw", "lag(measured/jaw, 2)", "effort/jaw"])
     rows = features.compute(clean)
     middle = float(np.median(rows[:, 0]))
@@ -181,7 +175,7 @@ def test_extrapolation_is_counted_by_signal(clean: Recording) -> None:
     assert check_data([clean], model=narrow).failed
 
 
-def test_a_signal_whose_name_begins_as_another_is_counted_by_itself() -> None:
+def test_a_signal_whose_name_begins_as_another_is_counted_by_itself():
     t = np.arange(400) / 100
     names = ("joint1", "joint12")
     robot = Robot("long_arm", tuple(map(Joint, names)))
@@ -194,12 +188,12 @@ def test_a_signal_whose_name_begins_as_another_is_counted_by_itself() -> None:
     assert [f.where for f in findings] == ["measured/joint1", "measured/joint12"]
 
 
-def test_a_hundredth_of_the_range_is_forgiven() -> None:
+def test_a_hundredth_of_the_range_is_forgiven():
     values = np.array([-0.005, 0.5, 1.005, 1.02])
     assert outside_share(values, 0.0, 1.0) == 0.25
 
 
-def test_nothing_to_check_is_refused(clean: Recording) -> None:
+def test_nothing_to_check_is_refused(clean):
     with pytest.raises(RecordingError, match="no recording"):
         check_data([])
     with pytest.raises(RecordingError, match="no column 'measured/elbow'"):

@@ -15,6 +15,7 @@ from truejoint.motion import follow, random_motion
 from truejoint.recordings import Recorder, Recording, check_data, diagnose
 from truejoint.recordings.judge.finding import FINDINGS, HEADING_OF, HEADINGS
 from truejoint.recordings.read.raven_csv import AMID
+from truejoint.recordings.table.stream import BACK
 
 
 def record(arm_name: str, seed: int) -> Recording:
@@ -44,9 +45,8 @@ def scaled(recording: Recording, quantity: str, factor: float) -> Recording:
     )
 
 
-def dropped(recording: Recording, **counts: int) -> Recording:
-    named = {reason.replace("_", " "): count for reason, count in counts.items()}
-    return replace(recording, provenance=replace(recording.provenance, dropped=named))
+def dropped(count: int, reason: str) -> Callable[[Recording], Recording]:
+    return lambda r: replace(r, provenance=replace(r.provenance, dropped={reason: count}))
 
 
 def late(recording: Recording, seconds: float) -> Recording:
@@ -72,22 +72,14 @@ def without_truth(recording: Recording, share: float) -> Recording:
 
 
 ILLNESSES: dict[str, tuple[Callable[[Recording], Recording], str, str]] = {
-    "stamps that repeat": (
-        lambda r: dropped(r, **{"state:_repeated_time_stamp": 100}),
-        "stamps",
-        "fail",
-    ),
-    "stamps that go back": (
-        lambda r: dropped(r, **{"state:_time_stamp_not_after_the_one_before": 3}),
-        "stamps",
-        "warn",
-    ),
+    "stamps that repeat": (dropped(100, "state: repeated time stamp"), "stamps", "fail"),
+    "stamps that go back": (dropped(3, f"state: {BACK}"), "stamps", "warn"),
     "effort turned round": (lambda r: scaled(r, "effort", -1.0), "effort sign", "fail"),
     "effort never set": (unset, "effort", "fail"),
     "frozen": (lambda r: stuck(r, 300, 900), "frozen signal", "fail"),
     "no overlap": (lambda r: without_truth(r, 0.7), "truth", "fail"),
     "late by half a second": (lambda r: late(r, 0.5), "delay", "fail"),
-    "homing inside": (lambda r: dropped(gone(r, 600, 700), **{AMID: 100}), "homing", "fail"),
+    "homing inside": (lambda r: dropped(100, AMID)(gone(r, 600, 700)), "homing", "fail"),
     "standing still": (
         lambda r: changed(r, measured__elbow=np.full(len(r), 1.5) + 1e-6 * np.sin(r.t)),
         "excitation",

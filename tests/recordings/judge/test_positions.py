@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -34,15 +35,22 @@ def _in_all(recordings: list[Recording], column: str, change: Change) -> list[Re
     return [_changed(recording, column, change) for recording in recordings]
 
 
-def test_nothing_is_found_where_nothing_is_wrong(healthy: list[Recording]) -> None:
+def _added(rows: Any, by: Any) -> Change:
+    """Add to the values of some rows."""
+
+    def change(values: np.ndarray) -> np.ndarray:
+        values[rows] += by
+        return values
+
+    return change
+
+
+def test_nothing_is_found_where_nothing_is_wrong(healthy):
     assert {finding.name for finding in check_data(healthy).findings} <= {"limits", "load"}
 
 
-def test_outliers_are_named_by_row_and_size(healthy: list[Recording]) -> None:
-    def spoil(truth: np.ndarray) -> np.ndarray:
-        truth[[200, 900, 901, 902]] += 0.4
-        return truth
-
+def test_outliers_are_named_by_row_and_size(healthy):
+    spoil = _added([200, 900, 901, 902], 0.4)
     (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
     assert finding.level == "fail"
     assert finding.rows == ((200, 201), (900, 903))
@@ -51,27 +59,19 @@ def test_outliers_are_named_by_row_and_size(healthy: list[Recording]) -> None:
     assert "(rows 200, 900-902)" in finding.what
 
 
-def test_what_steps_away_and_creeps_back_is_no_outlier(healthy: list[Recording]) -> None:
-    def slip(truth: np.ndarray) -> np.ndarray:
-        truth[900:1000] += 0.05 * np.exp(-np.arange(100) / 10)
-        return truth
-
+def test_what_steps_away_and_creeps_back_is_no_outlier(healthy):
+    slip = _added(slice(900, 1000), 0.05 * np.exp(-np.arange(100) / 10))
     assert not named(check_data(_in_first(healthy, "truth/elbow", slip)), "outliers")
 
 
-def test_a_single_small_outlier_is_a_warning_only(healthy: list[Recording]) -> None:
-    def spoil(truth: np.ndarray) -> np.ndarray:
-        truth[500] += 0.012
-        return truth
-
-    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+def test_a_single_small_outlier_is_a_warning_only(healthy):
+    spoilt = _in_first(healthy, "truth/elbow", _added(500, 0.012))
+    (finding,) = named(check_data(spoilt), "outliers")
     assert finding.level == "warn"
 
 
 @pytest.mark.parametrize("spread", [_in_first, _in_all])
-def test_a_wrong_sign_is_called_that_and_nothing_else(
-    healthy: list[Recording], spread: Callable[..., list[Recording]]
-) -> None:
+def test_a_wrong_sign_is_called_that_and_nothing_else(healthy, spread):
     check = check_data(spread(healthy, "truth/shoulder", np.negative))
     assert check.failures == ("sign",)
 
@@ -80,16 +80,14 @@ def test_a_wrong_sign_is_called_that_and_nothing_else(
     ("column", "scale"),
     [("truth/shoulder", 57.3), ("measured/shoulder", 57.3), ("truth/insertion", 1000.0)],
 )
-def test_a_wrong_unit_is_called_that_and_nothing_else(
-    healthy: list[Recording], column: str, scale: float
-) -> None:
+def test_a_wrong_unit_is_called_that_and_nothing_else(healthy, column, scale):
     check = check_data(_in_all(healthy, column, lambda values: scale * values))
     assert check.failures == ("unit",)
     (finding,) = named(check, "unit")
     assert finding.where.startswith(column)
 
 
-def test_degrees_on_both_sides_are_seen_by_the_limits(healthy: list[Recording]) -> None:
+def test_degrees_on_both_sides_are_seen_by_the_limits(healthy):
     both = healthy
     for quantity in ("truth", "measured"):
         both = _in_all(both, f"{quantity}/elbow", np.degrees)
@@ -97,27 +95,19 @@ def test_degrees_on_both_sides_are_seen_by_the_limits(healthy: list[Recording]) 
     assert "the limits are" in finding.what
 
 
-def test_a_late_truth_is_measured(healthy: list[Recording]) -> None:
+@pytest.mark.parametrize(("spread", "where"), [(_in_all, ""), (_in_first, "in synthetic-0.csv")])
+def test_a_late_truth_is_measured_in_all_recordings_or_in_one(healthy, spread, where):
     late = healthy
     for joint in ("shoulder", "elbow", "insertion"):
         t = late[0].t
-        late = _in_all(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
+        late = spread(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
     (finding,) = named(check_data(late), "delay")
     assert 55 <= float(finding.what.split()[3]) <= 65
     assert "behind" in finding.what
+    assert finding.where.endswith(where)
 
 
-def test_one_late_recording_is_named(healthy: list[Recording]) -> None:
-    late = list(healthy)
-    for joint in ("shoulder", "elbow", "insertion"):
-        t = late[0].t
-        late = _in_first(late, f"truth/{joint}", lambda x, t=t: np.interp(t - 0.06, t, x))
-    (finding,) = named(check_data(late), "delay")
-    assert 55 <= float(finding.what.split()[3]) <= 65
-    assert finding.where.endswith("in synthetic-0.csv")
-
-
-def test_the_delay_of_slow_rows_is_told_with_its_uncertainty() -> None:
+def test_the_delay_of_slow_rows_is_told_with_its_uncertainty():
     t = 0.5 * np.arange(2000)
     rng = np.random.default_rng(0)
     columns = {"t": t}
@@ -132,7 +122,7 @@ def test_the_delay_of_slow_rows_is_told_with_its_uncertainty() -> None:
     assert float(finding.what.split()[3]) == pytest.approx(100.0, abs=5.0)
 
 
-def test_a_zero_that_moved_is_found_in_its_recording(healthy: list[Recording]) -> None:
+def test_a_zero_that_moved_is_found_in_its_recording(healthy):
     check = check_data(_in_first(healthy, "truth/elbow", lambda truth: truth + 0.05))
     (finding,) = named(check, "zero")
     assert finding.where == "truth/elbow in synthetic-0.csv"
@@ -140,17 +130,14 @@ def test_a_zero_that_moved_is_found_in_its_recording(healthy: list[Recording]) -
     assert off == pytest.approx(np.degrees(0.05), rel=0.1)
 
 
-def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy: list[Recording]) -> None:
-    def move(truth: np.ndarray) -> np.ndarray:
-        truth[1000:] += 0.05
-        return truth
-
-    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", move)), "zero")
+def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy):
+    moved = _in_first(healthy, "truth/elbow", _added(slice(1000, None), 0.05))
+    (finding,) = named(check_data(moved), "zero")
     assert finding.rows == ((1000, 1001),)
 
 
 @pytest.mark.parametrize("first", [0, 700])
-def test_redundant_sensors_that_disagree_are_found(healthy: list[Recording], first: int) -> None:
+def test_redundant_sensors_that_disagree_are_found(healthy, first):
     """Motor encoders tell of a slip without truth."""
     motors = [{"motor/elbow": 7.3 * r.column("measured/elbow")} for r in healthy]
     recordings = [
@@ -158,25 +145,19 @@ def test_redundant_sensors_that_disagree_are_found(healthy: list[Recording], fir
         for r, motor in zip(healthy, motors, strict=True)
     ]
     assert not named(check_data(recordings), "redundant")
-
-    def slip(motor: np.ndarray) -> np.ndarray:
-        motor[first:] += 7.3 * 0.0175
-        return motor
-
+    slip = _added(slice(first, None), 7.3 * 0.0175)
     (finding,) = named(check_data(_in_first(recordings, "motor/elbow", slip)), "redundant")
     assert finding.where.startswith("motor/elbow in synthetic-0.csv")
 
 
-def test_a_recording_unlike_the_others_is_named(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_a_recording_unlike_the_others_is_named(recording_of):
     recordings = [recording_of("davinci_grasper", seed=seed, seconds=60) for seed in range(5)]
     foreign = _in_first(recordings, "effort/jaw", lambda effort: 40.0 + effort)
     (finding,) = named(check_data(foreign), "instrument")
     assert finding.where == "synthetic-0.csv"
 
 
-def test_another_instrument_than_the_training_s_is_named(healthy: list[Recording]) -> None:
+def test_another_instrument_than_the_training_s_is_named(healthy):
     model = calibrate(healthy[:2], "linear")
     assert not named(check_data(healthy[2:], model=model), "instrument")
     for shift, level in ((60.0, "warn"), (600.0, "fail")):
@@ -185,7 +166,7 @@ def test_another_instrument_than_the_training_s_is_named(healthy: list[Recording
         assert finding.level == level
 
 
-def test_failures_can_be_accepted_by_name(healthy: list[Recording]) -> None:
+def test_failures_can_be_accepted_by_name(healthy):
     check = check_data(_in_all(healthy, "truth/shoulder", np.negative))
     assert check.failures == ("sign",)
     assert not check.accept(["sign"]).failed

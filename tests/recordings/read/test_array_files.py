@@ -4,7 +4,6 @@ import io
 import struct
 import zlib
 from collections.abc import Callable
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -25,9 +24,7 @@ Refusal = Callable[[Callable[[], object]], str]
     ),
     fortran=st.booleans(),
 )
-def test_reads_as_numpy_wrote_it(
-    tmp_path_factory: pytest.TempPathFactory, array: np.ndarray, fortran: bool
-) -> None:
+def test_reads_as_numpy_wrote_it(tmp_path_factory, array, fortran):
     path = tmp_path_factory.mktemp("npy") / "a.npy"
     np.save(path, np.asfortranarray(array) if fortran else array)
     read, _ = read_npy(path)
@@ -36,40 +33,36 @@ def test_reads_as_numpy_wrote_it(
     assert np.array_equal(read, rows, equal_nan=True)
 
 
-def test_objects_are_refused(tmp_path: Path) -> None:
+def test_objects_are_refused(tmp_path):
     path = tmp_path / "a.npy"
     np.save(path, np.array([{"a": 1}, None], dtype=object), allow_pickle=True)
-    with pytest.raises(RecordingError, match="does not announce an array of real numbers"):
+    with pytest.raises(RecordingError, match=NO_TABLE):
         read_npy(path)
 
 
-def test_a_header_that_promises_more_is_refused(tmp_path: Path) -> None:
-    path = tmp_path / "a.npy"
-    file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        file, {"descr": "<f8", "fortran_order": False, "shape": (10**12, 10**9)}
-    )
-    path.write_bytes(file.getvalue() + b"\0" * 80)
-    with pytest.raises(RecordingError, match=r"holds 80 bytes, its header announces 8000"):
-        read_npy(path)
+NO_TABLE = "does not announce an array of real numbers"
 
 
-@pytest.mark.parametrize("shape", [(-1, -8), (1,) * 65, (2, 4, 1, 1, 1)])
-def test_a_shape_that_no_table_has_is_refused(tmp_path: Path, shape: tuple[int, ...]) -> None:
-    path = tmp_path / "a.npy"
-    file = io.BytesIO()
-    np.lib.format.write_array_header_1_0(
-        file, {"descr": "<f8", "fortran_order": False, "shape": shape}
-    )
+@pytest.mark.parametrize(
+    ("shape", "message"),
+    [
+        ((10**12, 10**9), "holds 64 bytes, its header announces 8000"),
+        ((-1, -8), NO_TABLE),
+        ((1,) * 65, NO_TABLE),
+        ((2, 4, 1, 1, 1), NO_TABLE),
+    ],
+)
+def test_a_header_that_no_table_of_that_size_has_is_refused(tmp_path, shape, message):
+    path, file = tmp_path / "a.npy", io.BytesIO()
+    header = {"descr": "<f8", "fortran_order": False, "shape": shape}
+    np.lib.format.write_array_header_1_0(file, header)
     path.write_bytes(file.getvalue() + b"\0" * 64)
-    with pytest.raises(RecordingError, match="does not announce an array of real numbers"):
+    with pytest.raises(RecordingError, match=message):
         read_npy(path)
 
 
 @given(data=st.binary(min_size=1, max_size=200), keep=st.integers(0, 128))
-def test_damage_is_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, refusal: Refusal, data: bytes, keep: int
-) -> None:
+def test_damage_is_refused_in_one_line(tmp_path_factory, refusal, data, keep):
     path = tmp_path_factory.mktemp("npy") / "a.npy"
     np.save(path, np.arange(16.0))
     path.write_bytes(path.read_bytes()[:keep] + data)
@@ -79,16 +72,12 @@ def test_damage_is_refused_in_one_line(
     assert message or keep == 128
 
 
-def test_small_integers_that_take_much_as_float64_are_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_small_integers_that_take_much_as_float64_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("truejoint.recordings.read.array_files.MAX_BINARY_BYTES", 800)
     np.save(tmp_path / "a.npy", np.zeros(101, np.uint8))
     with pytest.raises(RecordingError, match="101 numbers take more than 800 bytes"):
         read_npy(tmp_path / "a.npy")
 
-
-Refusal = Callable[[Callable[[], object]], str]
 
 matrices = st.tuples(st.integers(0, 5), st.integers(0, 5)).flatmap(
     lambda shape: arrays(
@@ -104,9 +93,7 @@ def save(variables: dict[str, object], **options: object) -> bytes:
 
 
 @given(first=matrices, second=matrices, packed=st.booleans())
-def test_version_5_reads_as_scipy_wrote_it(
-    first: np.ndarray, second: np.ndarray, packed: bool
-) -> None:
+def test_version_5_reads_as_scipy_wrote_it(first, second, packed):
     data = save(
         {"a": first, "rec": {"x": second, "note": "text"}, "cell": [[1], "b"]},
         do_compression=packed,
@@ -118,13 +105,13 @@ def test_version_5_reads_as_scipy_wrote_it(
 
 
 @given(first=matrices)
-def test_version_4_reads_as_scipy_wrote_it(first: np.ndarray) -> None:
+def test_version_4_reads_as_scipy_wrote_it(first):
     read = read_mat(save({"a": first, "data_1": first.T}, format="4"), "f.mat")
     assert np.array_equal(read["a"], first.astype(float), equal_nan=True)
     assert list(read) == ["a", "data_1"]
 
 
-def test_what_is_not_numbers_is_stepped_over() -> None:
+def test_what_is_not_numbers_is_stepped_over():
     data = save(
         {"z": np.array([1 + 2j]), "s": "text", "n": np.arange(3.0), "l": np.ones((2, 2, 2))}
     )
@@ -132,9 +119,7 @@ def test_what_is_not_numbers_is_stepped_over() -> None:
 
 
 @given(data=st.data(), version=st.sampled_from(["4", "5"]), packed=st.booleans())
-def test_damage_is_refused_in_one_line_or_harmless(
-    refusal: Refusal, data: st.DataObject, version: str, packed: bool
-) -> None:
+def test_damage_is_refused_in_one_line_or_harmless(refusal, data, version, packed):
     whole = save(
         {"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))},
         format=version,
@@ -149,7 +134,7 @@ def test_damage_is_refused_in_one_line_or_harmless(
     assert message.startswith("f.mat: ") or not message
 
 
-def test_a_bomb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_bomb_is_refused(monkeypatch):
     monkeypatch.setattr("truejoint.recordings.read.array_files.MAX_MAT_BYTES", 10**6)
     header = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     body = zlib.compress(b"\0" * (10**6 + 8))
@@ -158,7 +143,7 @@ def test_a_bomb_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         read_mat(data, "f.mat")
 
 
-def test_dimensions_that_the_data_do_not_fill_take_no_memory() -> None:
+def test_dimensions_that_the_data_do_not_fill_take_no_memory():
     whole = save({"abc": np.arange(12.0).reshape(3, 4)}, do_compression=False)
     at = whole.index(struct.pack("<2i", 3, 4))
     data = whole[:at] + struct.pack("<2i", 2**31 - 1, 2**31 - 1) + whole[at + 8 :]
@@ -179,7 +164,7 @@ def nested(depth: int, body: bytes = b"") -> bytes:
     return header + struct.pack("<2I", 14, len(body)) + body
 
 
-def test_what_lies_deeper_than_a_struct_is_left_out() -> None:
+def test_what_lies_deeper_than_a_struct_is_left_out():
     assert read_mat(nested(5000), "f.mat") == {}
     many = 5000
     cell = struct.pack("<4I", 6, 8, 1, 0) + struct.pack("<2I2i", 5, 8, 1, many)
@@ -187,12 +172,12 @@ def test_what_lies_deeper_than_a_struct_is_left_out() -> None:
     assert read_mat(nested(1, cell), "f.mat") == {}
 
 
-def test_version_7_3_is_named() -> None:
+def test_version_7_3_is_named():
     with pytest.raises(RecordingError, match="save it with -v7"):
         read_mat(b"\x89HDF\r\n\x1a\n" + b"\0" * 200, "f.mat")
 
 
-def test_what_scipy_would_crash_on_is_refused_or_left_out() -> None:
+def test_what_scipy_would_crash_on_is_refused_or_left_out():
     whole = save({"a": np.arange(12.0).reshape(3, 4), "b": np.ones((1, 1))})
     with pytest.raises(RecordingError, match="cannot be read as a MAT file"):
         read_mat(whole[:0xB1] + b"\1" + whole[0xB2:], "f.mat")
@@ -200,7 +185,7 @@ def test_what_scipy_would_crash_on_is_refused_or_left_out() -> None:
     assert list(read_mat(halved, "f.mat")) == ["b"]
 
 
-def test_a_small_file_does_not_unpack_to_a_large_one(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_small_file_does_not_unpack_to_a_large_one(monkeypatch):
     monkeypatch.setattr("truejoint.recordings.bounded_file._SMALL_BYTES", 1000)
     file = io.BytesIO()
     scipy.io.savemat(file, {"a": np.zeros((100_000, 1))}, do_compression=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,9 +22,7 @@ fields = st.text(
 
 @settings(max_examples=30)
 @given(names=st.lists(fields, min_size=2, max_size=8), robot=st.sampled_from(["", "raven2"]))
-def test_any_header_gives_a_map_that_is_understood(
-    tmp_path_factory: pytest.TempPathFactory, names: list[str], robot: str
-) -> None:
+def test_any_header_gives_a_map_that_is_understood(tmp_path_factory, names, robot):
     path = tmp_path_factory.mktemp("sketch") / "run.csv"
     head = ",".join(names)
     path.write_text(f"{head}\n{','.join('1' for _ in names)}\n", encoding="utf-8")
@@ -44,7 +41,7 @@ def test_any_header_gives_a_map_that_is_understood(
     assert len(taken) == len(names)
 
 
-def test_what_the_names_say_is_guessed(tmp_path: Path) -> None:
+def test_what_the_names_say_is_guessed(tmp_path):
     path = tmp_path / "run.csv"
     names = (
         "Time [ms],q_shoulder_deg,jpos_elbow,insertion (mm),tau_0,tau_1,ext_1_deg,mvel2,desired_3"
@@ -71,7 +68,7 @@ def test_what_the_names_say_is_guessed(tmp_path: Path) -> None:
     assert text.count("column = 9") == text.count("column = 10") == 1
 
 
-def test_the_map_reads_the_file(tmp_path: Path) -> None:
+def test_the_map_reads_the_file(tmp_path):
     content = {"time": np.arange(5.0), "q": np.arange(10.0).reshape(2, 5), "tau": np.ones((2, 5))}
     scipy.io.savemat(tmp_path / "run.mat", content)
     np.savetxt(tmp_path / "bare.txt", np.ones((3, 4)))
@@ -87,7 +84,7 @@ def test_the_map_reads_the_file(tmp_path: Path) -> None:
     assert "# rate_hz =" in bare
 
 
-def test_what_needs_no_map_is_refused(tmp_path: Path) -> None:
+def test_what_needs_no_map_is_refused(tmp_path):
     (tmp_path / "a.parquet").write_bytes(b"PAR1....")
     with pytest.raises(RecordingError, match="needs no column map"):
         sketch_column_map(tmp_path / "a.parquet")

@@ -30,9 +30,7 @@ def write(path: Path, text: str) -> Path:
 @given(
     data=st.data(), rows=st.integers(2, 20), delimiter=st.sampled_from([",", ";", "\t", " ", ", "])
 )
-def test_a_header_in_our_names_comes_back_exactly(
-    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject, rows: int, delimiter: str
-) -> None:
+def test_a_header_in_our_names_comes_back_exactly(tmp_path_factory, data, rows, delimiter):
     t = np.sort(data.draw(arrays(float, rows, elements=st.floats(0, 1e7), unique=True)))
     measured = data.draw(arrays(float, rows, elements=numbers))
     truth = data.draw(arrays(float, rows, elements=numbers | st.just(np.nan)))
@@ -75,7 +73,7 @@ def check_map(recording: Recording) -> None:
     assert recording.units["vision/elbow"] == "1"
 
 
-def test_a_column_map_as_mapping_and_as_file(tmp_path: Path) -> None:
+def test_a_column_map_as_mapping_and_as_file(tmp_path):
     path = write(tmp_path / "a.csv", TABLE)
     check_map(read_recording(path, column_map=MAP))
     toml = write(
@@ -102,63 +100,49 @@ def test_a_column_map_as_mapping_and_as_file(tmp_path: Path) -> None:
         read_column_map(tmp_path / "none.toml")
 
 
-def test_stamps_since_1970_count_from_the_first_row(tmp_path: Path) -> None:
+def test_stamps_since_1970_count_from_the_first_row(tmp_path):
     path = write(tmp_path / "a.csv", "t,measured/joint1\n1.7e9,0\n1700000000.5,1\n")
     recording = read_recording(path, robot="bros")
     assert recording.t.tolist() == [0.0, 0.5]
     assert recording.provenance.start == 1.7e9
 
 
+BROS = {"robot": "bros"}
+
+
+def by(columns: dict[str, Any]) -> dict[str, Any]:
+    return {**BROS, "column_map": {"columns": columns}}
+
+
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
         ("t,measured/joint1\n0,1\n1,2\n", {}, "which robot is it"),
-        ("t,measured/elbow\n0,1\n1,2\n", {"robot": "bros"}, "has no joint 'elbow'; it has joint1"),
-        ("t,angle\n0,1\n1,2\n", {"robot": "bros"}, "'angle' is neither 't' nor"),
-        ("t,truth/joint1\n0,1\n1,2\n", {"robot": "bros"}, "no 'measured/<joint>' column"),
-        ("t,measured/joint1\n0,1\n", {"robot": "bros"}, "1 rows; a recording needs at least 2"),
-        ("t,measured/joint1\n", {"robot": "bros"}, "holds no rows"),
-        ("t,measured/joint1\n0,1\n1,2\n0,3\n", {"robot": "bros"}, "row 2 goes back or repeats"),
-        ("t,measured/joint1\n0,1\n1,high\n", {"robot": "bros"}, "line 3, column 1 is 'high'"),
-        ("t,measured/joint1\n0,1\n1,nan\n", {"robot": "bros"}, "lack a value, 'measured/joint1'"),
-        (
-            "measured/joint1\n0\n1\n",
-            {"robot": "bros"},
-            "no column 't' .* --metadata rate_hz=.*truejoint col",
-        ),
-        ("t,measured/joint1\n0,1\n1,2\n", {"robot": "bros", "rate": 9.0}, "has time stamps"),
-        ("measured/joint1\n0\n1\n", {"robot": "bros", "rate": np.nan}, "a rate of nan Hz"),
-        ("t,measured/joint1\n0,1\n1,inf\n", {"robot": "bros"}, "row 1 is inf"),
-        ("t,t,measured/joint1\n0,0,1\n1,1,2\n", {"robot": "bros"}, "column 't' is twice"),
-        (TABLE, {"column_map": {"columns": {"t": "stamp"}}, "robot": "bros"}, "no 'measured/"),
-        (
-            TABLE,
-            {"column_map": {"columns": {"t": "time", "measured/joint1": 1}}, "robot": "bros"},
-            "column 'time' is not there; the header has stamp, counts",
-        ),
+        ("t,measured/elbow\n0,1\n1,2\n", BROS, "has no joint 'elbow'; it has joint1"),
+        ("t,angle\n0,1\n1,2\n", BROS, "'angle' is neither 't' nor"),
+        ("t,truth/joint1\n0,1\n1,2\n", BROS, "no 'measured/<joint>' column"),
+        ("t,measured/joint1\n0,1\n", BROS, "1 rows; a recording needs at least 2"),
+        ("t,measured/joint1\n", BROS, "holds no rows"),
+        ("t,measured/joint1\n0,1\n1,2\n0,3\n", BROS, "row 2 goes back or repeats"),
+        ("t,measured/joint1\n0,1\n1,high\n", BROS, "line 3, column 1 is 'high'"),
+        ("t,measured/joint1\n0,1\n1,nan\n", BROS, "lack a value, 'measured/joint1'"),
+        ("measured/joint1\n0\n1\n", BROS, "no column 't' .* --metadata rate_hz=.*truejoint col"),
+        ("t,measured/joint1\n0,1\n1,2\n", {**BROS, "rate": 9.0}, "has time stamps"),
+        ("measured/joint1\n0\n1\n", {**BROS, "rate": np.nan}, "a rate of nan Hz"),
+        ("t,measured/joint1\n0,1\n1,inf\n", BROS, "row 1 is inf"),
+        ("t,t,measured/joint1\n0,0,1\n1,1,2\n", BROS, "column 't' is twice"),
+        (TABLE, by({"t": "stamp"}), "no 'measured/"),
+        (TABLE, by({"t": "time", "measured/joint1": 1}), "'time' is not there; the header has"),
+        (TABLE, by({"t": 0, "measured/joint1": 6}), "to be column 6, but there are 6 columns"),
+        ("0,1\n1,2\n", by({"t": "a", "measured/joint1": 1}), "has no header"),
         (
             TABLE,
-            {"column_map": {"columns": {"t": 0, "measured/joint1": 6}}, "robot": "bros"},
-            "to be column 6, but there are 6 columns",
-        ),
-        (
-            "0,1\n1,2\n",
-            {"column_map": {"columns": {"t": "a", "measured/joint1": 1}}, "robot": "bros"},
-            "has no header",
-        ),
-        (
-            TABLE,
-            {
-                "column_map": {"columns": {"t": 0, "measured/joint1": {"column": 1, "unit": "mm"}}},
-                "robot": "bros",
-            },
+            by({"t": 0, "measured/joint1": {"column": 1, "unit": "mm"}}),
             "is in rad, which 'mm' cannot be",
         ),
     ],
 )
-def test_bad_input_is_one_line(
-    tmp_path: Path, text: str, options: dict[str, Any], message: str
-) -> None:
+def test_bad_input_is_one_line(tmp_path, text, options, message):
     path = write(tmp_path / "a.csv", text)
     with pytest.raises(RecordingError, match=message) as caught:
         read_recording(path, "csv", **options)
@@ -166,7 +150,7 @@ def test_bad_input_is_one_line(
     assert str(path) in str(caught.value)
 
 
-def test_of_repeated_stamps_the_last_row_is_kept_and_the_others_counted(tmp_path: Path) -> None:
+def test_of_repeated_stamps_the_last_row_is_kept_and_the_others_counted(tmp_path):
     path = write(tmp_path / "a.csv", "t,measured/joint1\n0,1\n0,2\n1,3\n2,4\n2,5\n")
     recording = read_recording(path, robot="bros")
     assert recording.column("measured/joint1").tolist() == [2, 3, 5]
@@ -189,16 +173,14 @@ def check_rows(recording: Recording) -> None:
     assert recording.provenance.rates == {"state": 100.0}
 
 
-def test_an_npy_file_is_read_by_position(tmp_path: Path) -> None:
+def test_an_npy_file_is_read_by_position(tmp_path):
     np.save(tmp_path / "a.npy", ROWS)
     mapping = {"robot": "bros", "columns": COLUMNS}
     check_rows(read_recording(tmp_path / "a.npy", column_map=mapping))
 
 
 @pytest.mark.parametrize("version", ["4", "5"])
-def test_a_mat_file_is_read_by_name_and_without_stamps_at_a_rate(
-    tmp_path: Path, version: str
-) -> None:
+def test_a_mat_file_is_read_by_name_and_without_stamps_at_a_rate(tmp_path, version):
     content: dict[str, Any] = {"stamp": ROWS[:, 0], "q": ROWS[:, 1:].T}
     if version == "5":
         content = {"rec": content}
@@ -215,7 +197,7 @@ def test_a_mat_file_is_read_by_name_and_without_stamps_at_a_rate(
     check_rows(read_recording(tmp_path / "a.mat", column_map=mapping))
 
 
-def test_samples_lie_along_the_side_of_the_stamps(tmp_path: Path) -> None:
+def test_samples_lie_along_the_side_of_the_stamps(tmp_path):
     content = {"t": [0.0, 1.0, 2.0], "q": np.arange(15.0).reshape(5, 3)}
     scipy.io.savemat(tmp_path / "a.mat", content)
     columns = {"t": "t", "measured/joint1": "q[4]"}
@@ -236,7 +218,7 @@ def test_samples_lie_along_the_side_of_the_stamps(tmp_path: Path) -> None:
         ("n", "'measured/joint1' has shape"),
     ],
 )
-def test_a_signal_that_is_not_there_is_one_line(tmp_path: Path, column: str, message: str) -> None:
+def test_a_signal_that_is_not_there_is_one_line(tmp_path, column, message):
     content = {"rec": {"q": ROWS[:, 1:].T, "stamp": ROWS[:, 0]}, "n": np.arange(4.0)}
     scipy.io.savemat(tmp_path / "a.mat", content)
     columns = {"t": "rec.stamp", "measured/joint1": column}
@@ -247,7 +229,7 @@ def test_a_signal_that_is_not_there_is_one_line(tmp_path: Path, column: str, mes
         read_recording(tmp_path / "a.mat", "arrays", robot="bros")
 
 
-def test_a_rate_in_place_of_stamps_may_come_from_the_caller(tmp_path: Path) -> None:
+def test_a_rate_in_place_of_stamps_may_come_from_the_caller(tmp_path):
     path = write(tmp_path / "a.csv", "measured/joint1,truth/joint1\n1,2\n3,4\n")
     assert read_recording(path, robot="bros", rate=4.0).t.tolist() == [0.0, 0.25]
     np.save(tmp_path / "a.npy", ROWS)
@@ -260,9 +242,7 @@ def test_a_rate_in_place_of_stamps_may_come_from_the_caller(tmp_path: Path) -> N
     rows=st.lists(st.lists(st.floats(-9, 9) | st.just(np.nan), min_size=2, max_size=2), min_size=9),
     lost=st.sets(st.integers(0, 8), max_size=3),
 )
-def test_rows_that_lack_a_value_are_left_out_and_counted(
-    tmp_path_factory: pytest.TempPathFactory, rows: list[list[float]], lost: set[int]
-) -> None:
+def test_rows_that_lack_a_value_are_left_out_and_counted(tmp_path_factory, rows, lost):
     table = np.array([[k, *row] for k, row in enumerate(rows)])
     table[:, 1] = np.nan_to_num(table[:, 1])
     table[list(lost), 1] = np.nan
@@ -280,9 +260,7 @@ def test_rows_that_lack_a_value_are_left_out_and_counted(
     lengths=st.lists(st.integers(10, 30), min_size=1, max_size=4),
     first=st.sampled_from([0.0, 3.5, 1.7e9]),
 )
-def test_each_restart_of_the_clock_begins_a_session(
-    tmp_path_factory: pytest.TempPathFactory, lengths: list[int], first: float
-) -> None:
+def test_each_restart_of_the_clock_begins_a_session(tmp_path_factory, lengths, first):
     t = np.concatenate([first + 0.25 * np.arange(length) for length in lengths])
     path = tmp_path_factory.mktemp("restart") / "day.csv"
     names = "t,measured/joint1"
@@ -302,7 +280,7 @@ def test_each_restart_of_the_clock_begins_a_session(
 
 
 @pytest.mark.parametrize("rate", [0, -1, float("nan"), True, "x"])
-def test_stamps_or_a_rate_are_needed(tmp_path: Path, rate: object) -> None:
+def test_stamps_or_a_rate_are_needed(tmp_path, rate):
     np.save(tmp_path / "a.npy", ROWS)
     mapping = {"robot": "bros", "rate_hz": rate, "columns": {"measured/joint1": 1}}
     with pytest.raises(RecordingError, match="rate_hz"):
@@ -329,19 +307,19 @@ def test_stamps_or_a_rate_are_needed(tmp_path: Path, rate: object) -> None:
         ({"columns": {"t": {"column": 0, "gain": 2}}}, "no key called 'gain'"),
     ],
 )
-def test_a_map_that_breaks_a_rule_is_refused(values: dict[str, Any], message: str) -> None:
+def test_a_map_that_breaks_a_rule_is_refused(values, message):
     with pytest.raises(RecordingError, match=message):
         read_column_map(values)
 
 
-def test_a_map_that_is_one_passes() -> None:
+def test_a_map_that_is_one_passes():
     mapping = read_column_map({"columns": {"t": 0}})
     assert isinstance(mapping, ColumnMap)
     assert read_column_map(mapping) is mapping
 
 
 @pytest.mark.parametrize("text", ["columns = ", "[columns]\nt = 0\n[columns]\n", "\x00"])
-def test_a_file_that_is_no_toml_is_refused(tmp_path: Path, text: str) -> None:
+def test_a_file_that_is_no_toml_is_refused(tmp_path, text):
     path = tmp_path / "map.toml"
     path.write_text(text)
     with pytest.raises(RecordingError, match=r"map.toml: is not TOML") as caught:

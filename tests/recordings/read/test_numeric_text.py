@@ -27,9 +27,7 @@ def write(path: Path, text: str) -> Path:
 
 
 @given(table=tables, delimiter=st.sampled_from([",", ";", "\t", " "]), ended=st.booleans())
-def test_numbers_come_back_to_the_last_bit(
-    tmp_path_factory: pytest.TempPathFactory, table: np.ndarray, delimiter: str, ended: bool
-) -> None:
+def test_numbers_come_back_to_the_last_bit(tmp_path_factory, table, delimiter, ended):
     lines = [delimiter.join(repr(float(v)) for v in row) for row in table]
     text = "% a, comment; with\tdelimiters\n" + "\n".join(lines) + ("\n" if ended else "")
     path = write(tmp_path_factory.mktemp("text") / "t.txt", text)
@@ -41,9 +39,7 @@ def test_numbers_come_back_to_the_last_bit(
 
 
 @given(text=st.text(alphabet="0123456789.,-+eEnaif \t\n\r%x\"'\0é", max_size=300))
-def test_garbage_is_read_or_refused_in_one_line(
-    tmp_path_factory: pytest.TempPathFactory, refusal: Refusal, text: str
-) -> None:
+def test_garbage_is_read_or_refused_in_one_line(tmp_path_factory, refusal, text):
     path = tmp_path_factory.mktemp("text") / "t.txt"
     path.write_text(text, encoding="utf-8")
     message = refusal(lambda: read_numbers(path, TextLayout(3, comment="%"), (0, 1, 2)))
@@ -71,7 +67,7 @@ def test_garbage_is_read_or_refused_in_one_line(
         ("# nothing\n", "holds no rows"),
     ],
 )
-def test_what_breaks_the_layout_is_named(tmp_path: Path, text: str, message: str) -> None:
+def test_what_breaks_the_layout_is_named(tmp_path, text, message):
     path = write(tmp_path / "t.csv", text)
     with pytest.raises(RecordingError, match=message) as caught:
         read_numbers(path, TextLayout(3, comment="#"), (0, 1, 2))
@@ -79,7 +75,7 @@ def test_what_breaks_the_layout_is_named(tmp_path: Path, text: str, message: str
 
 
 @pytest.mark.parametrize("tail", ["4,5", "4,5,", "4,", "4,1e"])
-def test_a_last_line_cut_short_is_left_out_and_counted(tmp_path: Path, tail: str) -> None:
+def test_a_last_line_cut_short_is_left_out_and_counted(tmp_path, tail):
     path = write(tmp_path / "t.csv", "1,2,3\n2,3,4\n" + tail)
     table = read_numbers(path, TextLayout(3), (0, 2))
     # "4,5," has three fields, the last one empty: it is cut short all the same
@@ -87,7 +83,7 @@ def test_a_last_line_cut_short_is_left_out_and_counted(tmp_path: Path, tail: str
     assert table.incomplete == 1
 
 
-def test_only_named_columns_may_miss(tmp_path: Path) -> None:
+def test_only_named_columns_may_miss(tmp_path):
     path = write(tmp_path / "t.csv", "1,2,3\n2,,4\n")
     table = read_numbers(path, TextLayout(3), (0, 1), may_miss=(1,))
     assert np.isnan(table.values[1, 1])
@@ -95,9 +91,7 @@ def test_only_named_columns_may_miss(tmp_path: Path) -> None:
         read_numbers(path, TextLayout(3), (0, 1))
 
 
-def test_the_line_of_a_fault_counts_from_the_start_of_the_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_the_line_of_a_fault_counts_from_the_start_of_the_file(tmp_path, monkeypatch):
     monkeypatch.setattr("truejoint.recordings.read.numeric_text._PIECE_BYTES", 10)
     rows = ["% a note", "t,a,b", *["1,2,3"] * 50]
     path = write(tmp_path / "t.csv", "\n".join(rows) + "\n")
@@ -109,13 +103,13 @@ def test_the_line_of_a_fault_counts_from_the_start_of_the_file(
         read_numbers(path, layout, (0, 2))
 
 
-def test_unusual_but_right_numbers_are_read(tmp_path: Path) -> None:
+def test_unusual_but_right_numbers_are_read(tmp_path):
     path = write(tmp_path / "t.csv", '"1","2.5"\r\n+3, 4 \r\n\f5,1e999 # note\r\n')
     values = read_numbers(path, TextLayout(2, comment="#"), (0, 1)).values
     assert np.array_equal(values, [[1, 2.5], [3, 4], [5, np.inf]])
 
 
-def test_a_form_feed_in_a_comment_is_no_line_end(tmp_path: Path) -> None:
+def test_a_form_feed_in_a_comment_is_no_line_end(tmp_path):
     path = write(tmp_path / "t.csv", "# page\fbreak\x1c\nt,a\n1,2\n3,4\n")
     number, header = Head.of(path).first_line("#")
     assert (number, header) == (2, "t,a")
@@ -125,7 +119,7 @@ def test_a_form_feed_in_a_comment_is_no_line_end(tmp_path: Path) -> None:
         Head(path, b"\x00\x01\x02").first_line()
 
 
-def test_more_than_is_kept_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_more_than_is_kept_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("truejoint.recordings.read.numeric_text.MAX_VALUES", 30)
     path = write(tmp_path / "t.csv", "1,2,3\n" * 11)
     with pytest.raises(RecordingError, match="more than 10 rows of 3 columns"):

@@ -22,16 +22,13 @@ GRASPER_HEADER = (
 FindFolder = Callable[[str], Path]
 
 
-# --------------------------------------------------------------------------- da Vinci grasper
-
-
 def grasper_file(folder: Path, rows: list[str]) -> Path:
     path = folder / "31.TXT"
     path.write_text(GRASPER_HEADER + "\n".join(rows) + "\n")
     return path
 
 
-def test_grasper_scales(tmp_path: Path) -> None:
+def test_grasper_scales(tmp_path):
     row = "{t},8192,1000,0.5,1000,-2000,0.25,-0.75,4096,4096"
     path = grasper_file(tmp_path, [row.format(t=0), row.format(t=0.001)])
     recording = read_recording(path)
@@ -49,13 +46,13 @@ def test_grasper_scales(tmp_path: Path) -> None:
     assert recording.provenance.session == f"{tmp_path.name}/31"
 
 
-def test_grasper_file_with_another_column_count(tmp_path: Path) -> None:
+def test_grasper_file_with_another_column_count(tmp_path):
     path = grasper_file(tmp_path, ["0,1,2,3,4,5,6,7,8,9", "1,1,2,3,4,5,6,7,8"])
     with pytest.raises(RecordingError, match="line 5 has 9 columns, expected 10"):
         read_recording(path)
 
 
-def test_grasper_data(dataset_folder: FindFolder) -> None:
+def test_grasper_data(dataset_folder):
     dataset_folder("davinci_grasper_umn")
     for recording in read_dataset("davinci_grasper_umn", "Tool_4_Maryland_L_4/[03]5"):
         assert 19900 < len(recording) < 20010
@@ -69,9 +66,6 @@ def test_grasper_data(dataset_folder: FindFolder) -> None:
         assert slope == pytest.approx(-35.0, rel=0.03)
 
 
-# --------------------------------------------------------------------------- dVRK
-
-
 def dvrk_folder(folder: Path, rows: int = 5) -> Path:
     rng = np.random.default_rng(0)
     np.save(folder / "t_stamp.npy", np.arange(rows) * 0.4)
@@ -80,7 +74,7 @@ def dvrk_folder(folder: Path, rows: int = 5) -> Path:
     return folder
 
 
-def test_dvrk_folder(tmp_path: Path) -> None:
+def test_dvrk_folder(tmp_path):
     recording = read_recording(dvrk_folder(tmp_path))
     joints = get_robot("dvrk_psm").joint_names[:6]
     assert np.array_equal(recording.columns("measured", joints), np.load(tmp_path / "q_des.npy"))
@@ -89,7 +83,7 @@ def test_dvrk_folder(tmp_path: Path) -> None:
     assert recording.provenance.rates == {"state": 2.5}
 
 
-def test_dvrk_files_that_do_not_fit(tmp_path: Path) -> None:
+def test_dvrk_files_that_do_not_fit(tmp_path):
     dvrk_folder(tmp_path)
     np.save(tmp_path / "q_act.npy", np.zeros((4, 6)))
     with pytest.raises(RecordingError, match="'q_act' holds 4 signals"):
@@ -103,7 +97,7 @@ def test_dvrk_files_that_do_not_fit(tmp_path: Path) -> None:
         read_recording(tmp_path / "t_stamp.npy", "dvrk_psm_berkeley")
 
 
-def test_dvrk_data(dataset_folder: FindFolder) -> None:
+def test_dvrk_data(dataset_folder):
     dataset_folder("dvrk_psm_berkeley")
     random, _ = read_dataset("dvrk_psm_berkeley")
     assert len(random) == 5531
@@ -114,10 +108,7 @@ def test_dvrk_data(dataset_folder: FindFolder) -> None:
     assert (spread[4:] > np.deg2rad(8.0)).all()
 
 
-# --------------------------------------------------------------------------- MATLAB files
-
-
-def test_bros_file(tmp_path: Path) -> None:
+def test_bros_file(tmp_path):
     data = np.vstack([np.arange(9) * 1e-3, np.arange(36.0).reshape(4, 9)])
     path = tmp_path / "part.mat"
     scipy.io.savemat(path, {"data_7": data}, format="4")
@@ -128,7 +119,7 @@ def test_bros_file(tmp_path: Path) -> None:
     assert np.array_equal(recording.column("truth/joint2"), data[4])
 
 
-def test_bros_data(dataset_folder: FindFolder) -> None:
+def test_bros_data(dataset_folder):
     dataset_folder("bros_dual_encoder")
     for recording in read_dataset("bros_dual_encoder"):
         # The ratio is right: what is left of the motor angle in the error is cable, 0.2 deg.
@@ -149,7 +140,7 @@ def kuka_file(path: Path, **changed: object) -> Path:
     return path
 
 
-def test_kuka_file(tmp_path: Path) -> None:
+def test_kuka_file(tmp_path):
     recording = read_recording(kuka_file(tmp_path / "data.mat"))
     assert recording.joints_of("truth") == ("axis1", "axis2", "axis3")
     assert len(recording.joints_of("measured")) == 6
@@ -159,7 +150,7 @@ def test_kuka_file(tmp_path: Path) -> None:
     assert recording.provenance.homing_id == f"{tmp_path.name}/data"
 
 
-def test_a_signal_that_a_file_lacks_is_named(tmp_path: Path) -> None:
+def test_a_signal_that_a_file_lacks_is_named(tmp_path):
     with pytest.raises(RecordingError, match=r"no signal 'rec.ref_pos_deg.0.'; the file has"):
         read_recording(kuka_file(tmp_path / "data.mat", ref_pos_deg=None))
     path = tmp_path / "part.mat"
@@ -168,7 +159,7 @@ def test_a_signal_that_a_file_lacks_is_named(tmp_path: Path) -> None:
         read_recording(path, "bros_dual_encoder")
 
 
-def test_kuka_data(dataset_folder: FindFolder) -> None:
+def test_kuka_data(dataset_folder):
     dataset_folder("kuka_kr300_dual_encoder")
     for recording in read_dataset("kuka_kr300_dual_encoder"):
         assert len(recording) == 2501
@@ -177,10 +168,7 @@ def test_kuka_data(dataset_folder: FindFolder) -> None:
         assert (np.abs(error.mean(axis=0)) < 0.2).all()
 
 
-# --------------------------------------------------------------------------- K-FLEX
-
-
-def test_kflex_keeps_the_last_row_of_each_stamp(tmp_path: Path) -> None:
+def test_kflex_keeps_the_last_row_of_each_stamp(tmp_path):
     path = tmp_path / "60.txt.gz"
     rows = ["0,10,0,1,5,6,100,200", "0,10,0,2,5,6,100,200", "0.025,20,0,3,7,8,300,400"]
     path.write_bytes(gzip.compress("\n".join(rows).encode()))
@@ -194,7 +182,7 @@ def test_kflex_keeps_the_last_row_of_each_stamp(tmp_path: Path) -> None:
     assert recording.units["current/wire2"] == "A"
 
 
-def test_kflex_four_wires(tmp_path: Path) -> None:
+def test_kflex_four_wires(tmp_path):
     path = tmp_path / "conf0_60.txt"
     path.write_text("0,10,0,0,0,3,5,6,7,8\n0.0005,10,0,0,0,4,5,6,7,9\n")
     recording = read_recording(path)
@@ -203,7 +191,7 @@ def test_kflex_four_wires(tmp_path: Path) -> None:
     assert recording.joints_of("current") == ()
 
 
-def test_kflex_data(dataset_folder: FindFolder) -> None:
+def test_kflex_data(dataset_folder):
     dataset_folder("kflex_tendon_sheath")
     recordings = {r.provenance.session: r for r in read_dataset("kflex_tendon_sheath")}
     assert recordings["conf0_60"].provenance.dropped == {"repeated time stamp": 7041}

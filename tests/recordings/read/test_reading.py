@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from hypothesis import strategies as st
 from truejoint.errors import RecordingError
 from truejoint.recordings import (
     FORMATS,
-    Recording,
     detect_format,
     read_recording,
     read_recordings,
@@ -43,11 +41,11 @@ def write(path: Path, content: str | bytes) -> Path:
         (b"PAR1whatever", "parquet"),
     ],
 )
-def test_the_content_tells_the_format(tmp_path: Path, content: str | bytes, name: str) -> None:
+def test_the_content_tells_the_format(tmp_path, content, name):
     assert detect_format(write(tmp_path / "some.file", content)) == name
 
 
-def test_matlab_files_tell_their_format(tmp_path: Path) -> None:
+def test_matlab_files_tell_their_format(tmp_path):
     path = tmp_path / "a.mat"
     scipy.io.savemat(path, {"data_1": [[1.0]]}, format="4")
     assert detect_format(path) == "bros_dual_encoder"
@@ -63,9 +61,7 @@ def test_matlab_files_tell_their_format(tmp_path: Path) -> None:
         (b"\x00\x01\x02\x03", "not text and of no known binary layout"),
     ],
 )
-def test_an_unknown_file_gets_the_list_of_formats(
-    tmp_path: Path, content: str | bytes, found: str
-) -> None:
+def test_an_unknown_file_gets_the_list_of_formats(tmp_path, content, found):
     path = write(tmp_path / "some.file", content)
     with pytest.raises(RecordingError, match=f"format not recognised.*{found}") as caught:
         read_recording(path)
@@ -73,7 +69,7 @@ def test_an_unknown_file_gets_the_list_of_formats(
     assert "\n" not in str(caught.value)
 
 
-def test_a_column_map_makes_any_text_csv(tmp_path: Path) -> None:
+def test_a_column_map_makes_any_text_csv(tmp_path):
     path = write(tmp_path / "a.txt", "0,1,2,3,4,5,6,7\n1,1,2,3,4,5,6,8\n")
     recording = read_recording(
         path, robot="bros", column_map={"columns": {"t": 0, "measured/joint1": 7}}
@@ -81,9 +77,7 @@ def test_a_column_map_makes_any_text_csv(tmp_path: Path) -> None:
     assert recording.column("measured/joint1").tolist() == [7.0, 8.0]
 
 
-def test_what_the_caller_knows_goes_into_the_provenance(
-    recording: Recording, tmp_path: Path
-) -> None:
+def test_what_the_caller_knows_goes_into_the_provenance(recording, tmp_path):
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)
     read = read_recording(path, load=0.5, homing_id="third", session="s")
@@ -100,16 +94,14 @@ def test_what_the_caller_knows_goes_into_the_provenance(
         ({"truth_unit": "deg_m"}, "takes no 'truth_unit'"),
     ],
 )
-def test_an_option_that_would_be_ignored_is_refused(
-    recording: Recording, tmp_path: Path, options: dict[str, str], message: str
-) -> None:
+def test_an_option_that_would_be_ignored_is_refused(recording, tmp_path, options, message):
     path = tmp_path / "a.parquet"
     write_parquet(recording, path)
     with pytest.raises(RecordingError, match=message):
         read_recording(path, **options)
 
 
-def test_a_path_that_is_not_there(tmp_path: Path) -> None:
+def test_a_path_that_is_not_there(tmp_path):
     with pytest.raises(RecordingError, match=r"nowhere.csv: there is no such file or folder"):
         read_recording(tmp_path / "nowhere.csv")
     with pytest.raises(RecordingError, match="is not a file"):
@@ -118,9 +110,7 @@ def test_a_path_that_is_not_there(tmp_path: Path) -> None:
         read_recording(write(tmp_path / "empty.csv", ""))
 
 
-def test_an_error_names_the_path_that_was_given(
-    write_raven: Callable[..., Path], monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_an_error_names_the_path_that_was_given(write_raven, monkeypatch):
     def step_back(table: object) -> None:
         table[5, 0] = table[3, 0]  # type: ignore[index]
 
@@ -139,9 +129,7 @@ def test_an_error_names_the_path_that_was_given(
     content=st.binary(max_size=200) | st.text('t,measured/joint1 \n"#;0123.', max_size=80),
     mapped=st.booleans(),
 )
-def test_any_file_in_a_folder_is_a_recording_or_says_why_not(
-    tmp_path_factory: pytest.TempPathFactory, content: str | bytes, mapped: bool
-) -> None:
+def test_any_file_in_a_folder_is_a_recording_or_says_why_not(tmp_path_factory, content, mapped):
     path = write(tmp_path_factory.getbasetemp() / "any.file", content)
     mapping = {"columns": {"t": 0, "measured/joint1": 1}} if mapped else None
     reason = why_no_recording(path, column_map=mapping)
@@ -161,9 +149,7 @@ def count_opens(path: Path, **options: Any) -> int:
 
 
 @pytest.mark.parametrize("packed", [False, True])
-def test_the_head_of_a_text_is_read_once(
-    recording_of: Callable[..., Recording], tmp_path: Path, packed: bool
-) -> None:
+def test_the_head_of_a_text_is_read_once(recording_of, tmp_path, packed):
     path = tmp_path / f"run.csv{'.gz' if packed else ''}"
     recording_of("davinci_grasper").table.to_csv(path, index=False)
     assert count_opens(path, robot="davinci_grasper") <= 2

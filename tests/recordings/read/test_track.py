@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pandas as pd
 import pytest
@@ -27,7 +25,7 @@ def table(*, poses: bool) -> pd.DataFrame:
 
 @pytest.mark.parametrize("poses", [False, True])
 @pytest.mark.parametrize("kind", ["csv", "tab", "parquet"])
-def test_a_file_gives_its_points(tmp_path: Path, kind: str, poses: bool) -> None:
+def test_a_file_gives_its_points(tmp_path, kind, poses):
     path = tmp_path / f"points.{kind}"
     frame = table(poses=poses)
     if kind == "parquet":
@@ -43,7 +41,7 @@ def test_a_file_gives_its_points(tmp_path: Path, kind: str, poses: bool) -> None
     np.testing.assert_allclose(read_track(path, unit="mm").position, 1e-3 * POINTS)
 
 
-def test_a_lost_marker_is_no_reading() -> None:
+def test_a_lost_marker_is_no_reading():
     points, turns, t = POINTS.copy(), TURNS.copy(), T.copy()
     points[3] = np.nan
     points[4] = 0.0
@@ -56,7 +54,7 @@ def test_a_lost_marker_is_no_reading() -> None:
     np.testing.assert_array_equal(track.position, POINTS[kept])
 
 
-def test_a_bag_gives_the_topic_of_the_tracker(tmp_path: Path) -> None:
+def test_a_bag_gives_the_topic_of_the_tracker(tmp_path):
     path = tmp_path / "session.bag"
     topics = {"/marker": "PoseStamped", "/arm1/measured_cp": "PoseStamped"}
     write_marker_bag(path, 5.0 + T, POINTS, TURNS, topics)
@@ -74,7 +72,7 @@ def test_a_bag_gives_the_topic_of_the_tracker(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap", ".db3"])
 @pytest.mark.parametrize("kind", KINDS)
-def test_each_message_of_a_marker_is_read(tmp_path: Path, kind: str, suffix: str) -> None:
+def test_each_message_of_a_marker_is_read(tmp_path, kind, suffix):
     half = len(T) // 2
     bags = [tmp_path / f"{name}{suffix}" for name in ("first", "second")]
     for bag, rows in zip(bags, (slice(half), slice(half, None)), strict=True):
@@ -89,7 +87,7 @@ def test_each_message_of_a_marker_is_read(tmp_path: Path, kind: str, suffix: str
         np.testing.assert_allclose(track.orientation, TURNS, atol=1e-15)
 
 
-def test_what_is_no_track_is_one_line(tmp_path: Path) -> None:
+def test_what_is_no_track_is_one_line(tmp_path):
     path = tmp_path / "points.csv"
     table(poses=True).drop(columns="qw").to_csv(path, index=False)
     with pytest.raises(RecordingError, match="is no file of points: it has columns frame, t, x"):

@@ -34,7 +34,7 @@ def write(path: Path) -> list[int]:
     return ends
 
 
-def test_a_whole_file_gives_all_streams(tmp_path: Path) -> None:
+def test_a_whole_file_gives_all_streams(tmp_path):
     write(tmp_path / "run.arrows")
     header, streams, end = read_streams(tmp_path / "run.arrows")
     assert header["gap_limit"] == 0.05
@@ -48,7 +48,7 @@ def test_a_whole_file_gives_all_streams(tmp_path: Path) -> None:
 
 @settings(max_examples=60)
 @given(share=st.floats(0.0, 1.0))
-def test_cut_anywhere_it_gives_the_blocks_before(tmp_path: Path, share: float) -> None:
+def test_cut_anywhere_it_gives_the_blocks_before(tmp_path, share):
     whole, cut = tmp_path / "run.arrows", tmp_path / "cut.arrows"
     whole.unlink(missing_ok=True)
     ends = write(whole)
@@ -71,7 +71,7 @@ def test_cut_anywhere_it_gives_the_blocks_before(tmp_path: Path, share: float) -
 
 @settings(max_examples=150)
 @given(data=st.data())
-def test_a_flipped_bit_is_never_read_as_another_value(tmp_path: Path, data: st.DataObject) -> None:
+def test_a_flipped_bit_is_never_read_as_another_value(tmp_path, data):
     whole, flipped = tmp_path / "run.arrows", tmp_path / "flipped.arrows"
     if not whole.exists():
         write(whole)
@@ -91,7 +91,7 @@ def test_a_flipped_bit_is_never_read_as_another_value(tmp_path: Path, data: st.D
             assert np.array_equal(values, expected[name].columns[column][:n])
 
 
-def test_what_is_no_such_file_is_refused(tmp_path: Path) -> None:
+def test_what_is_no_such_file_is_refused(tmp_path):
     path = tmp_path / "run.arrows"
     path.write_text("not a stream")
     with pytest.raises(RecordingError, match="is no stream of a recorder"):

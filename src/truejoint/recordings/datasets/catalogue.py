@@ -205,10 +205,8 @@ def _load() -> dict[str, Dataset]:
     for name, values in catalogue.items():
         values["features"] = tuple(values.get("features", ()))
         values["splits"] = tuple(HeldOut(**split) for split in values.get("splits", ()))
-        files_by_recording = recordings[name].items()
-        values["recordings"] = tuple(
-            DatasetRecording(key, tuple(f)) for key, f in files_by_recording
-        )
+        parts = recordings[name].items()
+        values["recordings"] = tuple(DatasetRecording(key, tuple(part)) for key, part in parts)
     return {name: Dataset(name, **values) for name, values in catalogue.items()}
 
 

@@ -15,11 +15,7 @@ import requests
 
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import sha256_of
-from truejoint.recordings.datasets.catalogue import (
-    Dataset,
-    DatasetFile,
-    get_dataset,
-)
+from truejoint.recordings.datasets.catalogue import Dataset, DatasetFile, get_dataset
 from truejoint.recordings.read.reading import read_recording
 from truejoint.recordings.table.recording import Recording
 
@@ -181,17 +177,13 @@ def read_dataset(
     for recording in wanted:
         paths = [_require_upstream(dataset, folder, file) for file in recording.files]
         alone = len(paths) == 1
-        known_map = dataset.maps.get(recording.name)
-        options = {} if known_map is None else {"column_map": known_map}
-        result = read_recording(
-            paths[0] if alone else paths[0].parent,
-            dataset.format or None,
-            session=recording.name,
-            **options,
-        )
+        column_map = dataset.maps.get(recording.name)
+        options = {"column_map": column_map} if column_map else {}
+        place = paths[0] if alone else paths[0].parent
+        result = read_recording(place, dataset.format or None, session=recording.name, **options)
         repository, commit, upstream = dataset.origin(recording.files[0])
-        place = upstream if alone else PurePosixPath(upstream).parent
-        source = f"{repository}@{commit[:8]}:{place}"
+        path = upstream if alone else PurePosixPath(upstream).parent
+        source = f"{repository}@{commit[:8]}:{path}"
         recordings.append(replace(result, provenance=replace(result.provenance, source=source)))
         if progress:
             progress(len(recordings) / len(wanted))

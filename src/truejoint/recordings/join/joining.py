@@ -1,27 +1,44 @@
-"""Truth from a file of its own, brought onto the robot's clock by the motion that both saw."""
+"""Truth from a file of its own, brought onto the robot's clock by the motion that both saw.
+
+`coarse_offset` correlates two streams at any shift; `fine_offset` regresses the truth on position,
+direction and velocity, whose coefficient is the delay.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Final
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
+from scipy.signal import argrelmax
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
-from truejoint.recordings.join.explained import OTHER_PLAYS, PLAYS, SLOW, explain
-from truejoint.recordings.join.lag import (
-    LEAST_OVERLAP,
-    coarse_offset,
+from truejoint.recordings.join.explained import (
+    OTHER_PLAYS,
+    PLAYS,
+    SLOW,
     estimate_lag,
-    fine_offset,
-    joint_likeness,
-    path_likeness,
+    explain,
+    jackknife_sd,
 )
 from truejoint.recordings.table.recording import Recording, as_recording, nominal_rates
 from truejoint.recordings.table.stream import BRIDGED_STEPS, Stream, synchronise, usable_rows
 from truejoint.threads import one_thread
+
+LEAST_OVERLAP: Final = 0.5  # share of the shorter stream
+_MAX_GRID: Final = 1 << 19  # points of the longer stream, when clocks are compared at first
+_LEAST_FIT: Final = 0.5  # share of a joint's variance that the other stream must explain
+_RIVAL: Final = 1.3  # residuals up to this many times the least are as good an answer
+
+_BLOCKS: Final = 10  # of the common time, to see how much its parts differ
+_STANDS: Final = 0.1  # of the RMS speed; slower, a joint keeps its last direction
+_ROUNDS: Final = 20
+_MAX_ROWS: Final = 20_000  # of the truth, for the regressions
 
 _FEWEST: Final = 200  # rows of which plays and efforts can explain the error
 _UNSURE: Final = 0.01  # s; an offset that is known better is left as it is
@@ -62,11 +79,7 @@ class ClockOffset:
 
 
 def join_truth(
-    recording: Recording,
-    truth: Stream,
-    offset: float | None = None,
-    *,
-    near: float | None = None,
+    recording: Recording, truth: Stream, offset: float | None = None, *, near: float | None = None
 ) -> tuple[Recording, ClockOffset]:
     """Give a recording the truth that was recorded elsewhere, on a clock of its own.
 
@@ -111,11 +124,12 @@ def join_truth(
     joints = tuple(name.removeprefix("truth/") for name in truth.columns)
     if recording.joints_of("truth"):
         raise RecordingError(f"{source}: has a truth already; give one without")
-    robot = {f"measured/{joint}": recording.column(f"measured/{joint}") for joint in joints}
+    measured = recording.columns("measured", joints)
     begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
     if offset is None:
         about = None if near is None else near - begins
-        clock = find_clock_offset(Stream(recording.t, robot), truth, about)
+        positions = np.column_stack([*truth.columns.values()])
+        clock = find_clock_offset(recording.t, measured, truth.t, positions, joints, about)
         clock = _refined(recording, truth, clock)
         clock = replace(clock, seconds=clock.seconds + begins)
     elif math.isfinite(offset):
@@ -149,15 +163,11 @@ def _shifted(
     state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
     gap_limit = BRIDGED_STEPS * float(np.median(np.diff(truth.t)))
     columns, counts = synchronise(state, shifted, gap_limit)
-    units = {
-        name: recording.units["measured" + name.removeprefix("truth")] for name in truth.columns
-    }
+    units = {n: recording.units["measured" + n.removeprefix("truth")] for n in truth.columns}
     units = {**recording.units, **units}
     # Arrays of the other recording, and new ones.
-    joined = Recording.from_columns(
-        columns, recording.provenance, units, robot=recording.robot, copy=False
-    )
-    return joined, counts
+    origin, robot = recording.provenance, recording.robot
+    return Recording.from_columns(columns, origin, units, robot=robot, copy=False), counts
 
 
 def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockOffset:
@@ -188,37 +198,39 @@ def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockO
     if not (deviation < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
         farthest = max(abs(lag.seconds), abs(other.seconds))
         return replace(coarse, sd=math.hypot(coarse.sd, farthest))
-    steps = [float(np.median(np.diff(stamps))) for stamps in (recording.t, truth.t)]
-    sd = math.hypot(deviation, lag.seconds / 2, *(step / math.sqrt(12.0) for step in steps))
+    sd = math.hypot(deviation, lag.seconds / 2, *_age_sds(recording.t, truth.t))
     return replace(coarse, seconds=coarse.seconds - lag.seconds, sd=sd)
 
 
-def find_clock_offset(state: Stream, truth: Stream, near: float | None = None) -> ClockOffset:
+def _age_sds(*stamps: Array) -> list[float]:
+    """Deviation [s] of each stream's stamps: a reading may be as old as a step of it."""
+    return [float(np.median(np.diff(t))) / math.sqrt(12.0) for t in stamps]
+
+
+def find_clock_offset(
+    t: Array,
+    measured: Array,
+    truth_t: Array,
+    truth: Array,
+    joints: Sequence[str],
+    near: float | None = None,
+) -> ClockOffset:
     """Offset to be added to the stamps of the truth [s], by the motion; raises RecordingError.
 
-    `state` has columns ``measured/<joint>``, `truth` in the same order ``truth/<joint>``, neither
-    a NaN. The stamps of both rise.
+    `measured` (n, k) and `truth` (m, k) are positions of `joints` at stamps `t` (n,) and `truth_t`
+    (m,) [s] that rise, without a NaN.
     """
-    joints = tuple(name.partition("/")[2] for name in truth.columns)
-    moving = [
-        k
-        for k, joint in enumerate(joints)
-        if np.ptp(state.columns[f"measured/{joint}"]) > 0 and np.ptp([*truth.columns.values()][k])
-    ]
-    if not moving:
+    moves = (np.ptp(measured, axis=0) > 0) & (np.ptp(truth, axis=0) > 0)
+    if not moves.any():
         raise RecordingError(
             f"{', '.join(joints)} stand still: no motion tells the offset of the clocks; state it"
         )
-    joints = tuple(joints[k] for k in moving)
-    measured = np.column_stack([state.columns[f"measured/{joint}"] for joint in joints])
-    positions = np.column_stack([truth.columns[f"truth/{joint}"] for joint in joints])
-    coarse = coarse_offset(
-        state.t, measured, truth.t, positions, ", ".join(joints), near, joint_likeness
-    )
+    joints = tuple(compress(joints, moves))
+    motion = t, measured[:, moves], truth_t, truth[:, moves]
+    coarse = coarse_offset(*motion, ", ".join(joints), near, joint_likeness)
     with one_thread():  # many small regressions, of which each would wait for its threads
-        seconds, sd = fine_offset(state.t, measured, truth.t, positions, coarse)
-    steps = [float(np.median(np.diff(stamps))) for stamps in (state.t, truth.t)]
-    return ClockOffset(seconds, math.hypot(sd, *(step / math.sqrt(12.0) for step in steps)), joints)
+        seconds, sd = fine_offset(*motion, coarse)
+    return ClockOffset(seconds, math.hypot(sd, *_age_sds(t, truth_t)), joints)
 
 
 def find_path_offset(
@@ -230,3 +242,163 @@ def find_path_offset(
     `join_truth` does where no shift fits or several do.
     """
     return coarse_offset(t, path, truth_t, truth, "the tool", near, path_likeness)
+
+
+def coarse_offset(
+    t: Array,
+    measured: Array,
+    truth_t: Array,
+    truth: Array,
+    who: str,
+    near: float | None,
+    likeness: Callable[[Array, Array, Integers], tuple[Array, Array]],
+) -> float:
+    """Shift [s] at which truth and measured positions are most alike, to a step of either.
+
+    `likeness` takes both on one grid, and lags, and tells for each lag a score and the share of
+    motion that the truth explains.
+    """
+    if near is not None and not math.isfinite(near):
+        raise RecordingError(f"an offset of about {near} s; state a number")
+    spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
+    steps = [float(np.median(np.diff(stamps))) for stamps in (t, truth_t)]
+    dt = max(*steps, max(spans) / _MAX_GRID)
+    grids = [np.arange(round(span / dt) + 1) * dt for span in spans]
+    least = int(LEAST_OVERLAP * min(len(grid) for grid in grids))
+    lags = np.arange(least - len(grids[1]), len(grids[0]) - least + 1)
+    ours, theirs = (
+        np.column_stack([np.interp(grid, stamps - stamps[0], column) for column in values.T])
+        for grid, stamps, values in ((grids[0], t, measured), (grids[1], truth_t, truth))
+    )
+    score, fit = likeness(ours, theirs, lags)
+    best = int(np.argmax(score))
+    if fit[best] < _LEAST_FIT:
+        raise RecordingError(
+            f"no offset of the clocks makes the truth follow {who} (at best "
+            f"{100 * fit[best]:.0f} % of its motion); are both of one motion, with the same "
+            "joints and signs? else state the offset"
+        )
+    offsets = t[0] - truth_t[0] + lags * dt
+    # Residual variances of all joints together, relative to the least.
+    peaks = [p for p in argrelmax(score)[0] if score[best] - score[p] < 2.0 * math.log(_RIVAL)]
+    if near is not None:
+        return float(offsets[min((best, *peaks), key=lambda place: abs(offsets[place] - near))])
+    # Noise makes ripples on one peak; another one lies behind a valley.
+    valleys = [score[min(p, best) : max(p, best) + 1].min() for p in peaks]
+    deep = math.log(_RIVAL)
+    rivals = [p for p, low in zip(peaks, valleys, strict=True) if score[p] - low > deep]
+    if rivals:
+        rival = max(rivals, key=lambda place: score[place])
+        raise RecordingError(
+            f"the motion repeats itself: offsets of {offsets[best]:.2f} s and "
+            f"{offsets[rival]:.2f} s fit alike; state it, about (near; --near-s of extract, join "
+            "and track) or exactly (offset; --offset-s)"
+        )
+    return float(offsets[best])
+
+
+def joint_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
+    """Log of the residual variances of all joints (n, k), and the best explained joint's share.
+
+    The share is the squared correlation, if it is positive, at `lags`: rows by which `theirs`
+    begins later.
+    """
+    shares = []
+    for pair in zip(ours.T, theirs.T, strict=True):
+        covariance, variance, of_theirs = _moments(*pair, lags)
+        # Where one stands still there is nothing to compare, but for rounding.
+        moves = (variance > 1e-9 * variance.max()) & (of_theirs > 1e-9 * of_theirs.max())
+        product = np.where(moves, variance * of_theirs, np.inf)
+        shares.append(np.clip(np.maximum(covariance, 0.0) ** 2 / product, 0.0, 1.0 - 1e-12))
+    explained = np.array(shares)
+    return -np.log(1.0 - explained).sum(axis=0), explained.max(axis=0)
+
+
+def path_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
+    """Share of the motion of a path (n, 3) that another explains, turned as fits best.
+
+    The best turn leaves what the singular values of the paths' covariance say (Kabsch, Acta Cryst.
+    A32, 1976).
+    """
+    pairs = [[_moments(axis, truth_axis, lags) for truth_axis in theirs.T] for axis in ours.T]
+    covariance = np.array([[pair[0] for pair in row] for row in pairs]).transpose(2, 0, 1)
+    spread = sum(pairs[k][k][1] + pairs[k][k][2] for k in range(3))
+    sizes = np.linalg.svd(covariance, compute_uv=False)
+    mirrored = np.linalg.det(covariance) < 0
+    alike = sizes.sum(axis=1) - 2.0 * sizes[:, 2] * mirrored
+    fit = np.clip(2.0 * alike / np.maximum(spread, 1e-9 * np.max(spread)), 0.0, 1.0 - 1e-12)
+    # Residual variances of three axes, as of three joints.
+    return -3.0 * np.log(1.0 - fit), fit
+
+
+def _moments(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array, Array]:
+    """Covariance and both variances, each times the rows that overlap, at `lags`.
+
+    By FFT (Padfield, IEEE Trans. Image Process. 21(5), 2012).
+    """
+    size = next_fast_len(len(ours) + len(theirs) - 1, real=True)
+    ours, theirs = ours - ours.mean(), theirs - theirs.mean()
+
+    def across(a: Array, b: Array) -> Array:
+        product: Array = irfft(rfft(a, size) * np.conj(rfft(b, size)), size)[lags]
+        return product
+
+    unit, truth_unit = np.ones(len(ours)), np.ones(len(theirs))
+    count = np.round(across(unit, truth_unit))
+    mine, their = across(ours, truth_unit), across(unit, theirs)
+    covariance = across(ours, theirs) - mine * their / count
+    variance = across(ours**2, truth_unit) - mine**2 / count
+    of_theirs = across(unit, theirs**2) - their**2 / count
+    return covariance, variance, of_theirs
+
+
+def fine_offset(
+    t: Array, measured: Array, truth_t: Array, truth: Array, offset: float
+) -> tuple[float, float]:
+    """Offset [s] that leaves no delay between truth and measured positions, and its deviation."""
+    velocity = np.column_stack([np.gradient(column, t) for column in measured.T])
+    # Way that a joint moves or moved last, -1 to 1.
+    moves = np.abs(velocity) > _STANDS * np.sqrt(np.mean(velocity**2, axis=0))
+    last = np.maximum.accumulate(np.where(moves, np.arange(len(t))[:, None], 0))
+    direction = np.take_along_axis(np.sign(velocity), last, axis=0)
+    limit = np.median(np.diff(t)) + np.median(np.diff(truth_t))
+    stride = -(-len(truth_t) // _MAX_ROWS)
+    truth_t, truth = truth_t[::stride], truth[::stride]
+    for _ in range(_ROUNDS):
+        stamps = truth_t + offset
+        inside = (stamps >= t[0]) & (stamps <= t[-1])
+        position, speed, way = (
+            np.column_stack([np.interp(stamps[inside], t, column) for column in values.T])
+            for values in (measured, velocity, direction)
+        )
+        regressors = np.column_stack([np.ones(len(position)), position, way])
+        step = _regressed_lag(regressors, speed, truth[inside])
+        offset += float(np.clip(step, -limit, limit))
+        if abs(step) < 1e-6:
+            break
+    parts = np.arange(len(regressors)) * _BLOCKS // len(regressors)
+    left_out = [
+        _regressed_lag(regressors[rows], speed[rows], truth[inside][rows])
+        for rows in (parts != part for part in range(_BLOCKS))
+    ]
+    frictionless = _regressed_lag(regressors[:, : 1 + position.shape[1]], speed, truth[inside])
+    return offset, math.hypot(jackknife_sd(left_out), frictionless - step)
+
+
+def _regressed_lag(regressors: Array, velocity: Array, truth: Array) -> float:
+    """Delay [s] of measured positions behind the truth, of each joint by how well it is known.
+
+    Each truth is regressed on `regressors` (one, the positions, the directions) and its joint's
+    velocity: a position that comes `d` too late lacks `d` times the velocity.
+    """
+    delays, weights = [], []
+    for k in range(truth.shape[1]):
+        X = np.column_stack([regressors, velocity[:, k]])
+        coefficients, *_ = np.linalg.lstsq(X, truth[:, k])
+        # What of the velocity nothing else explains tells how well its coefficient is known.
+        unexplained = X[:, -1] - regressors @ np.linalg.lstsq(regressors, X[:, -1])[0]
+        residual = np.sum((truth[:, k] - X @ coefficients) ** 2) + np.finfo(float).tiny
+        slope = coefficients[1 + k]
+        delays.append(coefficients[-1] / slope)
+        weights.append(slope**2 * np.sum(unexplained**2) / residual)
+    return float(np.average(delays, weights=weights))

@@ -81,14 +81,12 @@ def _clock(t: Array) -> Iterable[Defect]:
 
 
 def _dropped(recording: Recording) -> Iterable[Defect]:
-    dropped = {reason: n for reason, n in recording.provenance.dropped.items() if n}
-    total = sum(dropped.values())
-    share = total / (total + len(recording))
-    if total:
+    dropped = recording.provenance.dropped
+    if total := sum(dropped.values()):
+        share = total / (total + len(recording))
         reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        what = (
-            f"{count(total, 'row')} ({100 * share:.2g} %) dropped when the file was read: {reasons}"
-        )
+        rows = f"{count(total, 'row')} ({100 * share:.2g} %)"
+        what = f"{rows} dropped when the file was read: {reasons}"
         level: Level = "warn" if share > 0.05 else "info"
         yield Defect(level, "dropped", what, "rows", size=share)
 
@@ -162,10 +160,8 @@ def _stands(
         for end, outwards in ((still.max(), way), (still.min(), -way)):
             at_end = [run for run in repeats if still[run[0]] == end]
             ways = []
-            for (
-                a,
-                b,
-            ) in at_end:  # how far outwards from both ends, its first if all ends, a quarter is
+            for a, b in at_end:
+                # How far outwards from both ends, its first if all ends, a quarter is.
                 stretch = outwards * other[a : b + 1]
                 ends = stretch[:1] if b == len(other) - 1 else stretch[[0, -1]]
                 ways.append(float(np.quantile(stretch, 0.75) - ends.max()) / span)

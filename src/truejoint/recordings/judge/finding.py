@@ -10,7 +10,6 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Final, Literal
 
 if TYPE_CHECKING:  # a list of the names needs no NumPy
-    from truejoint.array_types import Integers
     from truejoint.recordings.table.recording import Recording
 
 Level = Literal["fail", "warn", "info", "good"]
@@ -111,22 +110,6 @@ def one_line_each(
 def file_name(recording: Recording) -> str:
     """Name of the file that a recording comes from."""
     return PurePath(recording.provenance.source).name or "recording"
-
-
-def row_ranges(rows: Integers) -> Rows:
-    """Ranges, first and one behind the last, of rising row numbers (n,)."""
-    ranges: list[tuple[int, int]] = []
-    for row in rows.tolist():
-        joins = ranges and ranges[-1][1] == row
-        ranges[-1:] = [(ranges[-1][0], row + 1)] if joins else [*ranges[-1:], (row, row + 1)]
-    return tuple(ranges)
-
-
-def row_text(ranges: Rows) -> str:
-    """Row numbers for a person: ``"rows 3, 17-20, ..."``."""
-    texts = [f"{a}" if b == a + 1 else f"{a}-{b - 1}" for a, b in ranges[:3]]
-    few = len(ranges) == 1 and ranges[0][1] == ranges[0][0] + 1
-    return ("row " if few else "rows ") + ", ".join(texts) + (", ..." if len(ranges) > 3 else "")
 
 
 def count(number: int, thing: str) -> str:

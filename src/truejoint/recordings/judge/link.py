@@ -18,7 +18,7 @@ from truejoint.recordings.judge.data_check import DataCheck, check_data
 from truejoint.recordings.judge.finding import HEADING_OF, WELL, Finding, Level
 from truejoint.recordings.read.raven_csv import AMID
 from truejoint.recordings.table.recording import Recording, as_recording
-from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, Stream, velocity
+from truejoint.recordings.table.stream import AFTER, BACK, BEFORE, GAP, velocity
 
 NO_STAMP: Final = "stamp of 0, which says that there is none"
 _REPEATED: Final = "repeated time stamp"
@@ -34,6 +34,7 @@ _BRAKING: Final = -0.2  # share of the work of an effort that brakes what it sho
 _OVERLAP: Final = 0.5  # share of the rows that must have a truth at their time
 _LEAST_MOTION: Final = 0.005  # of its travel (or of 1 rad or m), by which a joint that moves does
 
+_POSITIONS: Final = ("measured", "truth")
 _NEED_MOTION: Final = ("arm", "effort-sign", "frozen", "delay")
 _TAKE_MOTION: Final = ("frozen", "saturated", "delay", "sign", "outliers", "jump")
 
@@ -118,7 +119,7 @@ def _moves(recording: Recording, joint: str) -> bool:
     limits = recording.robot.joint(joint)
     travel = limits.upper - limits.lower
     least = _LEAST_MOTION * (travel if math.isfinite(travel) else 1.0)
-    columns = [recording.table.get(f"{quantity}/{joint}") for quantity in ("measured", "truth")]
+    columns = [recording.table.get(f"{quantity}/{joint}") for quantity in _POSITIONS]
     return any(column is not None and column.max() - column.min() > least for column in columns)
 
 
@@ -252,17 +253,12 @@ def _judge_overlap(recording: Recording, truth: Sequence[str]) -> Iterable[Findi
 
 def _judge_delay(recording: Recording, truth: Sequence[str]) -> Iterable[Finding]:
     """Judge a shift of the truth's clock by the motion that both saw."""
-    rows = np.ones(len(recording), dtype=np.bool_)
-    for joint in truth:
-        rows &= np.isfinite(recording.column(f"truth/{joint}"))
+    t, measured, positions = recording.t, *(recording.columns(q, truth) for q in _POSITIONS)
+    rows = np.isfinite(positions).all(axis=1)
     if not truth or rows.sum() < 100:
         return
-    measured, sensors = (
-        Stream(recording.t, {f"{what}/{j}": recording.column(f"{what}/{j}") for j in truth})
-        for what in ("measured", "truth")
-    )
     try:
-        shift = find_clock_offset(measured, sensors.rows(rows), near=0.0)
+        shift = find_clock_offset(t, measured, t[rows], positions[rows], truth, near=0.0)
     except RecordingError:
         return  # what does not follow is not late: the other findings judge it
     what = f"the truth is {-shift.seconds:+.3f} s behind the state, +- {shift.sd:.3f} s"

@@ -17,17 +17,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.judge.data_check import DataCheck
 from truejoint.recordings.judge.finding import Finding
 from truejoint.recordings.judge.link import NO_STAMP, diagnose
-from truejoint.recordings.read.bags.assembling import (
-    HOMED,
-    JOINT_FIELDS,
-    OPERATING_STATES,
-    RAVEN_TYPE,
-    Topics,
-    Wiring,
-    assemble,
-    find_wiring,
-    robot_of,
-)
+from truejoint.recordings.read.bags import assembling
 from truejoint.recordings.read.bags.fields import Lot
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Robot, get_robot
@@ -93,11 +83,9 @@ class LiveLink:
         self._endings: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        kinds = {
-            name: kind
-            for name, kind in self._transport.topics().items()
-            if kind in (JOINT_STATE, *OPERATING_STATES) or kind.endswith(RAVEN_TYPE)
-        }
+        of_joints = (JOINT_STATE, *assembling.OPERATING_STATES)
+        topics, raven = self._transport.topics(), assembling.RAVEN_TYPE
+        kinds = {n: kind for n, kind in topics.items() if kind in of_joints or kind.endswith(raven)}
         if not kinds:
             raise RecordingError(
                 f"{_PLACE}: nobody says anything of joints; start the robot's node"
@@ -117,9 +105,9 @@ class LiveLink:
     def _receive(self, heard: Heard, message: Any) -> None:
         heard.take(self._transport.now(), self._transport.seconds(message), message)
 
-    def _wire(self, topics: Topics) -> tuple[Robot, Wiring]:
-        robot = robot_of(_PLACE, topics, self._robot, self._arm)
-        return robot, find_wiring(_PLACE, topics, robot, **self._how)
+    def _wire(self, topics: assembling.Topics) -> tuple[Robot, assembling.Wiring]:
+        robot = assembling.robot_of(_PLACE, topics, self._robot, self._arm)
+        return robot, assembling.find_wiring(_PLACE, topics, robot, **self._how)
 
     def recordings(self) -> tuple[Recording, Recording | None]:
         """Make the recording of the arm, and of RAVEN-II that of the other arm meanwhile."""
@@ -128,7 +116,8 @@ class LiveLink:
         if not self._heard[wiring.state].is_raven or robot.arm not in ARMS:
             return recording, None
         other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
-        return recording, self._recording(other, Wiring(wiring.state, profile=wiring.profile))
+        meanwhile = assembling.Wiring(wiring.state, profile=wiring.profile)
+        return recording, self._recording(other, meanwhile)
 
     def diagnose(self) -> DataCheck:
         """Judge the link, and what came over it (`truejoint.recordings.diagnose`)."""
@@ -136,17 +125,17 @@ class LiveLink:
         link = judge_link(heard, self._ended)
         return diagnose(*self.recordings()).with_findings([link])
 
-    def _wiring(self) -> tuple[Robot, Wiring]:
+    def _wiring(self) -> tuple[Robot, assembling.Wiring]:
         self._heard[self._expected.state].check()
         return self._wire({n: (topic.kind, len(topic.times)) for n, topic in self._heard.items()})
 
-    def _recording(self, robot: Robot, wiring: Wiring) -> Recording:
+    def _recording(self, robot: Robot, wiring: assembling.Wiring) -> Recording:
         heard = [self._heard[name] for name in wiring.joints]
         lost = {f"{topic.name}: {NO_STAMP}": topic.invalid for topic in heard}
         origin = Provenance(robot.name, robot.arm, source=_PLACE, session=_PLACE)
         homed = [self._heard[wiring.homed]] if wiring.homed else []
         lots = (lot for topic in (*heard, *homed) for lot in topic.lots())
-        return assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
+        return assembling.assemble(lots, robot, wiring, USUAL_QUANTITIES, origin, lost, _PLACE)
 
 
 class Heard:
@@ -154,10 +143,11 @@ class Heard:
 
     def __init__(self, name: str, kind: str) -> None:
         self.name, self.kind = name, kind
-        self.is_raven = kind.endswith(RAVEN_TYPE)
+        self.is_raven = kind.endswith(assembling.RAVEN_TYPE)
         self.invalid = 0  # messages with a stamp of 0: CRTK says so that their values mean nothing
-        others = (HOMED,) if kind in OPERATING_STATES else JOINT_FIELDS
-        self._fields = _RAVEN_FIELDS if self.is_raven else others
+        self._fields = _RAVEN_FIELDS if self.is_raven else assembling.JOINT_FIELDS
+        if kind in assembling.OPERATING_STATES:
+            self._fields = (assembling.HOMED,)
         self._lacking = ""
         self._rows: deque[tuple[float, float, _Layout, Array]] = deque(maxlen=KEPT)
 

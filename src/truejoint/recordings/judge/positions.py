@@ -10,26 +10,28 @@ from typing import Final
 import numpy as np
 from scipy.stats import rankdata
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Integers
 from truejoint.recordings.join.explained import (
     FEWEST,
+    LATE,
     SLOW,
     Explained,
+    Lag,
     Steps,
+    estimate_lag,
     explain,
     find_steps,
+    lags_unlike_others,
     robust_spread,
 )
-from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
     Level,
+    Rows,
     count,
     file_name,
     one_line_each,
-    row_ranges,
-    row_text,
 )
 from truejoint.recordings.table.recording import Recording
 from truejoint.robots import Joint
@@ -42,7 +44,8 @@ _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of 
 _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
 _MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
-_STEP_OF_REDUNDANT: Final = 0.6  # of the step that counts for the truth, which is noisier
+# Their finding, and the share of the step that counts for the truth, which is noisier.
+_REDUNDANT: Final = ("redundant", 0.6)
 _LATE_DROP: Final = 0.05  # of the residual's variance
 _PERHAPS_DROP: Final = 0.02  # of that, for a word only
 _SURE: Final = 5.0  # uncertainties
@@ -75,38 +78,51 @@ def judge_positions(
                 judged[joint].append(recording)
     truths: list[tuple[list[Recording], Explained]] = []
     for joint, whole in judged.items():
-        with_truth = [r for r in whole if _truths(r, joint) >= FEWEST]
-        if with_truth:
-            explained = explain(with_truth, joint)
-            cleaned, defects = _judge_truth(with_truth, explained)
+        for quantity in ("truth", *REDUNDANT):
+            column = f"{quantity}/{joint}"
+            if not (telling := [r for r in whole if _tells(r, column)]):
+                continue
+            explained = explain(telling, joint, quantity)
+            steps, defects = _judge_sensor(telling, explained)
             marked += defects
-            truths.append((cleaned, explained))
-        for quantity in REDUNDANT:
-            marked += _judge_redundant(whole, joint, quantity)
+            if quantity == "truth":
+                pairs = zip(telling, steps, strict=True)
+                cleaned = [_without(r, column, s.outliers) for r, s in pairs]
+                truths.append((cleaned, explained))
     yield from one_line_each(marked, recordings)
     yield from _judge_delay(truths, recordings)
     if truths:
         yield from _judge_instruments(*truths[0])
 
 
-def _truths(recording: Recording, joint: str) -> int:
-    name = f"truth/{joint}"
-    return int(np.isfinite(recording.column(name)).sum()) if name in recording.units else 0
+def _tells(recording: Recording, column: str) -> bool:
+    """Whether a column has enough values, and those of a sensor beside the truth's change."""
+    if column not in recording.units:
+        return False
+    values = recording.column(column)
+    enough = bool(np.isfinite(values).sum() >= FEWEST)
+    return enough and (column.startswith("truth/") or bool(np.ptp(values) > 0.0))
 
 
-def _judge_truth(
+def _without(recording: Recording, column: str, rows: Integers) -> Recording:
+    """Take the truth of some rows away."""
+    truth = recording.column(column).copy()
+    truth[rows] = np.nan
+    return replace(recording, table=recording.table.assign(**{column: truth}))
+
+
+def _judge_sensor(
     recordings: Sequence[Recording], explained: Explained
-) -> tuple[list[Recording], list[Marked]]:
-    """Take the outliers out of recordings, and say what was found."""
-    cleaned, defects = [], []
-    column = f"truth/{explained.joint}"
-    for recording in recordings:
-        steps = find_steps(recording, explained)
-        defects += [(d, recording) for d in _judge_steps(recording, explained, steps, "zero")]
-        truth = recording.column(column).copy()
-        truth[steps.outliers] = np.nan
-        cleaned.append(replace(recording, table=recording.table.assign(**{column: truth})))
-    return cleaned, defects + _judge_zeros(recordings, explained, "zero", defects)
+) -> tuple[list[Steps], list[Marked]]:
+    """Find steps in, and between, recordings of a truth or of two sensors that may disagree."""
+    name, share = ("zero", 1.0) if explained.quantity == "truth" else _REDUNDANT
+    steps = [find_steps(recording, explained, share) for recording in recordings]
+    marked = [
+        (defect, recording)
+        for recording, of_recording in zip(recordings, steps, strict=True)
+        for defect in _judge_steps(recording, explained, of_recording, name)
+    ]
+    return steps, marked + _judge_zeros(recordings, explained, name, marked)
 
 
 def _judge_steps(
@@ -115,12 +131,12 @@ def _judge_steps(
     column = f"{explained.quantity}/{explained.joint}"
     unit = recording.units[column]
     if len(steps.outliers):
-        rows = row_ranges(steps.outliers)
+        rows = _row_ranges(steps.outliers)
         most = shown(float(np.abs(steps.size).max()), unit)
         weight = float(np.sqrt((steps.size**2).sum() / len(recording)))
         what = (
             f"{len(steps.outliers)} of {count(len(recording), 'row')} up to {most} off those "
-            f"beside them ({row_text(rows)})"
+            f"beside them ({_row_text(rows)})"
         )
         level: Level = "fail" if weight > _MISLEADS * explained.spread else "warn"
         yield Defect(level, "outliers", what, column, rows=rows, size=weight)
@@ -135,6 +151,19 @@ def _judge_steps(
         yield Defect(
             "warn" if harmless else "fail", kind, what, column, advice, rows, abs(float(rise))
         )
+
+
+def _row_ranges(rows: Integers) -> Rows:
+    """Ranges, first and one behind the last, of rising row numbers (n,)."""
+    parts = np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1)
+    return tuple((int(part[0]), int(part[-1]) + 1) for part in parts)
+
+
+def _row_text(ranges: Rows) -> str:
+    """Row numbers for a person: ``"rows 3, 17-20, ..."``."""
+    texts = [f"{a}" if b == a + 1 else f"{a}-{b - 1}" for a, b in ranges[:3]]
+    few = len(ranges) == 1 and ranges[0][1] == ranges[0][0] + 1
+    return ("row " if few else "rows ") + ", ".join(texts) + (", ..." if len(ranges) > 3 else "")
 
 
 def _judge_zeros(
@@ -158,25 +187,6 @@ def _judge_zeros(
     return moved[:1] if len(recordings) == 2 else moved
 
 
-def _judge_redundant(recordings: Sequence[Recording], joint: str, quantity: str) -> list[Marked]:
-    """Two sensors of one joint that disagree, in a recording or from a row on."""
-    column = f"{quantity}/{joint}"
-    moving = [
-        r
-        for r in recordings
-        if len(r) >= FEWEST and column in r.units and np.ptp(r.column(column)) > 0.0
-    ]
-    if not moving:
-        return []
-    explained = explain(moving, joint, quantity)
-    marked: list[Marked] = []
-    for recording in moving:
-        steps = find_steps(recording, explained, _STEP_OF_REDUNDANT)
-        defects = _judge_steps(recording, explained, steps, "redundant")
-        marked += [(defect, recording) for defect in defects]
-    return marked + _judge_zeros(moving, explained, "redundant", marked)
-
-
 def _judge_delay(
     truths: Sequence[tuple[list[Recording], Explained]], every: Sequence[Recording]
 ) -> Iterable[Finding]:
@@ -190,18 +200,18 @@ def _judge_delay(
     where = ", ".join(f"truth/{e.joint}" for e in explained)
     together = estimate_lag(recordings, explained)
     single = [
-        (replace(defect, where=where, size=abs(lag.seconds)), recordings[0][number])
+        (defect, recordings[0][number])
         for number, lag in ([] if together.slow else lags_unlike_others(recordings, explained))
-        for defect in _late(lag)
+        for defect in _late(lag, where)
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
         yield from one_line_each(single, every)
     else:
-        defect = (replace(defect, where=where) for defect in _late(together))
-        yield from (Finding(f.level, f.name, f.what, f.where, f.advice) for f in defect)
+        for d in _late(together, where):
+            yield Finding(d.level, d.name, d.what, d.where, d.advice)
 
 
-def _late(lag: Lag) -> Iterable[Defect]:
+def _late(lag: Lag, where: str) -> Iterable[Defect]:
     """Say how late the truth is, if that is not nothing; where rows are far apart, in any case."""
     beyond = abs(lag.seconds) >= LATE
     sure = beyond and lag.drop >= _LATE_DROP and abs(lag.seconds) > _SURE * lag.sd
@@ -215,7 +225,8 @@ def _late(lag: Lag) -> Iterable[Defect]:
         f"(+- {1e3 * lag.sd:.0f} ms)"
     )
     advice = "correct the clocks or shift the truth" if sure else "look at the clocks"
-    yield Defect("fail" if sure else "warn" if likely else "info", "delay", what, "", advice)
+    level: Level = "fail" if sure else "warn" if likely else "info"
+    yield Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
 
 
 def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
@@ -233,15 +244,13 @@ def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
             if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
                 unit, display = measured.unit, display_unit(measured.unit)
                 wrong = max(ratio, 1.0 / ratio)
-                name, side = (
-                    ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
-                )
+                sides = ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
                 guess = f" (1 {unit} = {display.scale:.4g} {display.name})"
-                what = f"it spans {wrong:.3g} times what the {side} does{guess}"
+                what = f"it spans {wrong:.3g} times what the {sides[1]} does{guess}"
                 advice = (
                     f"give both in {unit}: state the column's unit, as {display.name}, or its scale"
                 )
-                yield Defect("fail", "unit", what, f"{name}/{joint}", advice, size=wrong)
+                yield Defect("fail", "unit", what, f"{sides[0]}/{joint}", advice, size=wrong)
                 return
             moves = np.ptp(truth[rows]) > 0.0 and np.ptp(reported[rows]) > 0.0
             ranks = rankdata(truth[rows]), rankdata(reported[rows])
@@ -290,16 +299,13 @@ def left_out_zeros(explained: Explained) -> tuple[Array, float]:
     pairs = list(zip(designs, explained.samples, strict=True))
     normal = np.array([(d * s.weights[:, None]).T @ d for d, s in pairs])
     right = np.array([d.T @ (s.weights * s.error) for d, s in pairs])
-    all_normal, all_right = normal.sum(axis=0), right.sum(axis=0)
-    medians, spreads = [], []
-    for matrix, own_right, (design, sample) in zip(normal, right, pairs, strict=True):
-        rest = all_normal - matrix
-        k = len(rest) - 1
-        rest[np.arange(k), np.arange(k)] += _RIDGE_LEFT_OUT * rest[-1, -1]
-        residual = sample.error - design @ np.linalg.solve(rest, all_right - own_right)
-        medians.append(float(np.median(residual)))
-        spreads.append(robust_spread(residual))
-    return np.array(medians), float(np.median(spreads))
+    others = normal.sum(axis=0) - normal
+    diagonal = np.arange(others.shape[1] - 1)
+    others[:, diagonal, diagonal] += _RIDGE_LEFT_OUT * others[:, -1:, -1]
+    solutions = np.linalg.solve(others, (right.sum(axis=0) - right)[:, :, None])[:, :, 0]
+    residuals = [s.error - d @ x for (d, s), x in zip(pairs, solutions, strict=True)]
+    zeros = np.array([np.median(residual) for residual in residuals])
+    return zeros, float(np.median([robust_spread(residual) for residual in residuals]))
 
 
 def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:
@@ -310,14 +316,13 @@ def _judge_instruments(recordings: Sequence[Recording], explained: Explained) ->
     sums = np.array([x.sum(axis=0) for x in inputs])
     squares = np.array([x.T @ x for x in inputs])
     counts = np.array([len(x) for x in inputs])
-    rms = []
-    for index, x in enumerate(inputs):
-        n = counts.sum() - counts[index]
-        mean = (sums.sum(axis=0) - sums[index]) / n
-        covariance = (squares.sum(axis=0) - squares[index]) / n - np.outer(mean, mean)
-        values, vectors = np.linalg.eigh(covariance)
-        away = (x - mean) @ vectors / np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
-        rms.append(np.sqrt(np.mean(away**2)))
+    n = counts.sum() - counts  # of the others, as all that follows
+    means = (sums.sum(axis=0) - sums) / n[:, None]
+    covariances = (squares.sum(axis=0) - squares) / n[:, None, None]
+    values, vectors = np.linalg.eigh(covariances - means[:, :, None] * means[:, None, :])
+    deviations = np.sqrt(np.maximum(values, _SMALLEST_VARIANCE))
+    others = zip(inputs, means, vectors, deviations, strict=True)
+    rms = [np.sqrt(np.mean(((x - mean) @ axes / sd) ** 2)) for x, mean, axes, sd in others]
     farther = np.array(rms) / np.median(rms)
     for index in np.flatnonzero(farther > _FARTHER).tolist():
         what = (

@@ -13,7 +13,7 @@ from typing import Final
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
-from truejoint.recordings.read.numeric_text import is_number, likely_delimiter, split_fields
+from truejoint.recordings.read.numeric_text import is_number, split_fields, text_layout
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import default_unit
 from truejoint.robots import Robot, get_robot
@@ -89,12 +89,7 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
         lines.append('# robot = "<name, or a robot file beside this one>"')
     if "t" not in sketched:
         lines.append("# rate_hz = <rate of the rows, unless one of the columns is t>")
-    lines += [
-        "",
-        "[columns]",
-        *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()),
-        *rest,
-    ]
+    lines += ["", "[columns]", *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()), *rest]
     return "\n".join(lines)
 
 
@@ -114,16 +109,13 @@ def _columns(path: Path) -> Iterator[tuple[str | int, str]]:
                 first = f"{signal[0]:g}, {signal.size} values" if signal.size else "empty"
                 yield name if len(signals) == 1 else f"{name}[{k}]", first
     else:
-        number, line = head.first_line("#")
-        delimiter = likely_delimiter(line)
-        fields = split_fields(line, delimiter)
-        if all(map(is_number, fields)):
+        layout, fields, named = text_layout(head)
+        if not named:
             yield from enumerate(fields)
             return
-        below = split_fields("".join(head.lines()[number : number + 1]), delimiter)
-        for k, (field, example) in enumerate(
-            zip_longest(fields, below[: len(fields)], fillvalue="")
-        ):
+        line = "".join(head.lines()[layout.skip : layout.skip + 1])
+        below = split_fields(line, layout.delimiter)[: len(fields)]
+        for k, (field, example) in enumerate(zip_longest(fields, below, fillvalue="")):
             is_unique = field and fields.count(field) == 1
             yield field if is_unique else k, example if is_number(example) else ""
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import tomllib
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +11,7 @@ from functools import cache
 from importlib.resources import files
 from numbers import Real
 from pathlib import Path
-from typing import Annotated, Final
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 import numpy as np
 
@@ -21,19 +20,7 @@ from truejoint.array_types import Array
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, read_bounded
 from truejoint.recordings.read.array_files import NPY_MAGIC, read_mat, read_npy
-from truejoint.recordings.read.column_map import (
-    ColumnMap,
-    MappedColumn,
-    MapSource,
-    read_column_map,
-)
-from truejoint.recordings.read.numeric_text import (
-    TextLayout,
-    is_number,
-    likely_delimiter,
-    read_numbers,
-    split_fields,
-)
+from truejoint.recordings.read.numeric_text import TextLayout, read_numbers, text_layout
 from truejoint.recordings.table.recording import (
     POSITION_QUANTITIES,
     Recording,
@@ -42,9 +29,130 @@ from truejoint.recordings.table.recording import (
 )
 from truejoint.recordings.table.stream import Stream
 from truejoint.robots import Robot, get_robot
+from truejoint.toml_file import read_toml
 from truejoint.units import SI_UNITS
 
+CUT_SHORT: Final = "last line cut short"
 MAP_ADVICE: Final = "give a column map (`truejoint columns FILE` writes one to start from)"
+_LARGEST: Final = 1e30  # scale or offset
+_Number = Annotated[float, schema.Bounds(-_LARGEST, _LARGEST)]
+
+
+@dataclass(frozen=True)
+class MappedColumn:
+    """Where one column of a recording comes from.
+
+    Attributes
+    ----------
+    column : str or int
+        Name in the file's header, or position counted from 0.
+    unit : str
+        One of `SI_UNITS`; empty for the SI unit of the quantity.
+    scale : float
+        Multiplies the number in the file before its unit counts, for instance 360/8192 with
+        ``deg`` for an encoder of 8192 counts a turn.
+    offset : float
+        Added to that, in the same unit.
+
+    Raises
+    ------
+    RecordingError
+        If the scale is 0.
+
+    Examples
+    --------
+    >>> MappedColumn("angle", unit="deg").scale
+    1.0
+    """
+
+    SHORT: ClassVar = "column"
+
+    column: str | Annotated[int, schema.Bounds(0)]
+    unit: Annotated[str, schema.Choice(("", *SI_UNITS))] = ""
+    scale: _Number = 1.0
+    offset: _Number = 0.0
+
+    def __post_init__(self) -> None:
+        if self.scale == 0.0:
+            raise RecordingError("scale is 0; want a number other than 0")
+
+
+@dataclass(frozen=True)
+class ColumnMap:
+    """Columns of a recording by name, and what else a file does not say.
+
+    Attributes
+    ----------
+    columns : mapping of str to MappedColumn
+        ``t`` and ``<quantity>/<joint>``.
+    robot, arm : str
+        As in `truejoint.robots.get_robot`, a robot file beside the map's own file; empty where the
+        caller states them.
+    delimiter : str
+        Between two numbers; empty to detect it, blank for any white space.
+    comment : str
+        A line that begins with it is passed over.
+    rate : float
+        Sampling rate of a file without time stamps [Hz], ``rate_hz`` in a file; 0 where ``t`` is
+        among the columns, or the caller states it.
+
+    Raises
+    ------
+    RecordingError
+        If there are both time stamps and a rate.
+
+    Examples
+    --------
+    >>> ColumnMap({"t": MappedColumn("time")}).delimiter
+    ''
+    """
+
+    columns: Mapping[str, MappedColumn]
+    robot: str = ""
+    arm: str = ""
+    delimiter: Literal["", ",", ";", "\t", " "] = ""
+    comment: Annotated[str, schema.Length(0, 1)] = "#"
+    rate: Annotated[float, schema.Bounds(0.0, 1e9), schema.Key("rate_hz")] = 0.0
+
+    def __post_init__(self) -> None:
+        if "t" in self.columns and self.rate > 0:
+            raise RecordingError("gives 't' and rate_hz; a rate is for files without stamps")
+
+
+MapSource = str | os.PathLike[str] | Mapping[str, Any] | ColumnMap
+
+
+def read_column_map(source: MapSource) -> ColumnMap:
+    """Column map of a TOML file, or of a mapping of the same shape.
+
+    Parameters
+    ----------
+    source : path-like or mapping or ColumnMap
+        Keys ``robot``, ``arm``, ``delimiter``, ``comment``, ``rate_hz`` (all optional) and the
+        table ``columns``: name in the recording to the name or position of the file's column, or
+        to a table with ``column``, ``unit``, ``scale`` and ``offset``.
+
+    Raises
+    ------
+    RecordingError
+        Naming the file, the key and the rule that it breaks.
+
+    Examples
+    --------
+    >>> read_column_map({"robot": "bros", "columns": {
+    ...     "t": {"column": "stamp", "unit": "ms"},
+    ...     "measured/joint1": {"column": 1, "unit": "deg"}}}).columns["t"].unit
+    'ms'
+    """
+    if isinstance(source, ColumnMap):
+        return source
+    if isinstance(source, Mapping):
+        return schema.read(ColumnMap, source, "column map", RecordingError)
+    path = Path(source)
+    mapping = schema.read(ColumnMap, read_toml(path, RecordingError), str(path), RecordingError)
+    if not mapping.robot.endswith(".toml"):
+        return mapping
+    return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
 def read(
@@ -62,10 +170,7 @@ def read(
     holds several signals; a star stands for any letters. Any file may be in gzip. `robot` and `arm`
     overrule those of the column map, `rate` [Hz] stands in for time stamps.
     """
-    table = _read(path, robot, arm, column_map, rate, "measured", head)
-    return recordings_of_file(
-        path, table.robot, table.columns, table.units, sha256=table.sha256, dropped=table.dropped
-    )
+    return _read(path, robot, arm, column_map, rate, "measured", head).recordings(path)
 
 
 def read_truth(
@@ -101,6 +206,11 @@ class Table:
     sha256: str
     dropped: Mapping[str, int]
 
+    def recordings(self, path: Path, **about: Any) -> list[Recording]:
+        """Make the recordings of the file at `path`; `about` as `recordings_of_file` takes it."""
+        about |= {"sha256": self.sha256, "dropped": self.dropped}
+        return recordings_of_file(path, self.robot, self.columns, self.units, **about)
+
 
 def _read(
     path: Path,
@@ -116,14 +226,15 @@ def _read(
     if head.is_text:
         header = read_header(head, column_map, rate)
         machine = _robot(path, header.columns, robot, arm, needed)
-        return _read_text(header, machine, may_miss=True)
+        return read_text(header, machine, may_miss=True)
     if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
     columns = _timed(path, read_column_map(column_map), rate)
     return _read_arrays(path, columns, _robot(path, columns, robot, arm, needed), head)
 
 
-def _read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table:
+def read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table:
+    """Columns of a text file; any value may be missing, or none but those of a last line."""
     use = [*header.positions.values()]
     table = read_numbers(header.path, header.layout, use, use if may_miss else ())
     columns = dict(zip(header.positions, table.values.T, strict=True))
@@ -172,20 +283,17 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
     Raises RecordingError if a mapped column is not there, or nothing says what the columns are.
     """
     mapping = read_column_map(column_map) if column_map is not None else None
-    number, line = head.first_line(mapping.comment if mapping else "#")
-    delimiter = (mapping.delimiter if mapping else "") or likely_delimiter(line)
-    fields = split_fields(line, delimiter)
-    names = None if all(is_number(field) for field in fields) else fields
+    how = (mapping.comment, mapping.delimiter) if mapping else ()
+    layout, fields, named = text_layout(head, *how)
     if mapping is None:
-        if names is None:
+        if not named:
             raise RecordingError(
                 f"{head.path}: has no header that names t and <quantity>/<joint> columns; "
                 f"{MAP_ADVICE}"
             )
-        mapping = ColumnMap({name: MappedColumn(name) for name in names})
+        mapping = ColumnMap({name: MappedColumn(name) for name in fields})
     mapping = _timed(head.path, mapping, rate)
-    positions = _positions(head.path, mapping, names, len(fields))
-    layout = TextLayout(len(fields), delimiter, mapping.comment, number if names else 0)
+    positions = _positions(head.path, mapping, fields if named else None, len(fields))
     return Header(head.path, mapping, positions, layout)
 
 
@@ -278,7 +386,7 @@ def _in_si(
     if mapping.rate:
         columns = {"t": np.arange(next(iter(columns.values())).size) / mapping.rate, **columns}
     missing = [np.isnan(values) for name, values in columns.items() if name.startswith("truth/")]
-    dropped = {"last line cut short": incomplete}
+    dropped = {CUT_SHORT: incomplete}
     if missing:
         dropped["truth: value missing"] = int(np.any(missing, axis=0).sum())
     return Table(robot, columns, units, sha256, dropped)
@@ -324,7 +432,7 @@ class Layout:
     fields: int = 0
     mark: str = ""
     mark_at: int = -1
-    nominal_rate: Annotated[float, schema.Key("nominal_hz")] = math.nan
+    nominal_rate: Annotated[float, schema.Key("nominal_hz")] = 0.0
     session: str = ""
     homing_id: str = ""
     folder: bool = False
@@ -366,8 +474,7 @@ def read_layout(path: Path, layout: str, head: Head | None = None) -> list[Recor
         raise RecordingError(f"{path}: is not a folder; name the folder that holds {parts}")
     head = None if row.folder else head or Head.of(path)
     if row.fields and head:
-        line = head.first_line(row.columns.comment)[1]
-        count = len(split_fields(line, row.columns.delimiter))
+        count = text_layout(head, row.columns.comment, row.columns.delimiter)[0].columns
         if count not in [row.fields for row in rows]:
             expected = " or ".join(str(row.fields) for row in rows)
             raise RecordingError(
@@ -376,19 +483,10 @@ def read_layout(path: Path, layout: str, head: Head | None = None) -> list[Recor
         row = next(row for row in rows if row.fields == count)
     machine = get_robot(row.columns.robot, row.columns.arm)
     if head and head.is_text:  # of which no value but the last line's may be missing
-        table = _read_text(read_header(head, row.columns), machine)
+        table = read_text(read_header(head, row.columns), machine)
     else:
         table = _read_arrays(path, row.columns, machine, head)
     place = {"name": path.name.partition(".")[0], "folder": path.resolve().parent.name}
     facts = {"session": row.session, "homing_id": row.homing_id}
-    return recordings_of_file(
-        path,
-        table.robot,
-        table.columns,
-        table.units,
-        rate=None if math.isnan(row.nominal_rate) else row.nominal_rate,
-        sha256=table.sha256,
-        dropped=table.dropped,
-        notes=row.notes,
-        **{key: text.format(**place) for key, text in facts.items() if text},
-    )
+    stated = {key: text.format(**place) for key, text in facts.items() if text}
+    return table.recordings(path, rate=row.nominal_rate, notes=row.notes, **stated)

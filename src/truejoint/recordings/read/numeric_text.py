@@ -19,6 +19,7 @@ from truejoint.recordings.bounded_file import (
     MAX_LINE_BYTES,
     MAX_VALUES,
     BoundedFile,
+    Head,
     require_file,
 )
 
@@ -79,15 +80,24 @@ def read_numbers(
     return NumericTable(values[:, [list(wanted).index(c) for c in use]], digest, incomplete)
 
 
-def likely_delimiter(line: str) -> str:
-    """Comma, semicolon or tab, whichever stands in a line; else blank, for any white space."""
-    return next((delimiter for delimiter in ",;\t" if delimiter in line), " ")
-
-
 def split_fields(line: str, delimiter: str) -> list[str]:
     """Fields of a line, stripped and without quotes; the delimiter blank is any white space."""
     fields = line.split(None if delimiter == " " else delimiter)
     return [field.strip().strip('"') for field in fields]
+
+
+def text_layout(
+    head: Head, comment: str = "#", delimiter: str = ""
+) -> tuple[TextLayout, list[str], bool]:
+    """Tell how the numbers of a text stand, the fields of its first line, and whether they name.
+
+    Raises RecordingError if there is no line, or the file is no text.
+    """
+    number, line = head.first_line(comment)
+    delimiter = delimiter or next((d for d in ",;\t" if d in line), " ")
+    fields = split_fields(line, delimiter)
+    named = not all(map(is_number, fields))
+    return TextLayout(len(fields), delimiter, comment, number if named else 0), fields, named
 
 
 def is_number(text: str) -> bool:

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
@@ -22,32 +23,28 @@ from truejoint.array_types import Array, Mask
 from truejoint.crtk.messages import RAVEN_FIELDS, RUN_LEVELS
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head
-from truejoint.recordings.read.numeric_text import (
-    NumericTable,
-    TextLayout,
-    read_numbers,
-    split_fields,
+from truejoint.recordings.read.mapped import (
+    CUT_SHORT,
+    ColumnMap,
+    Header,
+    MappedColumn,
+    Table,
+    read_text,
 )
-from truejoint.recordings.table.recording import (
-    Recording,
-    recordings_of_file,
-    runs,
-)
+from truejoint.recordings.read.numeric_text import text_layout
+from truejoint.recordings.table.recording import Recording, runs
 from truejoint.robots import Robot, get_robot
 
-# In the 252-column layout the external encoders of shoulder, elbow and insertion stand in columns 1
-# to 3, and the robot's state from column 12 on.
 STATE_COLUMNS: Final = 240
+# First columns in the 252-column layout: external encoders of shoulder, elbow and insertion, the
+# seven joints of CRTK's measured_js, the robot's state.
 TRAINING_COLUMNS: Final = 252
-STATE_START: Final = 12
-EXTERNAL: Final = (1, 2, 3)
-
-CHANNELS: Final = 8  # of one arm in every block of 16: gold (left), then green (right)
-RUN_LEVEL: Final = 17
+EXTERNAL, CRTK, STATE_START = 1, 5, 12
 AMID: Final = "homing, after rows that are kept"
 
 _DEG: Final = math.pi / 180.0
-# First column of each block of 16 in the 240-column layout, by the message's field.
+# First column of each block of 16 in the 240-column layout, by the message's field: 8 channels of
+# the gold arm (left), then 8 of the green one (right).
 _FIRST: Final = {
     "jpos": 1, "encVals": 70, "dac_val": 86, "tau": 102, "mpos": 118, "mvel": 134, "jvel": 150,
     "mpos_d": 166, "jpos_d": 182, "encoffsets": 200,
@@ -55,7 +52,7 @@ _FIRST: Final = {
 _AXES: Final = ("x", "y", "z")
 _ENTRIES: Final = tuple(f"{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 # Quantity: first column, what each arm has of it (first the gold one), factor to SI.
-_OF_ARM: Final[Mapping[str, tuple[int, tuple[str, ...], float]]] = {
+_OF_ARM: Final[dict[str, tuple[int, tuple[str, ...], float]]] = {
     "tool": (22, _AXES, 1e-6),
     "tool_setpoint": (64, _AXES, 1e-6),
     "rotation": (28, _ENTRIES, 1.0),
@@ -65,8 +62,7 @@ _OF_ARM: Final[Mapping[str, tuple[int, tuple[str, ...], float]]] = {
     "jacobian_force": (228, ("x", "y", "z", "rx", "ry", "rz"), 1.0),
     "arm": (20, ("type",), 1.0),
 }
-_OF_STATE: Final = {"state/run_level": RUN_LEVEL, "state/sub_level": 18, "state/last_seq": 19}
-CRTK: Final = 5  # first of the seven joints of CRTK's measured_js in the 252-column layout
+_OF_STATE: Final = {"state/run_level": 17, "state/sub_level": 18, "state/last_seq": 19}
 
 # Units that the external encoders may be written in: shoulder, elbow, insertion. Their driver
 # counts in 2 pi/80000 rad and 5 um (uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/
@@ -98,7 +94,7 @@ def read_240(path: Path, arm: str = "left", head: Head | None = None) -> list[Re
     Rows recorded while homing are left out and counted.
     """
     robot = get_robot("raven2", arm)
-    return _recording(path, robot, _read(head or Head.of(path), robot, STATE_COLUMNS), {}, {})
+    return _recordings(path, _read(head or Head.of(path), robot, STATE_COLUMNS, _state(robot)))
 
 
 def read_252(
@@ -117,25 +113,25 @@ def read_252(
             f"truth unit {truth_unit!r} is not known; choose from {', '.join(TRUTH_UNITS)}"
         )
     robot = get_robot("raven2", arm)
-    crtk = {f"crtk/{joint}": CRTK + k for k, joint in enumerate(robot.joint_names)}
-    table = _read(
-        head or Head.of(path), robot, TRAINING_COLUMNS, STATE_START, (*crtk.values(), *EXTERNAL)
-    )
-    raw = table.values[:, -len(EXTERNAL) :]
-    # The positioning joints are the first channels, right behind the time.
-    measured = table.values[:, 1 : 1 + len(EXTERNAL)] * _DEG
+    columns = _state(robot, STATE_START)
+    for k, joint in enumerate(robot.joint_names):
+        columns[f"crtk/{joint}"] = MappedColumn(CRTK + k, robot.joint(joint).unit)
+    sensors = {f"truth/{j}": MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)}
+    table = _read(head or Head.of(path), robot, TRAINING_COLUMNS, columns | sensors)
+    raw = np.stack([table.columns[name] for name in sensors], axis=1)
+    measured = np.stack([table.columns[f"measured/{j}"] for j in robot.positioning], axis=1)
     _check_truth_unit(path, robot, raw, measured, truth_unit)
     truth = raw * TRUTH_UNITS[truth_unit]
-    missing = np.isnan(truth).any(axis=1)
-    frozen = frozen_rows(table.values[:, 0], truth, measured)
+    frozen = frozen_rows(table.columns["t"], truth, measured)
     truth[frozen] = np.nan
-    dropped = {
-        "truth: value missing": int(missing.sum()),
-        "no truth: its sensor stands still": int(frozen.sum()),
-    }
-    columns = dict(zip(crtk, table.values[:, -len(crtk) - len(EXTERNAL) :].T, strict=False))
-    columns |= {f"truth/{joint}": truth[:, i] for i, joint in enumerate(robot.positioning)}
-    return _recording(path, robot, table, columns, dropped)
+    return _recordings(
+        path,
+        replace(
+            table,
+            columns={**table.columns, **dict(zip(sensors, truth.T, strict=True))},
+            dropped={**table.dropped, "no truth: its sensor stands still": int(frozen.sum())},
+        ),
+    )
 
 
 def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
@@ -164,57 +160,36 @@ def without_homing(levels: Array) -> tuple[Mask, dict[str, int]]:
     return keep, {reason: count for reason, count in counts.items() if count}
 
 
-def _state_columns(robot: Robot) -> dict[str, tuple[int, float]]:
-    """Column in the 240-column layout and factor to SI, by name; the time stands first."""
-    second = robot.arm == "right"
-    columns = {"t": (0, 1.0)}
-    for quantity, (name, factor) in RAVEN_FIELDS.items():
-        first = _FIRST[name]
-        for i, channel in enumerate(robot.channels):
-            columns[f"{quantity}/{channel}"] = (first + i + (CHANNELS if second else 0), factor)
-    for quantity, (first, names, factor) in _OF_ARM.items():
-        for i, name in enumerate(names):
-            columns[f"{quantity}/{name}"] = (first + i + (len(names) if second else 0), factor)
-    return columns | {name: (column, 1.0) for name, column in _OF_STATE.items()}
+def _state(robot: Robot, start: int = 0) -> dict[str, MappedColumn]:
+    """Columns of the robot's state, which begins at column `start`, by name."""
+    blocks = {q: (_FIRST[name], robot.channels, f) for q, (name, f) in RAVEN_FIELDS.items()}
+    columns = {"t": MappedColumn(start)}
+    for quantity, (first, names, factor) in (blocks | _OF_ARM).items():
+        begin = start + first + (len(names) if robot.arm == "right" else 0)
+        for k, name in enumerate(names, begin):
+            columns[f"{quantity}/{name}"] = MappedColumn(k, scale=factor)
+    return columns | {name: MappedColumn(start + k) for name, k in _OF_STATE.items()}
 
 
-def _read(
-    head: Head, robot: Robot, columns: int, start: int = 0, extra: tuple[int, ...] = ()
-) -> NumericTable:
-    """Columns of `_state_columns`, which begin at `start`, then the `extra`; any may be empty."""
-    count = len(split_fields(head.first_line()[1], ","))
-    if count != columns:
+def _read(head: Head, robot: Robot, count: int, columns: dict[str, MappedColumn]) -> Table:
+    """Columns of a file that has `count` of them, any of which may be empty."""
+    layout = replace(text_layout(head, "", ",")[0], skip=0)
+    if layout.columns != count:
         raise RecordingError(
-            f"{head.path}: {count} columns, expected {columns}; the RAVEN layouts have "
+            f"{head.path}: {layout.columns} columns, expected {count}; the RAVEN layouts have "
             f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
         )
-    use = [*(start + column for column, _ in _state_columns(robot).values()), *extra]
-    return read_numbers(head.path, TextLayout(columns), use, use)
+    positions = {name: int(mapped.column) for name, mapped in columns.items()}
+    header = Header(head.path, ColumnMap(columns), positions, layout)
+    return read_text(header, robot, may_miss=True)
 
 
-def _recording(
-    path: Path,
-    robot: Robot,
-    table: NumericTable,
-    extra: Mapping[str, Array],
-    dropped: Mapping[str, int],
-) -> list[Recording]:
-    layout = _state_columns(robot)
-    state = zip(layout.items(), table.values.T, strict=False)
-    columns = {name: values * factor for (name, (_, factor)), values in state} | dict(extra)
-    keep, homing = without_homing(columns["state/run_level"])
-    return recordings_of_file(
-        path,
-        robot,
-        {name: rows[keep] for name, rows in columns.items()},
-        {name: robot.joint(name[5:]).unit for name in extra if name.startswith("crtk/")},
-        sha256=table.sha256,
-        dropped={
-            **dropped,
-            **homing,
-            "last line cut short": table.incomplete,
-        },
-    )
+def _recordings(path: Path, table: Table) -> list[Recording]:
+    keep, homing = without_homing(table.columns["state/run_level"])
+    columns = {name: rows[keep] for name, rows in table.columns.items()}
+    dropped = dict(table.dropped)
+    cut_short = {CUT_SHORT: dropped.pop(CUT_SHORT)}
+    return replace(table, columns=columns, dropped=dropped | homing | cut_short).recordings(path)
 
 
 def _check_truth_unit(

@@ -12,9 +12,8 @@ from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head, require_file
 from truejoint.recordings.read import mapped, raven_csv
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.column_map import MapSource
 from truejoint.recordings.read.formats import FORMATS, format_names, get_format
-from truejoint.recordings.read.mapped import find_layout, layouts
+from truejoint.recordings.read.mapped import MapSource, find_layout, layouts
 from truejoint.recordings.read.numeric_text import is_number, split_fields
 from truejoint.recordings.table.parquet import PARQUET_MAGIC
 from truejoint.recordings.table.recording import Recording, as_recordings
@@ -172,51 +171,40 @@ def detect_format(path: str | os.PathLike[str], *, with_map: bool = False) -> st
 
 def _detect(source: Path, head: Head | None, *, with_map: bool) -> str:
     """Name of the layout of a file that begins with `head`, or of a folder."""
+    if is_bag(source, head.data if head else b""):
+        return "bag"
     if head is None:
-        if is_bag(source, b""):
-            return "bag"
-        if name := find_layout(
+        why = "a folder that is neither a bag nor one of .npy files known here"
+        name = find_layout(
             lambda row: bool(row.parts) and all((source / part).is_file() for part in row.parts)
-        ):
-            return name
-        raise _unknown(source, "a folder that is neither a bag nor one of .npy files known here")
-    binary = {
-        "bag": is_bag(source, head.data),
-        "parquet": head.data.startswith(PARQUET_MAGIC),
-        "arrows": source.suffix == SUFFIX,
-    }
-    if any(binary.values()):
-        return next(name for name, fits in binary.items() if fits)
-    if with_map:
+        )
+    elif head.data.startswith(PARQUET_MAGIC):
+        return "parquet"
+    elif source.suffix == SUFFIX:
+        return "arrows"
+    elif with_map:
         return "csv" if head.is_text else "arrays"
-    if name := find_layout(lambda row: row.is_marked(head.data)):
+    elif not (name := find_layout(lambda row: row.is_marked(head.data))):
+        why = "not text and of no known binary layout"
+        name, why = _detect_text(head) if head.is_text else ("", why)
+    if name:
         return name
-    if not head.is_text:
-        raise _unknown(source, "not text and of no known binary layout")
-    return _detect_text(source, head)
+    raise RecordingError(
+        f"{source}: format not recognised ({why}); known: {', '.join(format_names())}"
+    )
 
 
-def _detect_text(source: Path, head: Head) -> str:
+def _detect_text(head: Head) -> tuple[str, str]:
+    """Name of the layout of a text, empty if there is none, and why there may be none."""
     line = head.first_line("#")[1]
     fields = split_fields(line, ",")
-    if not all(is_number(field) for field in fields):
+    if not all(map(is_number, fields)):
         names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
-        if "t" in names or any(name.startswith("measured/") for name in names):
-            return "csv"
-        raise _unknown(source, f"a header without 't'; {mapped.MAP_ADVICE}")
-    count, ravens = len(fields), (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
-    if count in ravens:
-        return f"raven_csv_{count}"
-    if name := find_layout(lambda row: row.fields == count and not row.mark):
-        return name
-    unmarked = [r.fields for rows in layouts().values() for r in rows if r.fields and not r.mark]
-    counts = ", ".join(map(str, (*ravens, *unmarked)))
-    raise _unknown(
-        source, f"{count} columns without a header, expected {counts}; {mapped.MAP_ADVICE}"
-    )
-
-
-def _unknown(source: Path, reason: str) -> RecordingError:
-    return RecordingError(
-        f"{source}: format not recognised ({reason}); known: {', '.join(format_names())}"
-    )
+        ours = "t" in names or any(name.startswith("measured/") for name in names)
+        return "csv" if ours else "", f"a header without 't'; {mapped.MAP_ADVICE}"
+    ravens = (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
+    by_count = {count: f"raven_csv_{count}" for count in ravens}
+    for name, rows in layouts().items():
+        by_count |= {row.fields: name for row in rows if row.fields and not row.mark}
+    counts = f"{len(fields)} columns without a header, expected {', '.join(map(str, by_count))}"
+    return by_count.get(len(fields), ""), f"{counts}; {mapped.MAP_ADVICE}"

@@ -17,14 +17,8 @@ from truejoint.crtk.messages import crtk_name
 from truejoint.errors import RecordingError, unknown
 from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.bags.container import is_bag
-from truejoint.recordings.read.bags.reading import bag_topics, read_topic
-from truejoint.recordings.read.numeric_text import (
-    TextLayout,
-    is_number,
-    likely_delimiter,
-    read_numbers,
-    split_fields,
-)
+from truejoint.recordings.read.bags.reading import Bags, bag_topics, read_topic
+from truejoint.recordings.read.numeric_text import read_numbers, text_layout
 from truejoint.recordings.table.parquet import PARQUET_MAGIC, check_size
 from truejoint.recordings.table.stream import forward_rows
 from truejoint.units import FACTORS
@@ -161,11 +155,7 @@ class Track:
         return cls(t[usable], position[usable], turns, source, counts)
 
 
-def read_track(
-    path: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-    topic: str = "",
-    unit: str = "m",
-) -> Track:
+def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
     """Read the points or poses of a marker on the tool from a file, or the bags of a session.
 
     Parameters
@@ -199,19 +189,17 @@ def read_track(
     if unit not in UNITS:
         raise RecordingError(f"{source}: {unknown('unit', unit, UNITS)}")
     head = Head(source, b"") if source.is_dir() else Head.of(source)
+    name = source.name
     if len(sources) > 1 or is_bag(source, head.data):
         if unit != "m":
             raise RecordingError(f"{source}: a bag's points are in m; leave the unit out")
-        return _read_bags(sources, topic)
-    if topic:
+        values, name = _read_bags(sources, topic)
+    elif topic:
         raise RecordingError(f"{source}: is no bag, so it has no topic; leave {topic!r} out")
-    names, columns = _parquet(source) if head.data.startswith(PARQUET_MAGIC) else _text(head)
-    return Track.of_readings(
-        columns[0],
-        np.column_stack(columns[1:4]) * UNITS[unit],
-        np.column_stack(columns[4:]) if len(names) > 4 else None,
-        source.name,
-    )
+    else:
+        values = _parquet(source) if head.data.startswith(PARQUET_MAGIC) else _text(head)
+    turns = values[:, 4:] if values.shape[1] > 4 else None
+    return Track.of_readings(values[:, 0], values[:, 1:4] * UNITS[unit], turns, name)
 
 
 def _wanted(source: Path, header: Sequence[str]) -> list[str]:
@@ -227,25 +215,21 @@ def _wanted(source: Path, header: Sequence[str]) -> list[str]:
     return needed + turns
 
 
-def _text(head: Head) -> tuple[list[str], list[Array]]:
-    number, line = head.first_line("#")
-    delimiter = likely_delimiter(line)
-    header = split_fields(line, delimiter)
-    if all(map(is_number, header)):
+def _text(head: Head) -> Array:
+    layout, header, named = text_layout(head)
+    if not named:
         header = [f"column {k + 1} without a name" for k in range(len(header))]
-    names = _wanted(head.path, header)
-    use = [header.index(name) for name in names]
-    table = read_numbers(head.path, TextLayout(len(header), delimiter, "#", number), use, use)
-    return names, [*table.values.T]
+    use = [header.index(name) for name in _wanted(head.path, header)]
+    return read_numbers(head.path, layout, use, use).values
 
 
-def _parquet(source: Path) -> tuple[list[str], list[Array]]:
+def _parquet(source: Path) -> Array:
     try:
         with pq.ParquetFile(source) as file:
             names = _wanted(source, file.schema_arrow.names)
             check_size(source, file)
             table = file.read(columns=names, use_threads=False)
-            return names, [table[name].to_numpy().astype(np.float64) for name in names]
+            return np.column_stack([table[n].to_numpy().astype(np.float64) for n in names])
     except (pa.ArrowException, OSError, TypeError, ValueError) as error:
         if isinstance(error, RecordingError):
             raise
@@ -254,7 +238,8 @@ def _parquet(source: Path) -> tuple[list[str], list[Array]]:
         ) from None
 
 
-def _read_bags(sources: Sequence[Path], topic: str) -> Track:
+def _read_bags(sources: Sequence[Path], topic: str) -> tuple[Array, str]:
+    """Stamps [s], points and orientations of a topic as columns, and what they come from."""
     source = ", ".join(path.name for path in sources)
     topics = bag_topics(sources)
     kinds = {name: kind for name, (kind, count) in topics.items() if kind in _FIELDS and count}
@@ -275,9 +260,4 @@ def _read_bags(sources: Sequence[Path], topic: str) -> Track:
     fields += [f"{turn}.{axis}" for axis in "xyzw"] if turn else []
     stamps, values = read_topic(sources, candidates[0], fields)
     columns = [values[name][:, 0].astype(np.float64) for name in fields]
-    return Track.of_readings(
-        stamps / 1e9,
-        np.column_stack(columns[:3]),
-        np.column_stack(columns[3:]) if turn else None,
-        f"{source}: {candidates[0]}",
-    )
+    return np.column_stack([stamps / 1e9, *columns]), f"{source}: {candidates[0]}"

@@ -177,7 +177,7 @@ def write_corrected(
             f"{path}: {error}; give a table of numbers, as `Calibration.correct_table` makes it"
         ) from None
     header = {"version": VERSION, "kind": _CORRECTED}
-    _write(Path(path), header, columns, _TEXTS, overwrite=overwrite)
+    _write(Path(path), header, columns, overwrite=overwrite)
 
 
 def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
@@ -210,21 +210,17 @@ def is_corrected(path: Path) -> bool:
 
 
 def _write(
-    path: Path,
-    header: Mapping[str, Any],
-    columns: Mapping[str, Any],
-    texts: Collection[str] = (),
-    *,
-    overwrite: bool,
+    path: Path, header: Mapping[str, Any], columns: Mapping[str, Any], *, overwrite: bool
 ) -> None:
-    """Write columns of numbers, those named in `texts` of text, with a hash of all that is said."""
-    digest = content_hash(*_hashed(header, columns, texts))
-    metadata = {KEY: json.dumps({**header, "sha256": digest}, allow_nan=False).encode()}
+    """Write columns of numbers, and lists of text, with a hash of all that is said."""
+    described, numbers = _hashed(header, columns)
+    signed = {**header, "sha256": content_hash(described, numbers)}
+    metadata = {KEY: json.dumps(signed, allow_nan=False).encode()}
     # Numbers that change a little from row to row pack best with their bytes split apart.
     packing = {
         "compression": "zstd",
-        "use_dictionary": [name for name in columns if name in texts],
-        "use_byte_stream_split": [name for name in columns if name not in texts],
+        "use_dictionary": [name for name in columns if name not in numbers],
+        "use_byte_stream_split": list(numbers),
     }
     write = partial(pq.write_table, pa.table(columns, metadata=metadata), **packing)
     write_atomically(path, write, overwrite=overwrite, error=RecordingError)
@@ -253,7 +249,7 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             f"{source}: is not a whole Parquet file ({words(error)}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
-    if not is_as_written(header.pop("sha256", None), *_hashed(header, columns, texts)):
+    if not is_as_written(header.pop("sha256", None), *_hashed(header, columns)):
         raise RecordingError(
             f"{source}: its content does not match its hash; it was damaged or edited: copy or "
             "record it again"
@@ -262,11 +258,11 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
 
 
 def _hashed(
-    header: Mapping[str, Any], columns: Mapping[str, Any], texts: Collection[str]
+    header: Mapping[str, Any], columns: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Any]]:
     """Split what a file is hashed by: all that is text, and the numbers."""
-    text_columns = {name: column for name, column in columns.items() if name in texts}
-    return {**header, **text_columns}, {n: c for n, c in columns.items() if n not in texts}
+    texts = {name: column for name, column in columns.items() if isinstance(column, list)}
+    return {**header, **texts}, {n: c for n, c in columns.items() if n not in texts}
 
 
 def check_size(source: Path, file: Any) -> None:

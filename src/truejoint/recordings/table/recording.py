@@ -356,7 +356,7 @@ def recordings_of_file(
     columns: Mapping[str, Array],
     units: Mapping[str, str] | None = None,
     *,
-    rate: float | None = None,
+    rate: float = 0.0,
     dropped: Mapping[str, int] | None = None,
     **about: Any,
 ) -> list[Recording]:
@@ -365,7 +365,7 @@ def recordings_of_file(
     Rows in which a value other than truth is missing are left out, of rows with the same stamp all
     but the last; both are counted beside what was `dropped` before. Stamps since 1970 are counted
     from the first row. The session is the file's name up to a dot unless stated. State and truth
-    are of `rate` [Hz]; without one the state is of that which its stamps show.
+    are of `rate` [Hz]; where it is 0 the state is of that which its stamps show.
     """
     robot = get_robot(robot) if isinstance(robot, str) else robot
     _check_shapes(columns, path.name)
@@ -378,11 +378,10 @@ def recordings_of_file(
             f"{path.name}: {missing} of {whole.size} rows lack a value, {worst!r} in "
             f"{int(gaps[worst].sum())}; only truth may be missing that often: leave the column out"
         )
-    if missing:
-        columns = {name: values[whole] for name, values in columns.items()}
-    last = last_of_each_stamp(columns["t"])
-    if not last.all():
-        columns = {name: values[last] for name, values in columns.items()}
+    last = last_of_each_stamp(columns["t"][whole])
+    rows = np.flatnonzero(whole)[last]
+    if len(rows) < whole.size:
+        columns = {name: values[rows] for name, values in columns.items()}
     counts = {**(dropped or {}), MISSING: missing, "repeated time stamp": int((~last).sum())}
     stated: dict[str, Any] = {
         "source": path.name,
@@ -393,12 +392,12 @@ def recordings_of_file(
     sessions = _sessions(columns["t"])
     recordings = []
     for count, (first, end) in enumerate(sessions, 1):
-        rows = {name: values[first:end] for name, values in columns.items()}
-        rows["t"], start = since_first(rows["t"])
+        part = {name: values[first:end] for name, values in columns.items()}
+        part["t"], start = since_first(part["t"])
         origin = replace(provenance, start=start, dropped=counts if count == 1 else {})
         if len(sessions) > 1:
             origin = replace(origin, session=f"{provenance.session}#{count}")
-        recordings.append(Recording.from_columns(rows, origin, units, robot=robot))
+        recordings.append(Recording.from_columns(part, origin, units, robot=robot))
     return recordings
 
 

@@ -19,14 +19,7 @@ from truejoint.crtk.topics import OPERATING_STATE, STATES, TOPICS
 from truejoint.errors import RecordingError, words
 from truejoint.files import reason
 from truejoint.recordings.bounded_file import MAX_VALUES, require_file
-from truejoint.recordings.table.parquet import (
-    KEY,
-    check_version,
-    is_unchanged,
-    parse_header,
-    recorded,
-    sign,
-)
+from truejoint.recordings.table import parquet
 from truejoint.recordings.table.recording import Provenance, Recording, nominal_rates
 from truejoint.recordings.table.stream import BACK, Stream, forward_rows, synchronise
 from truejoint.robots import Robot
@@ -78,7 +71,7 @@ class StreamWriter:
             self._file: BinaryIO = self.path.open("xb")
         except OSError as error:
             raise RecordingError(f"{path}: {reason(error)}; choose another name") from None
-        signed = {KEY: sign({"version": _VERSION, **header}, {})}
+        signed = {parquet.KEY: parquet.sign({"version": _VERSION, **header}, {})}
         self._stream = pa.ipc.new_stream(self._file, _SCHEMA.with_metadata(signed))
         self.size = self._file.tell()  # bytes so far
 
@@ -89,7 +82,7 @@ class StreamWriter:
         """
         values = np.column_stack([*columns.values()]) if columns else np.empty((len(t), 0))
         block = {"stream": stream, "columns": list(columns)}
-        signed = {KEY: sign(block, {"t": t, "values": values})}
+        signed = {parquet.KEY: parquet.sign(block, {"t": t, "values": values})}
         row = [pa.array([np.asarray(a, "<f8").tobytes()], pa.binary()) for a in (t, values)]
         batch = pa.record_batch(row, schema=_SCHEMA)
         if self._file.closed:
@@ -133,10 +126,8 @@ def read_streams(
             while True:
                 try:
                     batch, described = reader.read_next_batch_with_custom_metadata()
-                except StopIteration:
+                except (StopIteration, *_DAMAGE):  # for a damaged length there is no memory
                     break
-                except _DAMAGE:
-                    break  # a length that is none takes more memory than there is
                 name, block = _block(source, batch, described)
                 whole = name == _END
                 if not whole and wanted(name):
@@ -159,7 +150,7 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     """
     source = Path(path)
     header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))
-    provenance, robot = recorded(source, header)
+    provenance, robot = parquet.recorded(source, header)
     try:
         gap_limit, rate = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
     except (KeyError, TypeError, ValueError) as error:
@@ -252,11 +243,11 @@ def _forward(stream: Stream, name: str) -> tuple[Stream, dict[str, int]]:
 
 
 def _header(source: Path, schema: Any) -> dict[str, Any]:
-    header = parse_header(schema.metadata)
+    header = parquet.parse_header(schema.metadata)
     if header is None or not schema.equals(_SCHEMA):
         raise RecordingError(f"{source}: was not written by truejoint's recorder")
-    check_version(source, header, _VERSION)
-    if not is_unchanged(header, {}):
+    parquet.check_version(source, header, _VERSION)
+    if not parquet.is_unchanged(header, {}):
         raise RecordingError(f"{source}: its header is not as it was written; the file was damaged")
     return header
 
@@ -264,7 +255,7 @@ def _header(source: Path, schema: Any) -> dict[str, Any]:
 def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str], Array, Array]]:
     """Stream that a block belongs to, its columns, stamps (n,) and values (n, n_columns)."""
     batch.validate(full=True)
-    block = parse_header(metadata) or {}
+    block = parquet.parse_header(metadata) or {}
     names = block.get("columns")
     if isinstance(names, list) and batch.num_rows == 1:
         pair = [column[0].as_py() for column in batch.columns]
@@ -272,7 +263,7 @@ def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str
         t, values = (np.frombuffer(a, "<f8") if whole else np.empty(1) for a in pair)
         if whole and values.size == len(t) * len(names):
             values = values.reshape(len(t), len(names))
-            if is_unchanged(block, {"t": t, "values": values}):
+            if parquet.is_unchanged(block, {"t": t, "values": values}):
                 return str(block["stream"]), (names, t, values)
     raise RecordingError(
         f"{source}: a block is not as it was written; the file was damaged or edited"

@@ -189,7 +189,7 @@ def test_types_without_a_definition_are_those_of_ros_2():
     )
 
 
-def test_lots_become_columns() -> None:
+def test_lots_become_columns():
     taken, random = Series(), np.random.default_rng(0)
     values = random.random(10)
     for rows in (slice(2), slice(2, 3), slice(3, 10)):
@@ -205,14 +205,7 @@ def test_lots_become_columns() -> None:
     assert taken.joined()[1] == {}  # nothing is held twice
 
 
-def test_a_column_that_is_missing_in_a_lot_has_no_value_there() -> None:
-    taken = Series()
-    taken.add(np.array([0]), np.array([1]), {"a": np.array([1.0]), "b": np.array([2.0])})
-    taken.add(np.array([1]), np.array([2]), {"b": np.array([3.0])})
-    np.testing.assert_array_equal(taken.joined()[1]["a"], [1.0, np.nan])
-
-
-def test_lots_of_other_layouts_are_put_in_order() -> None:
+def test_lots_of_other_layouts_are_put_in_order():
     taken = Series()
     taken.add(np.array([0, 2]), np.array([10, 12]), {"a": np.array([0.0, 2.0])})
     taken.add(np.array([1, 3]), np.array([11, 13]), {"a": np.array([1.0, 3.0])})
@@ -221,7 +214,7 @@ def test_lots_of_other_layouts_are_put_in_order() -> None:
     assert columns["a"].tolist() == [0.0, 1.0, 2.0, 3.0]
 
 
-def test_too_many_values_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_too_many_values_are_refused(monkeypatch):
     monkeypatch.setattr(decoding, "MAX_VALUES", 5)
     taken = Series()
     taken.add(np.arange(2), np.arange(2), {"a": np.zeros(2)})

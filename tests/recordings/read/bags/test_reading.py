@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter
 from contextlib import suppress
@@ -100,14 +101,9 @@ def test_the_left_arm_is_where_the_profile_says(bag):
     found = read_bag(bag, "raven2", "left", state="/arm2/measured_js")
     assert not found.joints_of("effort")
     assert not found.joints_of("setpoint")
-    assert "raven2" in found.provenance.notes
-    assert "+0.1309 to elbow" in found.provenance.notes
-
-
-def test_the_notes_say_what_was_read(bag):
-    said = read_bag(bag, state="/arm2/measured_js").provenance.notes
-    assert said.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
-    assert "; added to the truth [rad or m]: " in said
+    notes = found.provenance.notes
+    assert notes.startswith("state of /arm2/measured_js, truth of /ext_jpos; profile raven2: ")
+    assert re.search(r"; added to the truth \[rad or m\]: .*\+0.1309 to elbow", notes)
 
 
 @pytest.mark.parametrize("suffix", [".bag", ".mcap"])
@@ -140,10 +136,6 @@ def test_of_many_topics_a_message_lists_thirty():
     assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29), ...")
     topics.pop("/30")
     assert assembling.listed(topics).endswith("/29 (std_msgs/String, 29)")
-
-
-def test_any_command_reads_a_bag(bag, session):
-    same(read_recording(bag), session)
 
 
 def _messages(path: Path) -> list[tuple[Any, int, bytes]]:
@@ -393,11 +385,6 @@ def test_a_field_that_is_no_number_is_refused(bag):
         read_topic(bag, "/ext_jpos", ["name"])
 
 
-def test_the_state_is_no_truth_of_itself(bag):
-    with pytest.raises(RecordingError, match="is the state"):
-        read_bag(bag, truth="/ravenstate")
-
-
 def test_the_other_arm_is_read_without_a_truth_that_is_not_its_own(bag, session):
     found = read_other_arm(bag, session)
     assert found.robot.arm == "right"
@@ -515,6 +502,7 @@ def _real() -> Path:
         ({"profile": "raven3"}, "no profile called 'raven3'; did you mean 'raven2'"),
         ({"quantities": ["torque"]}, "no quantity called 'torque'"),
         ({"truth": "/nowhere"}, "no topic '/nowhere'"),
+        ({"truth": "/ravenstate"}, "is the state"),
     ],
 )  # fmt: skip
 def test_what_is_not_there_is_said_in_one_line(bag, how, said):

@@ -10,19 +10,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import (
-    CORRECTED,
-    JOINT_STATE,
-    OPERATING_STATE,
-    PROFILES,
-    RUN_LEVELS,
-    TRUTH_TOPIC,
-    Profile,
-    crtk_name,
-    joint_state_columns,
-    profile_of,
-    raven_state_columns,
-)
+from truejoint.crtk import messages
 from truejoint.errors import RecordingError, RobotError
 from truejoint.recordings.join.joining import cover_same_time, join_truth
 from truejoint.recordings.read.bags.fields import STAMP, Lot, Series, keep_rows
@@ -40,10 +28,10 @@ from truejoint.robots import Robot, get_robot
 Topics = Mapping[str, tuple[str, int]]
 """Type of each topic, and how many messages it has."""
 
-RAVEN_TYPE: Final = "raven_state"  # of whatever package: there are two at least
+RAVEN_TYPE: Final = "/raven_state"  # of whatever package: there are two at least
 JOINT_FIELDS: Final = ("position", "velocity", "effort")
 HOMED: Final = "is_homed"
-OPERATING_STATES: Final = (OPERATING_STATE, "crtk_msgs/operating_state")
+OPERATING_STATES: Final = (messages.OPERATING_STATE, "crtk_msgs/operating_state")
 # Names of CRTK, and of others, that are no joint sensors'.
 _NO_TRUTH: Final = ("measured_js", "setpoint_js", "goal_js", "joint_states", "joint_enc")
 _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
@@ -57,7 +45,7 @@ class Wiring:
     others: tuple[str, ...] = ()  # joint states that add to it: set-points, a jaw of its own
     truth: str = ""  # of joint sensors
     homed: str = ""  # says whether the arm is homed, where the state itself does not
-    profile: Profile = field(default_factory=lambda: PROFILES["crtk"])
+    profile: messages.Profile = field(default_factory=lambda: messages.PROFILES["crtk"])
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -78,22 +66,24 @@ def find_wiring(
     What a correcting node says beside the arm is not the arm's. A `truth` of None is left out.
     Raises RecordingError if the state is not there or could be several, listing all topics.
     """
-    chosen = profile_of(robot, profile)
+    chosen = messages.profile_of(robot, profile)
     for named in filter(None, (state, truth)):
         require_topic(path, topics, named)
-    of_robot = {name: about for name, about in topics.items() if f"/{CORRECTED}/" not in name}
+    corrected = f"/{messages.CORRECTED}/"
+    corrected = f"/{messages.CORRECTED}/"
+    of_robot = {name: about for name, about in topics.items() if corrected not in name}
     if not state:
         state = _find_state(path, of_robot, robot, chosen)
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
     space = state.rpartition("/")[0]
     added, homed = [], ""
-    if topics[state][0] == JOINT_STATE:
+    if topics[state][0] == messages.JOINT_STATE:
         for name in sorted(of_robot):
-            what, near = crtk_name(name), name.rpartition("/")[0]
+            what, near = messages.crtk_name(name), name.rpartition("/")[0]
             inside = near.startswith(space + "/") and what == "measured_js"
             aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
-            if name != state and of_robot[name][0] == JOINT_STATE and (inside or aim):
+            if name != state and of_robot[name][0] == messages.JOINT_STATE and (inside or aim):
                 added.append(name)
             of_arm = chosen.arm_of(name)
             here = of_arm == robot.arm if of_arm else near == space
@@ -104,14 +94,14 @@ def find_wiring(
     return Wiring(state, tuple(added), truth_topic, homed, chosen)
 
 
-def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile) -> str:
-    raven = [name for name, (kind, _) in topics.items() if kind.endswith(f"/{RAVEN_TYPE}")]
+def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: messages.Profile) -> str:
+    raven = [name for name, (kind, _) in topics.items() if kind.endswith(RAVEN_TYPE)]
     if raven and robot.name == "raven2":
         return max(raven, key=lambda name: topics[name][1])  # one may be thinned out
     measured = [
         name
         for name, (kind, count) in topics.items()
-        if kind == JOINT_STATE and crtk_name(name) == "measured_js" and count
+        if kind == messages.JOINT_STATE and messages.crtk_name(name) == "measured_js" and count
     ]
     arms = {}  # the robot's if a namespace of the topic is called like it, or any other name
     for name in measured:
@@ -142,15 +132,19 @@ def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: Profile
 
 def _find_truth(topics: Topics) -> str:
     """Topic of joint sensors: the known one, or the only joint state that is nothing of CRTK's."""
-    joints = [n for n, (kind, count) in topics.items() if kind == JOINT_STATE and count]
-    standard = [name for name in joints if f"/{crtk_name(name)}" == TRUTH_TOPIC]
-    candidates = [
-        name
-        for name in joints
-        if crtk_name(name) not in _NO_TRUTH and not crtk_name(name).startswith(_COMMANDS)
-    ]
+    names = {
+        topic: messages.crtk_name(topic)
+        for topic, (kind, count) in topics.items()
+        if kind == messages.JOINT_STATE and count
+    }
+    standard = [topic for topic, name in names.items() if f"/{name}" == messages.TRUTH_TOPIC]
     if standard:
-        return max(standard, key=lambda name: topics[name][1])
+        return max(standard, key=lambda topic: topics[topic][1])
+    candidates = [
+        topic
+        for topic, name in names.items()
+        if name not in _NO_TRUTH and not name.startswith(_COMMANDS)
+    ]
     return candidates[0] if len(candidates) == 1 else ""
 
 
@@ -170,7 +164,7 @@ def robot_of(place: Path | str, topics: Topics, robot: str, arm: str) -> Robot:
     """Robot that is named, else RAVEN-II where its state is there; raises RecordingError."""
     if robot:
         return get_robot(robot, arm)
-    if any(kind.endswith(f"/{RAVEN_TYPE}") for kind, _ in topics.values()):
+    if any(kind.endswith(RAVEN_TYPE) for kind, _ in topics.values()):
         return get_robot("raven2", arm)
     raise RecordingError(f"{place}: which robot is it (--robot)? {listed(topics)}")
 
@@ -219,33 +213,25 @@ def assemble(
         dropped[f"state: {MISSING} in one of its topics"] = int((~finite).sum())
         keep_rows(columns, np.flatnonzero(finite))
     dropped |= lost  # counted to the end of the files, which is now
+    truth = _stream(series[wiring.truth], base, "truth", dropped) if wiring.truth else None
     provenance = replace(origin, rates=rates, dropped=dropped, notes=_notes(wiring))
     recording = Recording.from_columns(columns, provenance, robot=robot, copy=False)
-    if wiring.truth:
-        counts: dict[str, int] = {}
-        truth = _stream(series[wiring.truth], base, "truth", counts)
-        recording = replace(
-            recording, provenance=replace(provenance, dropped={**dropped, **counts})
-        )
+    notes = provenance.notes
+    if truth is not None:
         # By stamps, or by motion where they have too little in common.
         alike = offset is None and near is None and cover_same_time(recording.t, truth.t)
         recording, _ = join_truth(recording, truth, 0.0 if alike else offset, near=near)
-        if alike:
-            provenance = replace(recording.provenance, notes=provenance.notes)
-            recording = replace(recording, provenance=provenance)
-    return replace(recording, provenance=replace(recording.provenance, start=base / _SECOND))
+        notes = notes if alike else recording.provenance.notes
+    provenance = replace(recording.provenance, start=base / _SECOND, notes=notes)
+    return replace(recording, provenance=provenance)
 
 
 def _series_of(
-    lots: Iterable[Lot],
-    robot: Robot,
-    wiring: Wiring,
-    quantities: Collection[str],
-    place: str,
+    lots: Iterable[Lot], robot: Robot, wiring: Wiring, quantities: Collection[str], place: str
 ) -> dict[str, Series]:
     """Columns of the topics of a wiring, by topic."""
     quantity_of = {wiring.state: "measured", wiring.truth: "truth"} | {
-        name: crtk_name(name).partition("_")[0] for name in wiring.others
+        name: messages.crtk_name(name).partition("_")[0] for name in wiring.others
     }
     series = {name: Series() for name in (*wiring.joints, wiring.homed)}
     for lot in lots:
@@ -253,12 +239,12 @@ def _series_of(
         if lot.topic == wiring.homed:
             columns = {HOMED: lot.fields[HOMED][:, 0].astype(np.float64)}
         elif "runlevel" in lot.fields:
-            columns = raven_state_columns(robot, lot.fields, quantities)
+            columns = messages.raven_state_columns(robot, lot.fields, quantities)
             columns["state/run_level"] = lot.fields["runlevel"][:, 0].astype(np.float64)
         else:
             names = lot.texts.get("name", ())
             try:
-                columns = joint_state_columns(
+                columns = messages.joint_state_columns(
                     robot, quantity_of[lot.topic], names, lot.fields, wiring.profile
                 )
             except RobotError as error:
@@ -319,7 +305,8 @@ def _leave_out_unhomed(
     last = np.maximum(np.searchsorted(t, columns["t"], side="right") - 1, 0)
     if not is_homed[last].any():
         return
-    names = np.where(is_homed[last], RUN_LEVELS["pedal down"], RUN_LEVELS["homing"])
+    levels = messages.RUN_LEVELS
+    names = np.where(is_homed[last], levels["pedal down"], levels["homing"])
     keep, homing = without_homing(names.astype(np.float64))
     dropped |= homing
     if not keep.all():

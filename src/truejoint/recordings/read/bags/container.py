@@ -18,7 +18,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, Final, Literal
 
@@ -40,6 +40,10 @@ _MOST_CHUNK: Final = 1 << 28  # bytes of a chunk once unpacked; recorders write 
 _MOST_HEADER: Final = 1 << 20  # bytes of a record's header
 _PIECE: Final = 1 << 20  # bytes of a packed file that are unpacked at a time
 _ROWS: Final = 4096  # of a table that are fetched at a time
+
+_DEFINITIONS: Final = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+)
 
 _U32: Final = struct.Struct("<I")
 _U64: Final = struct.Struct("<Q")
@@ -102,17 +106,18 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
         for part in parts:
             yield from read_batches(part, wanted, lost)
         return
+    messages = _Messages(wanted, lost)
     with require_file(path).open("rb") as file:
         head = file.read(len(SQLITE_MAGIC))
         file.seek(0)
         if head.startswith(ROS1_MAGIC):
             file.seek(len(ROS1_MAGIC))
-            yield from _ros1(file, wanted, lost)
+            yield from _ros1(file, messages)
         elif head.startswith(MCAP_MAGIC):
             file.seek(len(MCAP_MAGIC))
-            yield from _mcap(file, lost, _McapState(wanted))
+            yield from _mcap(file, messages, {})
         elif head.startswith(SQLITE_MAGIC):
-            yield from _sqlite(path, wanted, lost)
+            yield from _sqlite(path, messages)
         elif head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
             with _unpacked_file(path, lost) as plain:
                 yield from read_batches(plain, wanted, lost)
@@ -164,26 +169,54 @@ def _parts(folder: Path) -> list[Path]:
     return sorted(parts, key=number)
 
 
-class _Pending:
-    """Messages of topics that wait to be given out, a batch a topic."""
+class _Messages:
+    """Messages of the `wanted` topics that wait to be given out, a batch a topic; what was lost."""
 
-    def __init__(self) -> None:
-        self._by_topic: dict[Topic, tuple[list[int], list[bytes]]] = {}
+    def __init__(self, wanted: Wanted, lost: Counter[str]) -> None:
+        self._wanted, self.lost = wanted, lost
+        self.topics: dict[Any, Topic | None] = {}  # as far as a file was read; None if not wanted
+        self._waiting: dict[Topic, tuple[list[int], list[bytes]]] = {}
         self.count = 0
+
+    def announce(self, key: object, topic: Topic, *, readable: bool = True) -> None:
+        """Say which topic the messages with a key are of."""
+        self.topics[key] = topic if readable and self._wanted(topic) else None
 
     def add(self, topic: Topic | None, time: int, message: bytes) -> None:
         """Keep a message that came at `time` [ns], unless its topic is not wanted."""
         if topic is not None:
-            times, messages = self._by_topic.setdefault(topic, ([], []))
+            times, messages = self._waiting.setdefault(topic, ([], []))
             times.append(time)
             messages.append(message)
             self.count += 1
 
     def take(self) -> Iterator[Batch]:
         """Give out what there is."""
-        waiting, self._by_topic, self.count = self._by_topic, {}, 0
-        for topic, (times, messages) in waiting.items():
-            yield topic, times, messages
+        waiting, self._waiting, self.count = self._waiting, {}, 0
+        yield from ((topic, *messages) for topic, messages in waiting.items())
+
+
+def _unpacked(data: bytes, packing: str, lost: Counter[str]) -> bytes:
+    """Unpack a chunk, or as much as there is of it; one of which nothing comes is counted."""
+    if packing in ("none", ""):
+        return data
+    unpackers: dict[str, Callable[[], Any]] = {
+        "bz2": bz2.BZ2Decompressor,
+        "lz4": lambda: require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor(),
+        "zstd": lambda: _zstd().ZstdDecompressor(),
+    }
+    content = b""
+    if packing in unpackers:
+        unpacker = unpackers[packing]()
+        with suppress(Exception):  # each packing has errors of its own
+            content = unpacker.decompress(data, _MOST_CHUNK)
+    lost[DAMAGED] += not content
+    return content
+
+
+def _zstd() -> Any:
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return require(module, "ros", "a bag packed with Zstandard")
 
 
 # ---------------------------------------------------------------------------------------- ROS 1
@@ -259,71 +292,39 @@ def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
     return dict(by_topic)
 
 
-def _ros1(
-    file: BinaryIO,
-    wanted: Wanted,
-    lost: Counter[str],
-    topics: dict[bytes, Topic | None] | None = None,
-) -> Iterator[Batch]:
-    """Messages of a file, or of a chunk of one whose `topics` so far are there.
+def _ros1(file: BinaryIO, messages: _Messages, *, in_chunk: bool = False) -> Iterator[Batch]:
+    """Messages of a file, or of a chunk of one.
 
     The last chunk of a bag that was never closed states no length: what should be in it lies in the
     file itself.
     """
     whole, end = file.tell(), file.seek(0, 2)
     file.seek(whole)
-    in_chunk = topics is not None
-    topics = {} if topics is None else topics
-    pending = _Pending()
+    topics, lost = messages.topics, messages.lost
     try:
         for fields, begin, length in _ros1_records(file):
             op = fields.get(b"op")
             if op == b"\x05" and not in_chunk:
-                yield from pending.take()
                 if begin + length > end:
                     lost[CUT_SHORT] += end - begin
                 packing = fields.get(b"compression", b"").decode(errors="replace")
                 chunk = _unpacked(file.read(min(length, _MOST_CHUNK)), packing, lost)
-                yield from _ros1(io.BytesIO(chunk), wanted, lost, topics)
+                yield from _ros1(io.BytesIO(chunk), messages, in_chunk=True)
             elif begin + length > end:
                 raise struct.error("not whole")
             elif op == b"\x02":
                 topic = topics[fields[b"conn"]]
                 seconds, rest = _ROS1_TIME.unpack(fields[b"time"])
                 if topic is not None:
-                    pending.add(topic, seconds * 1_000_000_000 + rest, file.read(length))
-                if pending.count >= _ROWS:
-                    yield from pending.take()
+                    messages.add(topic, seconds * 1_000_000_000 + rest, file.read(length))
+                if messages.count >= _ROWS:
+                    yield from messages.take()
             elif op == _ROS1_TOPIC and fields[b"conn"] not in topics:
-                topic = _ros1_topic(fields, file.read(length))
-                topics[fields[b"conn"]] = topic if wanted(topic) else None
+                messages.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
             whole = min(begin + length, end)
     except (struct.error, KeyError):
         lost[CUT_SHORT] += end - whole
-    yield from pending.take()
-
-
-def _unpacked(data: bytes, packing: str, lost: Counter[str]) -> bytes:
-    """Unpack a chunk, or as much as there is of it; one of which nothing comes is counted."""
-    if packing in ("none", ""):
-        return data
-    unpackers: dict[str, Callable[[], Any]] = {
-        "bz2": bz2.BZ2Decompressor,
-        "lz4": lambda: require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor(),
-        "zstd": lambda: _zstd().ZstdDecompressor(),
-    }
-    unpacked = b""
-    if packing in unpackers:
-        unpacker = unpackers[packing]()
-        with suppress(Exception):  # each packing has errors of its own
-            unpacked = unpacker.decompress(data, _MOST_CHUNK)
-    lost[DAMAGED] += not unpacked
-    return unpacked
-
-
-def _zstd() -> Any:
-    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-    return require(module, "ros", "a bag packed with Zstandard")
+    yield from messages.take()
 
 
 # ----------------------------------------------------------------------------------------- MCAP
@@ -334,41 +335,35 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     return data[at + 4 : at + 4 + size].decode(errors="replace"), at + 4 + size
 
 
-@dataclass
-class _McapState:
-    """Schemas and channels of a file as far as it was read."""
+_Schemas = dict[int, tuple[str, str, str]]
+"""Type, language and text of each definition of a file as far as it was read."""
 
-    wanted: Wanted
-    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
-    topics: dict[int, Topic | None] = field(default_factory=dict)
 
-    def take(self, op: int, data: bytes, pending: _Pending) -> None:
-        """Take a schema, a channel or a message; raises struct.error if it is damaged."""
-        if op == _MCAP_MESSAGE:
-            channel, _, time = _MCAP_MESSAGE_HEAD.unpack_from(data)
-            message = data[_MCAP_MESSAGE_HEAD.size + 8 :]
-            pending.add(self.topics.get(channel), min(time, _LATEST), message)
-        elif op == _MCAP_SCHEMA:
-            name, at = _text(data, 2)
-            language, at = _text(data, at)
-            self.schemas[int.from_bytes(data[:2], "little")] = name, language, _text(data, at)[0]
-        else:
-            key, schema = struct.unpack_from("<HH", data)
-            name, at = _text(data, 4)
-            encoding = _text(data, at)[0]
-            kind, language, definition = self.schemas.get(schema, ("", "", ""))
-            form: Literal["ros1", "cdr"] = "ros1" if encoding == "ros1" else "cdr"
-            topic = Topic(name, kind, definition, form, "idl" if "idl" in language else "msg")
-            is_readable = encoding in ("ros1", "cdr") and self.wanted(topic)
-            self.topics[key] = topic if is_readable else None
+def _take_mcap(op: int, data: bytes, schemas: _Schemas, messages: _Messages) -> None:
+    """Take a schema, a channel or a message; raises struct.error if it is damaged."""
+    if op == _MCAP_MESSAGE:
+        channel, _, time = _MCAP_MESSAGE_HEAD.unpack_from(data)
+        message = data[_MCAP_MESSAGE_HEAD.size + 8 :]
+        messages.add(messages.topics.get(channel), min(time, _LATEST), message)
+    elif op == _MCAP_SCHEMA:
+        name, at = _text(data, 2)
+        language, at = _text(data, at)
+        schemas[int.from_bytes(data[:2], "little")] = name, language, _text(data, at)[0]
+    else:
+        key, schema = struct.unpack_from("<HH", data)
+        name, at = _text(data, 4)
+        encoding = _text(data, at)[0]
+        kind, language, definition = schemas.get(schema, ("", "", ""))
+        form: Literal["ros1", "cdr"] = "ros1" if encoding == "ros1" else "cdr"
+        topic = Topic(name, kind, definition, form, "idl" if "idl" in language else "msg")
+        messages.announce(key, topic, readable=encoding in ("ros1", "cdr"))
 
 
 def _mcap(
-    file: BinaryIO, lost: Counter[str], state: _McapState, *, in_chunk: bool = False
+    file: BinaryIO, messages: _Messages, schemas: _Schemas, *, in_chunk: bool = False
 ) -> Iterator[Batch]:
     """Messages of a file, or of the records of a chunk."""
-    at, end = file.tell(), file.seek(0, 2)
-    pending = _Pending()
+    at, end, lost = file.tell(), file.seek(0, 2), messages.lost
     while at + _MCAP_RECORD.size <= end:
         file.seek(at)
         op, length = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
@@ -378,63 +373,54 @@ def _mcap(
         begin = at + _MCAP_RECORD.size
         try:
             if op == 0x06 and not in_chunk:
-                yield from pending.take()
                 chunk = file.read(min(length, _MOST_CHUNK, end - begin))
                 packing, place = _text(chunk, _MCAP_CHUNK.size)
                 (size,) = _U64.unpack_from(chunk, place)
                 records = _unpacked(chunk[place + 8 : place + 8 + size], packing, lost)
-                yield from _mcap(io.BytesIO(records), lost, state, in_chunk=True)
+                yield from _mcap(io.BytesIO(records), messages, schemas, in_chunk=True)
             elif op in (_MCAP_SCHEMA, 0x04, _MCAP_MESSAGE) and begin + length <= end:
-                state.take(op, file.read(length), pending)
+                _take_mcap(op, file.read(length), schemas, messages)
         except struct.error:
             lost[DAMAGED] += 1
-        if pending.count >= _ROWS:
-            yield from pending.take()
+        if messages.count >= _ROWS:
+            yield from messages.take()
         if begin + length > end:
             break
         at = begin + length
     if at < end:  # the last record is not whole
         lost[CUT_SHORT] += end - at
-    yield from pending.take()
+    yield from messages.take()
 
 
 # --------------------------------------------------------------------------------------- SQLite
 
 
-def _sqlite(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
-    pending = _Pending()
+def _sqlite(path: Path, messages: _Messages) -> Iterator[Batch]:
+    lost = messages.lost
     with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
         try:
             texts = {}
             with suppress(sqlite3.OperationalError):  # bags from before 2023 have no such table
-                texts = {
-                    kind: (encoding, text)
-                    for kind, encoding, text in base.execute(
-                        "SELECT topic_type, encoding, encoded_message_definition "
-                        "FROM message_definitions"
-                    )
-                }
-            topics = {}
-            for key, name, kind, form in base.execute(
-                "SELECT id, name, type, serialization_format FROM topics"
-            ):
+                texts = {kind: (form, text) for kind, form, text in base.execute(_DEFINITIONS)}
+            rows = base.execute("SELECT id, name, type, serialization_format FROM topics")
+            for key, name, kind, form in rows:
                 if not (isinstance(name, str) and isinstance(kind, str)):
                     continue  # a table of SQLite may hold anything anywhere
                 encoding, text = map(str, texts.get(kind, ("", "")))
-                topic = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
-                topics[key] = topic if form == "cdr" and wanted(topic) else None
+                announced = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
+                messages.announce(key, announced, readable=form == "cdr")
             rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid")
             while batch := rows.fetchmany(_ROWS):
                 for key, time, data in batch:
-                    if topics.get(key) is None:
+                    if (topic := messages.topics.get(key)) is None:
                         continue
                     if not (isinstance(time, int) and isinstance(data, bytes)):
                         lost[DAMAGED] += 1
                         continue
                     packing = "zstd" if data[:4] == ZSTD_MAGIC else ""  # each message by itself
                     if message := _unpacked(data, packing, lost):
-                        pending.add(topics[key], time, message)
-                yield from pending.take()
+                        messages.add(topic, time, message)
+                yield from messages.take()
         except (sqlite3.DatabaseError, TypeError) as error:
             if isinstance(error, sqlite3.OperationalError) and "no such table" in str(error):
                 raise RecordingError(f"{path}: is an SQLite file, but no bag of ROS 2") from None

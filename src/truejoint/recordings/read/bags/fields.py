@@ -62,25 +62,22 @@ def field_types(topic: Topic) -> Types:
     # ROS 1 brings its own header, which has a number that ROS 2 left out.
     definitions = dict(system.get_typestore(system.Stores.EMPTY).fielddefs)
     name = full_name(topic.type)
-    if not topic.definition:
-        definitions |= system.get_typestore(system.Stores.LATEST).fielddefs
-        for kind in DEFINITIONS:
-            definitions |= system.get_types_from_msg(ros2_definition(kind), full_name(kind))
-    else:
-        parse = system.get_types_from_idl if topic.language == "idl" else system.get_types_from_msg
-        try:
-            if topic.language == "idl":
-                for text in topic.definition.split("=" * 80 + "\n"):
-                    definitions |= parse(
-                        text.partition("\n")[2] if text.startswith("IDL: ") else text
-                    )
-            else:
-                definitions |= parse(topic.definition, name)
-        except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
-            raise RecordingError(
-                f"{topic.name}: the definition of {topic.type} in the bag is damaged "
-                f"({words(error, 60)})"
-            ) from None
+    try:
+        if not topic.definition:
+            definitions |= system.get_typestore(system.Stores.LATEST).fielddefs
+            for kind in DEFINITIONS:
+                definitions |= system.get_types_from_msg(ros2_definition(kind), full_name(kind))
+        elif topic.language == "idl":
+            for text in topic.definition.split("=" * 80 + "\n"):
+                body = text.partition("\n")[2] if text.startswith("IDL: ") else text
+                definitions |= system.get_types_from_idl(body)
+        else:
+            definitions |= system.get_types_from_msg(topic.definition, name)
+    except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
+        raise RecordingError(
+            f"{topic.name}: the definition of {topic.type} in the bag is damaged "
+            f"({words(error, 60)})"
+        ) from None
     if name not in definitions:
         raise RecordingError(
             f"{topic.name}: the bag has no definition of {topic.type}, nor has truejoint; record "

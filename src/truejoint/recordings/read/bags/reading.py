@@ -14,26 +14,16 @@ from numpy.typing import NDArray
 
 from truejoint.crtk.messages import ARMS, RAVEN_FIELDS, USUAL_QUANTITIES, message_type
 from truejoint.errors import RecordingError, unknown
-from truejoint.recordings.read.bags.assembling import (
-    HOMED,
-    JOINT_FIELDS,
-    RAVEN_TYPE,
-    Topics,
-    Wiring,
-    assemble,
-    find_wiring,
-    require_topic,
-    robot_of,
-)
+from truejoint.recordings.read.bags import assembling
 from truejoint.recordings.read.bags.container import list_topics
 from truejoint.recordings.read.bags.fields import Series, lots_of
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Robot, get_robot
 
+Bags = str | os.PathLike[str] | Sequence[str | os.PathLike[str]]
 
-def bag_topics(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-) -> dict[str, tuple[str, int]]:
+
+def bag_topics(bags: Bags) -> dict[str, tuple[str, int]]:
     """Topics of bags: the type of each, and how many messages it has in all of them.
 
     Raises RecordingError if one is no bag.
@@ -53,7 +43,7 @@ def bag_topics(
 
 
 def read_bag(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
+    bags: Bags,
     robot: str = "",
     arm: str = "",
     *,
@@ -110,14 +100,12 @@ def read_bag(
         if quantity not in RAVEN_FIELDS:
             raise RecordingError(unknown("quantity", quantity, RAVEN_FIELDS))
     topics = bag_topics(paths)
-    machine = robot_of(paths[0], topics, robot, arm)
-    wiring = find_wiring(paths[0], topics, machine, profile, state, truth)
+    machine = assembling.robot_of(paths[0], topics, robot, arm)
+    wiring = assembling.find_wiring(paths[0], topics, machine, profile, state, truth)
     return _read(paths, machine, wiring, topics, quantities, offset, near)
 
 
-def read_other_arm(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]], recording: Recording
-) -> Recording | None:
+def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
     """Read what RAVEN's state in the same bags says of the other arm's positions.
 
     None where the robot has no other arm, or the bags no such state.
@@ -130,19 +118,17 @@ def read_other_arm(
     """
     robot, paths = recording.robot, _paths(bags)
     topics = bag_topics(paths)
-    kinds = [kind for kind, _ in topics.values()]
-    if robot.name != "raven2" or not any(kind.endswith(f"/{RAVEN_TYPE}") for kind in kinds):
+    has_state = any(kind.endswith(assembling.RAVEN_TYPE) for kind, _ in topics.values())
+    if robot.name != "raven2" or not has_state:
         return None
     other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
     # Without the truth, which is not of this arm: no motion of it would tell a clock's offset.
-    wiring = find_wiring(paths[0], topics, other, truth=None)
+    wiring = assembling.find_wiring(paths[0], topics, other, truth=None)
     return _read(paths, other, wiring, topics, ("measured",))
 
 
 def read_topic(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-    topic: str,
-    fields: Collection[str],
+    bags: Bags, topic: str, fields: Collection[str]
 ) -> tuple[NDArray[np.int64], dict[str, NDArray[Any]]]:
     """Fields of all messages of any topic, for instance ``pose.position.x`` of a tracker.
 
@@ -174,7 +160,7 @@ def read_topic(
     """
     paths, fields = _paths(bags), [fields] if isinstance(fields, str) else list(fields)
     topics = bag_topics(paths)
-    require_topic(paths[0], topics, topic)
+    assembling.require_topic(paths[0], topics, topic)
     series = Series()
     for lot in lots_of(paths, {topic: tuple(fields)}, Counter()):
         for name in fields:
@@ -193,11 +179,8 @@ def read_topic(
     return stamps, {name: np.column_stack(values) for name, values in parts.items() if values}
 
 
-def _paths(
-    bags: str | os.PathLike[str] | Sequence[str | os.PathLike[str]],
-) -> list[Path]:
-    listed = [bags] if isinstance(bags, str | os.PathLike) else list(bags)
-    paths = [Path(bag) for bag in listed]
+def _paths(bags: Bags) -> list[Path]:
+    paths = [Path(bag) for bag in ([bags] if isinstance(bags, str | os.PathLike) else bags)]
     for path in paths:
         if not path.exists():
             raise RecordingError(f"{path}: there is no such file or folder; check the path")
@@ -209,8 +192,8 @@ def _paths(
 def _read(
     paths: Sequence[Path],
     robot: Robot,
-    wiring: Wiring,
-    topics: Topics,
+    wiring: assembling.Wiring,
+    topics: assembling.Topics,
     quantities: Collection[str],
     offset: float | None = None,
     near: float | None = None,
@@ -218,12 +201,13 @@ def _read(
     """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
     raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
+    joint_state, raven_type = assembling.JOINT_FIELDS, assembling.RAVEN_TYPE
     wanted: dict[str, tuple[str, ...]] = {
-        name: raven if topics[name][0].endswith(RAVEN_TYPE) else JOINT_FIELDS
+        name: raven if topics[name][0].endswith(raven_type) else joint_state
         for name in wiring.joints
     }
     if wiring.homed:
-        wanted[wiring.homed] = (HOMED,)
+        wanted[wiring.homed] = (assembling.HOMED,)
     digest = hashlib.sha256()  # of all files, one after the other
     for path in paths:
         within = sorted(part for part in path.iterdir() if part.is_file()) if path.is_dir() else []
@@ -238,4 +222,4 @@ def _read(
         session=paths[0].name.partition(".")[0],
     )
     lots, place = lots_of(paths, wanted, lost), str(paths[0])
-    return assemble(lots, robot, wiring, quantities, origin, lost, place, offset, near)
+    return assembling.assemble(lots, robot, wiring, quantities, origin, lost, place, offset, near)

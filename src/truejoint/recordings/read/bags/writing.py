@@ -12,20 +12,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from truejoint.array_types import Mask
-from truejoint.crtk.messages import (
-    DEFINITIONS,
-    JOINT_STATE,
-    RAVEN_STATE,
-    RAVEN_TOPIC,
-    RUN_LEVELS,
-    TRUTH_TOPIC,
-    Profile,
-    joint_state_fields,
-    profile_of,
-    raven_state_fields,
-    ros2_definition,
-)
+from truejoint.crtk import messages
 from truejoint.errors import RecordingError
 from truejoint.extras import require
 from truejoint.files import write_atomically
@@ -74,7 +61,7 @@ def write_bag(
     ('sensor_msgs/JointState', 400)
     """
     target, recording = Path(path), as_recording(recording)
-    chosen = profile_of(recording.robot, profile)
+    chosen = messages.profile_of(recording.robot, profile)
     if target.suffix not in (".bag", ".mcap"):
         raise RecordingError(f"{target}: call it .bag for ROS 1 or .mcap for ROS 2")
     topics = list(_topics(recording, chosen))
@@ -86,7 +73,7 @@ def write_bag(
         if target.suffix == ".bag":
             writer_type = require("rosbags.rosbag1", "ros", PURPOSE).Writer
             store = system.get_typestore(system.Stores.ROS1_NOETIC)
-            for kind, text in DEFINITIONS.items():
+            for kind, text in messages.DEFINITIONS.items():
                 store.register(system.get_types_from_msg(text, full_name(kind)))
             part.unlink()  # rosbags makes its own
             with writer_type(part) as writer:
@@ -94,8 +81,9 @@ def write_bag(
             return
         module = require("rosbags.rosbag2", "ros", PURPOSE)
         store = system.get_typestore(system.Stores.ROS2_HUMBLE)
-        for kind in DEFINITIONS:
-            store.register(system.get_types_from_msg(ros2_definition(kind), full_name(kind)))
+        for kind in messages.DEFINITIONS:
+            text = messages.ros2_definition(kind)
+            store.register(system.get_types_from_msg(text, full_name(kind)))
         with tempfile.TemporaryDirectory(dir=part.parent, prefix=".truejoint-") as folder:
             bag, mcap = Path(folder) / "bag", module.StoragePlugin.MCAP
             with module.Writer(bag, version=9, storage_plugin=mcap) as writer:
@@ -105,39 +93,36 @@ def write_bag(
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 
 
-def _topics(recording: Recording, profile: Profile) -> Iterator[_Messages]:
+def _topics(recording: Recording, profile: messages.Profile) -> Iterator[_Messages]:
     start = recording.provenance.start
     begin = _BEGIN if math.isnan(start) else round(start * 1e9)
     stamps = begin + np.round(recording.t * 1e9).astype(np.int64)
     columns = {name: recording.column(name) for name in recording.units}
     robot = recording.robot
     if robot.name == "raven2":
-        level = columns.get("state/run_level", np.full(len(stamps), RUN_LEVELS["pedal down"]))
-        yield RAVEN_TOPIC, RAVEN_STATE, stamps, {
+        usual = np.full(len(stamps), messages.RUN_LEVELS["pedal down"])
+        level = columns.get("state/run_level", usual)
+        yield messages.RAVEN_TOPIC, messages.RAVEN_STATE, stamps, {
             "runlevel": level.astype(np.int32),
-            **raven_state_fields(robot, columns),
+            **messages.raven_state_fields(robot, columns),
         }  # fmt: skip
     for quantity in ("measured", "setpoint", "truth"):
-        if not recording.joints_of(quantity):
+        if not (joints := recording.joints_of(quantity)):
             continue
-        name = TRUTH_TOPIC
-        rows: Mask = np.ones(len(stamps), dtype=np.bool_)
-        if quantity == "truth":
-            truth = recording.columns("truth", recording.joints_of("truth"))
-            rows = np.asarray(~np.isnan(truth).any(axis=1))
-        else:
-            name = profile.topic(robot.arm, f"{quantity}_js")
-        with_truth = {column: values[rows] for column, values in columns.items()}
-        names, fields = joint_state_fields(robot, quantity, name, with_truth, profile)
+        is_truth = quantity == "truth"
+        name = messages.TRUTH_TOPIC if is_truth else profile.topic(robot.arm, f"{quantity}_js")
+        rows = ~np.isnan(recording.columns(quantity, joints)).any(axis=1)
+        known = {column: values[rows] for column, values in columns.items()}
+        names, fields = messages.joint_state_fields(robot, quantity, name, known, profile)
         if names and not (quantity == "setpoint" and profile.no_setpoint):
-            yield name, JOINT_STATE, stamps[rows], {"name": list(names), **fields}
+            yield name, messages.JOINT_STATE, stamps[rows], {"name": list(names), **fields}
 
 
 def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> None:
     """Write all messages in the order of their stamps."""
-    connections = []
-    for name, kind, _, _ in topics:
-        connections.append(writer.add_connection(name, full_name(kind), typestore=store))
+    connections = [
+        writer.add_connection(name, full_name(kind), typestore=store) for name, kind, _, _ in topics
+    ]
     stamps = np.concatenate([stamps for _, _, stamps, _ in topics])
     owner = np.concatenate([np.full(len(stamps), k) for k, (_, _, stamps, _) in enumerate(topics)])
     row = np.concatenate([np.arange(len(stamps)) for _, _, stamps, _ in topics])
@@ -149,7 +134,7 @@ def _write(writer: Any, store: Any, topics: list[_Messages], serialize: Any) -> 
         for name, values in fields.items():
             value = values if isinstance(values, list) else values[number]
             setattr(message, name, value if isinstance(value, list | np.ndarray) else value.item())
-        header = message.hdr if kind == RAVEN_STATE else message.header
+        header = message.hdr if kind == messages.RAVEN_STATE else message.header
         header.stamp.sec, header.stamp.nanosec = divmod(stamp, 1_000_000_000)
         if hasattr(header, "seq"):
             header.seq = number
