@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -31,7 +30,13 @@ from truejoint.calibration.cross_validate import (
     log_ratio,
     share_of,
 )
-from truejoint.calibration.fit_task import outlying_values, stride_of, training_rows, unfitted
+from truejoint.calibration.fit_task import (
+    outlying_values,
+    stride_of,
+    training_rows,
+    unfitted,
+    within,
+)
 from truejoint.calibration.folds import FEW, FOLDS, Fold, folds
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
@@ -121,15 +126,15 @@ class Automatic:
     default_features: bool = False
     tell: Callable[[str], None] | None = None
 
+    def say(self, report: Progress) -> Say:
+        """Tell what is done next, and `report` the fraction done."""
 
-@dataclass(frozen=True, eq=False)
-class Choice:
-    """What was chosen, unfitted, what it is fitted to, and the evidence, as JSON values."""
+        def say(fraction: float, what: str) -> None:
+            if self.tell is not None:
+                self.tell(what)
+            report(fraction)
 
-    estimator: JointRegressor
-    features: FeatureSet
-    target: Target
-    evidence: Mapping[str, Any]
+        return say
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +155,10 @@ def choose(
     fit_rate: float | None,
     random_state: int | None,
     progress: Progress,
-) -> Choice:
+) -> tuple[JointRegressor, FeatureSet, Target, dict[str, Any]]:
     """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
+
+    Gives what was chosen, unfitted, what it is fitted to, and the evidence, as JSON values.
 
     A fold without which the linear model of the first features cannot be fitted is passed over;
     raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
@@ -190,12 +197,8 @@ def choose(
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
 
-    def say(fraction: float, what: str) -> None:
-        if automatic.tell is not None:
-            automatic.tell(what)
-        progress(fraction)
-
-    judged, whole, tried = _validated(tables, left_out, lambda done, what: say(share * done, what))
+    say = automatic.say(progress)
+    judged, whole, tried = _validated(tables, left_out, within(say, 0.0, share))
     tried = [*whole, *tried]
     chosen = _best([option for table in whole for option in _options(table)])
     positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
@@ -205,9 +208,8 @@ def choose(
         with_rates = FeatureSet.parse([*chosen.table.features.names, *rates])
         models = [model for model in free if model.name in chosen_models]
         extended = tabled(with_rates, models, chosen.table.target)
-        _, whole, behind = _validated(
-            [extended], judged, lambda done, what: say(share + (1.0 - share) * done, what), chosen
-        )
+        rest = within(say, share, 1.0 - share)
+        _, whole, behind = _validated([extended], judged, rest, chosen)
         chosen = _best([chosen, *(option for table in whole for option in _options(table))])
         tried += [*whole, *behind]
     say(1.0, "Fitting what was chosen")
@@ -216,7 +218,7 @@ def choose(
     members, weights = _members(chosen), chosen.weights[chosen.weights.any(axis=1)]
     stack = Stack(members, tuple(map(tuple, weights.tolist())))
     estimator = members[0] if len(members) == 1 else stack
-    return Choice(estimator, chosen.table.features, chosen.table.target, evidence)
+    return estimator, chosen.table.features, chosen.table.target, evidence
 
 
 def _with_their_features(
@@ -302,7 +304,7 @@ def _validated(
             share = 1.0 / len(tables) / len(left_out)
             begin = fold_number / len(left_out) + place * share
             try:
-                cross_validate(table, fold, partial(_say_within, say, begin, share))
+                cross_validate(table, fold, within(say, begin, share))
                 filled.append(table)
             except CalibrationError:
                 if rival is None and place == 0:
@@ -317,14 +319,9 @@ def _validated(
             square = usual.square[:TRIED_ON]
             behind = [t for t in tables[0 if rival else 1 :] if _is_behind(t, square)]
             tables = [table for table in tables if table not in behind]
-    for table in behind:
-        table.give_up_all()
+    for candidate in (c for table in behind for c in table.candidates if not c.note):
+        candidate.give_up(candidate.lacking)
     return judged, tables, behind
-
-
-def _say_within(say: Say, begin: float, share: float, fraction: float, what: str) -> None:
-    """Say what is done in a part of what `say` is called for, from `begin` on."""
-    say(begin + share * fraction, f"Choosing: {what}")
 
 
 def _is_behind(table: CrossValidation, square: Array) -> bool:
@@ -426,7 +423,7 @@ def validate_zeros(
     parts: Sequence[Rows],
     left_out: Sequence[Fold],
     fit_pair: Callable[[Sequence[int]], tuple[Calibration, Calibration]],
-    say: Callable[[str, float], None],
+    say: Say,
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better without doubt, and how that was found, as JSON.
 
@@ -444,7 +441,7 @@ def validate_zeros(
         training = [index for index in range(len(parts)) if index not in fold.recordings]
         if len(training) < 2:
             continue
-        say(f"Judging a zero for each recording without {fold.name}", number / len(left_out))
+        say(number / len(left_out), f"Judging a zero for each recording without {fold.name}")
         testing = [parts[index] for index in fold.recordings]
         try:
             pair = fit_pair(training)

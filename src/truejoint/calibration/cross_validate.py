@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from typing import Final
 
 import numpy as np
@@ -50,6 +49,11 @@ class Candidate:
     seconds: float = 0.0
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
+
+    def give_up(self, reason: str = "") -> None:
+        """Try it no more, for a `reason` or what it did so far."""
+        count = len(self.folds)
+        self.note = reason or f"given up after {count} fold{'s' * (count != 1)}"
 
 
 class CrossValidation:
@@ -174,36 +178,25 @@ class CrossValidation:
             w = self.weights(without=fold)
             weighs = w.T[:, :, None] * w.T[:, None, :] > 0.0  # the others may be NaN
             errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
-        each = np.eye(len(self.candidates))
         members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(k)]
         for joint in range(weights.shape[1]):
-            of_one = [(each[k], alone[:, k, joint]) for k in members if usable[k, joint]]
-            simple = [option for option in of_one if option[0][: self.n_simple].any()]
-            against = partial(_mean_log_ratio, reference=alone[:, 0, joint])
-            yardstick = min(simple, key=against)[1]
-            options = [(weights[:, joint], errors[:, joint]), *of_one]
-            better = [option for option in options if is_better(log_ratio(option[1], yardstick))]
-            weights[:, joint], errors[:, joint] = min(better or simple, key=against)
+            numbers = [k for k in members if usable[k, joint]]
+            options = np.vstack([weights[:, joint], np.eye(len(self.candidates))[numbers]])
+            squares = np.vstack([errors[:, joint], alone[:, numbers, joint].T])
+            ratios = log_ratio(squares, alone[:, 0, joint]).mean(axis=1)
+            simple = 1 + np.flatnonzero(np.array(numbers) < self.n_simple)
+            yardstick = squares[min(simple, key=ratios.__getitem__)]
+            better = [k for k, s in enumerate(squares) if is_better(log_ratio(s, yardstick))]
+            best = min(better or simple, key=ratios.__getitem__)
+            weights[:, joint], errors[:, joint] = options[best], squares[best]
         return weights, errors
-
-    def give_up(self, numbers: Iterable[int], reason: str = "") -> None:
-        """Try candidates of these numbers no more, for a `reason` or what they did so far."""
-        for candidate in (self.candidates[number] for number in numbers):
-            count = len(candidate.folds)
-            candidate.note = reason or f"given up after {count} fold{'s' * (count != 1)}"
-
-    def give_up_all(self) -> None:
-        """Try nothing more."""
-        for number, candidate in enumerate(self.candidates):
-            if not candidate.note:
-                self.give_up([number], candidate.lacking)
 
     def pass_by(self, other: CrossValidation) -> None:
         """Do not try what is hopeless in another table, where this one has more features."""
         if set(other.features.names) <= set(self.features.names):
-            tried = list(enumerate(self.candidates))[self.n_simple :]
-            lost = [k for k, c in tried if c.model.name in other.hopeless and not c.note]
-            self.give_up(lost, "hopeless with fewer features")
+            for candidate in self.candidates[self.n_simple :]:
+                if candidate.model.name in other.hopeless and not candidate.note:
+                    candidate.give_up("hopeless with fewer features")
 
     def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
@@ -213,16 +206,13 @@ class CrossValidation:
         unneeded = (worse > math.log1p(_AT_ONCE if is_first else _HOPELESS)).all(axis=1)
         if not is_first:
             unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
-        tried = list(enumerate(self.candidates))[self.n_simple :]
-        lost = [
-            number
-            for number, candidate in tried
-            if unneeded[number] and candidate.is_member and not candidate.note
-            if len(candidate.folds) >= min(TRIED_ON, len(self.products))
-        ]
-        if is_first:
-            self.hopeless |= {self.candidates[number].model.name for number in lost}
-        self.give_up(lost)
+        unneeded[: self.n_simple] = False
+        for candidate in (self.candidates[k] for k in np.flatnonzero(unneeded)):
+            is_tried = candidate.is_member and not candidate.note
+            if is_tried and len(candidate.folds) >= min(TRIED_ON, len(self.products)):
+                candidate.give_up()
+                if is_first:
+                    self.hopeless.add(candidate.model.name)
 
 
 def cross_validate(table: CrossValidation, fold: Fold, say: Say) -> None:
@@ -236,7 +226,7 @@ def cross_validate(table: CrossValidation, fold: Fold, say: Say) -> None:
     for number, candidate in enumerate(table.candidates):
         if candidate.note:
             continue
-        say(number / len(table.candidates), f"{candidate.model.name} without {fold.name}")
+        say(number / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
         began = time.perf_counter()
         try:
             predicted, spread = _predict(candidate, table, training, test)
@@ -364,7 +354,3 @@ def is_better(ratios: Array) -> bool:
 def log_ratio(square: Array, other: Array) -> Array:
     """Logarithm of the ratio of two errors, of their squares."""
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
-
-
-def _mean_log_ratio(option: tuple[Array, Array], reference: Array) -> float:
-    return float(log_ratio(option[1], reference).mean())

@@ -126,17 +126,12 @@ def resting_features(
     for name, unit in units.items():
         quantity, _, channel = name.partition("/")
         if quantity == "measured":
-            columns = [recording.column(name) for recording in recordings]
-            way = max(map(np.max, columns)) - min(map(np.min, columns))
+            way = np.ptp(np.concatenate([recording.column(name) for recording in recordings]))
             ways.setdefault(unit, {})[channel] = float(way)
-    resting = {
-        channel
-        for alike in ways.values()
-        for channel, way in alike.items()
-        if way < RESTING * max(alike.values())
-    }.difference(joints)
-    channels = [feature.signal.partition("/")[2] for feature in feature_set.features]
-    return np.array([channel in resting for channel in channels])
+    longest = {channel: max(alike.values()) for alike in ways.values() for channel in alike}
+    all_ways = {channel: way for alike in ways.values() for channel, way in alike.items()}
+    resting = {c for c, way in all_ways.items() if way < RESTING * longest[c]} - set(joints)
+    return np.array([f.signal.partition("/")[2] in resting for f in feature_set.features])
 
 
 def partners(signals: Sequence[str]) -> Integers:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -16,8 +16,8 @@ from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration, RezeroedFit
-from truejoint.calibration.choose import Automatic, Choice, choose, validate_zeros
-from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, share_of
+from truejoint.calibration.choose import Automatic, choose, validate_zeros
+from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, Say, share_of
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import (
     STEPS_PER_RANGE,
@@ -132,15 +132,14 @@ def calibrate(
     recordings = as_recordings(recordings)
     report, began = progress or untold, time.perf_counter()
     groups = None if zero is None or zero == "shared" else zero_groups(recordings, zero)
-    choice, begin, share = None, 0.0, 1.0
+    evidence, begin, share = dict[str, Any](), 0.0, 1.0
     if isinstance(estimator, Automatic) or estimator == AUTO:
         automatic = estimator if isinstance(estimator, Automatic) else Automatic()
         begin = _CHOICE_SHARE
-        choice = choose(
+        estimator, features, target, evidence = choose(
             recordings, automatic, features, joints, target, fit_rate, random_state,
             within(report, 0.0, begin),
         )  # fmt: skip
-        estimator, features, target = choice.estimator, choice.features, choice.target
         random_state = None
         share = 1.0 - begin - (_ZEROS_SHARE if zero is None else 0.0)
     task = FitTask.of(recordings, estimator, features, joints, target, random_state)
@@ -153,19 +152,18 @@ def calibrate(
     if groups is not None and zero is not None:
         again = within(report, begin + own_share, own_share)
         fitted, parts = _with_zeros(fitted, task, parts, groups, zero, again)
-    if choice is not None:
-        evidence = dict(choice.evidence)
-        if zero is None:
-            rest = within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE)
-            own_zeros, evidence["zero"] = _judge_zeros(
-                fitted, choice, recordings, fit_rate, automatic, rest
-            )
-            if own_zeros:
-                groups = zero_groups(recordings, "recording")
-                fitted, parts = _with_zeros(fitted, task, parts, groups, "recording", untold)
+    if evidence and zero is None:
+        say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
+        own_zeros, evidence["zero"] = _judge_zeros(
+            fitted, estimator, recordings, fit_rate, evidence, say
+        )
+        if own_zeros:
+            groups = zero_groups(recordings, "recording")
+            fitted, parts = _with_zeros(fitted, task, parts, groups, "recording", untold)
+    if evidence:
         fitted = fitted.with_metadata(choice=evidence)
     if has_baseline(parts):
-        residuals = _residuals(fitted.for_rezeroing, parts, choice)
+        residuals = _residuals(fitted.for_rezeroing, parts, evidence)
         baseline = fit_effort_baseline(parts, fitted.signals, residuals)
         fitted = replace(fitted, effort_baseline=baseline)
     report(1.0)
@@ -236,38 +234,34 @@ def _with_zeros(
     ]
 
 
-def _residuals(calibration: Calibration, parts: Sequence[Rows], choice: Choice | None) -> Residuals:
+def _residuals(
+    calibration: Calibration, parts: Sequence[Rows], evidence: Mapping[str, Any]
+) -> Residuals:
     """Residuals in the training, or those on what the fits of a choice did not see, if larger.
 
     Those are the median of the folds: some lie far beyond what the others show.
     """
     lower, upper = position_range(parts)
     residuals = residual_statistics(calibration, parts, (upper - lower) / STEPS_PER_RANGE)
-    if choice is None:
+    if not evidence:
         return residuals
-    held_out = [choice.evidence["chosen"]["median"][joint] for joint in calibration.joints]
-    return residuals._replace(size=np.maximum(residuals.size, held_out))
+    held_out = [evidence["chosen"]["median"][joint] for joint in calibration.joints]
+    return residuals._replace(residual=np.maximum(residuals.residual, held_out))
 
 
 def _judge_zeros(
     fitted: Calibration,
-    choice: Choice,
+    estimator: str | Regressor,
     recordings: Sequence[Recording],
     fit_rate: float | None,
-    automatic: Automatic,
-    report: Progress,
+    evidence: Mapping[str, Any],
+    say: Say,
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better, cross-validated, and the evidence.
 
     What is left out enters no fit that it judges, nor the residuals of that, but for their median
     over all folds and what the choice settled, such as a network's epochs.
     """
-
-    def say(what: str, fraction: float) -> None:
-        report(fraction)
-        if automatic.tell is not None:
-            automatic.tell(what)
-
     few = distinct(recordings)
     if len(few) < FEW:
         return False, {"kept": False, "note": f"it takes {FEW} recordings"}
@@ -275,7 +269,7 @@ def _judge_zeros(
         most = share_of([len(recording) for recording in few], MOST_ROWS)
         few = [r.rows(np.arange(0, len(r), -(-len(r) // most))) for r in few]
     longest = max(default_gap_limit([r]) for r in few)  # each is thinned in its own way
-    settled = choice.estimator, choice.features, fitted.joints, choice.target, None
+    settled = estimator, fitted.feature_set, fitted.joints, fitted.target, None
     task = replace(FitTask.of(few, *settled), gap_limit=longest)
     stride = max(stride_of(fit_rate, task.dt), -(-sum(map(len, few)) // FITTED_ROWS))
     parts = task.rows(stride)
@@ -289,7 +283,7 @@ def _judge_zeros(
         ]
         shared, again = (replace(bare, fitted=data_of(model), learnt=model) for model in models)
         if has_baseline(training_parts):
-            residuals = _residuals(shared, training_parts, choice)
+            residuals = _residuals(shared, training_parts, evidence)
             baseline = EffortBaseline.of_residuals(training_parts, residuals)
             shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
         zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Final, Self, get_args
@@ -14,7 +14,7 @@ from sklearn.base import clone
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.calibration.calibration import RezeroedFit
 from truejoint.calibration.compatibility import (
-    check_unit,
+    check_units,
     chosen_features,
     chosen_joints,
     common_robot,
@@ -165,9 +165,9 @@ class FitTask:
         return RezeroedFit(data_of(model), fitted, learnt=model), notes
 
 
-def within(report: Progress, begin: float, share: float) -> Progress:
+def within(report: Callable[..., None], begin: float, share: float) -> Callable[..., None]:
     """Progress of a part of what `report` is called for, from `begin` on."""
-    return lambda fraction: report(begin + share * fraction)
+    return lambda fraction, *what: report(begin + share * fraction, *what)
 
 
 def fit_model(
@@ -189,7 +189,7 @@ def fit_model(
     for part, columns in zip(parts, pieces, strict=True):
         for column, name in zip(columns.T, names, strict=True):
             if name in part.recording.units:
-                check_unit(part.recording, name, "Nm", "and is learnt in")
+                check_units(part.recording, {name: "Nm"}, "and is learnt in")
                 column[:] = part.recording.column(name)
     return model.fit(inputs, targets, report, dt, loads)
 
