@@ -286,6 +286,11 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
     return turn, tip.mean(axis=0) - turn @ point.mean(axis=0)
 
 
+def pose_matrix(rotation: Array, translation: Array) -> Array:
+    """Pose (4, 4) of a rotation (3, 3) and a translation (3,)."""
+    return np.block([[rotation, translation[:, None]], [np.zeros(3), 1.0]])
+
+
 def cross_matrix(vectors: Array) -> Array:
     """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
     return np.asarray(np.cross(vectors[:, None], np.eye(3)).transpose(0, 2, 1))
@@ -295,6 +300,8 @@ def cross_matrix(vectors: Array) -> Array:
 class TipFit:
     """Parameters that fit the points, and how surely."""
 
+    rows: TipRows  # What it was fitted to
+    prior: TipPrior
     state: TipState
     covariance: Array  # (n, n), of all parameters; zero for those that were held
     residual: Array  # (m, 3), predicted less stated points [m]
@@ -485,4 +492,5 @@ def _fit_inliers(rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask) 
     rank = int(np.linalg.matrix_rank(prior.precision, hermitian=True))
     freedom = 3 * int(inlier.sum()) + rank - len(free)
     points = white.equations.residual
-    return TipFit(state, covariance, points, distance, weight, misfit, freedom, evidence)
+    judged = points, distance, weight, misfit, freedom, evidence
+    return TipFit(rows, prior, state, covariance, *judged)

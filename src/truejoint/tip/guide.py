@@ -108,7 +108,7 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
         if not finds_block:
             return fit_zero(calibration, recording, touches, pose, homing)
         rows = tip_rows(calibration, recording, touches, pose.block, offsets=False)
-        return fit_block(rows, pose.block)[0]
+        return fit_block(rows, pose.block)
 
     fewest = FEWEST_OF_BLOCK if finds_block else FEWEST
     return Task(robot, pose, fewest, unknowns, fit, is_zero_alone=not finds_block)
@@ -132,7 +132,7 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
 
     def fit(recording: Recording, touches: Touches) -> TipFit:
         features = features_of(recording, terms)
-        return fit_terms(recording, touches, block, terms, features, priors).fit
+        return fit_terms(recording, touches, block, terms, features, priors)[0]
 
     return Task(robot, pose, fewest_touches(priors), unknowns, fit)
 
