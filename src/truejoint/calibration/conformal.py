@@ -256,9 +256,9 @@ def exchangeable_units(
     names = [recording.provenance.homing_id for recording in recordings]
     if not per_homing or len(set(names) - {""}) < 2:
         return [[i] for i in range(len(recordings))]
-    units: dict[str, list[int]] = {}
+    units: dict[str | int, list[int]] = {}
     for i, name in enumerate(names):
-        units.setdefault(name or f"\0{i}", []).append(i)
+        units.setdefault(name or i, []).append(i)
     return list(units.values())
 
 
@@ -387,11 +387,11 @@ def cross_interval(
     scores: dict[Part, list[Array]] = {}
     for fit, fold in zip(fits, plan.left_out, strict=True):
         used = replace(fit, effort_baseline=fitted.effort_baseline)
-        rows = {i: used.rows(different[i]) for i in fold.recordings}
+        by_recording = {i: used.rows(different[i]) for i in fold.recordings}
         for part in fold.parts:
-            seen = rows[part.recording]
-            found = trajectory_scores(used, seen, rezero, growth, part.rows(len(seen)))
-            scores.setdefault(part, []).append(found)
+            rows = by_recording[part.recording]
+            score = trajectory_scores(used, rows, rezero, growth, part.rows(len(rows)))
+            scores.setdefault(part, []).append(score)
     joined = [
         np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in plan.units
     ]

@@ -14,10 +14,17 @@ from typing import Any, Final
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration, RezeroedFit
-from truejoint.calibration.choose import Automatic, choose, validate_zeros
-from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, Say, share_of
+from truejoint.calibration.choose import (
+    FITTED_ROWS,
+    MOST_ROWS,
+    Automatic,
+    Say,
+    choose,
+    share_of,
+    validate_zeros,
+)
 from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.efforts import (
     STEPS_PER_RANGE,
@@ -131,7 +138,9 @@ def calibrate(
     """
     recordings = as_recordings(recordings)
     report, began = progress or untold, time.perf_counter()
-    groups = None if zero is None or zero == "shared" else zero_groups(recordings, zero)
+    per = None if zero == "shared" else zero
+    if per is not None:
+        zero_groups(recordings, per)  # which refuses what cannot be grouped before the fit
     evidence, begin, share = dict[str, Any](), 0.0, 1.0
     if isinstance(estimator, Automatic) or estimator == AUTO:
         automatic = estimator if isinstance(estimator, Automatic) else Automatic()
@@ -147,19 +156,18 @@ def calibrate(
         recordings, task.joints, tuple(task.units), redundant_columns(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
-    own_share = share if groups is None else 0.5 * share
+    own_share = share if per is None else 0.5 * share
     fitted = _assembled(task, parts, task.fit(parts, within(report, begin, own_share)), *checks)
-    if groups is not None and zero is not None:
+    if per is not None:
         again = within(report, begin + own_share, own_share)
-        fitted, parts = _with_zeros(fitted, task, parts, groups, zero, again)
+        fitted, parts = _with_zeros(fitted, task, parts, per, again)
     if evidence and zero is None:
         say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
         own_zeros, evidence["zero"] = _judge_zeros(
             fitted, estimator, recordings, fit_rate, evidence, say
         )
         if own_zeros:
-            groups = zero_groups(recordings, "recording")
-            fitted, parts = _with_zeros(fitted, task, parts, groups, "recording", untold)
+            fitted, parts = _with_zeros(fitted, task, parts, "recording", untold)
     if evidence:
         fitted = fitted.with_metadata(choice=evidence)
     if has_baseline(parts):
@@ -218,12 +226,11 @@ def _with_zeros(
     fitted: Calibration,
     task: FitTask,
     parts: Sequence[Rows],
-    groups: tuple[list[str], Integers],
     zero: ZeroOf,
     report: Progress,
 ) -> tuple[Calibration, list[Rows]]:
-    """Fit once more, with a zero for each of the `groups`; also give the rows of that fit."""
-    names, group = groups
+    """Fit once more, with a zero for each recording or homing; also give the rows of that fit."""
+    names, group = zero_groups([part.recording for part in parts], zero)
     signals = tuple(task.units)
     moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
     at_zero, offsets = take_off_zeros(parts, group, moves, signals)
@@ -323,8 +330,7 @@ def cross_fit(
             again = replace(task.fit(training)[0], moves=bare.moves)
             both = replace(bare, rezeroed_fit=again)
         else:
-            groups = zero_groups([part.recording for part in training], zeros.per)
-            both, _ = _with_zeros(bare, task, training, groups, zeros.per, untold)
+            both, _ = _with_zeros(bare, task, training, zeros.per, untold)
         X = fitted_rows(training, "X")
         fits.append(replace(both.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0)))
         (progress or untold)((number + 1) / len(left_out))
@@ -392,14 +398,14 @@ def expected_gain(
     recordings = as_recordings(recordings)
     how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
     whole = calibrate(recordings, estimator, **how)
-    rows = [whole.rows(recording) for recording in recordings]
-    predicted = [whole.correct(held_out) for held_out in rows]
+    rows = list(map(whole.rows, recordings))
+    predicted = list(map(whole.correct, rows))
     parts = blocks(recordings, FOLDS)
     left_out = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
     differences, errors = [], []
     fits = cross_fit(whole, recordings, left_out, fit_rate=how.get("fit_rate"))
     for fit, fold in zip(fits, left_out, strict=True):
-        again = [fit.correct(held_out) for held_out in rows]
+        again = list(map(fit.correct, rows))
         squares = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
         differences.append(np.concatenate(squares).mean(axis=0))
         for part in fold.parts:

@@ -257,8 +257,8 @@ def zero_groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str
     """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    origins = [recording.provenance for recording in recordings]
-    keys = [(zero == "homing" and origin.homing_id) or i for i, origin in enumerate(origins)]
+    homings = [zero == "homing" and recording.provenance.homing_id for recording in recordings]
+    keys = [homing or i for i, homing in enumerate(homings)]
     different = list(dict.fromkeys(keys))
     names = [key if isinstance(key, str) else source_of(recordings[key]) for key in different]
     if len(names) < 2:
@@ -281,8 +281,7 @@ def take_off_zeros(
     zeros = _group_zeros(parts, group)
     if moves is None:
         return [replace(p, zero=z) for p, z in zip(parts, zeros[group], strict=True)], zeros
-    remaining, at_zero = zeros, list(parts)
-    zeros = np.zeros_like(zeros)
+    remaining, at_zero, zeros = zeros, list(parts), np.zeros_like(zeros)
     while np.abs(remaining).max() > _SETTLED:
         zeros = zeros + remaining
         at_zero = [
@@ -329,11 +328,9 @@ def signal_moves(
     for j, joint in enumerate(joints):
         measured = np.concatenate([r.column(f"measured/{joint}") for r in recordings])
         columns = np.column_stack([measured, np.ones_like(measured)])
-        for i, signal in enumerate(signals):
-            if signal.partition("/")[2] != joint:
-                continue
-            values = np.concatenate([recording.column(signal) for recording in recordings])
+        for i in [i for i, signal in enumerate(signals) if signal.partition("/")[2] == joint]:
+            values = np.concatenate([recording.column(signals[i]) for recording in recordings])
             line = np.linalg.lstsq(columns, values)[0]
             if np.abs(values - columns @ line).max() <= _SAME_SENSOR * np.ptp(values):
-                moves[i, j] = 1.0 if signal == f"measured/{joint}" else line[0]
+                moves[i, j] = 1.0 if signals[i] == f"measured/{joint}" else line[0]
     return moves

@@ -144,8 +144,8 @@ class Registered(Summarised):
             for shown in [display_unit(unit)]
         ]
         return {
-            "tracker": f"at {_listed(1e3 * self.base_from_tracker[:3, 3], '.2f')} mm of the base, turned "
-            f"{_listed(turn, '.3f')} deg",
+            "tracker": f"at {_listed(1e3 * self.base_from_tracker[:3, 3], '.2f')} mm of the base, "
+            f"turned {_listed(turn, '.3f')} deg",
             "± (1 sd)": f"{_listed(1e3 * self.base_sd[3:], '.2g')} mm, "
             f"{_listed(np.rad2deg(self.base_sd[:3]), '.2g')} deg",
             "marker": f"at {_listed(1e3 * self.link_from_marker[:3, 3], '.2f')} mm ± "
