@@ -17,12 +17,7 @@ from tests.estimators.motor_side.test_motor_side import recording as grasper
 
 import truejoint
 from truejoint.calibration import Automatic, calibrate, read_calibration, write_calibration
-from truejoint.calibration.choose import (
-    CrossValidation,
-    decoupled,
-    share_of,
-    stacking_weights,
-)
+from truejoint.calibration.choose import CrossValidation, decoupled, share_of, stacking_weights
 from truejoint.errors import CalibrationError
 from truejoint.estimators import (
     GRU,

@@ -12,12 +12,7 @@ from tests.calibration.test_conformal import homed as homed_as
 from tests.calibration.test_folds import crossed, jaw
 from tests.synthetic import build_recording
 
-from truejoint.calibration import (
-    Calibration,
-    calibrate,
-    cross_interval,
-    folds,
-)
+from truejoint.calibration import Calibration, calibrate, cross_interval, folds
 from truejoint.calibration.conformal import conformal_threshold, trajectory_scores
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording

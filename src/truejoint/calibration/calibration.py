@@ -26,11 +26,7 @@ from truejoint.calibration.redundancy import ParityEquations
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.estimators.family import EstimatorData, Family, Target, evaluate
-from truejoint.features.feature_set import (
-    FeatureSet,
-    check_history,
-    check_sample_dt,
-)
+from truejoint.features.feature_set import FeatureSet, check_history, check_sample_dt
 from truejoint.robots.robot import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit

@@ -502,7 +502,11 @@ def choose(
     by_features, targets = _with_their_features(models, robot, recordings, asked, target)
     free = [m for models in by_features.values() for m in models if m.family.inputs is None]
     more = [usual] if automatic.default_features and len(recordings) >= FEW else []
-    _extend(by_features, free, _more_features(recordings) if features is None else more)
+    if features is None:  # all columns of some quantities, besides the default ones
+        units = recordings[0].units
+        columns = [[n for n in units if n.split("/")[0] in quantities] for quantities in _MORE]
+        more = [FeatureSet.parse(in_all(recordings, names)) for names in columns]
+    _extend(by_features, free, more)
     outlying = outlying_values(recordings, names)
     gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
     stride, sizes = stride_of(fit_rate, dt), [len(recording) for recording in recordings]
@@ -585,13 +589,6 @@ def _with_their_features(
     return by_features, targets
 
 
-def _more_features(recordings: Sequence[Recording]) -> list[FeatureSet]:
-    """Features that a choice tries besides the default ones: all columns of some quantities."""
-    first = recordings[0].units
-    columns = [[n for n in first if n.split("/")[0] in quantities] for quantities in _MORE]
-    return [FeatureSet.parse(in_all(recordings, names)) for names in columns]
-
-
 def _extend(
     by_features: dict[FeatureSet, list[JointRegressor]],
     free: list[JointRegressor],
@@ -641,16 +638,15 @@ def _validated(
         if filled and len(judged) == TRIED_ON:
             usual = rival or next(_options(tables[0]))
             square = usual.square[:TRIED_ON]
-            behind = [t for t in tables[0 if rival else 1 :] if _is_behind(t, square)]
+            behind = [
+                table
+                for table in tables[0 if rival else 1 :]
+                if all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
+            ]
             tables = [table for table in tables if table not in behind]
     for candidate in (c for table in behind for c in table.candidates if not c.note):
         candidate.give_up(candidate.lacking)
     return judged, tables, behind
-
-
-def _is_behind(table: CrossValidation, square: Array) -> bool:
-    """Whether nothing in a table has so much smaller errors than these (n_folds, n_joints)."""
-    return all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
 
 
 def _options(table: CrossValidation) -> Iterator[_Option]:

@@ -223,11 +223,7 @@ def _assembled(
 
 
 def _with_zeros(
-    fitted: Calibration,
-    task: FitTask,
-    parts: Sequence[Rows],
-    zero: ZeroOf,
-    report: Progress,
+    fitted: Calibration, task: FitTask, parts: Sequence[Rows], zero: ZeroOf, report: Progress
 ) -> tuple[Calibration, list[Rows]]:
     """Fit once more, with a zero for each recording or homing; also give the rows of that fit."""
     names, group = zero_groups([part.recording for part in parts], zero)

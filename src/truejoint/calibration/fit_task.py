@@ -28,12 +28,7 @@ from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.family import TARGETS, EstimatorData, Target
 from truejoint.estimators.registry import BASELINES
 from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
-from truejoint.features.feature_set import (
-    FeatureSet,
-    check_sample_dt,
-    default_gap_limit,
-    sample_dt,
-)
+from truejoint.features.feature_set import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.join.explained import gross_outliers
 from truejoint.robots import Robot

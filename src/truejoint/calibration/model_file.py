@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Mapping
@@ -25,7 +26,7 @@ from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
 from truejoint.robots.catalogue import robot_of
-from truejoint.schema import Bounds, Length, Pattern
+from truejoint.schema import Bounds, Length, Pattern, Shape
 
 MAX_JOINTS: Final = 64
 
@@ -35,7 +36,6 @@ _SAME: Final = "origin", "joints", "target", "units", "gap_limit", "metadata", "
 
 _Name = Annotated[str, Pattern(r"\w{1,60}", "a name of up to 60 letters, digits and _")]
 _Unit = Annotated[str, Pattern(r"[^\x00-\x1f\x7f]{1,40}", "a text of 1 to 40 characters")]
-_Edge = Annotated[float, Bounds(-1e300, 1e300)]
 _Axes = Mapping[str, str]
 _Parts = dict[str, dict[str, Array]]
 
@@ -87,7 +87,7 @@ class _Description:
     target: Target
     features: tuple[str, ...]
     units: Mapping[str, _Unit]
-    ranges: tuple[tuple[_Edge, _Edge], ...]
+    ranges: Annotated[Array, Shape((None, 2)), Bounds(-1e300, 1e300)]
     gap_limit: Annotated[float, Bounds(1e-9, 1e9)]
     fit: _Fit
     origin: Origin
@@ -104,7 +104,7 @@ class _Description:
         for name in (name for fit in fits for name in fit.baselines):
             if name in taken or not name.isidentifier():
                 raise ModelFileError(f"baselines: {name!r:.60} is no name of one")
-        if any(low > high for low, high in self.ranges):
+        if (self.ranges[:, 0] > self.ranges[:, 1]).any():
             raise ModelFileError("ranges: a lower bound is above its upper one")
         if any(not is_signal(name) for name in self.redundant):  # they stand in C source
             raise ModelFileError(f"redundant: {list(self.redundant)!r:.80} is called as none is")
@@ -206,7 +206,10 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
             continue
         models = {"model": fit.fitted, **fit.baselines}
         entries = {
-            name: {"family": data.family, "params": _plain(data.params)}
+            name: {
+                "family": data.family,
+                "params": json.loads(json.dumps(data.params, default=_plain)),
+            }
             for name, data in models.items()
         }
         description[key] = {"model": entries.pop("model"), "baselines": entries}
@@ -227,14 +230,8 @@ def _arrays_of(value: Any) -> dict[str, Array]:
 
 
 def _plain(value: Any) -> Any:
-    """JSON value of a parameter; a generator of random numbers states no seed."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.random.RandomState):
-        return None
-    return value.item() if isinstance(value, np.generic) else value
+    """JSON value of a parameter that is none; a generator of random numbers states no seed."""
+    return None if isinstance(value, np.random.RandomState) else schema.plain(value)
 
 
 def _tuples(value: Any) -> Any:
@@ -263,7 +260,7 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     first = _fit(stated.fit, parts, "", sizes)
     again = stated.rezeroed_fit
     offsets = parts.pop("zero", {})
-    lower, upper = np.array(stated.ranges, dtype=float).T.copy()
+    lower, upper = stated.ranges.T.copy()
     calibration = Calibration(
         machine=robot_of(stated.robot, "the model file"),
         feature_set=stated.feature_set,

@@ -60,9 +60,6 @@ class TipState:
         terms = tuple(f"term {k}" for k in range(len(self.coefficients)))
         return (*terms, *POSE, *MARKER, SCALE, *TURN)
 
-    def __len__(self) -> int:
-        return len(self.coefficients) + 13
-
     def moved(self, step: Array) -> TipState:
         """State after a step (n,) of all parameters; turns are about the frames' own axes."""
         k = len(self.coefficients)

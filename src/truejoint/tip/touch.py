@@ -27,14 +27,7 @@ from truejoint.files import read_small
 from truejoint.recordings import Recording
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
-from truejoint.tip.terms import (
-    LEFT,
-    SPREAD,
-    Terms,
-    check_priors,
-    learned_priors,
-    wide_priors,
-)
+from truejoint.tip.terms import LEFT, SPREAD, Terms, check_priors, learned_priors, wide_priors
 from truejoint.units import shown, with_unit
 
 FEWEST: Final = 3
