@@ -199,10 +199,8 @@ class TipRows:
 
     def rows(self, chosen: Mask) -> TipRows:
         """Give some of the rows."""
-        turns = None if self.orientation is None else self.orientation[chosen]
-        names = ("joint", "basis", "point")
-        parts = {name: getattr(self, name)[chosen] for name in names}
-        return replace(self, **parts, orientation=turns)
+        names = ["joint", "basis", "point", *["orientation"] * (self.orientation is not None)]
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
     def with_joint_sd(self, corrected: Array) -> TipRows:
         """Rows with another deviation (n_corrected,) of the joints that the terms correct."""
