@@ -11,23 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
+from truejoint.calibration import folds
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.choose import Automatic
 from truejoint.calibration.compatibility import common_robot, source_of
 from truejoint.calibration.efforts import residual_statistics
 from truejoint.calibration.fit import calibrate, cross_fit
 from truejoint.calibration.fit_task import within
-from truejoint.calibration.folds import (
-    FOLDS,
-    Fold,
-    Part,
-    blocks,
-    conditions,
-    dealt,
-    enough_beside,
-    wholes,
-    without_levels,
-)
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Session, distinct
 from truejoint.calibration.rows import Rows
@@ -384,7 +374,7 @@ def cross_interval(
         for fold in plan.left_out
     ]
     fitted = knowing_errors(fitted, list(zip(fits, held_out, strict=True)))
-    scores: dict[Part, list[Array]] = {}
+    scores: dict[folds.Part, list[Array]] = {}
     for fit, fold in zip(fits, plan.left_out, strict=True):
         used = replace(fit, effort_baseline=fitted.effort_baseline)
         by_recording = {i: used.rows(different[i]) for i in fold.recordings}
@@ -403,8 +393,8 @@ def cross_interval(
 class _Plan:
     """What weighs as one trajectory, and what each fit does without."""
 
-    units: list[list[Part]]
-    left_out: list[Fold]
+    units: list[list[folds.Part]]
+    left_out: list[folds.Fold]
     cut: int = 0  # recordings that were cut into the units
     whole: int = 0  # of these, or of homings, that are left out whole all the same
 
@@ -416,17 +406,17 @@ def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
     """
     groups = exchangeable_units(recordings, per_homing=per_homing)
     if len(groups) < WHOLE_FROM:
-        parts = blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))
+        parts = folds.blocks(recordings, max(folds.FOLDS, -(-PARTS // len(recordings))))
         units = [[part] for part in parts]
-        by_part = _Plan(units, dealt(units, ""), len(recordings))
+        by_part = _Plan(units, folds.dealt(units, ""), len(recordings))
         grouped = [[part for part in parts if part.recording in group] for group in groups]
-        whole = dealt(grouped, "")
-        enough = enough_beside(recordings, [fold.recordings for fold in whole])
+        whole = folds.dealt(grouped, "")
+        enough = folds.enough_beside(recordings, [fold.recordings for fold in whole])
         if len(groups) == 1 or not enough.all():
             return [by_part]
         return [_Plan(units, whole, len(recordings), len(groups)), by_part]
-    parts = wholes(recordings)
+    parts = folds.wholes(recordings)
     units = [[parts[i] for i in group] for group in groups]
     if len(units) < len(parts):  # several recordings of a homing
-        return [_Plan(units, dealt(units, ""))]
-    return [_Plan(units, without_levels(recordings, conditions(recordings)))]
+        return [_Plan(units, folds.dealt(units, ""))]
+    return [_Plan(units, folds.without_levels(recordings, folds.conditions(recordings)))]

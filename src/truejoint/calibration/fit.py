@@ -15,6 +15,7 @@ import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array
+from truejoint.calibration import efforts
 from truejoint.calibration.calibration import Calibration, RezeroedFit
 from truejoint.calibration.choose import (
     FITTED_ROWS,
@@ -26,15 +27,6 @@ from truejoint.calibration.choose import (
     validate_zeros,
 )
 from truejoint.calibration.domain import fit_training_domain, resting_features
-from truejoint.calibration.efforts import (
-    STEPS_PER_RANGE,
-    EffortBaseline,
-    Residuals,
-    fit_effort_baseline,
-    has_baseline,
-    position_range,
-    residual_statistics,
-)
 from truejoint.calibration.fit_task import (
     FitTask,
     data_of,
@@ -170,9 +162,9 @@ def calibrate(
             fitted, parts = _with_zeros(fitted, task, parts, "recording", untold)
     if evidence:
         fitted = fitted.with_metadata(choice=evidence)
-    if has_baseline(parts):
+    if efforts.has_baseline(parts):
         residuals = _residuals(fitted.for_rezeroing, parts, evidence)
-        baseline = fit_effort_baseline(parts, fitted.signals, residuals)
+        baseline = efforts.fit_effort_baseline(parts, fitted.signals, residuals)
         fitted = replace(fitted, effort_baseline=baseline)
     report(1.0)
     return fitted.with_metadata(fit_seconds=round(time.perf_counter() - began, 3))
@@ -239,13 +231,15 @@ def _with_zeros(
 
 def _residuals(
     calibration: Calibration, parts: Sequence[Rows], evidence: Mapping[str, Any]
-) -> Residuals:
+) -> efforts.Residuals:
     """Residuals in the training, or those on what the fits of a choice did not see, if larger.
 
     Those are the median of the folds: some lie far beyond what the others show.
     """
-    lower, upper = position_range(parts)
-    residuals = residual_statistics(calibration, parts, (upper - lower) / STEPS_PER_RANGE)
+    lower, upper = efforts.position_range(parts)
+    residuals = efforts.residual_statistics(
+        calibration, parts, (upper - lower) / efforts.STEPS_PER_RANGE
+    )
     if not evidence:
         return residuals
     held_out = [evidence["chosen"]["median"][joint] for joint in calibration.joints]
@@ -285,9 +279,9 @@ def _judge_zeros(
             fit_model(clone(task.model), rows, task.target) for rows in (training_parts, each)
         ]
         shared, again = (replace(bare, fitted=data_of(model), learnt=model) for model in models)
-        if has_baseline(training_parts):
+        if efforts.has_baseline(training_parts):
             residuals = _residuals(shared, training_parts, evidence)
-            baseline = EffortBaseline.of_residuals(training_parts, residuals)
+            baseline = efforts.EffortBaseline.of_residuals(training_parts, residuals)
             shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
         zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)
         return shared, replace(again, origin=replace(again.origin, zeros=zeros))
