@@ -107,8 +107,7 @@ def adapted(
         after, penalties = _changed(after, models, parts, usual)
     origin, facts = training_origin(parts)
     sessions = [*origin.sessions, *before.origin.sessions]  # so that none is judged on
-    known_sessions = replace(origin, sessions=tuple(sessions))
-    sessions += [Session.of(r) for r in reference if not known_sessions.includes(r)]
+    sessions += [Session.of(r) for r in reference if not any(s.overlaps(r) for s in sessions)]
     origin = replace(
         before.origin, sessions=tuple(sessions), homing_ids=origin.homing_ids,
         interval_sessions=(), accepted=(),

@@ -16,21 +16,8 @@ import numpy as np
 from scipy.optimize import nnls
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration import compatibility, fit_task
 from truejoint.calibration.calibration import Calibration
-from truejoint.calibration.compatibility import (
-    chosen_features,
-    chosen_joints,
-    common_robot,
-    common_units,
-    in_all,
-)
-from truejoint.calibration.fit_task import (
-    outlying_values,
-    stride_of,
-    training_rows,
-    unfitted,
-    within,
-)
 from truejoint.calibration.folds import FEW, FOLDS, Fold, folds, hidden_rows
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
@@ -491,13 +478,13 @@ def choose(
     raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
     more of them take more rows, are left out.
     """
-    robot = common_robot(recordings)
-    names = chosen_joints(robot, recordings, joints)
+    robot = compatibility.common_robot(recordings)
+    names = compatibility.chosen_joints(robot, recordings, joints)
     recordings = distinct(recordings)
     named = dict.fromkeys(n for r in recordings for n in default_features(robot, r).names)
-    usual = FeatureSet.parse(in_all(recordings, named))
-    common_units(recordings, usual, names)  # refuses joints that are in rad here and in m there
-    models = [unfitted(model, None, random_state) for model in automatic.candidates]
+    usual = FeatureSet.parse(compatibility.in_all(recordings, named))
+    compatibility.common_units(recordings, usual, names)  # refuses rad here and m there
+    models = [fit_task.unfitted(model, None, random_state) for model in automatic.candidates]
     asked = usual if features is None else features
     by_features, targets = _with_their_features(models, robot, recordings, asked, target)
     free = [m for models in by_features.values() for m in models if m.family.inputs is None]
@@ -505,18 +492,18 @@ def choose(
     if features is None:  # all columns of some quantities, besides the default ones
         units = recordings[0].units
         columns = [[n for n in units if n.split("/")[0] in quantities] for quantities in _MORE]
-        more = [FeatureSet.parse(in_all(recordings, names)) for names in columns]
+        more = [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]
     _extend(by_features, free, more)
-    outlying = outlying_values(recordings, names)
+    outlying = fit_task.outlying_values(recordings, names)
     gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
-    stride, sizes = stride_of(fit_rate, dt), [len(recording) for recording in recordings]
+    stride, sizes = fit_task.stride_of(fit_rate, dt), [len(recording) for recording in recordings]
 
     def tabled(
         feature_set: FeatureSet, models: Sequence[JointRegressor], target: Target
     ) -> CrossValidation:
         thinned = not any(model.family.counts_samples for model in models)
         most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        parts = training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
+        parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
         models = [model.for_features(feature_set.names, robot, names) for model in models]
         return CrossValidation(parts, target, models, most)
 
@@ -529,7 +516,7 @@ def choose(
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
 
     say = automatic.say(progress)
-    judged, whole, tried = _validated(tables, left_out, within(say, 0.0, share))
+    judged, whole, tried = _validated(tables, left_out, fit_task.within(say, 0.0, share))
     tried = [*whole, *tried]
     chosen = _best([option for table in whole for option in _options(table)])
     positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
@@ -539,7 +526,7 @@ def choose(
         with_rates = FeatureSet.parse([*chosen.table.features.names, *rates])
         models = [model for model in free if model.name in chosen_models]
         extended = tabled(with_rates, models, chosen.table.target)
-        rest = within(say, share, 1.0 - share)
+        rest = fit_task.within(say, share, 1.0 - share)
         _, whole, behind = _validated([extended], judged, rest, chosen)
         chosen = _best([chosen, *(option for table in whole for option in _options(table))])
         tried += [*whole, *behind]
@@ -573,7 +560,7 @@ def _with_their_features(
         features = asked if inputs is None else None
         try:
             prepared = model.for_recordings(recordings)
-            feature_set = chosen_features(prepared, robot, recordings, features)
+            feature_set = compatibility.chosen_features(prepared, robot, recordings, features)
         except CalibrationError:
             if inputs is None:
                 raise
@@ -625,7 +612,7 @@ def _validated(
             share = 1.0 / len(tables) / len(left_out)
             begin = fold_number / len(left_out) + place * share
             try:
-                cross_validate(table, fold, within(say, begin, share))
+                cross_validate(table, fold, fit_task.within(say, begin, share))
                 filled.append(table)
             except CalibrationError:
                 if rival is None and place == 0:

@@ -12,15 +12,8 @@ import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration import compatibility
 from truejoint.calibration.calibration import RezeroedFit
-from truejoint.calibration.compatibility import (
-    check_units,
-    chosen_features,
-    chosen_joints,
-    common_robot,
-    common_units,
-    source_of,
-)
 from truejoint.calibration.origin import ZeroOf
 from truejoint.calibration.rows import Rows, shift_signals
 from truejoint.errors import CalibrationError
@@ -84,10 +77,10 @@ class FitTask:
         random_state: int | None,
     ) -> Self:
         """Determine what is not stated, as `calibrate` says; raises CalibrationError as it does."""
-        robot = common_robot(recordings)
+        robot = compatibility.common_robot(recordings)
         model = unfitted(estimator, target, random_state).for_recordings(recordings)
-        chosen = chosen_joints(robot, recordings, joints)
-        feature_set = chosen_features(model, robot, recordings, features)
+        chosen = compatibility.chosen_joints(robot, recordings, joints)
+        feature_set = compatibility.chosen_features(model, robot, recordings, features)
         model = model.for_features(feature_set.names, robot, chosen)
         dt = sample_dt(recordings)
         if feature_set.counts_samples or model.family.counts_samples:
@@ -102,7 +95,7 @@ class FitTask:
             feature_set,
             dt,
             default_gap_limit(recordings),
-            common_units(recordings, feature_set, chosen),
+            compatibility.common_units(recordings, feature_set, chosen),
         )
 
     def rows(self, stride: int) -> list[Rows]:
@@ -184,7 +177,7 @@ def fit_model(
     for part, columns in zip(parts, pieces, strict=True):
         for column, name in zip(columns.T, names, strict=True):
             if name in part.recording.units:
-                check_units(part.recording, {name: "Nm"}, "and is learnt in")
+                compatibility.check_units(part.recording, {name: "Nm"}, "and is learnt in")
                 column[:] = part.recording.column(name)
     return model.fit(inputs, targets, report, dt, loads)
 
@@ -255,7 +248,8 @@ def zero_groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str
     homings = [zero == "homing" and recording.provenance.homing_id for recording in recordings]
     keys = [homing or i for i, homing in enumerate(homings)]
     different = list(dict.fromkeys(keys))
-    names = [key if isinstance(key, str) else source_of(recordings[key]) for key in different]
+    sources = list(map(compatibility.source_of, recordings))
+    names = [key if isinstance(key, str) else sources[key] for key in different]
     if len(names) < 2:
         raise CalibrationError(
             f"a zero for each {zero} takes two of them; all recordings are of {names[0]}: give "
