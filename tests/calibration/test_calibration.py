@@ -32,6 +32,7 @@ def test_signals_hold_what_the_correction_is_added_to(calibration):
         "measured/elbow": "rad", "effort/elbow": "Nm", "measured/shoulder": "rad",
         "measured/insertion": "m",
     }  # fmt: skip
+    assert (calibration.estimator, calibration.title) == ("linear", "raven2 (left arm)")
 
 
 def test_correcting_needs_no_truth(calibration, build):
@@ -78,11 +79,6 @@ def test_metadata_can_be_added(calibration):
     for value in (float("nan"), {1, 2}, object()):
         with pytest.raises(CalibrationError, match="held_out cannot be kept as JSON"):
             calibration.with_metadata(held_out=value)
-
-
-def test_names_for_people(calibration):
-    assert calibration.estimator == "linear"
-    assert calibration.title == "raven2 (left arm)"
 
 
 @pytest.fixture(scope="module")

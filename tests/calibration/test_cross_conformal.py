@@ -8,17 +8,11 @@ import numpy as np
 import pytest
 from sklearn.neighbors import KNeighborsRegressor
 from tests.calibration.test_choose import bent
+from tests.calibration.test_conformal import homed as homed_as
 from tests.calibration.test_folds import crossed, jaw
 from tests.synthetic import build_recording
 
-from truejoint.calibration import (
-    Calibration,
-    calibrate,
-    cross_interval,
-    folds,
-    read_calibration,
-    write_calibration,
-)
+from truejoint.calibration import Calibration, calibrate, cross_interval, folds
 from truejoint.calibration.conformal import conformal_threshold, trajectory_scores
 from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
@@ -45,13 +39,21 @@ def inside(model, recordings):
     return np.mean(shares)
 
 
-def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors():
+@pytest.mark.parametrize("rezero", [0.0, 0.5])
+def test_recordings_are_left_out_whole_and_the_width_is_that_of_their_errors(rezero):
+    """Once re-zeroed, of those after what will be believed of a zero."""
     recordings = [bent(seed, 0.2) for seed in range(12)]
-    model = cross_interval(recordings, "linear", growth=0.0)
+    model = cross_interval(recordings, "linear", growth=0.0, rezero=rezero)
     assert (model.interval.trajectories, model.interval.folds, model.interval.cut) == (12, 5, 0)
     assert model.interval.levels.tolist() == [0.8, 0.9]
+    known = model.effort_baseline
     scores = [
-        [np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0] for fit in fits]
+        [
+            trajectory_scores(replace(fit, effort_baseline=known), one, rezero, 0.0)[0, 0]
+            if rezero
+            else np.abs(one.error(["jaw"]) - fit.predict_error(one))[:, 0]
+            for fit in fits
+        ]
         for one, fits in zip(recordings, unknowing(recordings), strict=True)
     ]
     expected = conformal_threshold(list(map(np.concatenate, scores)), 0.9)
@@ -93,10 +95,7 @@ def test_a_few_recordings_are_cut_and_left_out_whole(count, each):
 
 def test_few_homings_are_left_out_whole():
     six = [bent(seed, 0.2) for seed in range(6)]
-    homed = [
-        replace(one, provenance=replace(one.provenance, homing_id=f"h{i % 3}"))
-        for i, one in enumerate(six)
-    ]
+    homed = [homed_as(one, f"h{i % 3}") for i, one in enumerate(six)]
     interval = cross_interval(homed, "linear").interval
     assert (interval.trajectories, interval.folds, interval.cut, interval.whole) == (30, 3, 6, 3)
     rezeroed = cross_interval(homed, "linear", rezero=0.5).interval
@@ -160,19 +159,6 @@ def test_no_less_than_stated_is_covered_on_average():
     assert 0.97 < np.mean(shares) < 1.0  # alike as they are: 90 % of 11 / 10
 
 
-def test_it_survives_its_file(tmp_path):
-    model = cross_interval([bent(seed, 0.2) for seed in range(3)], "linear", rezero=0.2)
-    write_calibration(model, tmp_path / "m.safetensors")
-    again = read_calibration(tmp_path / "m.safetensors").interval
-    assert (again.folds, again.cut, again.whole, again.rezero) == (3, 3, 3, 0.2)
-    assert again.meaning == model.interval.meaning
-
-
-def test_what_is_chosen_is_chosen_once_and_kept():
-    model = cross_interval([bent(seed, 0.2) for seed in range(3)], "linear", features="effort/jaw")
-    assert model.feature_set.names == ("effort/jaw",)
-
-
 @pytest.mark.parametrize(
     ("how", "said"),
     [({"levels": [0.999]}, "too few"), ({"growth": -1.0}, "growth"), ({"rezero": 99.0}, "99 s")],
@@ -193,21 +179,6 @@ def test_copies_are_no_further_trajectories():
     assert (alone.trajectories, alone.cut) == (15, 1)
 
 
-def test_the_errors_are_those_of_what_will_be_believed_of_a_zero():
-    recordings = [bent(seed, 0.2) for seed in range(10)]
-    model = cross_interval(recordings, "linear", rezero=0.5, growth=0.0)
-    known = model.effort_baseline
-    scores = [
-        [
-            trajectory_scores(replace(fit, effort_baseline=known), one, 0.5, 0.0)[0, 0]
-            for fit in fits
-        ]
-        for one, fits in zip(recordings, unknowing(recordings), strict=True)
-    ]
-    expected = conformal_threshold(list(map(np.concatenate, scores)), 0.9)
-    assert model.interval.half_width(0.9)[0] == pytest.approx(expected, rel=1e-12)
-
-
 OFFSETS = np.random.default_rng(5).normal(0.0, 0.01, 14)  # [rad], of loads: nobody can know them
 
 
@@ -218,9 +189,7 @@ def loaded(number: int, seed: int) -> Recording:
     q = one.column("measured/jaw")
     effort = 5.0 + number + 0.1 * one.column("effort/jaw")
     truth = q + OFFSETS[number] + rng.normal(0.0, 1e-3, len(q))
-    return Recording(
-        one.table.assign(**{"effort/jaw": effort, "truth/jaw": truth}), one.units, one.provenance
-    )
+    return replace(one, table=one.table.assign(**{"effort/jaw": effort, "truth/jaw": truth}))
 
 
 @pytest.mark.parametrize(

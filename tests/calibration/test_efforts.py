@@ -54,6 +54,13 @@ def motion(seed: int = 0, *, duration=400.0, rate=30.0, noise=0.004, shoulder=1.
     return Recording.from_columns(columns, provenance)
 
 
+def steps_of(t, position, effort, lower=LOWER, upper=UPPER) -> np.ndarray:
+    """Steps of a motion, as `effort_steps` lays them out."""
+    rows = np.empty((position.size, 4 + count_effort_terms(3)))
+    t, position, effort = map(np.ascontiguousarray, (t, position, effort))
+    return rows[: effort_steps(t, position, effort, lower, upper, rows)]
+
+
 @pytest.fixture(scope="module")
 def calibration():
     return calibrate([motion(0), motion(1)], "linear", features=FEATURES)
@@ -76,53 +83,41 @@ def test_baseline_recovers_the_efforts_and_their_noise(calibration):
     assert baseline.monitored.tolist() == [1.0, 1.0, 1.0]
     assert baseline.scale == pytest.approx(0.004, rel=0.3)  # and speeds at 30 Hz are rough
     test = motion(5, noise=0.0)
-    position = np.ascontiguousarray(test.columns("measured", JOINTS))
-    effort = np.ascontiguousarray(test.columns("effort", JOINTS))
-    rows = np.empty((position.size, 4 + count_effort_terms(3)))
-    count = effort_steps(test.t.copy(), position, effort, baseline.lower, baseline.upper, rows)
-    assert count > 1000
-    joint = rows[:count, 0].astype(int)
-    predicted = np.einsum("ij,ij->i", rows[:count, 4:], baseline.coef[joint])
-    assert np.abs(predicted - rows[:count, 1]).max() < 0.012  # friction alone is 0.16 apart
+    motions = (test.columns(quantity, JOINTS) for quantity in ("measured", "effort"))
+    rows = steps_of(test.t.copy(), *motions, baseline.lower, baseline.upper)
+    assert len(rows) > 1000
+    predicted = np.einsum("ij,ij->i", rows[:, 4:], baseline.coef[rows[:, 0].astype(int)])
+    assert np.abs(predicted - rows[:, 1]).max() < 0.012  # friction alone is 0.16 apart
 
 
-def test_steps_count_travel_and_not_time(calibration):
+def test_steps_count_travel_and_not_time_and_standstill_makes_none():
     counts = {}
     for rate in (30.0, 500.0):
         test = motion(5, duration=100.0, rate=rate)
-        position = np.ascontiguousarray(test.columns("measured", JOINTS))
-        rows = np.empty((position.size, 4 + count_effort_terms(3)))
-        counts[rate] = effort_steps(test.t.copy(), position, position, LOWER, UPPER, rows)
+        position = test.columns("measured", JOINTS)
+        counts[rate] = len(steps_of(test.t.copy(), position, position))
         travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (UPPER - LOWER)
         assert counts[rate] < 200 * travel.sum()
     # At 30 Hz a step is up to one row longer than 1/200 of the range.
     assert 0.6 * counts[500.0] < counts[30.0] <= counts[500.0]
+    flicker = 1e-5 * np.random.default_rng(0).normal(size=(500, 3))
+    still = (LOWER + UPPER) / 2 + flicker
+    assert not len(steps_of(np.arange(500.0), still, still))
 
 
-def test_standstill_makes_no_steps():
-    still = np.tile((LOWER + UPPER) / 2, (500, 1)) + 1e-5 * np.random.default_rng(0).normal(
-        size=(500, 3)
-    )
-    rows = np.empty((1500, 4 + count_effort_terms(3)))
-    assert effort_steps(np.arange(500.0), still, still, LOWER, UPPER, rows) == 0
-
-
-def test_a_joint_that_hardly_moved_is_not_monitored():
-    calibration = calibrate([motion(0, shoulder=0.2), motion(1, shoulder=0.2)], "linear",
-                            features=FEATURES)  # fmt: skip
-    assert calibration.effort_baseline.monitored.tolist() == [0.0, 1.0, 1.0]
-
-
-def test_a_joint_whose_effort_the_calibration_does_not_see_is_not_monitored():
-    calibration = calibrate(motion(0), "linear", features=FEATURES[:5])
-    assert calibration.effort_baseline.monitored.tolist() == [1.0, 1.0, 0.0]
-    assert calibration.effort_baseline.coef[2].tolist() == [0.0] * count_effort_terms(3)
+def test_a_joint_that_hardly_moved_or_whose_effort_is_not_seen_is_not_monitored():
+    slow = [motion(seed, shoulder=0.2) for seed in range(2)]
+    hardly = calibrate(slow, "linear", features=FEATURES).effort_baseline
+    assert hardly.monitored.tolist() == [0.0, 1.0, 1.0]
+    unseen = calibrate(motion(0), "linear", features=FEATURES[:5]).effort_baseline
+    assert unseen.monitored.tolist() == [1.0, 1.0, 0.0]
+    assert unseen.coef[2].tolist() == [0.0] * count_effort_terms(3)
 
 
 def test_recordings_that_disagree_raise_the_limits():
     other = motion(1)
     table = other.table.assign(**{"effort/elbow": other.column("effort/elbow") + 0.05})
-    changed = Recording(table, other.units, other.provenance)
+    changed = replace(other, table=table)
     alike = calibrate([motion(0), other], "linear", features=FEATURES).effort_baseline
     apart = calibrate([motion(0), changed], "linear", features=FEATURES).effort_baseline
     assert alike.shift_limit == pytest.approx(0.6, rel=0.1)
@@ -142,7 +137,7 @@ def test_size_and_correlation_time_of_errors_are_found():
         f"truth/{j}": base.column(f"measured/{j}") + 0.02 * wander[:, k]
         for k, j in enumerate(JOINTS)
     }
-    recording = Recording(base.table.assign(**truth), base.units, base.provenance)
+    recording = replace(base, table=base.table.assign(**truth))
     calibration = calibrate(recording, "offset", features=FEATURES)
     size, time, _ = residual_statistics(calibration, [recording], np.zeros(len(calibration.joints)))
     assert size == pytest.approx(0.02, rel=0.1)
@@ -170,7 +165,4 @@ def test_too_many_joints_or_a_joint_at_rest_give_no_effort_baseline(calibration)
     still = rows.recording.table.assign(**{"measured/elbow": 1.0})
     assert not has_baseline([replace(rows, recording=replace(rows.recording, table=still))])
     assert not has_baseline([replace(rows, joints=("elbow",) * (MAX_JOINTS + 1))])
-
-
-def test_the_public_robots_have_joints_enough():
     assert len(get_robot("kuka_kr300").joints) <= MAX_JOINTS

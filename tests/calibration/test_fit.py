@@ -10,7 +10,6 @@ import pytest
 from truejoint.calibration import calibrate, expected_gain
 from truejoint.errors import CalibrationError, RobotError
 from truejoint.estimators import NeuralNetwork
-from truejoint.features import FeatureSet
 from truejoint.recordings import Recording
 
 JOINTS = ("shoulder", "elbow", "insertion")
@@ -115,12 +114,8 @@ def test_ranges_are_those_of_the_training_rows(recording):
 def test_fit_rate_thins_the_rows_but_not_what_features_see(build):
     recording = build(1500, rate=30.0)
     every = calibrate(recording, "linear", features=["measured/elbow", "lag(measured/elbow, 1)"])
-    thinned = calibrate(
-        recording,
-        "linear",
-        features=["measured/elbow", "lag(measured/elbow, 1)"],
-        fit_rate=10.0,
-    )
+    thinned = calibrate(recording, "linear", features=every.feature_set, fit_rate=10.0)
+    assert thinned.feature_set == every.feature_set
     assert every.metadata["rows"] == 1500
     assert thinned.metadata["rows"] == 500
     assert thinned.metadata["rows_without_truth"] == 0
@@ -172,9 +167,8 @@ def test_recordings_that_do_not_belong_together_are_refused(build, recording):
     units = {**recording.units, "effort/elbow": "N"}
     other = Recording(recording.table, units, recording.provenance)
     refused("'effort/elbow' is in N, in synthetic-0 in Nm", [recording, other])
-    other = Recording(
-        recording.table, {**recording.units, "truth/elbow": "m"}, recording.provenance
-    )
+    units = {**recording.units, "truth/elbow": "m"}
+    other = Recording(recording.table, units, recording.provenance)
     refused("'truth/elbow' is in m, 'measured/elbow' in rad", other)
 
 
@@ -239,14 +233,11 @@ def test_constant_feature_is_left_out_and_noted(build):
         np.testing.assert_allclose(calibration.correct(used), bare.correct(used), atol=1e-12)
 
 
-def test_constant_position_or_nothing_else_is_refused(recording):
+def test_constant_position_or_nothing_else_is_refused_and_rounding_is_no_change(recording):
     stuck = changed(recording, measured__elbow=np.full(1500, 0.3))
     refused("features measured/elbow never change", stuck)
     refused("features effort/wrist never change", changed(recording, effort__wrist=np.ones(1500)),
             features=["effort/wrist"])  # fmt: skip
-
-
-def test_constant_but_for_rounding_is_constant(recording):
     values = np.full(1500, 0.3)
     values[::2] = np.nextafter(0.3, 1)
     found = calibrate(changed(recording, effort__wrist=values), "linear").metadata
@@ -256,12 +247,8 @@ def test_constant_but_for_rounding_is_constant(recording):
 def test_wrong_choices_are_refused(recording):
     refused("no estimator called 'svm'", recording, "svm")
     refused("target 'angle'", recording, target="angle")
-    refused(
-        "offset cannot predict the position; use target 'error'",
-        recording,
-        "offset",
-        target="position",
-    )
+    said = "offset cannot predict the position; use target 'error'"
+    refused(said, recording, "offset", target="position")
     refused("0 features", recording, features=[])
     refused("is not '<quantity>/<channel>'", recording, features="elbow")
     refused("epochs is -1", recording, NeuralNetwork(epochs=-1))
@@ -270,11 +257,6 @@ def test_wrong_choices_are_refused(recording):
 def test_counted_samples_need_one_rate(build):
     refused("every 0.01", [build(1500), build(1500, rate=100.0)],
             features=["measured/elbow", "lag(measured/elbow, 2)"])  # fmt: skip
-
-
-def test_feature_set_may_be_given_as_such(recording):
-    feature_set = FeatureSet.parse(["measured/elbow", "play(measured/elbow, 0.01)"])
-    assert calibrate(recording, "linear", features=feature_set).feature_set == feature_set
 
 
 JAW = ("measured/jaw", "effort/jaw")
@@ -313,8 +295,5 @@ def test_what_no_data_can_better_does_not_count():
     assert (straight < 0.02).all()
     assert (curved < 0.02).all()
     assert expected_gain(jumps(1, 60), features=JAW)[0] > 3 * straight[0] / 2
-
-
-def test_too_little_has_no_expected_gain():
     with pytest.raises(CalibrationError, match="rows"):
         expected_gain(jumps(1, 20), features=JAW)

@@ -154,7 +154,7 @@ def test_a_run_goes_on_after_a_touch_that_is_refused(
     made, seated, early = [], [], 0.1 if is_early else 0.0
     if not is_early:
         fail = Mock(side_effect=CalibrationError("do not fit"))
-        monkeypatch.setattr("truejoint.tip.guide.fit_block", fail)
+        monkeypatch.setattr("truejoint.tip.touch.fit_block", fail)
 
     def seat(stop) -> float:
         seated.append(stop.dimple)

@@ -82,9 +82,9 @@ def test_a_linear_truth_without_noise_comes_out_exactly_where_the_pose_is_known(
 
 
 def test_what_is_held_is_the_priors_wherever_the_fit_begins():
-    elsewhere = TRUE.moved(np.full(len(TRUE), 1e-3))
+    elsewhere = TRUE.moved(np.full(len(TRUE.names), 1e-3))
     found = fit_rows(rows_of(), prior(pose_sd=0.0, zero_sd=np.inf), start=elsewhere)
-    assert found.state.minus(TRUE) == pytest.approx(np.zeros(len(TRUE)), abs=1e-8)
+    assert found.state.minus(TRUE) == pytest.approx(np.zeros(len(TRUE.names)), abs=1e-8)
 
 
 def test_of_an_unknown_pose_all_but_the_first_zero_comes_out():

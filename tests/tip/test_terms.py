@@ -13,15 +13,7 @@ from truejoint import Calibration
 from truejoint.errors import CalibrationError
 from truejoint.robots import get_robot
 from truejoint.tip import calibrate_by_touch
-from truejoint.tip.terms import (
-    AGAIN,
-    ALIKE,
-    WIDE,
-    Terms,
-    check_priors,
-    learned_priors,
-    wide_priors,
-)
+from truejoint.tip.terms import AGAIN, ALIKE, WIDE, Terms, check_priors, learned_priors, wide_priors
 
 TERMS = Terms.of_workspace(ROBOT)
 

@@ -107,8 +107,7 @@ def adapted(
         after, penalties = _changed(after, models, parts, usual)
     origin, facts = training_origin(parts)
     sessions = [*origin.sessions, *before.origin.sessions]  # so that none is judged on
-    known_sessions = replace(origin, sessions=tuple(sessions))
-    sessions += [Session.of(r) for r in reference if not known_sessions.includes(r)]
+    sessions += [Session.of(r) for r in reference if not any(s.overlaps(r) for s in sessions)]
     origin = replace(
         before.origin, sessions=tuple(sessions), homing_ids=origin.homing_ids,
         interval_sessions=(), accepted=(),
@@ -119,10 +118,8 @@ def adapted(
         "reference": [recording.provenance.source for recording in reference],
     }
     old = {name: value for name, value in prior.metadata.items() if name not in _OF_THE_PRIOR}
-    X, error = (
-        np.concatenate([getattr(part, name)[part.known] for part in parts])
-        for name in ("X", "error")
-    )
+    X = np.concatenate([part.X[part.known] for part in parts])
+    error = np.concatenate([part.error[part.known] for part in parts])
     domain = before.training_domain  # what counts as trained is the prior's, and the new rows
     if domain is not None:
         lower = np.minimum(domain.error_lower, error.min(axis=0))
@@ -193,10 +190,8 @@ def _at_mean(
     is_known = np.concatenate([part.known for part in parts])
     offsets = {}
     for name, model in models.items():
-        residuals = (
-            np.concatenate([part.truth - model.correct(part) for part in parts]) - usual[name]
-        )
-        offsets[name] = residuals[is_known].mean(axis=0)
+        residuals = np.concatenate([part.truth - model.correct(part) for part in parts])
+        offsets[name] = (residuals - usual[name])[is_known].mean(axis=0)
     return prior.at(Zero(offsets.pop("model"), baselines=offsets))
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from truejoint import schema
 from truejoint.array_types import Array
-from truejoint.calibration.compatibility import check_arm, check_columns, check_robot, check_unit
+from truejoint.calibration.compatibility import check_arm, check_columns, check_robot, check_units
 from truejoint.calibration.domain import TrainingDomain
 from truejoint.calibration.efforts import EffortBaseline
 from truejoint.calibration.interval import LEVEL, Interval, inverse_span, range_excesses
@@ -26,11 +26,7 @@ from truejoint.calibration.redundancy import ParityEquations
 from truejoint.calibration.rows import Rows
 from truejoint.errors import CalibrationError, RecordingError, other_kind
 from truejoint.estimators.family import EstimatorData, Family, Target, evaluate
-from truejoint.features.feature_set import (
-    FeatureSet,
-    check_history,
-    check_sample_dt,
-)
+from truejoint.features.feature_set import FeatureSet, check_history, check_sample_dt
 from truejoint.robots.robot import Robot
 from truejoint.summary import Summarised
 from truejoint.units import with_unit
@@ -172,12 +168,8 @@ class Calibration(Summarised):
         """Give it without the columns that check `signals`, for recordings that lack them."""
         domain = self.training_domain
         if domain is not None:
-            kept = {
-                name: values[: len(self.signals)]
-                for name, values in vars(domain).items()
-                if name.startswith("signal_")
-            }
-            domain = replace(domain, **kept)
+            n, by_name = len(self.signals), vars(domain).items()
+            domain = replace(domain, **{k: v[:n] for k, v in by_name if k.startswith("signal_")})
         return replace(self, training_domain=domain, parity=None, redundant={})
 
     def required_interval(self) -> Interval:
@@ -405,8 +397,7 @@ class Calibration(Summarised):
         arm = self.robot, self.arm
         check_arm(as_recorded(recording), arm, f"the calibration of {self.title}")
         check_columns(recording, self.signals, "calibration needs")
-        for signal in self.signals:
-            check_unit(recording, signal, self.units[signal], "the calibration was made with")
+        check_units(recording, self.units, "the calibration was made with")
         if self.counts_samples:
             check_sample_dt(recording, self.origin.sample_dt)
         if self.looks_back:

@@ -5,7 +5,7 @@ Each function raises CalibrationError where they do not.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Final
 
 from truejoint.errors import CalibrationError, meant
@@ -37,13 +37,14 @@ def listed(columns: Sequence[str]) -> str:
     return ", ".join([*columns[:_SHOWN], *[f"{more} more"] * (more > 0)])
 
 
-def check_unit(recording: Recording, column: str, unit: str, where: str) -> None:
-    """Raise CalibrationError unless a column is in the unit that it has elsewhere."""
-    if recording.units[column] != unit:
-        raise CalibrationError(
-            f"{source_of(recording)}: {column!r} is in {recording.units[column]}, {where} {unit}; "
-            "convert it where the file is read"
-        )
+def check_units(recording: Recording, units: Mapping[str, str], where: str) -> None:
+    """Raise CalibrationError unless columns are in the units that they have elsewhere."""
+    for column, unit in units.items():
+        if recording.units[column] != unit:
+            raise CalibrationError(
+                f"{source_of(recording)}: {column!r} is in {recording.units[column]}, {where} "
+                f"{unit}; convert it where the file is read"
+            )
 
 
 def check_arm(recording: Recording, arm: tuple[str, str], other: str) -> None:
@@ -141,9 +142,8 @@ def common_units(
     columns = (*feature_set.signals, *(f"measured/{joint}" for joint in joints))
     units = {column: first.units[column] for column in columns}
     for recording in recordings:
-        for column, unit in units.items():
-            check_unit(recording, column, unit, f"in {source_of(first)} in")
+        check_units(recording, units, f"in {source_of(first)} in")
         for joint in joints:
             measured = f"measured/{joint}"
-            check_unit(recording, f"truth/{joint}", units[measured], f"{measured!r} in")
+            check_units(recording, {f"truth/{joint}": units[measured]}, f"{measured!r} in")
     return units

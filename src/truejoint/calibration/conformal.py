@@ -11,23 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from truejoint.array_types import Array, Mask
+from truejoint.calibration import folds
 from truejoint.calibration.calibration import Calibration, as_calibration
 from truejoint.calibration.choose import Automatic
 from truejoint.calibration.compatibility import common_robot, source_of
 from truejoint.calibration.efforts import residual_statistics
 from truejoint.calibration.fit import calibrate, cross_fit
 from truejoint.calibration.fit_task import within
-from truejoint.calibration.folds import (
-    FOLDS,
-    Fold,
-    Part,
-    blocks,
-    conditions,
-    dealt,
-    enough_beside,
-    wholes,
-    without_levels,
-)
 from truejoint.calibration.interval import GROWTH, LEVELS, Interval, needed_trajectories
 from truejoint.calibration.origin import Session, distinct
 from truejoint.calibration.rows import Rows
@@ -256,9 +246,9 @@ def exchangeable_units(
     names = [recording.provenance.homing_id for recording in recordings]
     if not per_homing or len(set(names) - {""}) < 2:
         return [[i] for i in range(len(recordings))]
-    units: dict[str, list[int]] = {}
+    units: dict[str | int, list[int]] = {}
     for i, name in enumerate(names):
-        units.setdefault(name or f"\0{i}", []).append(i)
+        units.setdefault(name or i, []).append(i)
     return list(units.values())
 
 
@@ -361,72 +351,68 @@ def cross_interval(
     common_robot(recordings)
     report = progress or untold
     different = distinct(recordings)
-    plans = _plans(different, per_homing=rezero == 0.0)
-    possible = _possible_levels(levels, len(plans[0].units))
-    share = 1.0 / (len(plans[0].left_out) + 1)
+    units, cut, plans = _plans(different, per_homing=rezero == 0.0)
+    possible = _possible_levels(levels, len(units))
+    share = 1.0 / (len(plans[0][0]) + 1)
     fitted = calibrate(recordings, estimator, progress=within(report, 0.0, share), **how)
     rest = (1.0 - share) / len(plans)
-    for number, plan in enumerate(plans):  # the first that works
+    for number, (left_out, _) in enumerate(plans):  # the first that works
         try:
             fits = cross_fit(
-                fitted, different, plan.left_out, fit_rate=how.get("fit_rate"),
+                fitted, different, left_out, fit_rate=how.get("fit_rate"),
                 for_rezeroing=rezero > 0.0, progress=within(report, share + number * rest, rest),
             )  # fmt: skip
             break
         except CalibrationError:
-            if plan is plans[-1]:
+            if number == len(plans) - 1:
                 raise
     report(1.0)
+    left_out, whole = plans[number]
     held_out = [
         [different[i] for i in fold.recordings]
-        if plan.whole
+        if whole
         else [different[p.recording].rows(slice(p.first, p.end)) for p in fold.parts]
-        for fold in plan.left_out
+        for fold in left_out
     ]
     fitted = knowing_errors(fitted, list(zip(fits, held_out, strict=True)))
-    scores: dict[Part, list[Array]] = {}
-    for fit, fold in zip(fits, plan.left_out, strict=True):
+    scores: dict[folds.Part, list[Array]] = {}
+    for fit, fold in zip(fits, left_out, strict=True):
         used = replace(fit, effort_baseline=fitted.effort_baseline)
-        rows = {i: used.rows(different[i]) for i in fold.recordings}
+        by_recording = {i: used.rows(different[i]) for i in fold.recordings}
         for part in fold.parts:
-            seen = rows[part.recording]
-            found = trajectory_scores(used, seen, rezero, growth, part.rows(len(seen)))
-            scores.setdefault(part, []).append(found)
-    joined = [
-        np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in plan.units
-    ]
-    counts = {"folds": len(plan.left_out), "cut": plan.cut, "whole": plan.whole}
+            rows = by_recording[part.recording]
+            score = trajectory_scores(used, rows, rezero, growth, part.rows(len(rows)))
+            scores.setdefault(part, []).append(score)
+    joined = [np.concatenate([s for part in unit for s in scores[part]], axis=2) for unit in units]
+    counts = {"folds": len(left_out), "cut": cut, "whole": whole}
     return _stating(fitted, joined, possible, different, growth=growth, rezero=rezero, **counts)
 
 
-@dataclass(frozen=True)
-class _Plan:
-    """What weighs as one trajectory, and what each fit does without."""
-
-    units: list[list[Part]]
-    left_out: list[Fold]
-    cut: int = 0  # recordings that were cut into the units
-    whole: int = 0  # of these, or of homings, that are left out whole all the same
+_Units = list[list[folds.Part]]
 
 
-def _plans(recordings: Sequence[Recording], *, per_homing: bool) -> list[_Plan]:
-    """Plans for recordings, none a copy of another, as `cross_interval` says; the first that works.
+def _plans(
+    recordings: Sequence[Recording], *, per_homing: bool
+) -> tuple[_Units, int, list[tuple[list[folds.Fold], int]]]:
+    """Trajectories of recordings, none a copy of another, and plans, as `cross_interval` says.
 
-    All have as many units.
+    Gives the parts of each trajectory, how many recordings are cut into them, and what the fits do
+    without by each plan, with how many recordings, or homings, are left out whole all the same. The
+    first plan that works is used.
     """
     groups = exchangeable_units(recordings, per_homing=per_homing)
     if len(groups) < WHOLE_FROM:
-        parts = blocks(recordings, max(FOLDS, -(-PARTS // len(recordings))))
+        parts = folds.blocks(recordings, max(folds.FOLDS, -(-PARTS // len(recordings))))
         units = [[part] for part in parts]
-        by_part = _Plan(units, dealt(units, ""), len(recordings))
+        plans = [(folds.dealt(units, ""), 0)]
         grouped = [[part for part in parts if part.recording in group] for group in groups]
-        whole = dealt(grouped, "")
-        enough = enough_beside(recordings, [fold.recordings for fold in whole])
-        if len(groups) == 1 or not enough.all():
-            return [by_part]
-        return [_Plan(units, whole, len(recordings), len(groups)), by_part]
-    parts = wholes(recordings)
+        whole = folds.dealt(grouped, "")
+        enough = folds.enough_beside(recordings, [fold.recordings for fold in whole])
+        if len(groups) > 1 and enough.all():
+            plans.insert(0, (whole, len(groups)))
+        return units, len(recordings), plans
+    parts = folds.wholes(recordings)
     units = [[parts[i] for i in group] for group in groups]
     if len(units) < len(parts):  # several recordings of a homing
-        return [_Plan(units, dealt(units, ""))]
-    return [_Plan(units, without_levels(recordings, conditions(recordings)))]
+        return units, 0, [(folds.dealt(units, ""), 0)]
+    return units, 0, [(folds.without_levels(recordings, folds.conditions(recordings)), 0)]

@@ -109,51 +109,44 @@ def from_bytes(data: bytes) -> tuple[dict[str, Any], dict[str, Array]]:
             f"{len(data)} bytes with a header said to have {length}: not a safetensors file of "
             f"truejoint, or cut short; {_DAMAGED}"
         )
-    header = _json(data[8 : 8 + length], "header")
-    metadata = header.get("__metadata__") if isinstance(header, dict) else None
-    signed = metadata.get(_KEY) if isinstance(metadata, dict) else None
-    if not isinstance(signed, str):
-        raise ModelFileError(
-            f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
-        )
-    description = _json(signed.encode("utf-8", "replace"), "model description")
-    if not isinstance(description, dict):
-        raise ModelFileError(f"the model description is not a JSON object; {_DAMAGED}")
-    version = description.pop("format", None)
-    if isinstance(version, int) and version > FORMAT_VERSION:
-        raise ModelFileError(
-            f"format version {version!r:.40} is newer than {FORMAT_VERSION}, the newest that this "
-            "truejoint reads; update truejoint"
-        )
-    if version is True or version != FORMAT_VERSION:
-        raise ModelFileError(
-            f"format version {version!r:.40} is not {FORMAT_VERSION}, the only one that this "
-            "truejoint reads; calibrate again"
-        )
-    arrays = _arrays(data)
-    digest = description.pop("sha256", None)
-    if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
-        raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
-    return description, arrays
-
-
-def _arrays(data: bytes) -> dict[str, Array]:
-    """Arrays of a safetensors file: float64, of one or two dimensions."""
     try:
         arrays = safetensors.numpy.load(data)
     except (safetensors.SafetensorError, KeyError, ValueError) as error:
         reason = " ".join(str(error).split())
         raise ModelFileError(f"its arrays cannot be read ({reason:.80}); {_DAMAGED}") from None
+    description = _description(data[8 : 8 + length])
+    version = description.pop("format", None)
+    if version is True or version != FORMAT_VERSION:
+        is_newer = isinstance(version, int) and version > FORMAT_VERSION
+        word, advice = (
+            ("newer than", "update truejoint") if is_newer else ("not", "calibrate again")
+        )
+        raise ModelFileError(
+            f"format version {version!r:.40} is {word} {FORMAT_VERSION}, the newest that this "
+            f"truejoint reads; {advice}"
+        )
     if len(arrays) > MAX_TENSORS:
         raise ModelFileError(f"{len(arrays)} tensors, more than {MAX_TENSORS}; {_DAMAGED}")
     for name, array in arrays.items():
         if array.dtype != np.float64 or array.ndim not in (1, 2):
             raise ModelFileError(f"tensor {name!r:.60} has a wrong type or shape; {_DAMAGED}")
-    return {name: np.array(array) for name, array in arrays.items()}
+    digest = description.pop("sha256", None)
+    if not is_as_written(digest, {**description, "format": FORMAT_VERSION}, arrays):
+        raise ModelFileError(f"its content does not match its hash; {_DAMAGED}")
+    return description, {name: np.array(array) for name, array in arrays.items()}
 
 
-def _json(text: bytes, what: str) -> Any:
+def _description(header: bytes) -> dict[str, Any]:
+    """Give the JSON object that stands in the header, which safetensors has checked."""
+    metadata = json.loads(header).get("__metadata__", {})
+    if _KEY not in metadata:
+        raise ModelFileError(
+            f"a safetensors file without truejoint's part in its header; {_DAMAGED}"
+        )
     try:
-        return json.loads(text.decode(), parse_constant=int)  # which refuses NaN and Infinity
+        description = json.loads(metadata[_KEY], parse_constant=int)  # refuses NaN and Infinity
     except (ValueError, RecursionError):
-        raise ModelFileError(f"the {what} is not valid JSON; {_DAMAGED}") from None
+        description = None
+    if not isinstance(description, dict):
+        raise ModelFileError(f"the model description is not a JSON object; {_DAMAGED}")
+    return description

@@ -65,10 +65,7 @@ def fit_training_domain(
     Those have the features (n, k) and the `error` (n, n_joints) [rad or m], truth minus measured;
     no change is looked at across `gap_limit` [s] without a row. `resting` are `resting_features`.
     """
-    tables = [
-        np.ascontiguousarray(np.column_stack([r.column(signal) for signal in signals]))
-        for r in recordings
-    ]
+    tables = [np.ascontiguousarray(r.table[list(signals)].to_numpy(float)) for r in recordings]
     times = [np.array(recording.t) for recording in recordings]
     together = np.concatenate(tables)
     lower, upper = together.min(axis=0), together.max(axis=0)
@@ -122,21 +119,13 @@ def resting_features(
 
     `units` has that of each column that all of them have.
     """
-    ways: dict[str, dict[str, float]] = {}  # of each channel, by unit
-    for name, unit in units.items():
-        quantity, _, channel = name.partition("/")
-        if quantity == "measured":
-            columns = [recording.column(name) for recording in recordings]
-            way = max(map(np.max, columns)) - min(map(np.min, columns))
-            ways.setdefault(unit, {})[channel] = float(way)
-    resting = {
-        channel
-        for alike in ways.values()
-        for channel, way in alike.items()
-        if way < RESTING * max(alike.values())
-    }.difference(joints)
-    channels = [feature.signal.partition("/")[2] for feature in feature_set.features]
-    return np.array([channel in resting for channel in channels])
+    measured = [name for name in units if name.startswith("measured/")]
+    ways = np.ptp(np.concatenate([r.table[measured].to_numpy(float) for r in recordings]), axis=0)
+    unit = np.array([units[name] for name in measured])
+    channels = [name.partition("/")[2] for name in measured]
+    rests = [way < RESTING * ways[unit == own].max() for way, own in zip(ways, unit, strict=True)]
+    resting = {c for c, is_resting in zip(channels, rests, strict=True) if is_resting} - set(joints)
+    return np.array([f.signal.partition("/")[2] in resting for f in feature_set.features])
 
 
 def partners(signals: Sequence[str]) -> Integers:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, Self
 
 import numpy as np
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, Mask
 from truejoint.calibration.rows import Rows
 from truejoint.compiled import compiled
 from truejoint.errors import CalibrationError
@@ -63,7 +63,7 @@ _AGREED: Final = 0.01  # of the standard deviation of errors: two runs that agre
 class Residuals(NamedTuple):
     """Statistics of truth minus corrected position about each recording's mean."""
 
-    size: Array  # (n_joints,), standard deviation [rad or m]
+    residual: Array  # (n_joints,), standard deviation [rad or m]
     correlation: Array  # (n_joints,), time [s] in which the autocorrelation falls to 1/e
     beginning: Array
     """(n, n_joints), standard deviation [rad or m] of the offset that the first `BEGINNINGS` of a
@@ -98,11 +98,9 @@ class EffortBaseline:
         lower, upper = position_range(parts)
         n = len(lower)
         unknown = dict.fromkeys(("monitored", "shift_limit", "friction_limit"), np.zeros(n))
-        return cls(
-            lower=lower, upper=upper, **unknown, coef=np.zeros((n, count_effort_terms(n))),
-            scale=np.ones(n), residual=residuals.size, correlation=residuals.correlation,
-            beginning=residuals.beginning,
-        )  # fmt: skip
+        coef = np.zeros((n, count_effort_terms(n)))
+        statistics = residuals._asdict()
+        return cls(lower, upper, coef=coef, scale=np.ones(n), **unknown, **statistics)
 
     @property
     def step(self) -> Array:
@@ -283,7 +281,7 @@ def fit_effort_baseline(
     ranges each way. `residuals` are those of the calibration.
     """
     joints, bare = parts[0].joints, EffortBaseline.of_residuals(parts, residuals)
-    has_effort = [f"effort/{joint}" in signals for joint in joints]
+    has_effort = np.array([f"effort/{joint}" in signals for joint in joints])
     pieces = [part.recording for part in parts]
     if len(pieces) == 1 and len(pieces[0]) >= 4:  # in three by time, each held out in turn
         thirds = np.array_split(np.arange(len(pieces[0]), dtype=np.int64), 3)
@@ -336,14 +334,13 @@ def has_baseline(parts: Sequence[Rows]) -> bool:
 
 
 def _steps(
-    recording: Recording, joints: Sequence[str], known: Sequence[bool], lower: Array, upper: Array
+    recording: Recording, joints: Sequence[str], has_effort: Mask, lower: Array, upper: Array
 ) -> Array:
     """Lay out a recording as `effort_steps` does; effort 0 where there is none."""
     n_joints = len(joints)
     position = np.ascontiguousarray(recording.columns("measured", joints))
     effort = np.zeros_like(position)
-    for column, joint, is_known in zip(effort.T, joints, known, strict=True):
-        column[:] = recording.column(f"effort/{joint}") if is_known else 0.0
+    effort[:, has_effort] = recording.columns("effort", np.array(joints)[has_effort].tolist())
     # A step is at least 1/200 of a range, so that travel bounds their number.
     travel = np.abs(np.diff(position, axis=0)).sum(axis=0) / (upper - lower)
     most = min(position.size, int(travel.sum() * STEPS_PER_RANGE) + n_joints)
@@ -446,14 +443,13 @@ def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
     NaN for those that are too long for a joint.
     """
     offsets = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
-    is_even = (weights == weights[0]).all(axis=0)
-    for j in range(error.shape[1]):
-        ends = np.searchsorted(in_motion[:, j], BEGINNINGS)
-        for row, (end, duration) in enumerate(zip(ends, BEGINNINGS, strict=True)):
-            if not end or (row and in_motion[-1, j] < _NEARLY * duration):
-                continue
-            begun, w = error[:end, j], weights[:end, j]
-            offsets[row, j] = np.median(begun) if is_even[j] else weighted_median(begun, w)
+    for j, moving in enumerate(in_motion.T):
+        ends = np.searchsorted(moving, BEGINNINGS)
+        shown = (ends > 0) & (moving[-1] >= _NEARLY * np.array(BEGINNINGS))
+        shown[0] = ends[0] > 0
+        for row in np.flatnonzero(shown):
+            begun = slice(0, ends[row])
+            offsets[row, j] = weighted_median(error[begun, j], weights[begun, j])
     return offsets
 
 

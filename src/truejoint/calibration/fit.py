@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import platform
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -14,20 +14,19 @@ from typing import Any, Final
 import numpy as np
 from sklearn.base import clone
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
+from truejoint.calibration import efforts
 from truejoint.calibration.calibration import Calibration, RezeroedFit
-from truejoint.calibration.choose import Automatic, Choice, choose, validate_zeros
-from truejoint.calibration.cross_validate import FITTED_ROWS, MOST_ROWS, share_of
-from truejoint.calibration.domain import fit_training_domain, resting_features
-from truejoint.calibration.efforts import (
-    STEPS_PER_RANGE,
-    EffortBaseline,
-    Residuals,
-    fit_effort_baseline,
-    has_baseline,
-    position_range,
-    residual_statistics,
+from truejoint.calibration.choose import (
+    FITTED_ROWS,
+    MOST_ROWS,
+    Automatic,
+    Say,
+    choose,
+    share_of,
+    validate_zeros,
 )
+from truejoint.calibration.domain import fit_training_domain, resting_features
 from truejoint.calibration.fit_task import (
     FitTask,
     data_of,
@@ -131,16 +130,17 @@ def calibrate(
     """
     recordings = as_recordings(recordings)
     report, began = progress or untold, time.perf_counter()
-    groups = None if zero is None or zero == "shared" else zero_groups(recordings, zero)
-    choice, begin, share = None, 0.0, 1.0
+    per = None if zero == "shared" else zero
+    if per is not None:
+        zero_groups(recordings, per)  # which refuses what cannot be grouped before the fit
+    evidence, begin, share = dict[str, Any](), 0.0, 1.0
     if isinstance(estimator, Automatic) or estimator == AUTO:
         automatic = estimator if isinstance(estimator, Automatic) else Automatic()
         begin = _CHOICE_SHARE
-        choice = choose(
+        estimator, features, target, evidence = choose(
             recordings, automatic, features, joints, target, fit_rate, random_state,
             within(report, 0.0, begin),
         )  # fmt: skip
-        estimator, features, target = choice.estimator, choice.features, choice.target
         random_state = None
         share = 1.0 - begin - (_ZEROS_SHARE if zero is None else 0.0)
     task = FitTask.of(recordings, estimator, features, joints, target, random_state)
@@ -148,25 +148,23 @@ def calibrate(
         recordings, task.joints, tuple(task.units), redundant_columns(recordings, redundant)
     )
     parts = task.rows(stride_of(fit_rate, task.dt))
-    own_share = share if groups is None else 0.5 * share
+    own_share = share if per is None else 0.5 * share
     fitted = _assembled(task, parts, task.fit(parts, within(report, begin, own_share)), *checks)
-    if groups is not None and zero is not None:
+    if per is not None:
         again = within(report, begin + own_share, own_share)
-        fitted, parts = _with_zeros(fitted, task, parts, groups, zero, again)
-    if choice is not None:
-        evidence = dict(choice.evidence)
-        if zero is None:
-            rest = within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE)
-            own_zeros, evidence["zero"] = _judge_zeros(
-                fitted, choice, recordings, fit_rate, automatic, rest
-            )
-            if own_zeros:
-                groups = zero_groups(recordings, "recording")
-                fitted, parts = _with_zeros(fitted, task, parts, groups, "recording", untold)
+        fitted, parts = _with_zeros(fitted, task, parts, per, again)
+    if evidence and zero is None:
+        say = automatic.say(within(report, 1.0 - _ZEROS_SHARE, _ZEROS_SHARE))
+        own_zeros, evidence["zero"] = _judge_zeros(
+            fitted, estimator, recordings, fit_rate, evidence, say
+        )
+        if own_zeros:
+            fitted, parts = _with_zeros(fitted, task, parts, "recording", untold)
+    if evidence:
         fitted = fitted.with_metadata(choice=evidence)
-    if has_baseline(parts):
-        residuals = _residuals(fitted.for_rezeroing, parts, choice)
-        baseline = fit_effort_baseline(parts, fitted.signals, residuals)
+    if efforts.has_baseline(parts):
+        residuals = _residuals(fitted.for_rezeroing, parts, evidence)
+        baseline = efforts.fit_effort_baseline(parts, fitted.signals, residuals)
         fitted = replace(fitted, effort_baseline=baseline)
     report(1.0)
     return fitted.with_metadata(fit_seconds=round(time.perf_counter() - began, 3))
@@ -217,15 +215,10 @@ def _assembled(
 
 
 def _with_zeros(
-    fitted: Calibration,
-    task: FitTask,
-    parts: Sequence[Rows],
-    groups: tuple[list[str], Integers],
-    zero: ZeroOf,
-    report: Progress,
+    fitted: Calibration, task: FitTask, parts: Sequence[Rows], zero: ZeroOf, report: Progress
 ) -> tuple[Calibration, list[Rows]]:
-    """Fit once more, with a zero for each of the `groups`; also give the rows of that fit."""
-    names, group = groups
+    """Fit once more, with a zero for each recording or homing; also give the rows of that fit."""
+    names, group = zero_groups([part.recording for part in parts], zero)
     signals = tuple(task.units)
     moves = signal_moves(task.recordings, signals, task.joints) if zero == "homing" else None
     at_zero, offsets = take_off_zeros(parts, group, moves, signals)
@@ -236,38 +229,36 @@ def _with_zeros(
     ]
 
 
-def _residuals(calibration: Calibration, parts: Sequence[Rows], choice: Choice | None) -> Residuals:
+def _residuals(
+    calibration: Calibration, parts: Sequence[Rows], evidence: Mapping[str, Any]
+) -> efforts.Residuals:
     """Residuals in the training, or those on what the fits of a choice did not see, if larger.
 
     Those are the median of the folds: some lie far beyond what the others show.
     """
-    lower, upper = position_range(parts)
-    residuals = residual_statistics(calibration, parts, (upper - lower) / STEPS_PER_RANGE)
-    if choice is None:
+    lower, upper = efforts.position_range(parts)
+    residuals = efforts.residual_statistics(
+        calibration, parts, (upper - lower) / efforts.STEPS_PER_RANGE
+    )
+    if not evidence:
         return residuals
-    held_out = [choice.evidence["chosen"]["median"][joint] for joint in calibration.joints]
-    return residuals._replace(size=np.maximum(residuals.size, held_out))
+    held_out = [evidence["chosen"]["median"][joint] for joint in calibration.joints]
+    return residuals._replace(residual=np.maximum(residuals.residual, held_out))
 
 
 def _judge_zeros(
     fitted: Calibration,
-    choice: Choice,
+    estimator: str | Regressor,
     recordings: Sequence[Recording],
     fit_rate: float | None,
-    automatic: Automatic,
-    report: Progress,
+    evidence: Mapping[str, Any],
+    say: Say,
 ) -> tuple[bool, dict[str, Any]]:
     """Whether a zero for each recording is better, cross-validated, and the evidence.
 
     What is left out enters no fit that it judges, nor the residuals of that, but for their median
     over all folds and what the choice settled, such as a network's epochs.
     """
-
-    def say(what: str, fraction: float) -> None:
-        report(fraction)
-        if automatic.tell is not None:
-            automatic.tell(what)
-
     few = distinct(recordings)
     if len(few) < FEW:
         return False, {"kept": False, "note": f"it takes {FEW} recordings"}
@@ -275,7 +266,7 @@ def _judge_zeros(
         most = share_of([len(recording) for recording in few], MOST_ROWS)
         few = [r.rows(np.arange(0, len(r), -(-len(r) // most))) for r in few]
     longest = max(default_gap_limit([r]) for r in few)  # each is thinned in its own way
-    settled = choice.estimator, choice.features, fitted.joints, choice.target, None
+    settled = estimator, fitted.feature_set, fitted.joints, fitted.target, None
     task = replace(FitTask.of(few, *settled), gap_limit=longest)
     stride = max(stride_of(fit_rate, task.dt), -(-sum(map(len, few)) // FITTED_ROWS))
     parts = task.rows(stride)
@@ -288,9 +279,9 @@ def _judge_zeros(
             fit_model(clone(task.model), rows, task.target) for rows in (training_parts, each)
         ]
         shared, again = (replace(bare, fitted=data_of(model), learnt=model) for model in models)
-        if has_baseline(training_parts):
-            residuals = _residuals(shared, training_parts, choice)
-            baseline = EffortBaseline.of_residuals(training_parts, residuals)
+        if efforts.has_baseline(training_parts):
+            residuals = _residuals(shared, training_parts, evidence)
+            baseline = efforts.EffortBaseline.of_residuals(training_parts, residuals)
             shared, again = (replace(c, effort_baseline=baseline) for c in (shared, again))
         zeros = TrainingZeros("recording", tuple(map(str, training)), offsets)
         return shared, replace(again, origin=replace(again.origin, zeros=zeros))
@@ -329,8 +320,7 @@ def cross_fit(
             again = replace(task.fit(training)[0], moves=bare.moves)
             both = replace(bare, rezeroed_fit=again)
         else:
-            groups = zero_groups([part.recording for part in training], zeros.per)
-            both, _ = _with_zeros(bare, task, training, groups, zeros.per, untold)
+            both, _ = _with_zeros(bare, task, training, zeros.per, untold)
         X = fitted_rows(training, "X")
         fits.append(replace(both.for_rezeroing, lower=X.min(axis=0), upper=X.max(axis=0)))
         (progress or untold)((number + 1) / len(left_out))
@@ -398,14 +388,14 @@ def expected_gain(
     recordings = as_recordings(recordings)
     how = {"redundant": (), **how}  # what only checks a control loop's sensors is not asked for
     whole = calibrate(recordings, estimator, **how)
-    rows = [whole.rows(recording) for recording in recordings]
-    predicted = [whole.correct(held_out) for held_out in rows]
+    rows = list(map(whole.rows, recordings))
+    predicted = list(map(whole.correct, rows))
     parts = blocks(recordings, FOLDS)
     left_out = dealt([parts[k::FOLDS] for k in range(FOLDS)], "time")
     differences, errors = [], []
     fits = cross_fit(whole, recordings, left_out, fit_rate=how.get("fit_rate"))
     for fit, fold in zip(fits, left_out, strict=True):
-        again = [fit.correct(held_out) for held_out in rows]
+        again = list(map(fit.correct, rows))
         squares = [(a - b) ** 2 for a, b in zip(again, predicted, strict=True)]
         differences.append(np.concatenate(squares).mean(axis=0))
         for part in fold.parts:

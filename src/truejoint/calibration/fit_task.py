@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Final, Self, get_args
@@ -12,15 +12,8 @@ import numpy as np
 from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers, Mask
+from truejoint.calibration import compatibility
 from truejoint.calibration.calibration import RezeroedFit
-from truejoint.calibration.compatibility import (
-    check_unit,
-    chosen_features,
-    chosen_joints,
-    common_robot,
-    common_units,
-    source_of,
-)
 from truejoint.calibration.origin import ZeroOf
 from truejoint.calibration.rows import Rows, shift_signals
 from truejoint.errors import CalibrationError
@@ -28,12 +21,7 @@ from truejoint.estimators.base import JointRegressor, Progress, constant_columns
 from truejoint.estimators.family import TARGETS, EstimatorData, Target
 from truejoint.estimators.registry import BASELINES
 from truejoint.estimators.wrapped import Regressor, get_estimator, joint_regressor
-from truejoint.features.feature_set import (
-    FeatureSet,
-    check_sample_dt,
-    default_gap_limit,
-    sample_dt,
-)
+from truejoint.features.feature_set import FeatureSet, check_sample_dt, default_gap_limit, sample_dt
 from truejoint.recordings import Recording
 from truejoint.recordings.join.explained import gross_outliers
 from truejoint.robots import Robot
@@ -89,10 +77,10 @@ class FitTask:
         random_state: int | None,
     ) -> Self:
         """Determine what is not stated, as `calibrate` says; raises CalibrationError as it does."""
-        robot = common_robot(recordings)
+        robot = compatibility.common_robot(recordings)
         model = unfitted(estimator, target, random_state).for_recordings(recordings)
-        chosen = chosen_joints(robot, recordings, joints)
-        feature_set = chosen_features(model, robot, recordings, features)
+        chosen = compatibility.chosen_joints(robot, recordings, joints)
+        feature_set = compatibility.chosen_features(model, robot, recordings, features)
         model = model.for_features(feature_set.names, robot, chosen)
         dt = sample_dt(recordings)
         if feature_set.counts_samples or model.family.counts_samples:
@@ -107,7 +95,7 @@ class FitTask:
             feature_set,
             dt,
             default_gap_limit(recordings),
-            common_units(recordings, feature_set, chosen),
+            compatibility.common_units(recordings, feature_set, chosen),
         )
 
     def rows(self, stride: int) -> list[Rows]:
@@ -165,9 +153,9 @@ class FitTask:
         return RezeroedFit(data_of(model), fitted, learnt=model), notes
 
 
-def within(report: Progress, begin: float, share: float) -> Progress:
+def within(report: Callable[..., None], begin: float, share: float) -> Callable[..., None]:
     """Progress of a part of what `report` is called for, from `begin` on."""
-    return lambda fraction: report(begin + share * fraction)
+    return lambda fraction, *what: report(begin + share * fraction, *what)
 
 
 def fit_model(
@@ -189,7 +177,7 @@ def fit_model(
     for part, columns in zip(parts, pieces, strict=True):
         for column, name in zip(columns.T, names, strict=True):
             if name in part.recording.units:
-                check_unit(part.recording, name, "Nm", "and is learnt in")
+                compatibility.check_units(part.recording, {name: "Nm"}, "and is learnt in")
                 column[:] = part.recording.column(name)
     return model.fit(inputs, targets, report, dt, loads)
 
@@ -257,10 +245,11 @@ def zero_groups(recordings: Sequence[Recording], zero: ZeroOf) -> tuple[list[str
     """
     if zero not in get_args(ZeroOf):
         raise CalibrationError(f"zero {zero!r:.60}; choose {', '.join(get_args(ZeroOf))}")
-    origins = [recording.provenance for recording in recordings]
-    keys = [(zero == "homing" and origin.homing_id) or i for i, origin in enumerate(origins)]
+    homings = [zero == "homing" and recording.provenance.homing_id for recording in recordings]
+    keys = [homing or i for i, homing in enumerate(homings)]
     different = list(dict.fromkeys(keys))
-    names = [key if isinstance(key, str) else source_of(recordings[key]) for key in different]
+    sources = list(map(compatibility.source_of, recordings))
+    names = [key if isinstance(key, str) else sources[key] for key in different]
     if len(names) < 2:
         raise CalibrationError(
             f"a zero for each {zero} takes two of them; all recordings are of {names[0]}: give "
@@ -281,8 +270,7 @@ def take_off_zeros(
     zeros = _group_zeros(parts, group)
     if moves is None:
         return [replace(p, zero=z) for p, z in zip(parts, zeros[group], strict=True)], zeros
-    remaining, at_zero = zeros, list(parts)
-    zeros = np.zeros_like(zeros)
+    remaining, at_zero, zeros = zeros, list(parts), np.zeros_like(zeros)
     while np.abs(remaining).max() > _SETTLED:
         zeros = zeros + remaining
         at_zero = [
@@ -329,11 +317,9 @@ def signal_moves(
     for j, joint in enumerate(joints):
         measured = np.concatenate([r.column(f"measured/{joint}") for r in recordings])
         columns = np.column_stack([measured, np.ones_like(measured)])
-        for i, signal in enumerate(signals):
-            if signal.partition("/")[2] != joint:
-                continue
-            values = np.concatenate([recording.column(signal) for recording in recordings])
+        for i in [i for i, signal in enumerate(signals) if signal.partition("/")[2] == joint]:
+            values = np.concatenate([recording.column(signals[i]) for recording in recordings])
             line = np.linalg.lstsq(columns, values)[0]
             if np.abs(values - columns @ line).max() <= _SAME_SENSOR * np.ptp(values):
-                moves[i, j] = 1.0 if signal == f"measured/{joint}" else line[0]
+                moves[i, j] = 1.0 if signals[i] == f"measured/{joint}" else line[0]
     return moves

@@ -169,8 +169,8 @@ def folds(recordings: Sequence[Recording]) -> list[Fold]:
         return left_out + dealt([[part] for part in whole], "recordings")
     by_kind = dict[str, list[list[Part]]]()
     if len(recordings) >= SORTED_FROM:
-        for name, sizes in (("speed", _speeds(recordings)), ("effort", _efforts(recordings))):
-            if np.ptp(sizes) > 0.0:
+        for name, quantity in (("speed", "measured"), ("effort", "effort")):
+            if np.ptp(sizes := _sizes(recordings, quantity)) > 0.0:
                 by_kind[name] = [[parts[i] for i in group] for group in levels(sizes)]
     stated: dict[str, Sequence[str | float | None]] = {
         "homing": [recording.provenance.homing_id or None for recording in recordings],
@@ -199,7 +199,7 @@ def conditions(recordings: Sequence[Recording]) -> list[list[Integers]]:
     """
     loads = np.array([recording.provenance.load for recording in recordings])
     by_groups: dict[frozenset[frozenset[int]], list[Integers]] = {}
-    for sizes in (_speeds(recordings), _efforts(recordings), loads):
+    for sizes in (_sizes(recordings, "measured"), _sizes(recordings, "effort"), loads):
         if not np.isfinite(sizes).all() or (sizes is not loads and np.ptp(sizes) < _DIFFERENT):
             continue
         alike = levels(sizes, len(sizes))
@@ -238,28 +238,19 @@ def without_levels(
     ]
 
 
-def _speeds(recordings: Sequence[Recording]) -> Array:
-    """How fast recordings (n,) are: mean of the logarithms of the joints' RMS speeds."""
-    speeds = []
-    for recording, positions in zip(recordings, _common(recordings, "measured"), strict=True):
-        every = _every(recording)
-        dt = np.diff(recording.t[::every])
-        speeds.append(np.diff(positions[::every], axis=0) / dt[:, None])
-    return _sizes(speeds)
+def _sizes(recordings: Sequence[Recording], quantity: str) -> Array:
+    """How fast recordings (n,) are, or how large their efforts: mean logarithm of joints' RMS.
 
-
-def _efforts(recordings: Sequence[Recording]) -> Array:
-    """How large efforts of recordings (n,) are: mean of the logarithms of the joints' RMS."""
-    return _sizes(_common(recordings, "effort"))
-
-
-def _common(recordings: Sequence[Recording], quantity: str) -> list[Array]:
-    """Columns (n, k) of each recording that all recordings have of a quantity."""
+    Of the joints whose `quantity`, ``measured`` or ``effort``, all recordings have.
+    """
     joints = sorted(set.intersection(*(set(r.joints_of(quantity)) for r in recordings)))
-    return [r.columns(quantity, joints) if joints else np.empty((len(r), 0)) for r in recordings]
-
-
-def _sizes(values: Sequence[Array]) -> Array:
-    squares = np.array([np.mean(np.square(v), axis=0) if len(v) else v.sum(0) for v in values])
+    squares = np.zeros((len(recordings), len(joints)))
+    for square, recording in zip(squares, recordings, strict=True):
+        values, every = recording.columns(quantity, joints), _every(recording)
+        if quantity == "measured":
+            dt = np.diff(recording.t[::every])
+            values = np.diff(values[::every], axis=0) / dt[:, None]
+        if len(values):
+            square[:] = np.mean(np.square(values), axis=0)
     usable = squares[:, (squares > 0.0).all(axis=0)]
-    return np.log(usable).mean(axis=1) if usable.size else np.zeros(len(values))
+    return np.log(usable).mean(axis=1) if usable.size else np.zeros(len(recordings))

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, fields
+from functools import cached_property
 from typing import Annotated, Any, Final, Literal, NamedTuple
 
 import numpy as np
@@ -24,42 +26,39 @@ from truejoint.errors import CalibrationError, ModelFileError, TruejointError
 from truejoint.estimators.family import EstimatorData, Target, find_family
 from truejoint.features.feature_set import FeatureSet, is_signal
 from truejoint.robots.catalogue import robot_of
-from truejoint.schema import Bounds, Length, Pattern
+from truejoint.schema import Bounds, Length, Pattern, Shape
 
 MAX_JOINTS: Final = 64
 
 _REZEROED: Final = "rezeroed_fit"
+_SAME: Final = "origin", "joints", "target", "units", "gap_limit", "metadata", "redundant", "zero"
+"""Fields of a calibration that its description holds by the same name."""
 
 _Name = Annotated[str, Pattern(r"\w{1,60}", "a name of up to 60 letters, digits and _")]
 _Unit = Annotated[str, Pattern(r"[^\x00-\x1f\x7f]{1,40}", "a text of 1 to 40 characters")]
-_Edge = Annotated[float, Bounds(-1e300, 1e300)]
-_Arrays = dict[str, dict[str, Array]]
+_Axes = Mapping[str, str]
+_Parts = dict[str, dict[str, Array]]
 
 
-_AXES: Final[Mapping[type, Mapping[str, str]]] = {
-    TrainingDomain: {
-        **{f.name: "s" for f in fields(TrainingDomain) if f.name.startswith("signal_")},
-        "feature_mean": "f",
-        "whitening": "ff",
-        "error_lower": "j",
-        "error_upper": "j",
-    },
-    EffortBaseline: {
-        **{f.name: "j" for f in fields(EffortBaseline)},
-        "coef": "jt",
-        "beginning": "bj",
-    },
-    ParityEquations: {**{f.name: "e" for f in fields(ParityEquations)}, "matrix": "es"},
-    Interval: {"levels": "l", **{f.name: "lj" for f in fields(Interval) if "widths" in f.name}},
+def _axes(kind: type[Any], usual: str, **others: str) -> _Axes:
+    """Axes of the fields of a dataclass, of which numbers are arrays of one."""
+    numbers = {"float": "1", "int": "i"}
+    return {f.name: others.get(f.name, numbers.get(str(f.type), usual)) for f in fields(kind)}
+
+
+_PARTS: Final[Mapping[str, tuple[type[Any], _Axes]]] = {
+    "training_domain": (
+        TrainingDomain,
+        _axes(
+            TrainingDomain, "s", feature_mean="f", whitening="ff", error_lower="j", error_upper="j"
+        ),
+    ),
+    "effort_baseline": (EffortBaseline, _axes(EffortBaseline, "j", coef="jt", beginning="bj")),
+    "parity": (ParityEquations, _axes(ParityEquations, "e", matrix="es")),
+    "interval": (Interval, _axes(Interval, "lj", levels="l")),
 }
-"""A letter for each axis of an array: s signals of the loop, f features, j joints, t terms of an
-effort, b beginnings; another one is of any length. A field that is not named is a number."""
-_PARTS: Final[Mapping[str, type[Any]]] = {
-    "training_domain": TrainingDomain,
-    "effort_baseline": EffortBaseline,
-    "parity": ParityEquations,
-    "interval": Interval,
-}
+"""A letter for each axis of an array: s signals of the loop, n those of the model, f features, j
+joints, t terms of an effort, b beginnings; another one is of any length."""
 _POSITIVE: Final = re.compile(r"dt|scale|\w+_limit|residual|correlation|beginning")
 _SIGNED: Final = re.compile(r"feature_mean|whitening|coef|matrix|intercept|.*lower|.*upper")
 
@@ -88,7 +87,7 @@ class _Description:
     target: Target
     features: tuple[str, ...]
     units: Mapping[str, _Unit]
-    ranges: tuple[tuple[_Edge, _Edge], ...]
+    ranges: Annotated[Array, Shape((None, 2)), Bounds(-1e300, 1e300)]
     gap_limit: Annotated[float, Bounds(1e-9, 1e9)]
     fit: _Fit
     origin: Origin
@@ -105,10 +104,24 @@ class _Description:
         for name in (name for fit in fits for name in fit.baselines):
             if name in taken or not name.isidentifier():
                 raise ModelFileError(f"baselines: {name!r:.60} is no name of one")
-        if any(low > high for low, high in self.ranges):
+        if (self.ranges[:, 0] > self.ranges[:, 1]).any():
             raise ModelFileError("ranges: a lower bound is above its upper one")
         if any(not is_signal(name) for name in self.redundant):  # they stand in C source
             raise ModelFileError(f"redundant: {list(self.redundant)!r:.80} is called as none is")
+        if len(self.ranges) != len(self.feature_set):
+            raise ModelFileError("ranges: they are not those of the features")
+        if set(self.units) != self.signals or set(self.redundant) & self.signals:
+            raise ModelFileError("units: they are not those of the columns that the model needs")
+
+    @cached_property
+    def feature_set(self) -> FeatureSet:
+        """Inputs of the model."""
+        return FeatureSet.parse(self.features)
+
+    @property
+    def signals(self) -> set[str]:
+        """Columns that the model needs, besides those that check them."""
+        return {*self.feature_set.signals, *(f"measured/{joint}" for joint in self.joints)}
 
 
 def write_calibration(
@@ -172,56 +185,43 @@ def read_calibration(path: str | os.PathLike[str]) -> Calibration:
 
 def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
     """Give description and arrays for `container.write_model_file`."""
-    c, again = calibration, calibration.rezeroed_fit
+    c, parts = calibration, dict[str, Mapping[str, Array]]()
     description = {
         "kind": "calibration",
         "robot": c.machine.to_dict(),
-        "joints": list(c.joints),
-        "target": c.target,
         "features": list(c.feature_set.names),
-        "units": dict(c.units),
         "ranges": np.column_stack([c.lower, c.upper]).tolist(),
-        "gap_limit": c.gap_limit,
-        "fit": _fit_entry(c.fitted, c.fitted_baselines),
-        "origin": schema.plain(c.origin),
-        "metadata": dict(c.metadata),
-        "redundant": dict(c.redundant),
+        **{name: schema.plain(getattr(c, name)) for name in _SAME},
     }
-    parts = _fit_arrays(c, c.fitted_baselines) | {"zero": c.offsets}
-    for name in ("training_domain", "effort_baseline", "parity"):
-        parts[name] = encode_arrays(getattr(c, name))
-    if c.zero is not None:
-        description["zero"] = schema.plain(c.zero)
-        if np.isnan(c.zero.deviation).any():
-            del description["zero"]["deviation"]
-    if again is not None:
-        description[_REZEROED] = _fit_entry(again.fitted, again.baselines)
-        of_fit = _fit_arrays(again, again.baselines)
-        parts |= {f"{_REZEROED}/{name}": arrays for name, arrays in of_fit.items()}
+    if c.zero is None:
+        del description["zero"]
+    elif np.isnan(c.zero.deviation).any():
+        del description["zero"]["deviation"]
+    parts["zero"] = c.offsets
+    for name in _PARTS:
+        parts[name] = _arrays_of(getattr(c, name))
+    first = RezeroedFit(c.fitted, c.fitted_baselines, c.moves, c.interval)
+    for key, fit in (("fit", first), (_REZEROED, c.rezeroed_fit)):
+        if fit is None:
+            continue
+        models = {"model": fit.fitted, **fit.baselines}
+        entries = {
+            name: {
+                "family": data.family,
+                "params": json.loads(json.dumps(data.params, default=_plain)),
+            }
+            for name, data in models.items()
+        }
+        description[key] = {"model": entries.pop("model"), "baselines": entries}
+        prefix = "" if fit is first else f"{_REZEROED}/"
+        parts |= {prefix + name: data.arrays for name, data in models.items()}
+        parts[f"{prefix}moves"] = {} if fit.moves is None else {"signals": fit.moves}
+        parts[f"{prefix}interval"] = _arrays_of(fit.interval)
     arrays = {f"{part}/{name}": a for part, named in parts.items() for name, a in named.items()}
     return description, arrays
 
 
-def _fit_entry(fitted: EstimatorData, baselines: Mapping[str, EstimatorData]) -> dict[str, Any]:
-    def entry(data: EstimatorData) -> dict[str, Any]:
-        return {"family": data.family, "params": _plain(data.params)}
-
-    entries = {name: entry(data) for name, data in baselines.items()}
-    return {"model": entry(fitted), "baselines": entries}
-
-
-def _fit_arrays(
-    fit: Calibration | RezeroedFit, baselines: Mapping[str, EstimatorData]
-) -> dict[str, Mapping[str, Array]]:
-    return {
-        "model": fit.fitted.arrays,
-        **{name: data.arrays for name, data in baselines.items()},
-        "moves": {} if fit.moves is None else {"signals": fit.moves},
-        "interval": encode_arrays(fit.interval),
-    }
-
-
-def encode_arrays(value: Any) -> dict[str, Array]:
+def _arrays_of(value: Any) -> dict[str, Array]:
     """Fields of a dataclass by name, numbers as arrays of one element; nothing of None."""
     return {
         field.name: np.atleast_1d(np.asarray(getattr(value, field.name), dtype=np.float64))
@@ -230,14 +230,8 @@ def encode_arrays(value: Any) -> dict[str, Array]:
 
 
 def _plain(value: Any) -> Any:
-    """JSON value of a parameter; a generator of random numbers states no seed."""
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (tuple, list)):
-        return [_plain(item) for item in value]
-    if isinstance(value, np.random.RandomState):
-        return None
-    return value.item() if isinstance(value, np.generic) else value
+    """JSON value of a parameter that is none; a generator of random numbers states no seed."""
+    return None if isinstance(value, np.random.RandomState) else schema.plain(value)
 
 
 def _tuples(value: Any) -> Any:
@@ -254,123 +248,102 @@ def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calib
     are not looked into: that is up to `Family.check`.
     """
     stated = schema.read(_Description, description, "the model description", ModelFileError)
-    parts: _Arrays = {}
+    parts: _Parts = {}
     for path, array in arrays.items():
-        part, _, name = path.partition("/")
-        if part == _REZEROED:
-            inner, _, name = name.partition("/")
-            part = f"{part}/{inner}"
-        parts.setdefault(part, {})[name] = array
-    try:
-        feature_set = FeatureSet.parse(stated.features)
-        machine = robot_of(stated.robot, "the model file")
-    except TruejointError as error:
-        raise ModelFileError(str(error)) from None
-    if len(stated.ranges) != len(feature_set):
-        raise ModelFileError("the training ranges are not those of the features")
-    fitted, baselines = _fit(stated.fit, parts, "")
-    lower, upper = np.array(stated.ranges, dtype=float).T.copy()
-    bare = Calibration(
-        machine=machine,
-        joints=stated.joints,
-        feature_set=feature_set,
-        target=stated.target,
-        units=stated.units,
-        gap_limit=stated.gap_limit,
+        *part, name = path.split("/", 2 if path.startswith(f"{_REZEROED}/") else 1)
+        parts.setdefault("/".join(part), {})[name] = array
+    n_joints = len(stated.joints)
+    sizes = {
+        "s": len(stated.units) + len(stated.redundant), "n": len(stated.units), "j": n_joints,
+        "f": len(stated.features), "t": count_effort_terms(n_joints), "b": len(BEGINNINGS),
+    }  # fmt: skip
+    first = _fit(stated.fit, parts, "", sizes)
+    again = stated.rezeroed_fit
+    offsets = parts.pop("zero", {})
+    lower, upper = stated.ranges.T.copy()
+    calibration = Calibration(
+        machine=robot_of(stated.robot, "the model file"),
+        feature_set=stated.feature_set,
         lower=lower,
         upper=upper,
-        fitted=fitted,
-        fitted_baselines=baselines,
-        origin=stated.origin,
-        metadata=stated.metadata,
-        redundant=stated.redundant,
-        zero=stated.zero,
-        offsets=parts.pop("zero", {}),
+        fitted=first.fitted,
+        fitted_baselines=first.baselines,
+        moves=first.moves,
+        interval=first.interval,
+        rezeroed_fit=None if again is None else _fit(again, parts, f"{_REZEROED}/", sizes),
+        offsets=_checked("zero", dict.fromkeys(offsets, "j"), offsets, sizes),
+        **{name: _part(name, parts, "", sizes) for name in _PARTS if name != "interval"},
+        **{name: getattr(stated, name) for name in _SAME},
     )
-    if set(bare.units) != set(bare.signals):
-        raise ModelFileError("the units are not those of the columns that the model needs")
-    if set(bare.redundant) & set(bare.signals):
-        raise ModelFileError("a redundant column is an input as well")
-    calibration = _with_parts(bare, parts, stated.rezeroed_fit)
+    if not set(offsets) <= {"model", *first.baselines}:
+        raise ModelFileError("the zero is of none of the models")
+    if stated.zero is not None:
+        _checked("zero", {"shift": "j"}, {"shift": stated.zero.shift}, sizes)
+    parity = calibration.parity
+    if parity is not None and not np.isin(parity.joint, np.arange(n_joints)).all():
+        raise ModelFileError("the parity equations are of joints that there are not")
+    if again is not None and set(again.baselines) != set(first.baselines):
+        raise ModelFileError("the models for re-zeroing are not those of the calibration")
     if parts:
         raise ModelFileError(f"arrays {sorted(parts)[:5]} belong to no part of the model")
     return calibration
 
 
-def _fit(
-    entry: _Fit, parts: _Arrays, prefix: str
-) -> tuple[EstimatorData, dict[str, EstimatorData]]:
-    """Take the model and the baselines of a fit out of the parts."""
-
-    def data(name: str, stated: _Estimator) -> EstimatorData:
-        return EstimatorData(stated.family, _tuples(stated.params), parts.pop(prefix + name, {}))
-
-    baselines = {name: data(name, stated) for name, stated in entry.baselines.items()}
-    return data("model", entry.model), baselines
-
-
-def _with_parts(bare: Calibration, parts: _Arrays, again: _Fit | None) -> Calibration:
-    """Take what the calibration may have besides out of the parts: what checks, and zeros."""
-    n_joints = len(bare.joints)
-    zeros = [] if bare.zero is None else [bare.zero.shift]
-    if not set(bare.offsets) <= {"model", *bare.fitted_baselines}:
-        raise ModelFileError("the zero is of none of the models")
-    for offset in (*bare.offsets.values(), *zeros):
-        if offset.shape != (n_joints,) or not np.isfinite(offset).all():
-            raise ModelFileError("the zero is not a finite number for each joint")
-    sizes = {"s": len(bare.loop_signals), "f": len(bare.feature_set), "j": n_joints}
-    sizes |= {"t": count_effort_terms(n_joints), "b": len(BEGINNINGS)}
-    taken: dict[str, Any] = {
-        name: decode_arrays(kind, parts.pop(name), sizes)
-        for name, kind in _PARTS.items()
-        if name in parts
+def _fit(entry: _Fit, parts: _Parts, prefix: str, sizes: Mapping[str, int]) -> RezeroedFit:
+    """Take the models of a fit, what its zero moves and its interval out of the parts."""
+    models = {
+        name: EstimatorData(stated.family, _tuples(stated.params), parts.pop(prefix + name, {}))
+        for name, stated in {**entry.baselines, "model": entry.model}.items()
     }
-    parity = taken.get("parity")
-    if parity is not None and not np.isin(parity.joint, np.arange(n_joints)).all():
-        raise ModelFileError("the parity equations are of joints that there are not")
-    taken["moves"] = _moves(bare, parts.pop("moves", None))
-    if again is not None:
-        if set(again.baselines) != set(bare.fitted_baselines):
-            raise ModelFileError("the models for re-zeroing are not those of the calibration")
-        fit = RezeroedFit(*_fit(again, parts, f"{_REZEROED}/"))
-        moves = _moves(bare, parts.pop(f"{_REZEROED}/moves", None))
-        widths = parts.pop(f"{_REZEROED}/interval", None)
-        interval = None if widths is None else decode_arrays(Interval, widths, sizes)
-        taken[_REZEROED] = replace(fit, moves=moves, interval=interval)
-    return replace(bare, **taken)
+    moves, axes = parts.pop(f"{prefix}moves", None), {"signals": "nj"}
+    return RezeroedFit(
+        models.pop("model"),
+        models,
+        None if moves is None else _checked("moves", axes, moves, sizes)["signals"],
+        _part("interval", parts, prefix, sizes),
+    )
 
 
-def decode_arrays(kind: type[Any], arrays: Mapping[str, Array], sizes: Mapping[str, int]) -> Any:
-    """Inverse of `encode_arrays` for a part of a model, whose axes have these `sizes`.
+def _part(name: str, parts: _Parts, prefix: str, sizes: Mapping[str, int]) -> Any:
+    """Take a part of a model out of the parts; None where it is not there.
 
     Raises ModelFileError when names or shapes are not those of the part, or a number is not finite
     or none that a calibration gives.
     """
-    axes, title = _AXES[kind], re.sub(r"\B([A-Z])", r" \1", kind.__name__).lower()
-    lengths, values, is_possible = {**sizes, "1": 1}, dict[str, Any](), True
-    stated = fields(kind)
-    if set(arrays) != {field.name for field in stated}:
+    kind, axes = _PARTS[name]
+    arrays, title = parts.pop(prefix + name, None), name.replace("_", " ")
+    if arrays is None:
+        return None
+    values = _checked(title, axes, arrays, sizes)
+    is_possible = kind is not Interval or _can_be_stated(arrays)
+    for key, array in arrays.items():
+        least = array.min(initial=np.inf)
+        is_possible &= least >= 0.0 or _SIGNED.fullmatch(key) is not None
+        is_possible &= least > 0.0 or _POSITIVE.fullmatch(key) is None
+        if "lower" in key:
+            is_possible &= bool((array <= arrays[key.replace("lower", "upper")]).all())
+    if not is_possible:
+        raise ModelFileError(f"the {title} holds values that no calibration gives")
+    return kind(**values)
+
+
+def _checked(
+    title: str, axes: _Axes, arrays: Mapping[str, Array], sizes: Mapping[str, int]
+) -> dict[str, Any]:
+    """Arrays and numbers of a part whose axes have these `sizes`."""
+    lengths, values = {**sizes, "1": 1, "i": 1}, dict[str, Any]()
+    if set(arrays) != set(axes):
         raise ModelFileError(f"the arrays of the {title} are not those of the model")
-    for field_ in stated:
-        name, array = field_.name, arrays[field_.name]
-        letters = axes.get(name, "1")
+    for name, letters in axes.items():
+        array = arrays[name]
         pairs = zip(letters, array.shape, strict=False)
         shape = [lengths.setdefault(letter, length) for letter, length in pairs]
         if array.ndim != len(letters) or list(array.shape) != shape:
             raise ModelFileError(f"the arrays of the {title} are not those of the model")
         if not np.isfinite(array).all():
             raise ModelFileError(f"the {title} is not finite")
-        least = array.min(initial=np.inf)
-        is_possible &= least >= 0.0 or _SIGNED.fullmatch(name) is not None
-        is_possible &= least > 0.0 or _POSITIVE.fullmatch(name) is None
-        number = int if field_.type == "int" else float
-        values[name] = array if name in axes else number(array[0])
-    for name in arrays:
-        if "lower" in name:
-            is_possible &= bool((arrays[name] <= arrays[name.replace("lower", "upper")]).all())
-    if not is_possible or (kind is Interval and not _can_be_stated(arrays)):
-        raise ModelFileError(f"the {title} holds values that no calibration gives")
-    return kind(**values)
+        values[name] = {"1": float, "i": int}[letters](array[0]) if letters in "1i" else array
+    return values
 
 
 def _can_be_stated(arrays: Mapping[str, Array]) -> bool:
@@ -383,12 +356,3 @@ def _can_be_stated(arrays: Mapping[str, Array]) -> bool:
         and needed_trajectories(float(levels[-1])) <= arrays["trajectories"][0]
         and max(arrays[name][0] for name in ("trajectories", "homings")) <= 1e9
     )
-
-
-def _moves(bare: Calibration, named: Mapping[str, Array] | None) -> Array | None:
-    if named is None:
-        return None
-    moves, shape = named.get("signals", np.empty(0)), (len(bare.signals), len(bare.joints))
-    if set(named) != {"signals"} or moves.shape != shape or not np.isfinite(moves).all():
-        raise ModelFileError("what the zero moves is not a finite number for signals and joints")
-    return moves

@@ -81,12 +81,8 @@ class Zero:
     def __post_init__(self) -> None:
         offset = np.asarray(self.offset, dtype=np.float64)
         shift = np.asarray(self.shift, dtype=np.float64)
-        for name, value in (
-            ("offset", offset),
-            ("deviation", np.broadcast_to(self.deviation, offset.shape)),
-            ("shift", shift if shift.ndim else offset),
-        ):
-            object.__setattr__(self, name, value)
+        deviation = np.broadcast_to(self.deviation, offset.shape)
+        vars(self).update(offset=offset, deviation=deviation, shift=shift if shift.ndim else offset)
 
 
 def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
@@ -177,13 +173,12 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
     deviation = np.full(len(rows.joints), math.nan)
     if baseline is not None:
         chosen = np.linspace(0, len(used) - 1, min(len(used), _MOST_ROWS)).astype(np.int64)
-        times = CORRELATION_MARGIN * baseline.correlation
-        variance = []  # of the mean of readings whose correlation falls with the time in motion
-        for moving, w, time in zip(
-            in_motion[used[chosen]].T, weights[chosen].T, times, strict=True
-        ):
-            distance = np.abs(np.subtract.outer(moving, moving))
-            variance.append((np.outer(w, w) * np.exp(-distance / time)).sum() / w.sum() ** 2)
+        moving, w = in_motion[used[chosen]].T, np.ascontiguousarray(weights[chosen].T)
+        distance = np.abs(moving[:, :, None] - moving[:, None])
+        alike = np.exp(-distance / (CORRELATION_MARGIN * baseline.correlation)[:, None, None])
+        # of the mean of readings whose correlation falls with the time in motion
+        pairs = w[:, :, None] * w[:, None] * alike
+        variance = pairs.reshape(len(w), -1).sum(axis=1) / w.sum(axis=1) ** 2
         at_beginnings = baseline.beginning_sd(in_motion[used[-1]])
         deviation = np.maximum(baseline.residual * np.sqrt(variance), at_beginnings)
     origin = rows.recording.provenance

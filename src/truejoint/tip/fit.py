@@ -60,9 +60,6 @@ class TipState:
         terms = tuple(f"term {k}" for k in range(len(self.coefficients)))
         return (*terms, *POSE, *MARKER, SCALE, *TURN)
 
-    def __len__(self) -> int:
-        return len(self.coefficients) + 13
-
     def moved(self, step: Array) -> TipState:
         """State after a step (n,) of all parameters; turns are about the frames' own axes."""
         k = len(self.coefficients)
@@ -202,10 +199,8 @@ class TipRows:
 
     def rows(self, chosen: Mask) -> TipRows:
         """Give some of the rows."""
-        turns = None if self.orientation is None else self.orientation[chosen]
-        names = ("joint", "basis", "point")
-        parts = {name: getattr(self, name)[chosen] for name in names}
-        return replace(self, **parts, orientation=turns)
+        names = ["joint", "basis", "point", *["orientation"] * (self.orientation is not None)]
+        return replace(self, **{name: getattr(self, name)[chosen] for name in names})
 
     def with_joint_sd(self, corrected: Array) -> TipRows:
         """Rows with another deviation (n_corrected,) of the joints that the terms correct."""
@@ -286,6 +281,11 @@ def align(tip: Array, point: Array) -> tuple[Array, Array]:
     return turn, tip.mean(axis=0) - turn @ point.mean(axis=0)
 
 
+def pose_matrix(rotation: Array, translation: Array) -> Array:
+    """Pose (4, 4) of a rotation (3, 3) and a translation (3,)."""
+    return np.block([[rotation, translation[:, None]], [np.zeros(3), 1.0]])
+
+
 def cross_matrix(vectors: Array) -> Array:
     """Matrices (m, 3, 3) with ``M w = v x w`` of vectors (m, 3)."""
     return np.asarray(np.cross(vectors[:, None], np.eye(3)).transpose(0, 2, 1))
@@ -295,6 +295,8 @@ def cross_matrix(vectors: Array) -> Array:
 class TipFit:
     """Parameters that fit the points, and how surely."""
 
+    rows: TipRows  # What it was fitted to
+    prior: TipPrior
     state: TipState
     covariance: Array  # (n, n), of all parameters; zero for those that were held
     residual: Array  # (m, 3), predicted less stated points [m]
@@ -485,4 +487,5 @@ def _fit_inliers(rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask) 
     rank = int(np.linalg.matrix_rank(prior.precision, hermitian=True))
     freedom = 3 * int(inlier.sum()) + rank - len(free)
     points = white.equations.residual
-    return TipFit(state, covariance, points, distance, weight, misfit, freedom, evidence)
+    judged = points, distance, weight, misfit, freedom, evidence
+    return TipFit(rows, prior, state, covariance, *judged)

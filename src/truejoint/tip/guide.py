@@ -13,24 +13,10 @@ from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
 from truejoint.robots.chain import reach
 from truejoint.robots.robot import Robot
+from truejoint.tip import touch
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import TipFit, TipPrior, TipRows
 from truejoint.tip.terms import LEFT, Terms, check_priors, wide_priors
-from truejoint.tip.touch import (
-    FEWEST,
-    FEWEST_OF_BLOCK,
-    Touches,
-    check_pose,
-    features_of,
-    fewest_touches,
-    fit_block,
-    fit_terms,
-    fit_zero,
-    resting,
-    terms_prior,
-    tip_rows,
-    zero_prior,
-)
 
 if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
@@ -74,7 +60,7 @@ class Task:
     # there [rad or m] and points (m, 3) as designed [m]
     unknowns: Callable[[Array, Array], tuple[TipRows, TipPrior]]
     # Fit to a recording and all touches so far; raises CalibrationError as `fit_rows`
-    fit: Callable[[Recording, Touches], TipFit]
+    fit: Callable[[Recording, touch.Touches], TipFit]
     # Whether the zeros alone count in the stated deviation of the tip, and not the block's pose
     is_zero_alone: bool = False
 
@@ -94,7 +80,7 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
     Where they find the block, that is where it is meant to stand. Raises CalibrationError if it is
     the pose of another arm, or another calibration found it.
     """
-    check_pose(calibration, pose)
+    touch.check_pose(calibration, pose)
     robot, n = calibration.machine, len(calibration.joints)
     homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
     left = pose.joint_sd if len(pose.joint_sd) == n else homing / 10.0
@@ -102,15 +88,15 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
     def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
         basis = np.tile(np.eye(n), (len(joint), 1, 1))
         rows = TipRows.of(robot, joint, calibration.joints, basis, point, TOUCH_SD, left)
-        return rows, zero_prior(pose, homing)
+        return rows, touch.zero_prior(pose, homing)
 
-    def fit(recording: Recording, touches: Touches) -> TipFit:
+    def fit(recording: Recording, touches: touch.Touches) -> TipFit:
         if not finds_block:
-            return fit_zero(calibration, recording, touches, pose, homing)
-        rows = tip_rows(calibration, recording, touches, pose.block, offsets=False)
-        return fit_block(rows, pose.block)[0]
+            return touch.fit_zero(calibration, recording, touches, pose, homing)
+        rows = touch.tip_rows(calibration, recording, touches, pose.block, offsets=False)
+        return touch.fit_block(rows, pose.block)
 
-    fewest = FEWEST_OF_BLOCK if finds_block else FEWEST
+    fewest = touch.FEWEST_OF_BLOCK if finds_block else touch.FEWEST
     return Task(robot, pose, fewest, unknowns, fit, is_zero_alone=not finds_block)
 
 
@@ -128,13 +114,13 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
         basis = terms.basis(shared, np.zeros((len(joint), *terms.widths.shape)))
         left = LEFT * terms.scale
         rows = TipRows.of(robot, joint, terms.joints, basis, point, TOUCH_SD, left)
-        return rows, terms_prior(rows, block, *wide_priors(terms)[0])
+        return rows, touch.terms_prior(rows, block, *wide_priors(terms)[0])
 
-    def fit(recording: Recording, touches: Touches) -> TipFit:
-        features = features_of(recording, terms)
-        return fit_terms(recording, touches, block, terms, features, priors).fit
+    def fit(recording: Recording, touches: touch.Touches) -> TipFit:
+        features = touch.features_of(recording, terms)
+        return touch.fit_terms(recording, touches, block, terms, features, priors)[0]
 
-    return Task(robot, pose, fewest_touches(priors), unknowns, fit)
+    return Task(robot, pose, touch.fewest_touches(priors), unknowns, fit)
 
 
 def design_pose(block: Block, robot: Robot) -> BlockPose:
@@ -184,10 +170,10 @@ class Guide:
         """Leave a stop out."""
         self._stops.remove(stop)
 
-    def touches(self) -> Touches:
+    def touches(self) -> touch.Touches:
         """Touches that were made and fit, on the recording's clock."""
         t, dimples = zip(*self._made, strict=True)
-        return Touches(t, dimples)
+        return touch.Touches(t, dimples)
 
     def take(self, stop: Stop, t: float, recording: Recording) -> Verdict:
         """Take a touch at `t` [s, the arm's clock] with what was recorded until now.
@@ -198,10 +184,10 @@ class Guide:
         """
         start = recording.provenance.start
         stamp = t - (0.0 if np.isnan(start) else start)
-        resting(recording, Touches((stamp,), (stop.dimple,)))
+        touch.resting(recording, touch.Touches((stamp,), (stop.dimple,)))
         self._stops.remove(stop)
         self._made.append((stamp, stop.dimple))
-        if len(self._made) <= FEWEST:
+        if len(self._made) <= touch.FEWEST:
             return Verdict(len(self._made), None, None)
         fit = self._task.fit(recording, self.touches())
         off = None

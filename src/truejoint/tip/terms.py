@@ -183,10 +183,10 @@ class TermsPrior(NamedTuple):
 
 def wide_priors(terms: Terms) -> list[TermsPrior]:
     """Expect little of any arm, with squares and plays smaller from one prior to the next."""
-    nothing, by_kind = (
-        np.zeros(len(terms.kinds)),
-        [WIDE | {kind: share * WIDE[kind] for kind in ("square", "play")} for share in _SHARES],
-    )
+    nothing = np.zeros(len(terms.kinds))
+    by_kind = [
+        WIDE | {kind: share * WIDE[kind] for kind in ("square", "play")} for share in _SHARES
+    ]
     return [TermsPrior(nothing, terms.sds(sds)) for sds in by_kind]
 
 

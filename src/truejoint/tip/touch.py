@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 
@@ -27,14 +27,7 @@ from truejoint.files import read_small
 from truejoint.recordings import Recording
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
 from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
-from truejoint.tip.terms import (
-    LEFT,
-    SPREAD,
-    Terms,
-    check_priors,
-    learned_priors,
-    wide_priors,
-)
+from truejoint.tip.terms import LEFT, SPREAD, Terms, check_priors, learned_priors, wide_priors
 from truejoint.units import shown, with_unit
 
 FEWEST: Final = 3
@@ -277,31 +270,27 @@ def find_block(
     """
     check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
     rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd, offsets=False)
-    fit, rows = fit_block(rows, block)
+    fit = fit_block(rows, block)
     _check_misfit(fit, touches)
     robot, state = recording.robot, fit.state
     pose = BlockPose(
         block, robot.name, robot.arm, state.rotation, state.translation, fit.covariance[:6, :6],
-        state.scale, float(fit.sd[9]), rows.corrected_sd,
+        state.scale, float(fit.sd[9]), fit.rows.corrected_sd,
         datetime.now(UTC).isoformat(timespec="seconds"), recording.provenance.homing_id,
         str(calibration.metadata.get("data_sha256", "")),
     )  # fmt: skip
     return pose, fit
 
 
-def fit_block(rows: TipRows, block: Block) -> tuple[TipFit, TipRows]:
+def fit_block(rows: TipRows, block: Block) -> TipFit:
     """Fit pose and size of a block to touches with known joints; raises as `fit_rows`.
 
     It takes three rows or more, of points that do not lie in a line. The errors that the joints
     keep are estimated too, as those of the training are smaller than those of another motion; the
-    returned rows state them.
+    rows of the fit state them.
     """
-    tip = rows.kinematics.forward(rows.joint)[:, :3, 3]
-    rotation, translation = align(tip, rows.point * block.scale)
-    start = TipState(np.zeros(rows.basis.shape[2]), rotation, translation, scale=block.scale)
-    prior = TipPrior.of(start, 0.0, scale=block.scale_sd)
-    rows = with_estimated_errors(rows, prior)
-    return fit_rows(rows, prior), rows
+    prior = terms_prior(rows, block, np.empty(0), np.empty(0))
+    return fit_rows(with_estimated_errors(rows, prior), prior)
 
 
 def with_estimated_errors(rows: TipRows, prior: TipPrior) -> TipRows:
@@ -479,18 +468,6 @@ class TouchReport:
     left_out: Array
 
 
-class TermsFit(NamedTuple):
-    """Joints and frame that fit what was touched or shot."""
-
-    fit: TipFit
-    rows: TipRows
-    """With what the terms leave of the joints."""
-    prior: TipPrior
-    """The likeliest."""
-    is_learned: bool
-    """Whether the prior is of other calibrations."""
-
-
 def calibrate_by_touch(
     recording: Recording,
     touches: Touches,
@@ -541,9 +518,10 @@ def calibrate_by_touch(
     terms = Terms.of_workspace(recording.robot)
     features = features_of(recording, terms)
     _check_spread(recording, touches, block, terms, features, is_flat_fine=bool(priors))
-    terms_fit = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
-    report = _report(touches, block, terms_fit, terms, has_priors=bool(priors))
-    state = terms_fit.fit.state
+    fit, is_learned = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
+    unused = ["the prior: the touches are likelier without it, so it was not used"]
+    report = _report(touches, block, fit, terms, unused if priors and not is_learned else [])
+    state, corrected_sd = fit.state, fit.rows.corrected_sd
     correction = terms.basis(*terms.columns(features)) @ state.coefficients
     table = {"t": recording.t} | {c: recording.column(c) for c in recording.units}
     for k, joint in enumerate(terms.joints):
@@ -556,7 +534,7 @@ def calibrate_by_touch(
     data = EstimatorData("polynomial", of_degree(2), terms.arrays(state.coefficients))
     model = Polynomial.from_data(data, len(terms.features), len(terms.joints))
     if (baseline := fitted.effort_baseline) is not None:
-        residual = np.hypot(terms_fit.rows.corrected_sd, report.zero_sd)
+        residual = np.hypot(corrected_sd, report.zero_sd)
         baseline = replace(baseline, residual=residual)
     calibration = replace(
         fitted,
@@ -569,12 +547,12 @@ def calibrate_by_touch(
         truth="touch",
         touch={
             "touches": len(touches),
-            "prior": [prior.title for prior in priors] if terms_fit.is_learned else [],
-            "left_out": [touches.dimple[i] for i in np.flatnonzero(terms_fit.fit.left_out)],
+            "prior": [prior.title for prior in priors] if is_learned else [],
+            "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
             "left_out_error": report.left_out_error,
             "left_out_sd": report.left_out_sd,
             "zero_sd": report.zero_sd.tolist(),
-            "joint_sd": terms_fit.rows.corrected_sd.tolist(),
+            "joint_sd": corrected_sd.tolist(),
             "scale": state.scale,
             "rotation": state.rotation.tolist(),
             "translation": state.translation.tolist(),
@@ -599,8 +577,10 @@ def fit_terms(
     features: Array,
     priors: Sequence[Calibration],
     touch_sd: float = TOUCH_SD,
-) -> TermsFit:
+) -> tuple[TipFit, bool]:
     """Fit terms and a block's pose to touches, under the likeliest prior.
+
+    Also says whether that prior is of other calibrations.
 
     `features` (n, k) are the terms', of the recording. The points themselves choose the prior and
     the errors that joints keep (empirical Bayes). Raises as `fit_rows` and `resting`, and
@@ -619,8 +599,7 @@ def fit_terms(
     first = fit_rows(rows, candidates[len(learned)])
     best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
     rows = with_estimated_errors(rows, candidates[best])
-    fit = fit_rows(rows, candidates[best], start=first.state)
-    return TermsFit(fit, rows, candidates[best], best < len(learned))
+    return fit_rows(rows, candidates[best], start=first.state), best < len(learned)
 
 
 def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior:
@@ -661,10 +640,9 @@ def _check_spread(
 
 
 def _report(
-    touches: Touches, block: Block, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
+    touches: Touches, block: Block, fit: TipFit, terms: Terms, unused: Sequence[str]
 ) -> TouchReport:
-    fit, rows = terms_fit.fit, terms_fit.rows
-    off, inlier = _held_out_errors(terms_fit), ~fit.left_out
+    rows, off, inlier = fit.rows, _held_out_errors(fit), ~fit.left_out
     squares = (off[inlier] ** 2).sum(axis=1)
     error = math.sqrt(max(float(squares.mean()) - 3.0 * rows.point_sd**2, 0.0))
     spread = float(squares.std(ddof=1)) / math.sqrt(len(squares))
@@ -674,30 +652,27 @@ def _report(
     turn, shift = align(tip[inlier], rows.point[inlier] * block.scale)
     zero_sd = fit.sd[terms.zeros] * terms.scale
     before = (tip - shift) @ turn - rows.point * block.scale
-    not_seen = _unseen(block, terms_fit, terms, has_priors=has_priors)
+    not_seen = (*_unseen(block, fit, terms), *unused)
     return TouchReport(touches, fit, error, error_sd, zero_sd, not_seen, rows.point, before, off)
 
 
-def _held_out_errors(terms_fit: TermsFit) -> Array:
+def _held_out_errors(fit: TipFit) -> Array:
     """Error of each touch (m, 3) [m] by a fit without it and a few others."""
-    fit, rows, prior, _ = terms_fit
-    inlier = ~fit.left_out
+    rows, inlier = fit.rows, ~fit.left_out
     fold = np.full(len(rows), _FOLDS)
     fold[inlier] = np.arange(inlier.sum()) % _FOLDS
     errors = fit.residual.copy()
     for number in range(_FOLDS):
         train = rows.rows(inlier & (fold != number))
-        other = fit_rows(train, prior, gate=np.inf, start=fit.state)
+        other = fit_rows(train, fit.prior, gate=np.inf, start=fit.state)
         errors[fold == number] = rows.residual(other.state)[fold == number]
     return errors
 
 
-def _unseen(
-    block: Block, terms_fit: TermsFit, terms: Terms, *, has_priors: bool
-) -> tuple[str, ...]:
+def _unseen(block: Block, fit: TipFit, terms: Terms) -> list[str]:
     """Say in words what the touches did not show, and how far off it may be."""
-    words, fit = [], terms_fit.fit
-    prior_sd = 1.0 / np.sqrt(np.diag(terms_fit.prior.precision)[terms.zeros])
+    words = []
+    prior_sd = 1.0 / np.sqrt(np.diag(fit.prior.precision)[terms.zeros])
     rows = zip(terms.joints, fit.sd[terms.zeros], prior_sd, terms.scale, strict=True)
     for joint, sd, before, scale in rows:
         within = with_unit(float(sd * scale), "rad" if scale == SPREAD["rad"] else "m")
@@ -705,7 +680,7 @@ def _unseen(
             words.append(f"zero of {joint}: not seen, assumed within {within}")
         elif sd > _UNSURE:
             words.append(f"zero of {joint}: ± {within}")
-    point = terms_fit.rows.point
+    point = fit.rows.point
     size = float(np.sqrt(((point - point.mean(axis=0)) ** 2).sum(axis=1).mean()))
     if block.scale_sd * size > _WORTH:  # nobody has measured it
         size_sd = float(fit.sd[fit.state.names.index(SCALE)])
@@ -716,6 +691,4 @@ def _unseen(
             f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "
             "measure it, and enter measured_mm"
         )
-    if has_priors and not terms_fit.is_learned:
-        words.append("the prior: the touches are likelier without it, so it was not used")
-    return tuple(words)
+    return words

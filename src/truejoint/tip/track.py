@@ -31,7 +31,7 @@ from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
 from truejoint.summary import Summarised, json_values
-from truejoint.tip.fit import GATE, MARKER, POSE, TipRows, known_kinematics
+from truejoint.tip.fit import GATE, MARKER, POSE, TipRows, known_kinematics, pose_matrix
 from truejoint.tip.track_fit import (
     NORM_MEDIAN,
     Registration,
@@ -144,22 +144,18 @@ class Registered(Summarised):
             for shown in [display_unit(unit)]
         ]
         return {
-            "tracker": f"at {_in_mm(self.base_from_tracker[:3, 3], '.2f')} mm of the base, turned "
-            f"{_listed(turn, '.3f')} deg",
-            "± (1 sd)": f"{_in_mm(self.base_sd[3:], '.2g')} mm, "
+            "tracker": f"at {_listed(1e3 * self.base_from_tracker[:3, 3], '.2f')} mm of the base, "
+            f"turned {_listed(turn, '.3f')} deg",
+            "± (1 sd)": f"{_listed(1e3 * self.base_sd[3:], '.2g')} mm, "
             f"{_listed(np.rad2deg(self.base_sd[:3]), '.2g')} deg",
-            "marker": f"at {_in_mm(self.link_from_marker[:3, 3], '.2f')} mm ± "
-            f"{_in_mm(self.marker_sd, '.2g')} mm of the link that {self.link} moves",
+            "marker": f"at {_listed(1e3 * self.link_from_marker[:3, 3], '.2f')} mm ± "
+            f"{_listed(1e3 * self.marker_sd, '.2g')} mm of the link that {self.link} moves",
             "clock": repr(self.clock).partition("(")[2].removesuffix(")"),
             "readings": f"{self.readings}, {self.strays} strays left out, noise "
             f"{1e3 * self.noise:.2g} mm per axis",
             **({"left out": "; ".join(map(str, self.stretches))} if self.stretches else {}),
             "truth ±": "; ".join(deviations) + " (of one reading, and of all together)",
         }
-
-
-def _in_mm(values: Array, form: str) -> str:
-    return _listed(1e3 * values, form)
 
 
 def _listed(values: Array, form: str) -> str:
@@ -245,18 +241,18 @@ def tracked_truth(
     start = TrackStart.of(registration, motion, track, about, delayed=offset is None)
     fit = fit_track(motion, track, start)
     _check_seen(track.source, fit, motion)
-    readings = _judge(motion, track, start, fit)
-    truth, noise_sd, pose_sd = _solve(readings.rows, fit)
+    rows, inlier, strays, stretches = _judge(motion, track, start, fit)
+    truth, noise_sd, pose_sd = _solve(rows, fit)
     columns = {f"truth/{name}": truth[:, k] for k, name in enumerate(names)}
     sd, by = (math.nan, ()) if offset is not None else (float(fit.sds("delay")[0]), ("the tool",))
     clock = ClockOffset(fit.offset + begins, sd, by)
-    joined, _ = join_truth(recording, Stream(track.t[readings.inlier], columns), clock.seconds)
+    joined, _ = join_truth(recording, Stream(track.t[inlier], columns), clock.seconds)
     registered = Registered(
-        base_from_tracker=_pose(fit.state.rotation, fit.state.translation)
+        base_from_tracker=pose_matrix(fit.state.rotation, fit.state.translation)
         @ start.base_from_tracker,
         base_sd=fit.sds(*POSE),
         link=link,
-        link_from_marker=_pose(fit.state.turn, fit.state.marker),
+        link_from_marker=pose_matrix(fit.state.turn, fit.state.marker),
         marker_sd=fit.sds(*MARKER),
         clock=clock,
         noise=fit.noise,
@@ -264,9 +260,9 @@ def tracked_truth(
         units=tuple(robot.joint(name).unit for name in names),
         noise_deviation=noise_sd,
         pose_deviation=pose_sd,
-        readings=int(readings.inlier.sum()),
-        strays=readings.strays,
-        stretches=readings.stretches,
+        readings=len(rows),
+        strays=strays,
+        stretches=stretches,
     )
     return _described(joined, registered, track), registered
 
@@ -282,10 +278,6 @@ def carrier(robot: Robot, link: str) -> tuple[Kinematics, str]:
     if not isinstance(kinematics, SerialChain):
         raise CalibrationError(f"{robot.title}: only the tool of its kinematics can carry a marker")
     return kinematics.up_to(robot.index([link])[0]), link
-
-
-def _pose(rotation: Array, translation: Array) -> Array:
-    return np.block([[rotation, translation[:, None]], [np.zeros(3), 1.0]])
 
 
 def _described(joined: Recording, registered: Registered, track: Track) -> Recording:
@@ -350,19 +342,13 @@ def _check_seen(source: str, fit: TrackFit, motion: TrackedMotion) -> None:
         )
 
 
-class _Readings(NamedTuple):
-    """Which readings fit, and what the others are."""
-
-    rows: TipRows  # inliers
-    inlier: Mask  # (n,)
-    strays: int  # outliers one by one
-    stretches: tuple[Stretch, ...]
-
-
-def _judge(motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit) -> _Readings:
+def _judge(
+    motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit
+) -> tuple[TipRows, Mask, int, tuple[Stretch, ...]]:
     """Tell inliers from strays, and from stretches of time in which most readings stray.
 
-    Refuses points that do not follow the tool, and says when they leave it.
+    Gives the rows of the inliers, which readings (n,) these are, the number of strays, and the
+    stretches. Refuses points that do not follow the tool, and says when they leave it.
     """
     stamps, noise = track.t + fit.offset, max(fit.noise, _FINEST)
     rows, state = motion.rows(stamps, start.point), fit.without_delay
@@ -389,7 +375,7 @@ def _judge(motion: TrackedMotion, track: Track, start: TrackStart, fit: TrackFit
             f"{GATE:g} times that{when}; does the tracker confuse two markers, or is it another "
             "motion? Look at them, and leave such stretches out"
         )
-    return _Readings(rows.rows(inlier), inlier, strays, stretches)
+    return rows.rows(inlier), inlier, strays, stretches
 
 
 def _jumps(t: Array, shift: Array, noise: float) -> Array:

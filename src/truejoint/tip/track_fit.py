@@ -35,6 +35,7 @@ from truejoint.tip.fit import (
     gauss_newton,
     huber,
     inverted,
+    pose_matrix,
 )
 from truejoint.tip.terms import TRACKED, TRACKED_ZERO, Terms
 from truejoint.toml_file import read_toml
@@ -117,8 +118,7 @@ class Registration:
         if not len(self.touched):
             return None, np.zeros((6, 6))
         ours, theirs = self.touched[:, 0], self.touched[:, 1]
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = align(ours, theirs)
+        pose = pose_matrix(*align(ours, theirs))
         rows = np.concatenate([cross_matrix(ours), -np.tile(np.eye(3), (len(ours), 1, 1))], axis=2)
         return pose, np.einsum("mia,mib->ab", rows, rows) / self.touched_sd**2
 
@@ -238,8 +238,7 @@ class TrackStart:
         _check_hand(track.source, tip, track.position[inside])
         base, pose_precision = registration.known_base()
         if base is None:
-            base = np.eye(4)
-            base[:3, :3], base[:3, 3] = align(tip, track.position[inside])
+            base = pose_matrix(*align(tip, track.position[inside]))
         orientation, turn = None, np.eye(3)
         if track.orientation is not None:
             orientation = base[:3, :3] @ Rotation.from_quat(track.orientation).as_matrix()
@@ -484,9 +483,8 @@ def read_registration(path: str | os.PathLike[str], robot: Robot) -> Registratio
                 f"{path}: base.quaternion is of length {length:.3g}; give x, y, z, w of a unit "
                 "quaternion"
             )
-        stated["base"] = np.eye(4)
-        stated["base"][:3, :3] = Rotation.from_quat(file.base.quaternion).as_matrix()
-        stated["base"][:3, 3] = file.base.position
+        turn = Rotation.from_quat(file.base.quaternion).as_matrix()
+        stated["base"] = pose_matrix(turn, file.base.position)
         stated["base_sd"] = np.repeat([file.base.turn_sd, file.base.sd], 3)
     if file.marker.position is not None:
         if file.marker.sd is None:
