@@ -51,6 +51,19 @@ def each(rows: DataFrame) -> Iterator[Any]:
     yield from rows.itertuples()
 
 
+def quantiles(rows: DataFrame, by: str, column: str, shares: Mapping[str, float]) -> DataFrame:
+    """Quantiles of a column for each value of `by`, in the order of the rows, by title.
+
+    >>> quantiles(DataFrame({"m": list("bba"), "rms": [1.0, 3.0, 5.0]}), "m", "rms", {"top": 1.0})
+       top
+    m
+    b  3.0
+    a  5.0
+    """
+    cut = rows.groupby(by, sort=False)[column].quantile(np.array(list(shares.values())))
+    return cut.unstack(sort=False).set_axis(list(shares), axis=1)
+
+
 def of(cell: Cell, **where: Any) -> Cell:
     """Cell of those of a group's rows that `select` gives."""
     return lambda rows: cell(select(rows, **where))
@@ -59,6 +72,11 @@ def of(cell: Cell, **where: Any) -> Cell:
 def median(column: str, decimals: int, scale: float = 1.0) -> Cell:
     """Cell of the median of a column and, in brackets, the largest."""
     return lambda rows: median_text(scale * values(rows, column), decimals)
+
+
+def middle(column: str, form: str, scale: float = 1.0) -> Cell:
+    """Cell of the median of a column, in a form such as ``"{:.0f} %"``."""
+    return lambda rows: form.format(scale * rows[column].median())
 
 
 def table_of(

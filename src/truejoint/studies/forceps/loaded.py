@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, cast
+from typing import Any, Final
 
 import numpy as np
 from pandas import DataFrame
@@ -11,9 +11,9 @@ from pandas import DataFrame
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
-from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, built, record, title_of
+from truejoint.studies.forceps.motions import Plain, load_test, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.rows import Cell, each, groups, of, select, table_of, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
@@ -57,7 +57,7 @@ def hang(
     forceps: Plain, methods: Sequence[str], seed: int, mass: float, direction: str, hand: int
 ) -> PartResult:
     """Calibrate methods unloaded on (27), and judge them while one weight is hung on the jaw."""
-    plant, test = built(forceps), load_test(mass, direction)
+    plant, test = ForcepsParameters.from_dict(forceps), load_test(mass, direction)
     models = m.calibrated(plant, tuple(methods), seed)
     judged = m.judge(models, record(plant, test, seed=hand))
     still = [judged.exact[m.within(judged.t, *test.phases[phase])].mean() for phase in ("II", "IV")]
@@ -65,11 +65,6 @@ def hang(
     for phase in JUDGED:
         rows += judged.errors(*test.phases[phase], phase=phase, turn=turn)
     return PartResult(rows, {**judged.arrays(), "released": np.array(test.phases["III"])})
-
-
-def load_test(mass: float, direction: str) -> LoadTest:
-    """Load test of a weight [kg]; raises TruejointError for one that cannot be."""
-    return LoadTest(mass, cast("Any", direction))
 
 
 def summarise(results: Results) -> Summary:

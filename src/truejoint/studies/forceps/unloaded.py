@@ -10,8 +10,9 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, built, record, title_of
+from truejoint.studies.forceps.motions import Plain, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.rows import Cell, select, table_of
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
@@ -27,7 +28,7 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
     """Calibrate methods on (27), and judge them there and on (28), with noise of its own."""
-    plant, rows = built(forceps), Rows()
+    plant, rows = ForcepsParameters.from_dict(forceps), Rows()
     arrays: dict[str, Array] = {}
     models = m.calibrated(plant, tuple(methods), seed)
     for number, motion in enumerate(_RUNS):

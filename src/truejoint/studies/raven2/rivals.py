@@ -16,13 +16,11 @@ from truejoint.recordings import Recording
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.claims import RULE
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
 WHEN: Final = ("first", "last")
 """Hours that are judged."""
-_OFFSET: Final = 600_000  # of the arms' seeds, so that no other study has the same
 _AXES: Final = ("x", "y", "z", "distance")
 _SCALES: Final = {**dict(zip(s.JOINTS, s.SCALES, strict=True)), **dict.fromkeys(_AXES, 1e3)}
 """From SI to deg and mm."""
@@ -44,8 +42,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     s.combination(settings["training"])
     if settings["hours"] < 2:
         raise StudyError(f"hours={settings['hours']}; first and last make at least 2")
-    common = {name: settings[name] for name in ("models", "training", "hours")}
-    return s.part_for_each(settings, compare, _OFFSET, common)
+    return s.part_for_each(settings, compare, 600_000, "models", "training", "hours")
 
 
 def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hours: int) -> Rows:
@@ -114,7 +111,7 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
             body.append((f"paper: {condition}, {method}", *cells))
     notes = (
         "RMSE in the first to the last hour of unloaded work after one calibration.",
-        RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
+        claims.RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
     )
     columns = s.TITLES if joints else tuple(f"{axis} [mm]" for axis in _AXES)
     return Table(

@@ -10,7 +10,7 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.drawing import Figure, Panel
+from truejoint.drawing import Figure, Panel, box_plot
 from truejoint.evaluation.judge import percent_of
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
@@ -187,3 +187,9 @@ def joint_figure(
         for n, (joint, label) in enumerate(zip(JOINTS, TITLES, strict=True))
     ]  # fmt: skip
     return Figure(title, panels, caption, height=9.5, legend=True)
+
+
+def joint_boxes(title: str, rows: DataFrame, caption: str, condition: str) -> Figure:
+    """Plot RMSE as boxes at each value of a column `condition`, side by side for each method."""
+    look: dict[str, Any] = {"condition": condition, "by": "method", "log": "y"}
+    return joint_figure(title, rows, caption, box_plot, colours=COLOURS, **look)

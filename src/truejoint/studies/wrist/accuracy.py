@@ -28,7 +28,7 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import Cell, ecdf_figure, frame_table, median, of, table_of, unique
+from truejoint.studies.rows import Cell, ecdf_figure, frame_table, median, middle, of, table_of
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.tables import Table
@@ -43,24 +43,19 @@ ANGLE, LOAD, HONESTY, IDENTIFIED, GRIP = "angle", "load", "honesty", "identified
 _NINETY: Final = NormalDist().inv_cdf(0.95)  # deviations that hold 90 % of a normal's draws
 
 
-@dataclass(frozen=True, eq=False)
-class Simulated:
-    """A recording run through the physical filter, and through its model alone, unloaded."""
+Physical = Mapping[str, Mapping[bool, CableStates]]
+"""By the recordings' sessions: what the physical filter says, and by False its model alone.
 
-    filtered: CableStates
-    joints: Array  # (n, 3) [rad]
-    states: Array  # (n, 15)
-
-
-Physical = Mapping[str, Simulated]
-"""Runs of the physical filter by the recordings' sessions."""
+The model is unloaded and has neither loads nor deviations.
+"""
 
 
 @dataclass(frozen=True)
 class Method:
     """One row of the table: an estimator, what it sees, and whether it is fitted under load too.
 
-    `with_filter` it sees the physical filter's states beside, or those of its model alone.
+    `with_filter` it sees the physical filter's states beside, or those of its model alone. Without
+    an estimator these, or the measured joints, are the estimate.
     """
 
     title: str
@@ -69,35 +64,22 @@ class Method:
     with_load: bool = False
     with_filter: bool = False
 
-    @property
-    def features(self) -> list[str]:
-        """Features, pitch first, by which the loops of all cables grow and shrink."""
-        return [f"{quantity}/{joint}" for quantity in self.quantities for joint in JOINTS]
 
-
+_LINEAR: Final = get_estimator("linear")
+_EFFORT: Final = ("motor", "effort")
 METHODS: Final[Mapping[str, Method]] = {
     "coupling": Method("coupling inverse", None),
-    "linear_motor": Method("linear, motors", "linear", ("motor",)),
+    "linear_motor": Method("linear, motors", _LINEAR, ("motor",)),
     "play_motor": Method("plays, motors", WRIST_PLAYS, ("measured", "motor")),
-    "model": Method("physical model, motors", None, ("motor",), with_filter=True),
+    "model": Method("physical model, motors", None, with_filter=True),
     "play_model": Method(
         "plays, motors, model's states", WRIST_PLAYS, ("measured", "motor"), with_filter=True
     ),
-    "linear_effort": Method(
-        "linear, motors and effort", get_estimator("linear"), ("motor", "effort"), True
-    ),
-    "play_effort": Method(
-        "plays, motors and effort", WRIST_PLAYS, ("measured", "motor", "effort"), True
-    ),
-    "filter": Method(
-        "physical filter, motors and effort", None, ("motor", "effort"), True, with_filter=True
-    ),
+    "linear_effort": Method("linear, motors and effort", _LINEAR, _EFFORT, True),
+    "play_effort": Method("plays, motors and effort", WRIST_PLAYS, ("measured", *_EFFORT), True),
+    "filter": Method("physical filter, motors and effort", None, (), True, True),
     "play_filter": Method(
-        "plays, motors, effort, filter's states",
-        WRIST_PLAYS,
-        ("measured", "motor", "effort"),
-        True,
-        True,
+        "plays, motors, effort, filter's states", WRIST_PLAYS, ("measured", *_EFFORT), True, True
     ),
 }
 
@@ -137,20 +119,21 @@ def judge(
     """Calibrate methods on multi-sines, free and loaded; judge them on steps, free and loaded."""
     twin = WristTwin(WristParameters.from_dict(specimen), arm=instrument, seed=number)
     seed = 4 * number
-    free, under_load = motions.calibrating(twin, free_s, loaded_s, seed)
+    training = motions.calibrating(twin, free_s, loaded_s, seed)
     tests = {
         name: motions.record(twin, motions.steps, test_s, seed + 2 + n, load=bool(n))
         for n, name in enumerate(TESTS)
     }
     rows: Rows = []
-    runs: dict[str, Simulated] = {}
+    runs: dict[str, dict[bool, CableStates]] = {}
     if any(METHODS[key].with_filter for key in methods):
-        physical = calibrate([free, under_load], "ukf_cables", joints=JOINTS)
-        for run in (free, under_load, *tests.values()):
-            gap = physical.gap_limit
+        physical = calibrate(training, "ukf_cables", joints=JOINTS)
+        for run in (*training, *tests.values()):
+            gap, none = physical.gap_limit, np.empty((len(run), 0))
             X, dt = physical.feature_set.compute(run, gap), time_steps(run.t, gap)
-            filtered = physical.model.states(X, dt)
-            runs[run.provenance.session] = Simulated(filtered, *physical.model.unloaded(X, dt))
+            angle, states = physical.model.unloaded(X, dt)
+            alone = CableStates(angle, none, none, none, states)
+            runs[run.provenance.session] = {True: physical.model.states(X, dt), False: alone}
         true = quantities(twin)
         rows += [
             {"of": IDENTIFIED, "name": name, "value": value, "deviation": deviation, "unit": unit,
@@ -158,21 +141,19 @@ def judge(
             for name, (value, deviation, unit) in physical.model.identified.items()
         ]  # fmt: skip
         for name, test in tests.items():
-            rows += honesty(runs[test.provenance.session].filtered, test, SETTLED, motion=name)
+            rows += honesty(runs[test.provenance.session][True], test, SETTLED, motion=name)
     for key in methods:
-        found = estimates(METHODS[key], free, under_load, tests, runs)
-        for name, test in tests.items():
+        for name, (angle, load) in estimates(METHODS[key], training, tests, runs).items():
+            test = tests[name]
             settled = test.t - test.t[0] > SETTLED
-            angle, load = found[name]
             off = (angle - test.columns("truth_exact", JOINTS))[settled]
-            rows.append({"of": ANGLE, "method": key, "test": name, **by_joint(rms(off))})
-            if load is not None:
+            labels = {"method": key, "test": name}
+            rows.append({"of": ANGLE, **labels, **dict(zip(JOINTS, rms(off), strict=True))})
+            if METHODS[key].with_load:
                 truth = test.columns("truth_load", LOADS)[settled]
                 missed = zip(LOADS, rms(load[settled] - truth), rms(truth), strict=True)
-                rows += [
-                    {"of": LOAD, "method": key, "test": name, "name": n, "rms": a, "size": b}
-                    for n, a, b in missed
-                ]
+                rows += [{"of": LOAD, **labels, "name": n, "rms": a, "size": b}
+                         for n, a, b in missed]  # fmt: skip
     grip = tests["loaded"].column("truth_load/grip")
     rows.append({"of": GRIP, "rms": float(np.sqrt(np.mean(grip**2)))})
     return rows
@@ -180,23 +161,51 @@ def judge(
 
 def estimates(
     method: Method,
-    free: Recording,
-    under_load: Recording,
+    recordings: tuple[Recording, Recording],
     tests: Mapping[str, Recording],
     runs: Physical,
-) -> Mapping[str, tuple[Array, Array | None]]:
-    """Joints (n, 3) [rad], and loads (n, 3) [Nm] where it tells them, of a method in each test."""
-    if method.estimator is None and method.with_filter:
-        group = {name: runs[test.provenance.session] for name, test in tests.items()}
-        if not method.with_load:
-            return {name: (one.joints, None) for name, one in group.items()}
-        return {name: (one.filtered.angle, one.filtered.load) for name, one in group.items()}
+) -> dict[str, tuple[Array, Array]]:
+    """Joints (n, 3) [rad] and loads (n, 3) [Nm] of a method in each test; no loads without effort.
+
+    It learns them from `recordings` without and under load, if it learns.
+    """
+
+    def physical(recording: Recording) -> CableStates:
+        return runs[recording.provenance.session][method.with_load]
+
+    estimate: dict[str, tuple[Array, Array]] = {}
     if method.estimator is None:
-        return {name: (test.columns("measured", JOINTS), None) for name, test in tests.items()}
-    if not (method.with_load or method.with_filter):
-        model = calibrate([free], method.estimator, features=method.features, joints=JOINTS)
-        return {name: (model.correct(test), None) for name, test in tests.items()}
-    return fitted([free, under_load] if method.with_load else [free], tests, method, runs)
+        for name, test in tests.items():
+            measured = test.columns("measured", JOINTS)
+            run = physical(test) if method.with_filter else None
+            estimate[name] = (run.angle, run.load) if run else (measured, measured[:, :0])
+        return estimate
+    # Pitch comes first: by it the loops of all cables grow and shrink.
+    features = FeatureSet.parse(
+        [f"{quantity}/{j}" for quantity in method.quantities for j in JOINTS]
+    )
+    training = recordings if method.with_load else recordings[:1]
+    gap = default_gap_limit(training)
+
+    def inputs(recording: Recording) -> Array:
+        group = features.compute(recording, gap)
+        if not method.with_filter:
+            return group
+        run, measured = physical(recording), recording.columns("measured", JOINTS)
+        return np.hstack([group, run.angle - measured, run.load, run.states[:, PIN:LAST]])
+
+    def targets(recording: Recording) -> Array:
+        measured, truth = (recording.columns(key, JOINTS) for key in ("measured", "truth"))
+        loads = recording.columns("truth_load", LOADS if method.with_load else ())
+        return np.hstack([truth - measured, loads])
+
+    dt = np.concatenate([time_steps(r.t, gap) for r in training])
+    X, y = (np.vstack([of(r) for r in training]) for of in (inputs, targets))
+    model = clone(method.estimator).fit(X, y, dt=dt)
+    for name, test in tests.items():
+        angle, load = np.split(model.predict(inputs(test), time_steps(test.t, gap)), [3], axis=1)
+        estimate[name] = angle + test.columns("measured", JOINTS), load
+    return estimate
 
 
 def quantities(twin: WristTwin) -> dict[str, float]:
@@ -235,49 +244,9 @@ def quantities(twin: WristTwin) -> dict[str, float]:
     }
 
 
-def by_joint(values: Sequence[float], suffix: str = "") -> dict[str, float]:
-    """Name values (3,) by the joints."""
-    return {joint + suffix: value for joint, value in zip(JOINTS, values, strict=True)}
-
-
 def rms(values: Array) -> list[float]:
     """Root mean square of each column (k,) of (n, k)."""
     return np.sqrt(np.mean(values**2, axis=0)).tolist()  # type: ignore[no-any-return]
-
-
-def fitted(
-    training: Sequence[Recording],
-    tests: Mapping[str, Recording],
-    method: Method,
-    runs: Physical,
-) -> dict[str, tuple[Array, Array | None]]:
-    """Joints (n, 3) [rad] and loads (n, 3) [Nm] in each test, by a method that learns them."""
-    features = FeatureSet.parse(method.features)
-    gap = default_gap_limit(training)
-
-    def inputs(recording: Recording) -> Array:
-        group, measured = features.compute(recording, gap), recording.columns("measured", JOINTS)
-        if not (method.with_filter and runs):
-            return group
-        one = runs[recording.provenance.session]
-        if not method.with_load:
-            return np.hstack([group, one.joints - measured, one.states[:, PIN:LAST]])
-        states = one.filtered.states[:, PIN:LAST]
-        return np.hstack([group, one.filtered.angle - measured, one.filtered.load, states])
-
-    def targets(recording: Recording) -> Array:
-        measured, truth = (recording.columns(key, JOINTS) for key in ("measured", "truth"))
-        return np.hstack([truth - measured, recording.columns("truth_load", LOADS)])
-
-    dt = np.concatenate([time_steps(r.t, gap) for r in training])
-    X, y = (np.vstack([of(r) for r in training]) for of in (inputs, targets))
-    outputs = y.shape[1] if method.with_load else len(JOINTS)
-    model = clone(method.estimator).fit(X, y[:, :outputs], dt=dt)
-    found: dict[str, tuple[Array, Array | None]] = {}
-    for name, test in tests.items():
-        angle, load = np.split(model.predict(inputs(test), time_steps(test.t, gap)), [3], axis=1)
-        found[name] = angle + test.columns("measured", JOINTS), load if method.with_load else None
-    return found
 
 
 def honesty(states: CableStates, test: Recording, settled: float, **labels: Any) -> Rows:
@@ -311,9 +280,9 @@ def summarise(results: Results) -> Summary:
     return Summary(tables, {"wrist": ecdf_figure(title, errors, "name", "test", caption)})
 
 
-def joint_medians(rows: DataFrame, decimals: int = 3) -> str:
+def joint_medians(rows: DataFrame) -> str:
     """Medians of columns of all joints [rad], in degrees."""
-    return " ".join(f"{value:.{decimals}f}" for value in np.degrees(rows[list(JOINTS)].median()))
+    return " ".join(f"{value:.3f}" for value in np.degrees(rows[list(JOINTS)].median()))
 
 
 def worst(rows: DataFrame) -> str:
@@ -347,7 +316,7 @@ def _load_table(rows: DataFrame) -> Table:
     cells: dict[str, Cell] = {}
     for load in LOADS:
         cells[load] = of(median("rms", 1, 1e3), test="loaded", name=load)
-        cells["of " + load] = of(_size, test="loaded", name=load)
+        cells["of " + load] = of(middle("size", "{:.1f}", 1e3), test="loaded", name=load)
     cells["grip when free"] = of(median("rms", 1, 1e3), test="free", name="grip")
     note = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
@@ -358,15 +327,11 @@ def _load_table(rows: DataFrame) -> Table:
     return table_of("Grip and tip torque", rows, by, cells, (note,), names=_named)
 
 
-def _size(group: DataFrame) -> str:
-    return f"{1e3 * group['size'].median():.1f}"
-
-
 def _honest_table(rows: DataFrame) -> Table:
     cells: dict[str, Cell] = {}
     for n, (test, name) in enumerate(product(TESTS, ("angle", "load"))):
         cells[f"{test}: {name}"] = of(median("nees", 2), motion=test, name=name)
-        cells["in 90 %" + " " * n] = of(_share, motion=test, name=name)
+        cells["in 90 %" + " " * n] = of(middle("covered", "{:.0f} %", 100), motion=test, name=name)
     note = (
         "Normalised square of the physical filter's errors, 1 where its deviations are honest: "
         "median (worst) of the specimens; share of errors within what it states for 90 %, median."
@@ -374,22 +339,19 @@ def _honest_table(rows: DataFrame) -> Table:
     return table_of("What the physical filter states of itself", rows, "family", cells, (note,))
 
 
-def _share(group: DataFrame) -> str:
-    return f"{100 * group.covered.median():.0f} %"
-
-
 def _identified_table(rows: DataFrame) -> Table:
-    off, ratio = (rows.value / rows.true - 1.0).abs(), (rows.value - rows.true) / rows.deviation
-    by = [rows["name"], rows.family]
-    values = rows.groupby(by, sort=False)[["value", "deviation"]].median()
-    text = values.value.map("{:.3g}".format) + " +- " + values.deviation.map("{:.1g}".format)
-    share = (100.0 * off.groupby(by, sort=False).median()).map("{:.0f} %".format)
-    squares = (ratio**2).groupby(by, sort=False).mean()
-    apart = (squares**0.5).map("{:.1f} x".format)
-    known = off.groupby(by, sort=False).count() > 0
-    apart = (share + ", " + apart).where(known, "-")
+    rows = rows.assign(
+        off=(rows.value / rows.true - 1.0).abs(),
+        square=((rows.value - rows.true) / rows.deviation) ** 2,
+    )
+    by = rows.groupby(["name", "family"], sort=False)
+    centre = by[["value", "deviation", "off"]].median()
+    text = centre.value.map("{:.3g}".format) + " +- " + centre.deviation.map("{:.1g}".format)
+    apart = (100.0 * centre.off).map("{:.0f} %, ".format)
+    apart += (by.square.mean() ** 0.5).map("{:.1f} x".format)
+    apart = apart.where(centre.off.notna(), "-")
     table = rows.groupby("name", sort=False)[["unit"]].first()
-    for family in unique(rows, "family"):
+    for family in rows.family.unique():
         table[family], table[f"off, {family}"] = text.xs(family, level=1), apart.xs(family, level=1)
     note = (
         "Medians of what was identified and of its stated deviation; how far it is off what the "
