@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
@@ -15,9 +16,9 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, load_test, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import Cell, each, groups, of, select, table_of, unique
+from truejoint.studies.rows import each, frame_table, groups, select, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
-from truejoint.tables import fixed
+from truejoint.tables import Table, fixed
 
 MAX_DRAWS: Final = 1000
 JUDGED: Final = ("I", "II", "IV")
@@ -70,15 +71,37 @@ def hang(
 def summarise(results: Results) -> Summary:
     """Table 3 beside the paper's, and figure 9."""
     settings, rows = results.settings, results.rows
-    name, methods = title_of(settings["specimen"]), unique(rows, "method")
-    rows = rows.assign(load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction)
+    specimen, methods = title_of(settings["specimen"]), unique(rows, "method")
+    rows = rows.assign(
+        load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction,
+        name=rows.method.map(m.title),
+    )
+    loads = rows.groupby("load", sort=False)
 
-    def by_phase(cell: Cell) -> Cell:
-        return lambda group: "/".join(cell(select(group, phase=phase)) for phase in JUDGED)
+    def paper(phases: Sequence[str], *metrics: str) -> list[str]:
+        """Numbers of Table 3 by weight, those of one weight joined by slashes."""
+        wanted = [(f"phase {phase}", metric) for phase in phases for metric in metrics]
+        return [
+            "/".join(
+                _printed(f"load={1e3 * mass:.0f}g {phase}", metric) for phase, metric in wanted
+            )
+            for mass in loads.mass.first()
+        ]
 
-    def by_method(cell: Cell) -> dict[str, Cell]:
-        return {m.title(key): of(cell, method=key) for key in methods}
+    def table(title: str, texts: Series, notes: Sequence[str] = (), **first: Any) -> Table:
+        """Texts by load and method, behind the columns `first`."""
+        frame = DataFrame(first, loads.mass.first().index)
+        cells = texts.unstack("name").loc[frame.index, unique(rows, "name")]
+        return frame_table(f"{name}: {title}", frame.join(cells), notes, head="load")
 
+    by = rows.groupby(["load", "name", "phase"], sort=False)
+    rms = np.rad2deg(1.0) * by.rms.quantile(np.array([0.5, 0.0, 1.0])).unstack()
+    rms = rms.map(partial(fixed, decimals=3))
+    medians = rms[0.5].unstack("phase")[list(JUDGED)].agg("/".join, axis=1)
+    spread = rms[0.5] + " (" + rms[0.0] + " to " + rms[1.0] + ")"
+    ends = np.rad2deg(1.0) * by.agg({"largest": "max", "smallest": "min"})
+    ends = ends.map(partial(fixed, decimals=2)).agg("/".join, axis=1)
+    turns = np.rad2deg(1.0) * rows.drop_duplicates("part").groupby("load").turn.median()
     draws = rows.draw.nunique()
     notes = (
         "Error in degrees against the reference encoder in phases I, moving / II, still / IV, "
@@ -86,50 +109,27 @@ def summarise(results: Results) -> Summary:
         "paper's numbers are of its filter; which way it loaded it does not say.",
         *m.note_left_out(settings, rows),
     )
-    title, fourth, first = f"yan2020 Table 3, specimen {name}", {"phase": "IV"}, {"phase": "I"}
-    medians: dict[str, Cell] = {
-        "jaw turns": lambda group: m.degrees(group.drop_duplicates("part"), "turn", 2),
-        "paper": by_phase(_paper("rms")),
-        **by_method(by_phase(m.degrees)),
-    }
+    name = f"yan2020 Table 3, specimen {specimen}"
     tables = (
-        table_of(f"{title}: RMS, median of the draws", rows, "load", medians, notes),
-        table_of(
-            f"{title}: RMS in phase IV, median (least to largest)",
-            select(rows, **fourth), "load", {"paper": _paper("rms"), **by_method(_spread)},
+        table(
+            "RMS, median of the draws", medians, notes,
+            **{"jaw turns": turns.map(partial(fixed, decimals=2)), "paper": paper(JUDGED, "rms")},
         ),
-        table_of(
-            f"{title}: largest/smallest error in phase I",
-            select(rows, **first), "load",
-            {"paper": _paper_extremes, **by_method(_extremes)},
+        table(
+            "RMS in phase IV, median (least to largest)", spread.xs("IV", level="phase"),
+            paper=paper(["IV"], "rms"),
+        ),
+        table(
+            "largest/smallest error in phase I", ends.xs("I", level="phase"),
+            paper=paper(["I"], "max", "min"),
         ),
     )  # fmt: skip
     claims = list(_claims(rows)) if m.PAPERS_BEST in methods else []
-    return Summary(tables, _figures(results, methods, name), claims)
+    return Summary(tables, _figures(results, methods, specimen), claims)
 
 
-def _paper(metric: str) -> Cell:
-    """Give a number of Table 3 for a weight and a phase."""
-
-    def cell(group: DataFrame) -> str:
-        condition = f"load={1e3 * group.mass.iloc[0]:.0f}g phase {group.phase.iloc[0]}"
-        return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
-
-    return cell
-
-
-def _paper_extremes(group: DataFrame) -> str:
-    return "/".join(_paper(metric)(group) for metric in ("max", "min"))
-
-
-def _spread(group: DataFrame) -> str:
-    middle, least, largest = np.degrees(group.rms.quantile([0.5, 0.0, 1.0]))
-    return f"{fixed(middle, 3)} ({fixed(least, 3)} to {fixed(largest, 3)})"
-
-
-def _extremes(group: DataFrame) -> str:
-    ends = group.largest.max(), group.smallest.min()
-    return "/".join(fixed(float(np.degrees(end)), 2) for end in ends)
+def _printed(condition: str, metric: str) -> str:
+    return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
 
 
 def _claims(rows: DataFrame) -> Iterator[Claim]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,7 +19,6 @@ from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record
 from truejoint.studies.study import Rows, Settings
-from truejoint.tables import fixed
 
 SETTLED: Final = 2.2
 """Time from which errors count [s]: the motion swells for the first 2 s."""
@@ -166,8 +164,3 @@ def note_left_out(settings: Settings, rows: DataFrame) -> tuple[str, ...]:
 def title(key: str) -> str:
     """Title of a method for a reader."""
     return METHODS[key].title
-
-
-def degrees(rows: DataFrame, column: str = "rms", decimals: int = 3) -> str:
-    """Median of a column of angles [rad] in degrees: the only one, where there is one row."""
-    return fixed(math.degrees(rows[column].median()), decimals)

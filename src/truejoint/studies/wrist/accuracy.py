@@ -28,7 +28,7 @@ from truejoint.robots.wrist.instruments import JOINTS
 from truejoint.simulation.wrist.parameters import WristParameters, plant_constants
 from truejoint.simulation.wrist.specimens import family_of, population
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.rows import Cell, ecdf_figure, frame_table, median, middle, of, table_of
+from truejoint.studies.rows import ecdf_figure, frame_table, median_texts, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.studies.wrist import motions
 from truejoint.tables import Table
@@ -200,7 +200,7 @@ def estimates(
         return np.hstack([truth - measured, loads])
 
     dt = np.concatenate([time_steps(r.t, gap) for r in training])
-    X, y = (np.vstack([of(r) for r in training]) for of in (inputs, targets))
+    X, y = (np.vstack([make(r) for r in training]) for make in (inputs, targets))
     model = clone(method.estimator).fit(X, y, dt=dt)
     for name, test in tests.items():
         angle, load = np.split(model.predict(inputs(test), time_steps(test.t, gap)), [3], axis=1)
@@ -265,40 +265,31 @@ def honesty(states: CableStates, test: Recording, settled: float, **labels: Any)
 
 def summarise(results: Results) -> Summary:
     """Tables of medians by family, and the distribution of the errors by method."""
-    settings = results.settings
     by_kind = {str(kind): rows for kind, rows in results.rows.groupby("of", sort=False)}
-    angles = by_kind[ANGLE][["specimen", "family", "test", "method", *JOINTS]]
-    tables = [_table(angles, settings, by_kind[GRIP])]
+    titles = {key: method.title for key, method in METHODS.items()}
+    angles = by_kind[ANGLE].drop(columns="rms")
+    angles = angles.assign(title=angles.method.map(titles))
+    tables = [_table(angles, results.settings, by_kind[GRIP])]
     if LOAD in by_kind:
-        tables.append(_load_table(by_kind[LOAD]))
+        tables.append(_load_table(by_kind[LOAD].assign(title=by_kind[LOAD].method.map(titles))))
     if HONESTY in by_kind:
         tables += [_honest_table(by_kind[HONESTY]), _identified_table(by_kind[IDENTIFIED])]
-    angles = angles.assign(name=angles.method.map({k: m.title for k, m in METHODS.items()}))
-    errors = angles.melt(["test", "name"], list(JOINTS), "joint", "rms")
+    errors = angles.melt(["test", "title"], list(JOINTS), "joint", "rms")
     caption = "Share of all specimens' joints with a smaller error, by method."
     title = "Wristed instruments, another class of motion"
-    return Summary(tables, {"wrist": ecdf_figure(title, errors, "name", "test", caption)})
-
-
-def joint_medians(rows: DataFrame) -> str:
-    """Medians of columns of all joints [rad], in degrees."""
-    return " ".join(f"{value:.3f}" for value in np.degrees(rows[list(JOINTS)].median()))
-
-
-def worst(rows: DataFrame) -> str:
-    """Largest error of any specimen's any joint, in degrees."""
-    return f"{np.degrees(rows[list(JOINTS)].to_numpy().max()):.2f}"
-
-
-def _named(method: str, family: str) -> str:
-    return f"{METHODS[method].title}, {family}"
+    return Summary(tables, {"wrist": ecdf_figure(title, errors, "title", "test", caption)})
 
 
 def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
-    cells: dict[str, Cell] = {"n": lambda group: str(group.specimen.nunique())}
+    rows = rows.assign(name=rows.title + ", " + rows.family)
+    by = rows.groupby(["name", "test"], sort=False)[list(JOINTS)]
+    medians = (
+        by.median().mul(math.degrees(1.0)).map("{:.3f}".format).agg(" ".join, axis=1).unstack()
+    )
+    worst = by.max().max(axis=1).mul(math.degrees(1.0)).map("{:.2f}".format).unstack()
+    table = rows.groupby("name", sort=False).specimen.nunique().map(str).to_frame("n")
     for name, mark in zip(TESTS, ("", " "), strict=True):
-        cells[f"{name}: pitch jaw1 jaw2"] = of(joint_medians, test=name)
-        cells["worst" + mark] = of(worst, test=name)
+        table[f"{name}: pitch jaw1 jaw2"], table["worst" + mark] = medians[name], worst[name]
     notes = (
         "RMS error in degrees against the joints themselves, median of the specimens of seed "
         f"{settings.seed}; worst: of any specimen's any joint. Fitted to {settings['free_s']:g} s "
@@ -309,34 +300,40 @@ def _table(rows: DataFrame, settings: Settings, grips: DataFrame) -> Table:
         "two axes. Motors alone do not see them.",
     )
     title = "Pitch and jaws of a wristed instrument"
-    return table_of(title, rows, ["method", "family"], cells, notes, names=_named)
+    return frame_table(title, table, notes, head="method, family")
 
 
 def _load_table(rows: DataFrame) -> Table:
-    cells: dict[str, Cell] = {}
+    rows = rows.assign(row=rows.title + ", " + rows.family)
+    keys = ["row", "test", "name"]
+    errors = median_texts(rows, keys, "rms", 1, 1e3)
+    sizes = rows.groupby(keys, sort=False)["size"].median().mul(1e3).map("{:.1f}".format)
+    table = DataFrame(index=unique(rows, "row"))
     for load in LOADS:
-        cells[load] = of(median("rms", 1, 1e3), test="loaded", name=load)
-        cells["of " + load] = of(middle("size", "{:.1f}", 1e3), test="loaded", name=load)
-    cells["grip when free"] = of(median("rms", 1, 1e3), test="free", name="grip")
+        table[load] = errors["loaded", load]
+        table["of " + load] = sizes.unstack(["test", "name"])["loaded", load]
+    table["grip when free"] = errors["free", "grip"]
     note = (
         "RMS error in mNm of loads from motors and effort, median (worst) of the specimens, beside "
         "the RMS of the load itself: pitch and yaw are torques of the force at the tip. What a pin "
         "holds by friction no motor feels: its dead band stands where it was identified."
     )
-    by = ["method", "family"]
-    return table_of("Grip and tip torque", rows, by, cells, (note,), names=_named)
+    return frame_table("Grip and tip torque", table, (note,), head="method, family")
 
 
 def _honest_table(rows: DataFrame) -> Table:
-    cells: dict[str, Cell] = {}
-    for n, (test, name) in enumerate(product(TESTS, ("angle", "load"))):
-        cells[f"{test}: {name}"] = of(median("nees", 2), motion=test, name=name)
-        cells["in 90 %" + " " * n] = of(middle("covered", "{:.0f} %", 100), motion=test, name=name)
+    keys = ["family", "motion", "name"]
+    squares = median_texts(rows, keys, "nees", 2)
+    shares = rows.groupby(keys, sort=False).covered.median().unstack(keys[1:]).mul(100)
+    shares = shares.map("{:.0f} %".format)
+    table = DataFrame(index=unique(rows, "family"))
+    for n, key in enumerate(product(TESTS, ("angle", "load"))):
+        table[": ".join(key)], table["in 90 %" + " " * n] = squares[key], shares[key]
     note = (
         "Normalised square of the physical filter's errors, 1 where its deviations are honest: "
         "median (worst) of the specimens; share of errors within what it states for 90 %, median."
     )
-    return table_of("What the physical filter states of itself", rows, "family", cells, (note,))
+    return frame_table("What the physical filter states of itself", table, (note,), head="family")
 
 
 def _identified_table(rows: DataFrame) -> Table:
