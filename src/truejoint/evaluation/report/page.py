@@ -129,7 +129,7 @@ def render_report(
         "residuals": list(figures.residuals(evaluation)),
         "loops": [figures.loops(evaluation)],
         "distribution": [figures.distributions(evaluation, pair)],
-        "intervals": figures.stated_interval(evaluation),
+        "intervals": list(figures.stated_interval(evaluation)),
     }
     seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
     several = f", {seeds} seeds" if seeds > 1 else ""
