@@ -107,7 +107,8 @@ def _tracking(
     """Positions above, errors below; with the raw position and a legend of all when whole."""
     whole, chosen, unit = rows is _ALL, evaluation.chosen, display_unit(evaluation.units[column])
     t, truth = trace.t[rows], trace.truth[rows, column] * unit.scale
-    upper, lower = {"xaxis": "x", "yaxis": "y"}, {"xaxis": "x", "yaxis": "y2"}
+    upper: Spec = {"xaxis": "x", "yaxis": "y"}
+    lower: Spec = {"xaxis": "x", "yaxis": "y2"}
     true = plot.thinned(t, truth, buckets)
     data = [plot.curve(*true, "True", COLOURS["truth"], width=1.5, dash="dot", **upper)]
     if trace.lower is not None and trace.upper is not None:
@@ -121,11 +122,10 @@ def _tracking(
             name = f"{100 * evaluation.interval_level:g} % interval"
             band: Spec = {"width": 0, "fill": "toself", "fillcolor": plot.BAND}
             band |= {"hoverinfo": "skip", "legendrank": 1001}
-            for bounds, place, legend in (
-                ((low, high), upper, whole),
-                ((middle - high, middle - low), lower, False),
-            ):
-                edge = plot.outline(t[bounded], *(bound[bounded] for bound in bounds), pieces)
+            low, high, middle = low[bounded], high[bounded], middle[bounded]
+            around = plot.outline(t[bounded], low, high, pieces)
+            errors = plot.outline(t[bounded], middle - high, middle - low, pieces)
+            for edge, place, legend in ((around, upper, whole), (errors, lower, False)):
                 options = {**band, **place, "showlegend": legend}
                 data.append(plot.curve(*edge, name, COLOURS["chosen"], **options))
     # The chosen one last, so that it lies on top.
@@ -154,13 +154,11 @@ def loops(evaluation: Evaluation) -> Figure:
         curves = []
         for name, colour, opacity in pairs:
             paths = [
-                np.column_stack((trace.truth[:, column], trace.error(name)[:, column]))
+                unit.scale * np.column_stack((trace.truth[:, column], trace.error(name)[:, column]))
                 for trace in evaluation.traces
             ]
-            path = unit.scale * plot.joined(paths, most)
-            options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip"}
-            options["showlegend"] = column == 0
-            curves.append(plot.curve(*path.T, estimator_title(name), colour, **options))
+            options = {"width": 0.7, "opacity": opacity, "showlegend": column == 0}
+            curves.append(plot.path(paths, most, estimator_title(name), colour, **options))
         x = {"title": f"{joint} position [{unit.name}]"}
         panels.append((x, {"title": f"error [{unit.name}]"}, curves))
     caption = (
@@ -425,9 +423,9 @@ def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figur
         "where the two overlap."
     )
     if len(names) == 2:
-        style = {"width": 1.0, "opacity": 0.7, "hoverinfo": "skip"}
+        style = {"width": 1.0, "opacity": 0.7}
         curves = [
-            plot.curve(*plot.joined(parts, _PATH_POINTS).T, name, colour, **style)
+            plot.path(parts, _PATH_POINTS, name, colour, **style)
             for name, colour, parts in groups
             if parts
         ]
