@@ -75,7 +75,7 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
 
     Parameters
     ----------
-    own, other : sequence of ndarray, shape (n,) or (n, k)
+    errors, other : sequence of ndarray, shape (n,) or (n, k)
         Errors of each recording; of k outputs the squares are added. Recordings without a row are
         passed over.
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.array_types import Array
 from truejoint.drawing import Figure, ecdf
 from truejoint.tables import Table, fixed, median_text
 
@@ -33,19 +32,9 @@ def unique(rows: DataFrame, column: str) -> list[Any]:
     return list(dict.fromkeys(rows[column]))
 
 
-def values(rows: DataFrame, column: str, **where: Any) -> Array:
-    """Values (n,) of a column of the rows that `select` gives."""
-    return np.asarray(select(rows, **where)[column].to_numpy(dtype=np.float64))
-
-
 def groups(rows: DataFrame, column: str) -> Iterator[tuple[Any, DataFrame]]:
     """Rows of each value of a column, in the order of the rows."""
     yield from rows.groupby(column, sort=False)
-
-
-def each(rows: DataFrame) -> Iterator[Any]:
-    """Rows one by one, with a field for each column."""
-    yield from rows.itertuples()
 
 
 def quantiles(rows: DataFrame, by: str, column: str, shares: Mapping[str, float]) -> DataFrame:

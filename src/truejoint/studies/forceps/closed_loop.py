@@ -49,7 +49,6 @@ _A_PERIOD: Final = 22.0  # [s] of (28), enough on the specimens of a population
 _STEPS: Final = (0.0, 0.35, -0.2, 0.0)  # [rad] where the jaw stands still in turn
 _STANDS: Final = 2.0  # [s]
 _AT_REST: Final = 0.5  # [s] of them, the last
-_TITLES: Final = {key: method.title for key, method in m.METHODS.items()}
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -200,7 +199,7 @@ def try_margins(forceps: Plain, method: str, number: int, **how: float) -> Rows:
 def summarise(results: Results) -> Summary:
     """Errors by load and method, their spread over the population, and the margin of stability."""
     settings, rows = results.settings, results.rows
-    rows = rows.assign(name=rows.method.map({OPEN: "open loop", **_TITLES}))
+    rows = rows.assign(name=rows.method.map({OPEN: "open loop", **m.TITLES}))
     group, every, margins = (rows[rows[key].notna()] for key in ("case", "specimen", "margin"))
     specimen = f"specimen {title_of(settings['specimen'])}"
     degrees: DataFrame = np.rad2deg(1.0) * group[["rms", "exact_rms"]].astype(float)
@@ -214,7 +213,7 @@ def summarise(results: Results) -> Summary:
         f"{settings['rate_hz']:g} Hz."
     )
     stable = (100 * margins.groupby("margin").stable.mean()).map("{:.0f} %".format).to_frame()
-    last = _TITLES[settings["methods"][-1]]
+    last = m.TITLES[settings["methods"][-1]]
     rest = (
         f"Specimens of the population on which {last} in the loop bring "
         f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "

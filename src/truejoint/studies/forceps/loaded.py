@@ -16,7 +16,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, load_test, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import each, frame_table, groups, select, unique
+from truejoint.studies.rows import frame_table, groups, select, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 
@@ -74,7 +74,7 @@ def summarise(results: Results) -> Summary:
     specimen, methods = title_of(settings["specimen"]), unique(rows, "method")
     rows = rows.assign(
         load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction,
-        name=rows.method.map(m.title),
+        name=rows.method.map(m.TITLES),
     )
     loads = rows.groupby("load", sort=False)
 
@@ -162,24 +162,24 @@ def _figures(results: Results, methods: Sequence[str], name: str) -> dict[str, F
 
     def panel(group: DataFrame, title: str, *keys: str, step: float = 0.0) -> Panel:
         curves = []
-        for place, row in enumerate(each(group)):
-            arrays = results.arrays[row.part]
+        for place, (part, mass) in enumerate(group[["part", "mass"]].to_numpy()):
+            arrays = results.arrays[part]
             for key, style in zip(keys, ("-", ":"), strict=False):
                 values = arrays[key] if step else arrays[key] - arrays["truth"]
                 # The encoder's steps of 0.088 deg would hide everything else.
                 shown = _averaged(arrays["t"], np.degrees(values) + step * place)
-                label = f"{1e3 * row.mass:g} g" if key == keys[0] else ""
+                label = f"{1e3 * mass:g} g" if key == keys[0] else ""
                 curves.append(Curve(arrays["t"], shown, label, f"C{place}", style))
         unit, shade = "jaw [deg]" if step else "error [deg]", tuple(arrays["released"])
         return Panel(curves, "time [s]", unit, title, shade=shade)
 
     angles = [panel(group, way, "truth", methods[0], step=SHIFT) for way, group in ways]
     errors = [
-        [panel(group, f"{m.title(method)}, {way}", method) for way, group in ways]
+        [panel(group, f"{m.TITLES[method]}, {way}", method) for way, group in ways]
         for method in methods
     ]
     captions = (
-        f"Jaw by the reference encoder and, dotted, by {m.title(methods[0])}; each weight "
+        f"Jaw by the reference encoder and, dotted, by {m.TITLES[methods[0]]}; each weight "
         f"{SHIFT:g} deg above the one before. Grey: the hand lets go.",
         f"Errors while weights are hung on the jaw, means over {_AVERAGE:g} s, each panel with a "
         "scale of its own; grey: the hand lets go.",

@@ -61,6 +61,7 @@ METHODS: Final[Mapping[str, Method]] = {
     "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
 }
 """By the key that stands in options and numbers, in the order of the tables."""
+TITLES: Final = {key: method.title for key, method in METHODS.items()}
 COLOURS: Final = {method.title: method.colour for method in METHODS.values()}
 """By the title of a method."""
 
@@ -157,10 +158,5 @@ def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
 
 def note_left_out(settings: Settings, rows: DataFrame) -> tuple[str, ...]:
     """Note on the methods that were asked for and have no rows, if there are any."""
-    names = [title(key) for key in settings["methods"] if key not in set(rows.method)]
+    names = [TITLES[key] for key in settings["methods"] if key not in set(rows.method)]
     return (f"Left out, since a sensor is not installed: {', '.join(names)}.",) if names else ()
-
-
-def title(key: str) -> str:
-    """Title of a method for a reader."""
-    return METHODS[key].title

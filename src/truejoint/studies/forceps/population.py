@@ -134,15 +134,15 @@ def covered(models: Mapping[str, Calibration], recording: Recording, first: floa
 def summarise(results: Results) -> Summary:
     """Distribution of each method's errors, unloaded and in phase IV, and how they compare."""
     settings, rows = results.settings, results.rows
-    rows = rows.assign(name=rows.method.map(m.title), deg=np.degrees(rows.rms))
+    rows = rows.assign(name=rows.method.map(m.TITLES), deg=np.degrees(rows.rms))
     unloaded, loaded = select(rows, load=UNLOADED), rows[rows.load != UNLOADED]
     rms = unloaded.pivot(index="specimen", columns="method", values="deg")
     shares = {order: share(rms, *order) for order in ORDERINGS if set(order) <= set(rms)}
     ends = {"5 %": 0.05, "25 %": 0.25, "median": 0.5, "75 %": 0.75, "95 %": 0.95, "worst": 1.0}
     table = quantiles(unloaded, "name", "deg", ends)
     others: Iterable[str] = rms.columns.drop(m.PAPERS_BEST) if m.PAPERS_BEST in rms else []
-    beats = {m.title(k): f"{100 * share(rms, m.PAPERS_BEST, k):.0f} %" for k in others}
-    ratios = {m.title(k): f"{(rms[m.PAPERS_BEST] / rms[k]).median():.2f}" for k in others}
+    beats = {m.TITLES[k]: f"{100 * share(rms, m.PAPERS_BEST, k):.0f} %" for k in others}
+    ratios = {m.TITLES[k]: f"{(rms[m.PAPERS_BEST] / rms[k]).median():.2f}" for k in others}
     for column, texts in (("beats the UKF in", beats), ("median UKF / method", ratios)):
         table[column] = Series(texts, table.index, dtype=object).fillna("")
     if len(loaded):
@@ -188,7 +188,7 @@ def share(errors: DataFrame, *methods: str) -> float:
 
 
 def _titles(order: Sequence[str]) -> str:
-    return " > ".join(map(m.title, order))
+    return " > ".join(m.TITLES[key] for key in order)
 
 
 def _limits(unloaded: DataFrame, loaded: DataFrame, rms: DataFrame) -> Iterator[str]:
@@ -213,7 +213,7 @@ def _limits(unloaded: DataFrame, loaded: DataFrame, rms: DataFrame) -> Iterator[
             "deg."
         )
     yield (
-        f"{m.title(m.BEST)}: a stated {100 * LEVEL:.0f} % holds in "
+        f"{m.TITLES[m.BEST]}: a stated {100 * LEVEL:.0f} % holds in "
         f"{100 * alone.inside.mean():.0f} % of rows unloaded (worst specimen "
         f"{100 * alone.inside.min():.0f} %), in {100 * cases.inside.mean():.0f} % in phase IV."
     )

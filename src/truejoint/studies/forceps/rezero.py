@@ -64,7 +64,7 @@ def summarise(results: Results) -> Summary:
     """RMS error of each method before and after re-zeroing, by zero: medians over the specimens."""
     rows = results.rows.sort_values("shift", kind="stable")
     rows = rows.assign(
-        name=rows.method.map(m.title), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
+        name=rows.method.map(m.TITLES), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
     )
     cases = rows.drop_duplicates("part")
     cases = cases.assign(off=cases.estimate - cases["shift"])

@@ -21,7 +21,7 @@ from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.forceps.methods import settled
 from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals
-from truejoint.studies.rows import each, frame_table, groups, unique
+from truejoint.studies.rows import frame_table, groups, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -148,7 +148,7 @@ def summarise(results: Results) -> Summary:
     unit = (1e6 * rows.resolution).round(6).map(prices)
     rows = rows.assign(
         price=rows.layout.map(encoders) * unit,
-        sensors=[sensors(row) for row in each(rows)],
+        sensors=[sensors(row) for row in rows.itertuples()],
         cables=(rows.stiffness / 1e3).map("{:g} kN/m".format),
         **{load: np.degrees(rows[load]) for load in _LOADS},
         name=lambda own: own.sensors + ", " + own.cables,

@@ -72,7 +72,7 @@ def summarise(results: Results) -> Summary:
     )
     title = f"yan2020 Table 2 and figure 6, specimen {name}"
     table = frame_table(
-        title, DataFrame(cells, [m.title(key) for key in verified.index]), notes, head="method"
+        title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
     )
     figure = _figure(results.arrays["unloaded"], name)
     return Summary((table,), {"forceps-unloaded": figure}, [*_claims(verified)])
@@ -113,11 +113,11 @@ def _figure(arrays: Mapping[str, Array], name: str) -> Figure:
         curves = [Curve(t, np.degrees(truth), "encoder", "k")]
         if m.PAPERS_BEST in signals:
             estimate = np.degrees(signals[m.PAPERS_BEST])
-            curves.append(Curve(t, estimate, m.title(m.PAPERS_BEST), style="--"))
+            curves.append(Curve(t, estimate, m.TITLES[m.PAPERS_BEST], style="--"))
         panels[0].append(Panel(curves, y=f"jaw on {motion} [deg]", legend=True))
         for line, keys in zip(panels[1:], (m.PAPERS, _OURS), strict=True):
             errors = [
-                Curve(t, np.degrees(signals[key] - truth), m.title(key), m.METHODS[key].colour)
+                Curve(t, np.degrees(signals[key] - truth), m.TITLES[key], m.METHODS[key].colour)
                 for key in keys
                 if key in signals
             ]

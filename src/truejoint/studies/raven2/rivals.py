@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.errors import StudyError
 from truejoint.estimators import estimator_names
 from truejoint.evaluation.judge import rmse, tool_error
+from truejoint.motion import PROFILES, follow, random_motion
 from truejoint.recordings import Recording
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
@@ -51,7 +52,8 @@ def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hou
     sets = s.training_sets(arm, (training,))[training]
     tests = [s.random_test(arm, s.HOUR, s.TEST_SEED + seed)]
     if hours > 2:
-        s.work(arm, (hours - 2) * s.HOUR, 2 * s.TEST_SEED + seed)
+        seconds = (hours - 2) * s.HOUR
+        follow(arm, random_motion(arm.robot, seconds, 2 * s.TEST_SEED + seed, profile=PROFILES[1]))
     tests.append(s.random_test(arm, s.HOUR, 3 * s.TEST_SEED + seed))
     fitted = {name: s.model_of(sets, name) for name in models}
     rows: Rows = []

@@ -219,11 +219,6 @@ def working(arm: Arm, hours: int, seed: int) -> list[Recording]:
     return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]
 
 
-def work(arm: Arm, seconds: float, seed: int) -> None:
-    """Random motion that nobody records."""
-    follow(arm, random_motion(arm.robot, seconds, seed, profile=PROFILES[1]))
-
-
 def resting(arm: Arm, hours: int, seed: int) -> list[Recording]:
     """Two minutes of random motion at the start of every hour, the brakes on in between.
 

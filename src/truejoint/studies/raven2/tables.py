@@ -14,7 +14,7 @@ from truejoint.drawing import Figure, Panel, box_plot
 from truejoint.evaluation.judge import percent_of
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
-from truejoint.studies.rows import groups, select, unique, values
+from truejoint.studies.rows import groups, select, unique
 from truejoint.studies.study import Results, Summary
 from truejoint.tables import Table, fixed
 
@@ -95,7 +95,7 @@ def accuracy_table(
     def cell(rows: DataFrame, condition: str, joint: int, method: str) -> str:
         errors = by_session(rows, joint=JOINTS[joint], method=method)
         if len(errors) == 1:
-            errors = values(rows, "rmse", joint=JOINTS[joint], method=method)
+            errors = select(rows, joint=JOINTS[joint], method=method).rmse.to_numpy(dtype=float)
         spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
         there = paper(condition, joint, method) if paper and len(errors) else None
         mean = float(errors.mean()) if len(errors) else np.nan

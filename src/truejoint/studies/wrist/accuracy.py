@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
 from statistics import NormalDist
@@ -21,6 +21,7 @@ from truejoint.estimators.cables.hybrid import WRIST_PLAYS
 from truejoint.estimators.cables.learn import CableStates
 from truejoint.estimators.cables.loops import LOAD as LAST
 from truejoint.estimators.cables.loops import PIN
+from truejoint.evaluation.judge import rmse
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot
@@ -90,21 +91,13 @@ def parts(settings: Settings) -> Sequence[Part]:
     if not settings["test_s"] > SETTLED:
         raise StudyError(f"test_s={settings['test_s']:g}; it must be above {SETTLED:g}")
     get_robot("wrist", settings["instrument"])  # refused here if there is none
-    return specimens(settings, judge, "methods", "instrument", "free_s", "loaded_s", "test_s")
-
-
-def specimens(settings: Settings, judge: Callable[..., Any], *names: str) -> list[Part]:
-    """One part a virtual instrument: `judge` of it, its family, its number, and options `names`."""
-    family, common = settings["family"], {name: settings[name] for name in names}
-    return [
-        Part(
-            f"specimen-{n:05d}",
-            judge,
-            {"specimen": p.to_dict(), "number": n, **common},
-            {"specimen": n, "family": family_of(n, family)},
-        )
-        for n, p in enumerate(population(settings["count"], settings.seed, family))
-    ]
+    names, family = ("methods", "instrument", "free_s", "loaded_s", "test_s"), settings["family"]
+    common, instruments = {name: settings[name] for name in names}, []
+    for n, specimen in enumerate(population(settings["count"], settings.seed, family)):
+        arguments = {"specimen": specimen.to_dict(), "number": n, **common}
+        labels = {"specimen": n, "family": family_of(n, family)}
+        instruments.append(Part(f"specimen-{n:05d}", judge, arguments, labels))
+    return instruments
 
 
 def judge(
@@ -124,8 +117,7 @@ def judge(
         name: motions.record(twin, motions.steps, test_s, seed + 2 + n, load=bool(n))
         for n, name in enumerate(TESTS)
     }
-    rows: Rows = []
-    runs: dict[str, dict[bool, CableStates]] = {}
+    rows, runs = Rows(), dict[str, dict[bool, CableStates]]()
     if any(METHODS[key].with_filter for key in methods):
         physical = calibrate(training, "ukf_cables", joints=JOINTS)
         for run in (*training, *tests.values()):
@@ -134,12 +126,10 @@ def judge(
             angle, states = physical.model.unloaded(X, dt)
             alone = CableStates(angle, none, none, none, states)
             runs[run.provenance.session] = {True: physical.model.states(X, dt), False: alone}
-        true = quantities(twin)
-        rows += [
-            {"of": IDENTIFIED, "name": name, "value": value, "deviation": deviation, "unit": unit,
-             "true": true.get(name)}
-            for name, (value, deviation, unit) in physical.model.identified.items()
-        ]  # fmt: skip
+        true, keys = quantities(twin), ("value", "deviation", "unit")
+        for name, values in physical.model.identified.items():
+            quantity = dict(zip(keys, values, strict=True))
+            rows.append({"of": IDENTIFIED, "name": name, **quantity, "true": true.get(name)})
         for name, test in tests.items():
             rows += honesty(runs[test.provenance.session][True], test, SETTLED, motion=name)
     for key in methods:
@@ -148,14 +138,16 @@ def judge(
             settled = test.t - test.t[0] > SETTLED
             off = (angle - test.columns("truth_exact", JOINTS))[settled]
             labels = {"method": key, "test": name}
-            rows.append({"of": ANGLE, **labels, **dict(zip(JOINTS, rms(off), strict=True))})
+            rows.append(
+                {"of": ANGLE, **labels, **dict(zip(JOINTS, rmse(off).tolist(), strict=True))}
+            )
             if METHODS[key].with_load:
                 truth = test.columns("truth_load", LOADS)[settled]
-                missed = zip(LOADS, rms(load[settled] - truth), rms(truth), strict=True)
-                rows += [{"of": LOAD, **labels, "name": n, "rms": a, "size": b}
-                         for n, a, b in missed]  # fmt: skip
+                sizes = np.column_stack((rmse(load[settled] - truth), rmse(truth))).tolist()
+                for n, (missed, size) in zip(LOADS, sizes, strict=True):
+                    rows.append({"of": LOAD, **labels, "name": n, "rms": missed, "size": size})
     grip = tests["loaded"].column("truth_load/grip")
-    rows.append({"of": GRIP, "rms": float(np.sqrt(np.mean(grip**2)))})
+    rows.append({"of": GRIP, "rms": float(rmse(grip))})
     return rows
 
 
@@ -244,11 +236,6 @@ def quantities(twin: WristTwin) -> dict[str, float]:
     }
 
 
-def rms(values: Array) -> list[float]:
-    """Root mean square of each column (k,) of (n, k)."""
-    return np.sqrt(np.mean(values**2, axis=0)).tolist()  # type: ignore[no-any-return]
-
-
 def honesty(states: CableStates, test: Recording, settled: float, **labels: Any) -> Rows:
     """NEES per number, and share within the stated 90 %, of angles and loads `settled` s on."""
     chosen, rows = test.t - test.t[0] > settled, Rows()
@@ -258,8 +245,8 @@ def honesty(states: CableStates, test: Recording, settled: float, **labels: Any)
     ):
         scaled = (error / deviation)[chosen]
         covered = float(np.mean(np.abs(scaled) < _NINETY))
-        found = {"name": name, "nees": float(np.mean(scaled**2)), "covered": covered}
-        rows.append({**labels, "of": HONESTY, **found})
+        nees = float(np.mean(scaled**2))
+        rows.append({**labels, "of": HONESTY, "name": name, "nees": nees, "covered": covered})
     return rows
 
 
