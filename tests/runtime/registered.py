@@ -26,7 +26,7 @@ from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.simulation.forceps.specimens import specimen
 from truejoint.simulation.wrist.twin import WristTwin
-from truejoint.studies.forceps.record_forceps import record_forceps
+from truejoint.studies.forceps.motions import record_forceps
 from truejoint.studies.wrist import motions
 
 from . import streams

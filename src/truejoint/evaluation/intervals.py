@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Mask
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
@@ -19,18 +19,6 @@ from truejoint.recordings.table.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated
 _NAMED: Final = 4  # recordings that a sentence names
-
-
-@dataclass(frozen=True, eq=False)
-class _Motion:
-    """One recording as the interval sees it: rows with truth, re-zeroed where that is asked."""
-
-    homing: str
-    trace: Trace  # with bounds where the interval holds, NaN in rows that the re-zeroing used
-    error: Array  # (n, n_joints)
-    widening: Array  # (n,)
-    scored: Mask  # (n,), rows that the re-zeroing did not use
-    objection: str  # why coverage on it would mislead
 
 
 def judge_interval(
@@ -46,21 +34,46 @@ def judge_interval(
     interval = calibration.interval
     if interval is None:
         return {"traces": tuple(traces)}
-    stated = [float(level) for level in interval.levels]
-    level = min(stated, key=lambda value: (abs(value - _WANTED), -value))
-    motions = [
-        _motion(calibration, level, recording, trace)
-        for recording, trace in zip(recordings, traces, strict=True)
-    ]
-    judged = [motion for motion in motions if not motion.objection]
-    units: dict[str, list[_Motion]] = {}
-    for motion in judged:
-        shared = motion.homing and interval.homings > 1 and interval.rezero == 0.0
-        name = f"homing {motion.homing}" if shared else motion.trace.name
-        units.setdefault(name, []).append(motion)
+    level = min(map(float, interval.levels), key=lambda value: (abs(value - _WANTED), -value))
+    homings, bounded, judged = _own_homings(calibration), list[Trace](), list[Trace]()
+    names_of: dict[str, list[str]] = {}  # recordings, by why they are left out
+    units: dict[str, list[tuple[Array, Array]]] = {}  # errors and widenings, by trajectory
+    for recording, trace in zip(recordings, traces, strict=True):
+        truth = recording.columns("truth", calibration.joints)
+        has_truth = np.isfinite(truth).all(axis=1)
+        scored = ~at_start(recording.t[has_truth], interval.rezero)
+        model, homing = (
+            zeroed(calibration, recording, interval.rezero),
+            recording.provenance.homing_id,
+        )
+        position = model.correct(recording)[has_truth]
+        widening = 1.0 + interval.growth * model.range_excess(recording)[has_truth]
+        holds = _allows_offset(interval) or not homings or not homing or homing in homings
+        lower = upper = None
+        if holds and scored.any():
+            half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
+            shown = np.isin(recording.t[has_truth], trace.t)
+            lower, upper = (position - half)[shown], (position + half)[shown]
+        bounded.append(replace(trace, lower=lower, upper=upper))
+        reason = ""
+        if model.origin.includes(recording):
+            reason = "used in the fit"
+        elif model.origin.interval_includes(recording):
+            reason = "used to make the interval"
+        elif not holds:
+            named = ", ".join(sorted(homings))
+            reason = f"the interval holds after the homing {named}, not after another"
+        elif not scored.any():
+            reason = f"all truth lies within the {interval.rezero:g} s that re-zero the model"
+        if reason:
+            names_of.setdefault(reason, []).append(trace.name)
+            continue
+        judged.append(trace)
+        shared = homing and interval.homings > 1 and interval.rezero == 0.0
+        unit = units.setdefault(f"homing {homing}" if shared else trace.name, [])
+        unit.append(((truth[has_truth] - position)[scored], widening[scored]))
     objections = []
-    for reason in dict.fromkeys(motion.objection for motion in motions if motion.objection):
-        names = [motion.trace.name for motion in motions if motion.objection == reason]
+    for reason, names in names_of.items():
         more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
         listed = "; ".join(names[:_NAMED]) + more
         objections.append(f"Coverage is not judged on {listed}: {reason}.")
@@ -70,36 +83,8 @@ def judge_interval(
         "interval_level": level,
         "interval_note": _note(calibration, level, judged),
         "interval_objections": tuple(objections),
-        "traces": tuple(motion.trace for motion in motions),
+        "traces": tuple(bounded),
     }
-
-
-def _motion(calibration: Calibration, level: float, recording: Recording, trace: Trace) -> _Motion:
-    interval, joints = calibration.required_interval(), calibration.joints
-    truth = recording.columns("truth", joints)
-    has_truth = np.isfinite(truth).all(axis=1)
-    scored = ~at_start(recording.t[has_truth], interval.rezero)
-    calibration = zeroed(calibration, recording, interval.rezero)
-    position = calibration.correct(recording)[has_truth]
-    error = truth[has_truth] - position
-    widening = 1.0 + interval.growth * calibration.range_excess(recording)[has_truth]
-    homing, own = recording.provenance.homing_id, _own_homings(calibration)
-    holds = _allows_offset(interval) or not own or not homing or homing in own
-    if holds and scored.any():
-        half = np.where(scored, widening, math.nan)[:, None] * interval.half_width(level)
-        shown = np.isin(recording.t[has_truth], trace.t)
-        trace = replace(trace, lower=(position - half)[shown], upper=(position + half)[shown])
-    objection = ""
-    if calibration.origin.includes(recording):
-        objection = "used in the fit"
-    elif calibration.origin.interval_includes(recording):
-        objection = "used to make the interval"
-    elif not holds:
-        homings = ", ".join(sorted(own))
-        objection = f"the interval holds after the homing {homings}, not after another"
-    elif not scored.any():
-        objection = f"all truth lies within the {interval.rezero:g} s that re-zero the model"
-    return _Motion(homing, trace, error, widening, scored, objection)
 
 
 def _allows_offset(interval: Interval) -> bool:
@@ -115,12 +100,13 @@ def _own_homings(calibration: Calibration) -> set[str]:
 
 
 def _scores(
-    calibration: Calibration, units: Sequence[Sequence[_Motion]]
+    calibration: Calibration, units: Sequence[Sequence[tuple[Array, Array]]]
 ) -> Iterator[IntervalScore]:
-    """Score every level and joint on trajectories, each of one or several recordings."""
+    """Score every level and joint on errors and widenings of trajectories, by recording."""
     interval = calibration.required_interval()
-    errors = [np.concatenate([m.error[m.scored] for m in unit]) for unit in units]
-    widenings = [np.concatenate([m.widening[m.scored] for m in unit]) for unit in units]
+    errors, widenings = (
+        [np.concatenate([pair[k] for pair in unit]) for unit in units] for k in range(2)
+    )
     for row, level in enumerate(interval.levels if units else ()):
         base = interval.half_widths[row]
         allowed = [widening[:, None] * base for widening in widenings]
@@ -141,7 +127,7 @@ def _scores(
             )
 
 
-def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> str:
+def _note(calibration: Calibration, level: float, judged: Sequence[Trace]) -> str:
     interval = calibration.required_interval()
     note = f"Stated {interval.meaning}."
     if judged:
@@ -162,12 +148,12 @@ def _note(calibration: Calibration, level: float, judged: Sequence[_Motion]) -> 
         )
     stated = [session.load for session in calibration.origin.interval_sessions]
     seen = [load for load in stated if not math.isnan(load)]
-    loads = known_loads([motion.trace for motion in judged])
+    loads = known_loads(judged)
     beyond = [load for load in loads if seen and not min(seen) <= load <= max(seen)]
     if beyond:
         masses = ", ".join(f"{1e3 * load:.0f} g" for load in beyond)
         note += f" The test hangs masses on the tool that the interval has not seen ({masses})."
-    named = _own_homings(calibration) and all(motion.homing for motion in judged)
+    named = _own_homings(calibration) and all(trace.provenance["homing_id"] for trace in judged)
     if not named and not _allows_offset(interval):
         note += " Not all recordings name their homing; it is taken to be the same one."
     return note

@@ -84,8 +84,7 @@ def percent_of(value: ArrayLike, whole: ArrayLike) -> Array:
     25.0
     """
     value, whole = np.asarray(value, dtype=float), np.asarray(whole, dtype=float)
-    safe = np.where(whole > 0.0, whole, np.nan)
-    return 100.0 * value / safe
+    return 100.0 * value / np.where(whole > 0.0, whole, np.nan)
 
 
 def tool_error(kinematics: Kinematics, estimated: ArrayLike, true: ArrayLike) -> Array:
@@ -261,11 +260,10 @@ def all_joints(recording: Recording, robot: Robot) -> Array:
 def domain_of(traces: Sequence[Trace]) -> Domain:
     """Say what the loop would correct of the test, why not the rest, and whether truth fits it."""
     status = np.concatenate([trace.status for trace in traces])
-    shares = {str(bit.name): float(np.mean(status & bit != 0)) for bit in Status if bit}
-    flagged = sorted(((share, name) for name, share in shares.items() if share), reverse=True)
+    shares = [(float(np.mean(status & bit != 0)), str(bit.name)) for bit in Status if bit]
     return Domain(
         inside=float(np.mean(np.concatenate([trace.inside for trace in traces]))),
-        flags={name: share for share, name in flagged},
+        flags={name: share for share, name in sorted(shares, reverse=True) if share},
         beyond=1.0 - float(np.concatenate([trace.believable for trace in traces]).mean()),
     )
 
@@ -327,7 +325,7 @@ def _scores(
         if inside is not None:
             columns["rmse_inside"] = _rmse(error[:, inside]).mean(axis=0)
             columns["rmse_outside"] = _rmse(error[:, ~inside]).mean(axis=0)
-        rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+        rows = np.column_stack([*columns.values()]).tolist()
         for joint, unit, row in zip(joints, units, rows, strict=True):
             values = dict(zip(columns, row, strict=True))
             yield Score(name, joint, unit, seeds=len(error), recording=recording, **values)
@@ -371,15 +369,17 @@ def worst_stretches(
     traces: Sequence[Trace], chosen: str, joints: Sequence[JointVerdict], window: float
 ) -> tuple[Stretch, ...]:
     """Worst windows [s] of each joint over all recordings, by RMSE as a multiple of its limit."""
-    ranked: list[tuple[float, Stretch]] = []
+    stretches: list[Stretch] = []
     for column, verdict in enumerate(joints):
-        stretches = []
+        of_joint = []
         for index, trace in enumerate(traces):
             error = trace.error(chosen)[:, column]
             for first, end, root in worst_windows(trace.t, error, window, _COUNT):
                 largest = float(np.abs(error[first:end]).max())
                 start, stop = float(trace.t[first]), float(trace.t[end - 1])
-                stretch = Stretch(verdict.joint, verdict.unit, index, start, stop, root, largest)
-                stretches.append((root / verdict.limit if verdict.limit > 0 else root, stretch))
-        ranked += sorted(stretches, key=lambda pair: -pair[0])[:_COUNT]
-    return tuple(stretch for _, stretch in sorted(ranked, key=lambda pair: -pair[0]))
+                of_joint.append(
+                    Stretch(verdict.joint, verdict.unit, index, start, stop, root, largest)
+                )
+        stretches += sorted(of_joint, key=lambda stretch: -stretch.rmse)[:_COUNT]
+    limits = {verdict.joint: verdict.limit if verdict.limit > 0 else 1.0 for verdict in joints}
+    return tuple(sorted(stretches, key=lambda stretch: -stretch.rmse / limits[stretch.joint]))

@@ -75,7 +75,7 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
 
     Parameters
     ----------
-    own, other : sequence of ndarray, shape (n,) or (n, k)
+    errors, other : sequence of ndarray, shape (n,) or (n, k)
         Errors of each recording; of k outputs the squares are added. Recordings without a row are
         passed over.
 
@@ -96,8 +96,7 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
             f"{list(map(np.shape, other))}; give those of the same rows, one at least"
         )
     parts = [
-        np.sum(np.square(a).reshape(len(a), -1), axis=1)
-        - np.sum(np.square(b).reshape(len(b), -1), axis=1)
+        (np.square(a) - np.square(b)).reshape(len(a), -1).sum(axis=1)
         for a, b in zip(errors, other, strict=True)
         if len(a)
     ]
@@ -105,27 +104,29 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
     mean = float(rows.mean())
     memory = _TIMES * correlation_time([part - mean for part in parts])
     shortest = [max(memory, len(rows) / count) for count in _COUNTS]
-    margins = [_margin(parts, mean, length) for length in shortest]
+    margins = [_margin(rows, list(map(len, parts)), length) for length in shortest]
     finite = [margin for margin in margins if math.isfinite(margin[0])]  # recordings may be too few
     margin, stretches, longest = max(finite or margins)
     return Difference(mean, mean - margin, mean + margin, stretches, longest)
 
 
-def _margin(parts: Sequence[Array], mean: float, shortest: float) -> tuple[float, int, int]:
-    """Margin of the mean over stretches of at least `shortest` rows, their number, the longest."""
-    counts = [max(1, int(len(part) / shortest + 1e-9)) for part in parts]
-    cut = zip(parts, counts, strict=True)
-    stretches = [stretch for part, count in cut for stretch in np.array_split(part, count)]
-    weights = np.array([len(stretch) for stretch in stretches], dtype=float)
-    longest = int(weights.max())
-    if len(stretches) < _FEWEST:
-        return math.inf, len(stretches), longest
-    weights /= weights.sum()
-    deviations = np.array([stretch.mean() for stretch in stretches]) - mean
+def _margin(rows: Array, lengths: Sequence[int], shortest: float) -> tuple[float, int, int]:
+    """Margin of the mean over stretches of at least `shortest` rows, their number, the longest.
+
+    Stretches of a recording, which are of about one length, end where it ends.
+    """
+    counts = [max(1, int(length / shortest + 1e-9)) for length in lengths]
+    cut = [n // k + (np.arange(k) < n % k) for n, k in zip(lengths, counts, strict=True)]
+    size = np.concatenate(cut)
+    longest = int(size.max())
+    if len(size) < _FEWEST:
+        return math.inf, len(size), longest
+    weights = size / size.sum()
+    deviations = np.add.reduceat(rows, np.cumsum(size) - size) / size - rows.mean()
     alike = 1.0 / float(np.sum(weights**2))  # stretches of one length that weigh as much
     variance = float(np.sum(weights * deviations**2)) / max(alike - 1.0, 1e-9)
-    quantile = float(stdtrit(len(stretches) - 1, 0.5 + 0.5 * _LEVEL))
-    return quantile * math.sqrt(variance), len(stretches), longest
+    quantile = float(stdtrit(len(size) - 1, 0.5 + 0.5 * _LEVEL))
+    return quantile * math.sqrt(variance), len(size), longest
 
 
 def correlation_time(parts: Sequence[Array]) -> float:

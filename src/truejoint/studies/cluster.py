@@ -10,14 +10,11 @@ from contextlib import closing
 from functools import cache, partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import Any, Final
 
 import truejoint
 from truejoint.errors import StudyError
 from truejoint.extras import require
-
-T = TypeVar("T")
-R = TypeVar("R")
 
 _ANSWER: Final = 20.0  # [s] for a scheduler to answer
 _PATIENCE: Final = 20.0  # [s] for it to have workers
@@ -25,28 +22,17 @@ _LOOK: Final = 5.0  # [s] between two looks at whether there are workers
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
-def on_cluster(call: Callable[[T], R], tasks: Sequence[T], address: str) -> Iterator[tuple[T, R]]:
-    """Call a function of a module with each task on workers of a scheduler: both, as it is done.
+def on_cluster(
+    call: Callable[[Any], Any], tasks: Sequence[Any], address: str
+) -> Iterator[tuple[Any, Any]]:
+    """Give each task and what a pure function of a module makes of it, as workers are done with it.
 
     A worker that dies costs the task that it had, which another one does again; the results are
     those of this computer if the workers' processors add as this one's does.
 
-    Parameters
-    ----------
-    call : callable
-        Pure, of one task; by name, so the workers import it.
-    tasks : sequence
-    address : str
-        Of the scheduler, such as ``tcp://10.0.0.5:8786``.
-
-    Raises
-    ------
-    StudyError
-        If the scheduler cannot be reached or is lost, has no workers or loses them, or one of them
-        has more threads than one or other software than this computer, or dies of a task again and
-        again.
-    TruejointError
-        If Dask is not installed.
+    Raises StudyError if the scheduler at `address` cannot be reached or is lost, has no workers or
+    loses them, or if a worker has several threads or other software than this computer, or dies of
+    a task again and again; TruejointError if Dask is not installed.
     """
     distributed = require("distributed", "cluster", "a cluster")
     logging.getLogger("distributed").setLevel(logging.CRITICAL)  # one line says what went wrong
@@ -86,11 +72,11 @@ def software() -> str:
     for path in sorted(folder.rglob("*.py")):
         digest.update(path.relative_to(folder).as_posix().encode() + b"\0" + path.read_bytes())
     packages = (f"{name} {version(name)}" for name in _PACKAGES)
-    own = f"source {digest.hexdigest()[:12]}"
-    return ", ".join((f"Python {platform.python_version()}", *packages, own))
+    source = f"source {digest.hexdigest()[:12]}"
+    return ", ".join((f"Python {platform.python_version()}", *packages, source))
 
 
-def _checked(call: Callable[[T], R], expected: str, task: T) -> R:
+def _checked(call: Callable[[Any], Any], expected: str, task: Any) -> Any:
     """Do a task on a worker, if it has the software of the computer that asks."""
     here, there = software().split(", "), expected.split(", ")
     if here != there:

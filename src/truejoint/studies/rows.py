@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.array_types import Array
 from truejoint.drawing import Figure, ecdf
 from truejoint.tables import Table, fixed, median_text
-
-Cell = Callable[[DataFrame], str]
-"""Text of the rows that a cell of a table stands for."""
 
 
 def select(rows: DataFrame, **where: Any) -> DataFrame:
@@ -36,75 +32,39 @@ def unique(rows: DataFrame, column: str) -> list[Any]:
     return list(dict.fromkeys(rows[column]))
 
 
-def values(rows: DataFrame, column: str, **where: Any) -> Array:
-    """Values (n,) of a column of the rows that `select` gives."""
-    return np.asarray(select(rows, **where)[column].to_numpy(dtype=np.float64))
-
-
 def groups(rows: DataFrame, column: str) -> Iterator[tuple[Any, DataFrame]]:
     """Rows of each value of a column, in the order of the rows."""
     yield from rows.groupby(column, sort=False)
 
 
-def each(rows: DataFrame) -> Iterator[Any]:
-    """Rows one by one, with a field for each column."""
-    yield from rows.itertuples()
+def quantiles(rows: DataFrame, by: str, column: str, shares: Mapping[str, float]) -> DataFrame:
+    """Quantiles of a column for each value of `by`, in the order of the rows, by title.
 
-
-def of(cell: Cell, **where: Any) -> Cell:
-    """Cell of those of a group's rows that `select` gives."""
-    return lambda rows: cell(select(rows, **where))
-
-
-def median(column: str, decimals: int, scale: float = 1.0) -> Cell:
-    """Cell of the median of a column and, in brackets, the largest."""
-    return lambda rows: median_text(scale * values(rows, column), decimals)
-
-
-def table_of(
-    title: str,
-    rows: DataFrame,
-    by: str | Sequence[str],
-    cells: dict[str, Cell],
-    notes: Iterable[str] = (),
-    *,
-    names: Callable[..., str] | None = None,
-    head: str = "",
-) -> Table:
-    """Table with a row for each group of rows, and a column for each of `cells`.
-
-    Parameters
-    ----------
-    title, notes : str, iterable of str
-    rows : DataFrame
-    by : str or sequence of str
-        Columns whose values make a group, in the order of the rows.
-    cells : dict
-        Text of a group's rows by the title of a column; blanks around a title do not show.
-    names : callable, optional
-        Name of a row from the values of `by`; they are joined by commas by default.
-    head : str
-        Title of the column of names.
-
-    Examples
-    --------
-    >>> rows = DataFrame({"method": list("aab"), "rms": [1.0, 3.0, 5.0]})
-    >>> table_of("RMS", rows, "method", {"mean": lambda own: f"{own.rms.mean():.1f}"}).rows
-    (('a', '2.0'), ('b', '5.0'))
+    >>> quantiles(DataFrame({"m": list("bba"), "rms": [1.0, 3.0, 5.0]}), "m", "rms", {"top": 1.0})
+       top
+    m
+    b  3.0
+    a  5.0
     """
-    keys = [by] if isinstance(by, str) else list(by)
-    body = []
-    for key, own in rows.groupby(keys, sort=False, dropna=False):
-        name = names(*key) if names else ", ".join(map(str, key))
-        body.append((name, *(cell(own) for cell in cells.values())))
-    header = (head or ", ".join(keys), *(name.strip() for name in cells))
-    return Table(title, header, tuple(body), tuple(notes))
+    cut = rows.groupby(by, sort=False)[column].quantile(np.array(list(shares.values())))
+    return cut.unstack(sort=False).set_axis(list(shares), axis=1)
+
+
+def median_texts(
+    rows: DataFrame, keys: list[str], column: str, decimals: int, scale: float = 1.0
+) -> DataFrame:
+    """Texts of the median of a column and, in brackets, the largest, by the first of the keys."""
+    by = rows.groupby(keys, sort=False)[column]
+    texts = by.agg(lambda own: median_text(scale * own.to_numpy(), decimals))
+    return texts.unstack(keys[1:])
 
 
 def frame_table(
     title: str, frame: DataFrame, notes: Iterable[str] = (), *, decimals: int = 3, head: str = ""
 ) -> Table:
     """Table of a frame whose index names the rows: texts as they are, numbers with `decimals`.
+
+    Blanks around the name of a column do not show.
 
     >>> frame = DataFrame({"rms": [1.0, math.nan], "worst": ["2.0 deg", ""]}, ["a", "b"])
     >>> frame_table("RMS", frame.fillna(0.0), decimals=1).rows
@@ -114,7 +74,8 @@ def frame_table(
         (str(name), *(v if isinstance(v, str) else fixed(float(v), decimals) for v in row))
         for name, *row in frame.itertuples()
     ]
-    return Table(title, (head, *map(str, frame.columns)), tuple(body), tuple(notes))
+    header = (head, *(str(name).strip() for name in frame.columns))
+    return Table(title, header, tuple(body), tuple(notes))
 
 
 def ecdf_figure(

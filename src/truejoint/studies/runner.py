@@ -12,6 +12,7 @@ import signal
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import version
 from multiprocessing import get_context
@@ -33,7 +34,7 @@ if TYPE_CHECKING:
 
     from truejoint.studies.study import Settings, Summary
 
-Outcome = tuple[Part, PartResult | TruejointError]
+Outcome = PartResult | TruejointError
 
 _POOLS: Final = 3  # how often workers may die before it is given up
 _ROWS: Final = "rows"
@@ -143,40 +144,38 @@ def run_study(
             others = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
             raise StudyError(f"{chosen.name}: part {key} failed{others}: {error}")
         # Read back even if computed just now, so that no result depends on when it was computed.
-        stored = {key: read_part(file) for key, file in files.items()}
-    results = {key: part for key, part in stored.items() if part is not None}
+        stored = ((key, read_part(file)) for key, file in files.items())
+        results = {key: part for key, part in stored if part is not None}
     if len(results) < len(parts):
         raise StudyError(f"{chosen.name}: a part cannot be read back")
     every = Results.of(settings, parts, results)
     return StudyResult(chosen, settings, results, every.rows, chosen.summarise(every), len(missing))
 
 
-def _computed(parts: Sequence[Part], jobs: int, cluster: str | None) -> Iterator[Outcome]:
+def _computed(
+    parts: Sequence[Part], jobs: int, cluster: str | None
+) -> Iterator[tuple[Part, Outcome]]:
     """Each part with its result, or with what is wrong with it, as it is done."""
     if cluster is not None:
-        if parts:
-            for part, (_, result) in on_cluster(compute, parts, cluster):
-                yield part, result
+        yield from on_cluster(compute, parts, cluster) if parts else ()
         return
     if min(jobs, len(parts)) <= 1:
-        yield from map(compute, parts)
+        yield from ((part, compute(part)) for part in parts)
         return
-    remaining = list(parts)
+    remaining = {part.key: part for part in parts}
     for _ in range(_POOLS):
-        try:
-            for part, result in _pooled(remaining, jobs):
-                remaining = [other for other in remaining if other.key != part.key]
+        with suppress(BrokenProcessPool):
+            for part, result in _pooled([*remaining.values()], jobs):
+                del remaining[part.key]
                 yield part, result
-        except BrokenProcessPool:
-            continue
-        return
+            return
     raise StudyError(
         f"workers died {_POOLS} times with {len(remaining)} parts left; is memory short? Run it "
         "again with fewer --jobs: what is done is kept"
     )
 
 
-def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
+def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[tuple[Part, Outcome]]:
     # A worker that Ctrl-C reaches ends without a word: the parent says what is to be said.
     with ProcessPoolExecutor(
         min(jobs, len(parts)), get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_DFL)
@@ -184,7 +183,7 @@ def _pooled(parts: Sequence[Part], jobs: int) -> Iterator[Outcome]:
         futures = {pool.submit(compute, part): part for part in parts}
         try:
             for future in as_completed(futures):
-                yield futures[future], future.result()[1]
+                yield futures[future], future.result()
         finally:  # after Ctrl-C, what has not begun shall not
             pool.shutdown(wait=False, cancel_futures=True)
 
@@ -195,8 +194,8 @@ def compute(part: Part) -> Outcome:
         with one_thread():
             result = part.compute(**part.arguments)
     except TruejointError as error:
-        return part, error
-    return part, result if isinstance(result, PartResult) else PartResult(result)
+        return error
+    return result if isinstance(result, PartResult) else PartResult(result)
 
 
 def part_file(folder: Path, study: Study, part: Part) -> Path:

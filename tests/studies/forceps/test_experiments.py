@@ -11,12 +11,13 @@ from pandas import DataFrame
 from truejoint.errors import CommandRefused, StudyError, TruejointError
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recording, read_recording
-from truejoint.simulation.forceps.load import LoadTest, SwingingLoad
+from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import get_study, run_study, write_study
 from truejoint.studies.forceps import closed_loop, load, methods, motions
-from truejoint.studies.forceps.motions import built, plain_specimen, record
-from truejoint.studies.forceps.population import load_test, share, unseen_turn
+from truejoint.studies.forceps.motions import load_test, plain_specimen, record
+from truejoint.studies.forceps.population import share, unseen_turn
 from truejoint.studies.forceps.sweep import front
 from truejoint.studies.rows import select
 
@@ -161,7 +162,7 @@ def test_other_frictions_and_weights_are_judged_together(drawn):
 
 def test_a_turn_that_no_sensor_shows_is_no_estimates_error():
     plant = specimen()
-    test = load_test(100.0, "along")
+    test = load_test(0.1, "along", quick=True, end=17.0)
     t = np.arange(0.0, test.end, 0.01)
     turned = np.where(t > test.loaded_to, np.radians(33.0), np.radians(30.0))
 
@@ -175,10 +176,7 @@ def test_a_turn_that_no_sensor_shows_is_no_estimates_error():
 
 
 def test_shares_count_specimens():
-    rms = {
-        "ukf_compensated": np.array([2.0, 1.0, 4.0, 3.0]),
-        "play_gated": np.array([1.0, 2, 1, 1]),
-    }
+    rms = DataFrame({"ukf_compensated": [2.0, 1.0, 4.0, 3.0], "play_gated": [1.0, 2.0, 1.0, 1.0]})
     assert share(rms, "ukf_compensated", "play_gated") == 0.75
     assert share(rms, "play_gated", "ukf_compensated", "play_gated") == 0.0
 
@@ -237,7 +235,9 @@ def test_a_loop_that_refuses_is_not_within(monkeypatch):
         raise CommandRefused("no set-point reaches it")
 
     monkeypatch.setattr(closed_loop, "follow_jaw", refuses)
-    none = closed_loop.tracked(specimen(), None, np.zeros(2), SwingingLoad(0.1))
+    loads = {"steady": (0.1, 0.0, False)}
+    (row,) = closed_loop.track(plain_specimen("A"), (), ["open"], loads, number=0, seconds=0.1)
+    none = {key: row[key] for key in ("rms", "exact_rms", "corrected")}
     assert none == {"rms": None, "exact_rms": None, "corrected": None}
     good = {"rms": np.radians(0.05)}
     every = [
@@ -311,7 +311,7 @@ def test_a_method_without_its_sensor_is_left_out(tmp_path):
 
 
 def test_a_specimen_is_the_same_after_a_trip_through_plain_values():
-    assert built(plain_specimen("B")) == specimen("B")
+    assert ForcepsParameters.from_dict(plain_specimen("B")) == specimen("B")
 
 
 def test_motions_become_recordings(tmp_path):

@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 from scipy.stats import binned_statistic_2d
 
-from truejoint import drawing
 from truejoint.array_types import Array, Mask
-from truejoint.drawing import BLUE, GREY, INK, ORANGE
+from truejoint.drawing import BLUE, GREY, INK, ORANGE, PALETTE
 from truejoint.evaluation.report import plot
 from truejoint.evaluation.report.plot import COLOURS, Figure, Spec, colour_of
 from truejoint.evaluation.results import (
     OFFSET,
     RAW,
     Evaluation,
+    IntervalScore,
     Trace,
     estimator_phrase,
     estimator_title,
@@ -107,23 +107,24 @@ def _tracking(
     """Positions above, errors below; with the raw position and a legend of all when whole."""
     whole, chosen, unit = rows is _ALL, evaluation.chosen, display_unit(evaluation.units[column])
     t, truth = trace.t[rows], trace.truth[rows, column] * unit.scale
-    upper, lower = {"xaxis": "x", "yaxis": "y"}, {"xaxis": "x", "yaxis": "y2"}
+    upper: Spec = {"xaxis": "x", "yaxis": "y"}
+    lower: Spec = {"xaxis": "x", "yaxis": "y2"}
     true = plot.thinned(t, truth, buckets)
     data = [plot.curve(*true, "True", COLOURS["truth"], width=1.5, dash="dot", **upper)]
     if trace.lower is not None and trace.upper is not None:
-        bounds = [unit.scale * bound[rows, column] for bound in (trace.lower, trace.upper)]
-        estimate = unit.scale * trace.estimates[chosen][rows, column]
-        bounded = np.flatnonzero(np.isfinite(bounds[0]))
+        curves = (trace.lower, trace.upper, trace.estimates[chosen])
+        low, high, middle = (unit.scale * curve[rows, column] for curve in curves)
+        bounded = np.flatnonzero(np.isfinite(low))
         if len(bounded) >= 2:
-            widest = plot.extreme_rows((bounds[1] - bounds[0])[bounded], buckets // 4)
-            bounded = bounded[np.union1d(plot.extreme_rows(estimate[bounded], buckets), widest)]
+            widest = plot.extreme_rows((high - low)[bounded], buckets // 4)
+            bounded = bounded[np.union1d(plot.extreme_rows(middle[bounded], buckets), widest)]
             pieces = np.searchsorted(gaps(t), bounded, side="left")
-            low, high, middle = bounds[0][bounded], bounds[1][bounded], estimate[bounded]
-            around = plot.outline(t[bounded], low, high, pieces)
-            errors = plot.outline(t[bounded], middle - high, middle - low, pieces)
             name = f"{100 * evaluation.interval_level:g} % interval"
             band: Spec = {"width": 0, "fill": "toself", "fillcolor": plot.BAND}
             band |= {"hoverinfo": "skip", "legendrank": 1001}
+            low, high, middle = low[bounded], high[bounded], middle[bounded]
+            around = plot.outline(t[bounded], low, high, pieces)
+            errors = plot.outline(t[bounded], middle - high, middle - low, pieces)
             for edge, place, legend in ((around, upper, whole), (errors, lower, False)):
                 options = {**band, **place, "showlegend": legend}
                 data.append(plot.curve(*edge, name, COLOURS["chosen"], **options))
@@ -132,11 +133,9 @@ def _tracking(
         title, colour = estimator_title(name), colour_of(name, evaluation)
         values = trace.estimates[name][rows, column] * unit.scale
         visible = "legendonly" if name == RAW != chosen else True
-        error = plot.thinned(t, values - truth, buckets)
-        data += [
-            plot.curve(*plot.thinned(t, values, buckets), title, colour, visible=visible, **upper),
-            plot.curve(*error, title, colour, visible=visible, showlegend=False, **lower),
-        ]
+        for curve, place in ((values, upper), (values - truth, {"showlegend": False, **lower})):
+            thin = plot.thinned(t, curve, buckets)
+            data.append(plot.curve(*thin, title, colour, visible=visible, **place))
     return plot.drawing(
         data,
         380 if whole else 330,
@@ -155,13 +154,11 @@ def loops(evaluation: Evaluation) -> Figure:
         curves = []
         for name, colour, opacity in pairs:
             paths = [
-                np.column_stack((trace.truth[:, column], trace.error(name)[:, column]))
+                unit.scale * np.column_stack((trace.truth[:, column], trace.error(name)[:, column]))
                 for trace in evaluation.traces
             ]
-            path, title = unit.scale * plot.joined(paths, most), estimator_title(name)
-            options = {"width": 0.7, "opacity": opacity, "hoverinfo": "skip"}
-            options["showlegend"] = column == 0
-            curves.append(plot.curve(path[:, 0], path[:, 1], title, colour, **options))
+            options = {"width": 0.7, "opacity": opacity, "showlegend": column == 0}
+            curves.append(plot.path(paths, most, estimator_title(name), colour, **options))
         x = {"title": f"{joint} position [{unit.name}]"}
         panels.append((x, {"title": f"error [{unit.name}]"}, curves))
     caption = (
@@ -223,20 +220,16 @@ def residuals(evaluation: Evaluation, models: Sequence[str] = ()) -> Iterator[Fi
     for column, joint, unit in evaluation.shown_joints():
         moves = np.concatenate([trace.direction[:, column] for trace in evaluation.traces])
         panels = list(_panels(evaluation, column, unit, models))
+        most = min(1200, _POINTS // len(evaluation.joints))
+        causes = [panel.title.partition(" [")[0] for panel in panels]
+        end_to_end = " (recordings end to end)" if len(evaluation.traces) > 1 else ""
+        of = (
+            f"error left by {estimator_phrase(evaluation.chosen)} [{unit.name}] against "
+            f"{', '.join(causes[:-1])} and {causes[-1]}{end_to_end}"
+        )
         if models:
-            of, most = (
-                f"error [{unit.name}] against position, a panel a model",
-                _POINTS // len(models),
-            )
-        else:
-            causes = [panel.title.partition(" [")[0] for panel in panels]
-            most = min(1200, _POINTS // len(evaluation.joints))
-            of = (
-                f"error left by {estimator_phrase(evaluation.chosen)} [{unit.name}] against "
-                f"{', '.join(causes[:-1])} and {causes[-1]}"
-            )
-            if len(evaluation.traces) > 1:
-                of += " (recordings end to end)"
+            most = _POINTS // len(models)
+            of = f"error [{unit.name}] against position, a panel a model"
         caption = (
             f"{joint}: {of}. Dots are rows, blue while the joint moves up and orange while it "
             "moves down; lines are medians, bands hold the middle 90 %."
@@ -344,62 +337,58 @@ def _quantiles(groups: Iterable[tuple[float, Array]]) -> Array:
     return np.array(rows, dtype=float).reshape(-1, 4).T
 
 
-def stated_interval(evaluation: Evaluation) -> list[Figure]:
+def stated_interval(evaluation: Evaluation) -> Iterator[Figure]:
     """Found against stated coverage, with several levels; coverage of each of several motions."""
-    figures = []
-    stated = np.array(sorted({score.level for score in evaluation.intervals}))
-    several = len(evaluation.interval_trajectories) > 1
+    level, names = evaluation.interval_level, evaluation.interval_trajectories
+    scores: dict[str, list[IntervalScore]] = {joint: [] for joint in evaluation.joints}
+    for score in evaluation.intervals:
+        scores[score.joint].append(score)
+    stated = 100 * np.array(sorted({score.level for score in evaluation.intervals}))
+    several = len(names) > 1
     if len(stated) > 1:
-        margin = 15 * (stated[-1] - stated[0])
-        ends = 100 * np.array([max(stated[0] - 0.2, 0.0), 1.0])
-        data = [plot.curve(ends, ends, "equal", drawing.INK, **_EQUAL)]
+        margin = 0.15 * (stated[-1] - stated[0])
+        ends = np.array([max(stated[0] - 20, 0.0), 100.0])
+        data = [plot.curve(ends, ends, "equal", INK, **_EQUAL)]
         for joint, colour, beside in _joints(evaluation):
-            rows = [score for score in evaluation.intervals if score.joint == joint]
-            level = 100 * np.array([row.level for row in rows]) + 0.06 * margin * beside
-            coverage = 100 * np.array([row.coverage for row in rows])
+            rows = np.array([(s.level, s.coverage, s.standard_error) for s in scores[joint]])
+            x, y, errors = 100 * rows.T
             style = _dots(colour) | {"line": {"color": colour, "width": 1.3}}
             if several:
-                errors = 100 * np.array([row.standard_error for row in rows])
                 style["error_y"] = {"array": plot.packed(errors), "thickness": 1.3, "width": 4}
-            data.append(plot.scatter("lines+markers", level, coverage, joint, **style))
-        lowest = min(stated[0], *(score.coverage for score in evaluation.intervals))
-        across = [100 * stated[0] - margin, min(100 * stated[-1] + margin, 100.0)]
-        x = {"title": "stated [%]", "range": across, "tickvals": (100 * stated).tolist()}
-        y = {"title": "found inside [%]", "range": [max(0.0, 100 * lowest - 8.0), 101.0]}
+            x = x + 0.06 * margin * beside
+            data.append(plot.scatter("lines+markers", x, y, joint, **style))
+        lowest = min(stated[0], *(100 * score.coverage for score in evaluation.intervals))
+        range_ = [stated[0] - margin, min(stated[-1] + margin, 100.0)]
+        across = {"title": "stated [%]", "range": range_, "tickvals": stated.tolist()}
+        up = {"title": "found inside [%]", "range": [max(0.0, lowest - 8.0), 101.0]}
         errors_text = "; bars are its sampling error over trajectories" if several else ""
         caption = (
             "Share of the test's samples inside the interval against what it states, joint by "
             f"joint{errors_text}. On the dashed line both are equal; below it the interval is too "
             "narrow."
         )
-        spec = plot.panels([(x, y, data)], _HEIGHT)
-        title = "Stated and found coverage"
-        figures.append(Figure("calibration", title, caption, [spec], wide=False))
+        spec, title = plot.panels([(across, up, data)], _HEIGHT), "Stated and found coverage"
+        yield Figure("calibration", title, caption, [spec], wide=False)
     if len(stated) and several:
-        level, names = evaluation.interval_level, evaluation.interval_trajectories
         number, ends = np.arange(1.0, len(names) + 1.0), np.array([0.5, len(names) + 0.5])
         title = f"stated {100 * level:g} %"
-        data = [plot.curve(ends, np.full(2, 100 * level), title, drawing.INK, **_EQUAL)]
+        data = [plot.curve(ends, np.full(2, 100 * level), title, INK, **_EQUAL)]
         text = {"text": [plot.plain(n) for n in names], "hovertemplate": "%{text}: %{y:.1f} %"}
-        shares = {
-            s.joint: 100 * np.array(s.shares) for s in evaluation.intervals if s.level == level
-        }
+        lowest = 100.0
         for joint, colour, beside in _joints(evaluation):
-            place = number + 0.12 * beside
-            data.append(
-                plot.scatter("markers", place, shares[joint], joint, **_dots(colour), **text)
-            )
-        x = {"title": "trajectory of the test", "range": list(ends), "dtick": -(-len(names) // 10)}
-        lowest = min(values.min() for values in shares.values())
-        y = {"title": "inside [%]", "range": [max(0.0, 0.95 * lowest - 2), 102.0]}
+            (shares,) = (100 * np.array(s.shares) for s in scores[joint] if s.level == level)
+            lowest, place = min(lowest, shares.min()), number + 0.12 * beside
+            data.append(plot.scatter("markers", place, shares, joint, **_dots(colour), **text))
+        ticks = -(-len(names) // 10)
+        across = {"title": "trajectory of the test", "range": list(ends), "dtick": ticks}
+        up = {"title": "inside [%]", "range": [max(0.0, 0.95 * lowest - 2), 102.0]}
         caption = (
             f"Share of the samples of each trajectory inside the {100 * level:g} % interval, in "
             "the order of the test. The statement is about their mean: one may lie inside "
             "altogether, another half outside."
         )
-        spec, title = plot.panels([(x, y, data)], _HEIGHT), "Coverage of each trajectory"
-        figures.append(Figure("coverage", title, caption, [spec], wide=False))
-    return figures
+        spec, title = plot.panels([(across, up, data)], _HEIGHT), "Coverage of each trajectory"
+        yield Figure("coverage", title, caption, [spec], wide=False)
 
 
 def _dots(colour: str) -> Spec:
@@ -410,39 +399,35 @@ def _joints(evaluation: Evaluation) -> list[tuple[str, str, float]]:
     """Joints, the colour of each, and its place beside the others: -2 to 2, 0 for a single one."""
     count = len(evaluation.joints)
     places = np.linspace(-2.0, 2.0, count) if count > 1 else np.zeros(1)
-    return list(zip(evaluation.joints, cycle(drawing.PALETTE), places.tolist(), strict=False))
+    return list(zip(evaluation.joints, cycle(PALETTE), places.tolist(), strict=False))
 
 
 def trajectories(evaluation: Evaluation, training: Sequence[Recording]) -> Figure:
     """Measured joint positions in training and test: in 3-D, a plane, or against speed."""
-    units = [unit for _, _, unit in evaluation.shown_joints()]
-    scale = np.array([unit.scale for unit in units])
-    train = [recording.columns("measured", evaluation.joints) for recording in training]
-    test = [trace.measured for trace in evaluation.traces]
-    names = [f"{joint} [{unit.name}]" for _, joint, unit in evaluation.shown_joints()]
+    names, scale = _joint_axes(evaluation)
+    taught = [(r.t, r.columns("measured", evaluation.joints)) for r in training]
+    paths = {
+        "training": [np.hstack((x, velocity(t, x))) for t, x in taught],
+        "test": [np.hstack((trace.measured, trace.velocity)) for trace in evaluation.traces],
+    }
     title, what = "Trajectories in joint space", "Measured joint positions"
-    if len(names) == 1:
-        # One joint has no path in space; position against speed shows what was covered.
-        train = [np.hstack((x, velocity(r.t, x))) for r, x in zip(training, train, strict=True)]
-        test = [np.hstack((trace.measured, trace.velocity)) for trace in evaluation.traces]
-        names.append(f"speed [{units[0].name}/s]")
+    if len(evaluation.joints) == 1:
         title = "Position and speed covered"
         what = f"Measured position of {evaluation.joints[0]} against its speed"
     groups = [
-        ("training", GREY, [scale * path for path in train]),
-        ("test", BLUE, [scale * path for path in test]),
+        (name, colour, [scale * path[:, : len(names)] for path in paths[name]])
+        for name, colour in (("training", GREY), ("test", BLUE))
     ]
     caption = (
         f"{what} while training (grey) and in the test (blue). A calibration is to be trusted "
         "where the two overlap."
     )
     if len(names) == 2:
-        style = {"width": 1.0, "opacity": 0.7, "hoverinfo": "skip"}
+        style = {"width": 1.0, "opacity": 0.7}
         curves = [
-            plot.curve(path[:, 0], path[:, 1], name, colour, **style)
-            for name, colour, paths in groups
-            if paths
-            for path in [plot.joined(paths, _PATH_POINTS)]
+            plot.path(parts, _PATH_POINTS, name, colour, **style)
+            for name, colour, parts in groups
+            if parts
         ]
         spec = plot.panels([({"title": names[0]}, {"title": names[1]}, curves)], 360)
         return Figure("trajectories", title, caption, [spec])
@@ -495,13 +480,12 @@ def error_maps(evaluation: Evaluation) -> Iterator[Figure]:
     for column, joint, unit in evaluation.shown_joints():
         square = np.square(unit.scale * evaluation.error(evaluation.chosen, column))
         layers = [(f"RMSE [{unit.name}]", np.sqrt(mean(square)))]
-        bounds = [(t.lower, t.upper) for t in evaluation.traces]
         half = [
-            0.5 * (high - low)[:, column]
-            for low, high in bounds
-            if low is not None and high is not None
+            0.5 * (trace.upper - trace.lower)[:, column]
+            for trace in evaluation.traces
+            if trace.lower is not None and trace.upper is not None
         ]
-        if len(half) == len(bounds):
+        if len(half) == len(evaluation.traces):
             layers.append((f"half-width [{unit.name}]", mean(unit.scale * np.concatenate(half))))
         panels: list[plot.Panel] = []
         for title, values in layers:
@@ -534,16 +518,24 @@ def _workspace(evaluation: Evaluation) -> tuple[Array, list[str], str]:
     if evaluation.cartesian:
         true = 1e3 * np.concatenate([trace.tool["truth"] for trace in traces])
         return true, ["x [mm]", "y [mm]", "z [mm]"], "the tool's position"
+    names, scale = _joint_axes(evaluation)
+    points = np.concatenate([np.hstack((trace.truth, trace.velocity)) for trace in traces])
+    where = "two joints" if len(evaluation.joints) > 1 else "position and speed"
+    return scale * points[:, : len(names)], names, where
+
+
+def _joint_axes(evaluation: Evaluation) -> tuple[list[str], Array]:
+    """Titles and factors from SI of the axes of a space of joints, or of one joint and its speed.
+
+    They are those of the first columns of positions beside velocities.
+    """
     joints = evaluation.shown_joints()
-    points = np.concatenate([trace.truth for trace in traces])
-    points = points * [unit.scale for _, _, unit in joints]
     names = [f"{joint} [{unit.name}]" for _, joint, unit in joints]
-    if len(joints) > 1:
-        return points, names, "two joints"
-    unit = joints[0][2]
-    speed = unit.scale * np.concatenate([trace.velocity for trace in traces])
-    names.append(f"speed [{unit.name}/s]")
-    return np.hstack((points, speed)), names, "position and speed"
+    scale = [unit.scale for _, _, unit in joints]
+    if len(joints) == 1:
+        names.append(f"speed [{joints[0][2].name}/s]")
+        scale *= 2
+    return names, np.array(scale)
 
 
 def _space(
@@ -610,9 +602,9 @@ def _arrows(point: Array, error: Array, axes: tuple[int, int], left_out: Mask) -
     x, y = place[good].T
     dots = plot.coloured(x, y, size[good], "error [mm]", highest, size=9)
     style = {"width": 1.5, "hoverinfo": "skip"}
-    drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", drawing.GREY, **style), dots]
+    drawn = [plot.curve(lines[:, 0], lines[:, 1], "direction", GREY, **style), dots]
     if left_out.any():
-        cross = {"marker": {"symbol": "x", "size": 9, "color": drawing.ORANGE}}
+        cross = {"marker": {"symbol": "x", "size": 9, "color": ORANGE}}
         drawn.append(
             plot.scatter("markers", place[left_out, 0], place[left_out, 1], "rejected", **cross)
         )

@@ -129,7 +129,7 @@ def render_report(
         "residuals": list(figures.residuals(evaluation)),
         "loops": [figures.loops(evaluation)],
         "distribution": [figures.distributions(evaluation, pair)],
-        "intervals": figures.stated_interval(evaluation),
+        "intervals": list(figures.stated_interval(evaluation)),
     }
     seeds = evaluation.score(evaluation.chosen, evaluation.joints[0]).seeds
     several = f", {seeds} seeds" if seeds > 1 else ""
@@ -246,25 +246,9 @@ def write_touch_report(
 ) -> Path:
     """Write what a calibration by touch is worth as one HTML file that needs nothing else.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        As `calibrate_by_touch` gives it.
-    report : TouchReport
-        That it gives with it.
-    path : str or Path
-        Where to write; written whole or not at all.
-    command : str
-        Command line that makes this page again.
-    overwrite : bool
-        Whether a file at `path` may be replaced.
-
-    Raises
-    ------
-    CalibrationError
-        If the calibration was made in another way.
-    RecordingError
-        As `write_report`.
+    `calibration` and `report` are as `calibrate_by_touch` gives them; the other arguments, and
+    RecordingError, are those of `write_report`. Raises CalibrationError if the calibration was made
+    in another way.
 
     Examples
     --------

@@ -98,6 +98,12 @@ def curve(x: Array, y: Array, name: str, colour: str, /, **options: Any) -> Spec
     return scatter("lines", x, y, name, **{"legendgroup": plain(name), "line": line, **options})
 
 
+def path(parts: Sequence[Array], most: int, name: str, colour: str, **options: Any) -> Spec:
+    """Draw curves (n, 2) as one line that is broken between them; see `joined`."""
+    x, y = joined(parts, most).T
+    return curve(x, y, name, colour, hoverinfo="skip", **options)
+
+
 def axis(title: str = "", **options: Any) -> Spec:
     """Describe a plain axis with a light grid."""
     return {

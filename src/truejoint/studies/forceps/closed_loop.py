@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from itertools import pairwise, product
 from typing import Any, Final
 
@@ -12,9 +13,10 @@ from pandas import DataFrame, concat
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration import Calibration
+from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import CommandRefused
 from truejoint.motion.forceps_trajectories import verification_trajectory
-from truejoint.robots.blocks import SETPOINT_DT
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock
 from truejoint.runtime import Compensator, Corrector, Status
 from truejoint.runtime.compensator import check_rate
 from truejoint.simulation.forceps.load import SwingingLoad
@@ -23,9 +25,8 @@ from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ForcepsTwin
 from truejoint.simulation.twin import glide, hold
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, built, title_of
-from truejoint.studies.loop import TwinSignals, homed_arm
-from truejoint.studies.rows import ecdf_figure, frame_table, select, unique
+from truejoint.studies.forceps.motions import Plain, title_of
+from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
@@ -48,7 +49,6 @@ _A_PERIOD: Final = 22.0  # [s] of (28), enough on the specimens of a population
 _STEPS: Final = (0.0, 0.35, -0.2, 0.0)  # [rad] where the jaw stands still in turn
 _STANDS: Final = 2.0  # [s]
 _AT_REST: Final = 0.5  # [s] of them, the last
-_TITLES: Final = {key: method.title for key, method in m.METHODS.items()}
 
 
 def parts(settings: Settings) -> Sequence[Part]:
@@ -57,7 +57,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     common = m.common_arguments(settings)
     forceps, methods, seed = common["forceps"], common["methods"], common["seed"]
     plants = population(settings["count"], seed, settings["prior"])
-    for plant in (built(forceps), *plants):
+    for plant in (ForcepsParameters.from_dict(forceps), *plants):
         check_rate(how["rate"], lag(plant), how["gain"])
     loads: dict[str, tuple[float, float, bool]] = {  # arguments of `SwingingLoad`
         "none": (0.0, 0.0, False),
@@ -112,10 +112,12 @@ def follow_jaw(
     corrector's steps (k,).
     """
     twin = ForcepsTwin(plant, seed=seed)
-    arm = homed_arm(twin)
+    arm, blocks = Arm(SimulatedBackend(twin)), list[StateBlock | TruthBlock]()
+    arm.enable()
+    arm.home()
     start = arm.time
     twin.tip_force = lambda t: load.force(t - start)
-    signals = TwinSignals(arm, ("truth/jaw", "truth_exact/jaw"))
+    arm.subscribe(blocks.append)
     status = np.zeros(0, dtype=np.int64)
     if model is None:
         arm.wait(SETPOINT_DT)
@@ -137,29 +139,9 @@ def follow_jaw(
         compensator.gain *= margin
         compensator.drive(arm, wanted[:, None])
         status = np.array(list(compensator.statuses.elements()), dtype=np.int64)
-    return signals.values("truth/jaw")[1:], signals.values("truth_exact/jaw")[1:], status
-
-
-def tracked(
-    plant: ForcepsParameters,
-    model: Calibration | None,
-    wanted: Array,
-    load: SwingingLoad,
-    **how: Any,
-) -> dict[str, Any]:
-    """RMS error [rad] once settled, to the reference and exactly, and the share corrected.
-
-    Of a specimen that follows angles `wanted` (n,) [rad], as `follow_jaw` takes it. All are None
-    where no set-point takes the jaw there, and the loop says so.
-    """
-    try:
-        *angles, status = follow_jaw(plant, model, wanted, load, **how)
-    except CommandRefused:
-        return dict.fromkeys(("rms", "exact_rms", "corrected"))
-    first, rows = round(m.SETTLED / SETPOINT_DT), len(angles[0])
-    rms, exact_rms = (m.rms((angle - wanted[:rows])[first:]) for angle in angles)
-    corrected = float(np.mean(status & ~int(KNOWN) == 0)) if len(status) else 0.0
-    return {"rms": rms, "exact_rms": exact_rms, "corrected": corrected}
+    truth = np.concatenate([b.position[:, 0] for b in blocks if isinstance(b, TruthBlock)])
+    exact = [b.extra["truth_exact/jaw"] for b in blocks if isinstance(b, StateBlock)]
+    return truth[1:], np.concatenate(exact)[1:], status
 
 
 def track(
@@ -171,20 +153,32 @@ def track(
     seconds: float,
     **how: float,
 ) -> Rows:
-    """Track the first `seconds` of (28) with each of some methods in the loop under each load."""
-    plant = built(forceps)
+    """Track the first `seconds` of (28) with each of some methods in the loop under each load.
+
+    RMS error [rad] once settled, to the reference and exactly, and the share corrected. All are
+    None where no set-point takes the jaw there, and the loop says so.
+    """
+    plant, rows = ForcepsParameters.from_dict(forceps), Rows()
     wanted = verification_trajectory().positions[: round(seconds / SETPOINT_DT) + 1, 0]
-    rows: Rows = []
+    first = round(m.SETTLED / SETPOINT_DT)
     for (name, load), method in product(loads.items(), follows):
         model = None if method == OPEN else m.calibrated(plant, tuple(methods), number)[method]
-        found = tracked(plant, model, wanted, SwingingLoad(*load), seed=2 * number + 1, **how)
-        rows.append({"load": name, "method": method, **found})
+        row: dict[str, Any] = dict.fromkeys(("rms", "exact_rms", "corrected"))
+        with suppress(CommandRefused):
+            *angles, status = follow_jaw(
+                plant, model, wanted, SwingingLoad(*load), seed=2 * number + 1, **how
+            )
+            row["rms"], row["exact_rms"] = (
+                m.rms((angle - wanted[: len(angle)])[first:]) for angle in angles
+            )
+            row["corrected"] = float(np.mean(status & ~int(KNOWN) == 0)) if len(status) else 0.0
+        rows.append({"load": name, "method": method, **row})
     return rows
 
 
 def try_margins(forceps: Plain, method: str, number: int, **how: float) -> Rows:
     """Try whether the jaw of one specimen comes to rest, at each of `MARGINS` times the gain."""
-    plant = built(forceps)
+    plant, rows = ForcepsParameters.from_dict(forceps), Rows()
     model = m.calibrated(plant, (method,), number)[method]
     corners = np.array(_STEPS)[:, None]
     pieces = [hold(corners[0], _STANDS)]
@@ -192,7 +186,6 @@ def try_margins(forceps: Plain, method: str, number: int, **how: float) -> Rows:
         pieces += [glide(before, after, 0.5), hold(after, _STANDS)]
     wanted = np.concatenate(pieces)[:, 0]
     still, ends = round(_AT_REST / SETPOINT_DT), np.cumsum([len(piece) for piece in pieces])[::2]
-    rows: Rows = []
     for margin in MARGINS:
         jaw = follow_jaw(
             plant, model, wanted, SwingingLoad(0.0), seed=2 * number + 1, margin=margin, **how
@@ -206,7 +199,7 @@ def try_margins(forceps: Plain, method: str, number: int, **how: float) -> Rows:
 def summarise(results: Results) -> Summary:
     """Errors by load and method, their spread over the population, and the margin of stability."""
     settings, rows = results.settings, results.rows
-    rows = rows.assign(name=rows.method.map({OPEN: "open loop", **_TITLES}))
+    rows = rows.assign(name=rows.method.map({OPEN: "open loop", **m.TITLES}))
     group, every, margins = (rows[rows[key].notna()] for key in ("case", "specimen", "margin"))
     specimen = f"specimen {title_of(settings['specimen'])}"
     degrees: DataFrame = np.rad2deg(1.0) * group[["rms", "exact_rms"]].astype(float)
@@ -220,7 +213,7 @@ def summarise(results: Results) -> Summary:
         f"{settings['rate_hz']:g} Hz."
     )
     stable = (100 * margins.groupby("margin").stable.mean()).map("{:.0f} %".format).to_frame()
-    last = _TITLES[settings["methods"][-1]]
+    last = m.TITLES[settings["methods"][-1]]
     rest = (
         f"Specimens of the population on which {last} in the loop bring "
         f"the jaw to rest within {math.degrees(_ASTRAY):g} deg of where it is wanted, swinging by "
@@ -235,9 +228,8 @@ def summarise(results: Results) -> Summary:
         [group.assign(on=specimen), select(every, load="steady").assign(on="population")]
     )
     caption = "Error against the reference encoder, over loads and on every specimen under one."
-    figure = ecdf_figure(
-        "The jaw in a closed loop", drawn, "name", "on", caption, colours=m.COLOURS
-    )
+    title = "The jaw in a closed loop"
+    figure = ecdf_figure(title, drawn, "name", "on", caption, colours=m.COLOURS)
     return Summary(tables, {"forceps-closed-loop": figure})
 
 
@@ -249,13 +241,9 @@ def _spread(settings: Settings, every: DataFrame) -> Table:
         rms=np.degrees(every.rms),
         within=np.degrees(every.rms) <= every.load.map(BARS),
     )
-    by_row = every.groupby("row", sort=False)
-    table = (
-        by_row.rms.quantile(np.array([0.5, 0.95, 1.0]))
-        .unstack()
-        .set_axis(["median", "95 %", "worst"], axis=1)
-    )
-    table = table.assign(within=(100 * by_row.within.mean()).map("{:.0f} %".format))
+    table = quantiles(every, "row", "rms", {"median": 0.5, "95 %": 0.95, "worst": 1.0})
+    within = 100 * every.groupby("row").within.mean()
+    table = table.assign(within=within.map("{:.0f} %".format))
     notes = (
         "RMS error in degrees against the reference encoder on the first "
         f"{min(settings['seconds'], _A_PERIOD):g} s of (28), {every.specimen.nunique()} specimens "
@@ -264,5 +252,4 @@ def _spread(settings: Settings, every: DataFrame) -> Table:
         f"Refused, since no set-point takes the jaw where it is wanted: {every.rms.isna().sum()}; "
         "not within.",
     )
-    table = table.loc[unique(every, "row")]
     return frame_table("Tracking over the population", table, notes, head="load: loop")

@@ -15,14 +15,13 @@ from truejoint.calibration import calibrate
 from truejoint.estimators.jaw.learn import JawFilter
 from truejoint.estimators.jaw_load.identify import identify_stiffness
 from truejoint.estimators.jaw_load.learn import FrictionFilter
-from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
-from truejoint.studies.forceps.loaded import cases, load_test
+from truejoint.studies.forceps.loaded import cases
 from truejoint.studies.forceps.methods import rms, settled, within
-from truejoint.studies.forceps.motions import Plain, built, drawn_specimens, record
-from truejoint.studies.rows import each, frame_table, select
+from truejoint.studies.forceps.motions import Plain, drawn_specimens, load_test, record, signals
+from truejoint.studies.rows import frame_table, select
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -33,7 +32,11 @@ ROCK: Final = math.radians(10.0)
 """By how much the jaw goes back and forth under each of them."""
 _CYCLES: Final = 3
 _NINETY: Final = 1.645  # deviations on either side that hold 90 % of a normal distribution
-_ESTIMATES: Final = {"assumed": "K_d assumed", "identified": "K_d identified"}
+_TORQUES: Final = {
+    "true": "torque", "K_d assumed": "assumed", "K_d identified": "identified",
+    "stated 90 %": "stated",
+}  # fmt: skip
+_WAYS: Final = ("along", "opposing")
 UNLOADED, SLACK, PAPER = "unloaded", "slack", "paper"
 """Cases beside the weights: none, one that slackens the drive cable, and the paper's filter."""
 
@@ -48,13 +51,6 @@ def parts(settings: Settings) -> Sequence[Part]:
         )
         for name, plant, seed in drawn_specimens(settings)
     ]  # fmt: skip
-
-
-def signals(recording: Recording) -> tuple[Array, Array]:
-    """Motor angle [rad] and ``x2`` [m] (n, 2), and time since the row before (n,) [s]."""
-    inputs = FrictionFilter.family.inputs
-    rows = np.column_stack([recording.column(name) for name in (inputs({}) if inputs else ())])
-    return rows, time_steps(recording.t, np.inf)
 
 
 def unloaded_filter(
@@ -89,17 +85,16 @@ def slack_torque(forceps: ForcepsParameters, angle: float) -> float:
 
 
 def rocking_test(mass: float, way: str) -> LoadTest:
-    """Load test of a weight [kg] at twice the paper's speed, under which the jaw then rocks."""
-    speed, quick = math.radians(3.75), {"start": 1.0, "loaded_from": 10.0, "loaded_to": 12.5}
-    end = 14.0 + _CYCLES * 2.0 * ROCK / speed
-    return LoadTest(mass, cast("Any", way), speed=speed, **quick, end=end, rock=ROCK)
+    """Quick load test of a weight [kg], under which the jaw then rocks."""
+    end = 14.0 + _CYCLES * 2.0 * ROCK / math.radians(3.75)
+    return load_test(mass, way, quick=True, end=end, rock=ROCK)
 
 
 def weigh(forceps: Plain, seed: int, motion: str, hung: Sequence[Mapping[str, Any]]) -> Rows:
     """Identify the stiffness of a specimen by known weights, and estimate others on it."""
-    plant = built(forceps)
+    plant = ForcepsParameters.from_dict(forceps)
     assumed, loads = unloaded_filter(plant, seed, motion), []
-    for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, ("along", "opposing"))):
+    for n, (mass, way) in enumerate(product(CALIBRATION_WEIGHTS, _WAYS)):
         test = rocking_test(mass, way)
         run = record(plant, test, seed=100 * seed + 99 - n)
         hangs = within(run.t, *test.phases["IV"])
@@ -178,36 +173,25 @@ def summarise(results: Results) -> Summary:
     """List the loads of the first specimen, and errors and coverage over all."""
     rows = results.rows
     rows = rows.assign(grams=1e3 / (GRAVITY * rows.arm))  # at the tip of the jaw, for each Nm
-    weighed = select(rows, case=("along", "opposing"))
-    first = rows.specimen.iloc[0]
-    tables = (_weights(select(rows, specimen=first)), _population(results.settings, rows, weighed))
-    return Summary(tables)
+    first = select(rows, specimen=rows.specimen.iloc[0])
+    return Summary((_weights(first), _population(results.settings, rows)))
 
 
 def _weights(rows: DataFrame) -> Table:
     """Each weight as it is, as it is estimated, and what is stated of it."""
-    weighed, slack = select(rows, case=("along", "opposing")), select(rows, case=SLACK)
-    one = rows.iloc[0]
-
-    def torque(column: str) -> list[str]:
-        values = weighed[column]
-        return [f"{fixed(1e3 * value, 1)} ({fixed(one.grams * value, 0)})" for value in values]
-
-    table = DataFrame(
-        {
-            "true": torque("torque"),
-            **{title: torque(key) for key, title in _ESTIMATES.items()},
-            "stated 90 %": torque("stated"),
-            "inside": [f"{100 * inside:.0f} %" for inside in weighed.load_inside],
-        },
-        (1e3 * weighed.mass).map("{:.0f} g ".format) + weighed.direction,
-    )
+    one, hung = rows.iloc[0], rows.dropna(subset="mass")
+    hung = hung.set_index((1e3 * hung.mass).map("{:.0f} g ".format) + hung.direction)
+    weighed, slack = select(hung, case=_WAYS), select(hung, case=SLACK)
+    texts = {
+        title: [f"{fixed(1e3 * v, 1)} ({fixed(one.grams * v, 0)})" for v in weighed[column]]
+        for title, column in _TORQUES.items()
+    }
+    inside = [f"{100 * share:.0f} %" for share in weighed.load_inside]
     friction, true_friction = (
         f"{1e3 * value:.1f} mNm ({one.grams * value:.0f} g)"
         for value in (2.0 * one.friction, 2.0 * one.true_friction)
     )
-    names = ", ".join(f"{1e3 * row.mass:.0f} g {row.direction}" for row in each(slack))
-    notes = (
+    notes = [
         f"Torque in mNm (grams at {1e3 * one.arm:.1f} mm), still under the weight. Identified"
         f" with {', '.join(f'{1e3 * mass:.0f}' for mass in CALIBRATION_WEIGHTS)} g each way, "
         "but where the drive cable is slack: "
@@ -216,36 +200,35 @@ def _weights(rows: DataFrame) -> Table:
         f"{one.true_stiffness / 1e3:.1f}.",
         f"Dead band: up to {friction} against the last motion may not show, since the jaw's "
         f"friction holds them; in truth {true_friction}.",
-        *([f"Left out, since the drive cable is slack under it: {names}."] if names else ()),
-    )
+    ]
+    if len(slack):
+        notes.append(
+            f"Left out, since the drive cable is slack under it: {', '.join(slack.index)}."
+        )
+    table = DataFrame({**texts, "inside": inside}, weighed.index)
     return frame_table(f"External load, {one.specimen}", table, notes, head="load")
 
 
-def errors_in_grams(weighed: DataFrame, way: str) -> Array:
-    """RMS [g] of what the mean estimate is off by, over the weights one way, by specimen."""
-    group = select(weighed, direction=way)
-    square = (group.grams * (group.identified - group.torque)) ** 2
-    return np.asarray(np.sqrt(square.groupby(group.specimen, sort=False).mean().to_numpy()))
-
-
-def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Table:
+def _population(settings: Settings, rows: DataFrame) -> Table:
     """Quantiles over the specimens, and how often what is stated holds."""
-    one = rows.drop_duplicates("specimen")
+    one, weighed = rows.drop_duplicates("specimen"), select(rows, case=_WAYS)
     stiffness = 100.0 * np.abs(one.drive_stiffness / one.true_stiffness - 1.0)
+    # RMS over the weights one way [g], by specimen.
+    squares = (weighed.grams * (weighed.identified - weighed.torque)) ** 2
+    squares = squares.groupby([weighed.direction, weighed.specimen], sort=False).mean()
+    errors = {way: np.sqrt(squares[squares.index.get_level_values(0) == way]) for way in _WAYS}
     # Of an estimate that sees all but what friction may hide: 0 to twice its size.
     floor = one.grams * 2.0 * one.true_friction / math.sqrt(3.0)
-    opposing = errors_in_grams(weighed, "opposing")
     measures = {
         "stiffness off by [%]": stiffness,
-        "load along, RMS [g]": errors_in_grams(weighed, "along"),
-        "load opposing, RMS [g]": opposing,
+        **{f"load {way}, RMS [g]": errors[way] for way in _WAYS},
         "its floor by friction [g]": floor,
     }
     body: dict[str, list[Any]] = {
         label: [*(np.quantile(values, [0.5, 0.95, 1.0]) if len(values) else [math.nan] * 3), ""]
         for label, values in measures.items()
     }
-    for kind, case in product(("load", "angle"), (UNLOADED, "along", "opposing")):
+    for kind, case in product(("load", "angle"), (UNLOADED, *_WAYS)):
         group = select(rows, case=case)
         if len(group):
             inside, nees = 100.0 * group[f"{kind}_inside"].mean(), group[f"{kind}_nees"].mean()
@@ -256,6 +239,7 @@ def _population(settings: Settings, rows: DataFrame, weighed: DataFrame) -> Tabl
         f"{100 * paper.angle_inside.mean():.0f} % inside, NEES {paper.angle_nees.mean():.1f}, "
         f"NIS per measurement {paper.nis.median():.1f} (median)"
     ]  # fmt: skip
+    opposing = errors["opposing"].to_numpy()
     below = np.mean(opposing <= floor.to_numpy()) if len(opposing) == len(floor) else math.nan
     notes = (
         f"{len(one)} specimens of seed {settings.seed}. Weights "

@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, Final, cast
+from functools import partial
+from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
-from truejoint.simulation.forceps.load import LoadTest
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, built, record, title_of
+from truejoint.studies.forceps.motions import Plain, load_test, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import Cell, each, groups, of, select, table_of, unique
+from truejoint.studies.rows import frame_table, groups, select, unique
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
-from truejoint.tables import fixed
+from truejoint.tables import Table, fixed
 
 MAX_DRAWS: Final = 1000
 JUDGED: Final = ("I", "II", "IV")
@@ -57,7 +58,7 @@ def hang(
     forceps: Plain, methods: Sequence[str], seed: int, mass: float, direction: str, hand: int
 ) -> PartResult:
     """Calibrate methods unloaded on (27), and judge them while one weight is hung on the jaw."""
-    plant, test = built(forceps), load_test(mass, direction)
+    plant, test = ForcepsParameters.from_dict(forceps), load_test(mass, direction)
     models = m.calibrated(plant, tuple(methods), seed)
     judged = m.judge(models, record(plant, test, seed=hand))
     still = [judged.exact[m.within(judged.t, *test.phases[phase])].mean() for phase in ("II", "IV")]
@@ -67,23 +68,40 @@ def hang(
     return PartResult(rows, {**judged.arrays(), "released": np.array(test.phases["III"])})
 
 
-def load_test(mass: float, direction: str) -> LoadTest:
-    """Load test of a weight [kg]; raises TruejointError for one that cannot be."""
-    return LoadTest(mass, cast("Any", direction))
-
-
 def summarise(results: Results) -> Summary:
     """Table 3 beside the paper's, and figure 9."""
     settings, rows = results.settings, results.rows
-    name, methods = title_of(settings["specimen"]), unique(rows, "method")
-    rows = rows.assign(load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction)
+    specimen, methods = title_of(settings["specimen"]), unique(rows, "method")
+    rows = rows.assign(
+        load=(1e3 * rows.mass).map("{:.0f} g ".format) + rows.direction,
+        name=rows.method.map(m.TITLES),
+    )
+    loads = rows.groupby("load", sort=False)
 
-    def by_phase(cell: Cell) -> Cell:
-        return lambda group: "/".join(cell(select(group, phase=phase)) for phase in JUDGED)
+    def paper(phases: Sequence[str], *metrics: str) -> list[str]:
+        """Numbers of Table 3 by weight, those of one weight joined by slashes."""
+        wanted = [(f"phase {phase}", metric) for phase in phases for metric in metrics]
+        return [
+            "/".join(
+                _printed(f"load={1e3 * mass:.0f}g {phase}", metric) for phase, metric in wanted
+            )
+            for mass in loads.mass.first()
+        ]
 
-    def by_method(cell: Cell) -> dict[str, Cell]:
-        return {m.title(key): of(cell, method=key) for key in methods}
+    def table(title: str, texts: Series, notes: Sequence[str] = (), **first: Any) -> Table:
+        """Texts by load and method, behind the columns `first`."""
+        frame = DataFrame(first, loads.mass.first().index)
+        cells = texts.unstack("name").loc[frame.index, unique(rows, "name")]
+        return frame_table(f"{name}: {title}", frame.join(cells), notes, head="load")
 
+    by = rows.groupby(["load", "name", "phase"], sort=False)
+    rms = np.rad2deg(1.0) * by.rms.quantile(np.array([0.5, 0.0, 1.0])).unstack()
+    rms = rms.map(partial(fixed, decimals=3))
+    medians = rms[0.5].unstack("phase")[list(JUDGED)].agg("/".join, axis=1)
+    spread = rms[0.5] + " (" + rms[0.0] + " to " + rms[1.0] + ")"
+    ends = np.rad2deg(1.0) * by.agg({"largest": "max", "smallest": "min"})
+    ends = ends.map(partial(fixed, decimals=2)).agg("/".join, axis=1)
+    turns = np.rad2deg(1.0) * rows.drop_duplicates("part").groupby("load").turn.median()
     draws = rows.draw.nunique()
     notes = (
         "Error in degrees against the reference encoder in phases I, moving / II, still / IV, "
@@ -91,50 +109,27 @@ def summarise(results: Results) -> Summary:
         "paper's numbers are of its filter; which way it loaded it does not say.",
         *m.note_left_out(settings, rows),
     )
-    title, fourth, first = f"yan2020 Table 3, specimen {name}", {"phase": "IV"}, {"phase": "I"}
-    medians: dict[str, Cell] = {
-        "jaw turns": lambda group: m.degrees(group.drop_duplicates("part"), "turn", 2),
-        "paper": by_phase(_paper("rms")),
-        **by_method(by_phase(m.degrees)),
-    }
+    name = f"yan2020 Table 3, specimen {specimen}"
     tables = (
-        table_of(f"{title}: RMS, median of the draws", rows, "load", medians, notes),
-        table_of(
-            f"{title}: RMS in phase IV, median (least to largest)",
-            select(rows, **fourth), "load", {"paper": _paper("rms"), **by_method(_spread)},
+        table(
+            "RMS, median of the draws", medians, notes,
+            **{"jaw turns": turns.map(partial(fixed, decimals=2)), "paper": paper(JUDGED, "rms")},
         ),
-        table_of(
-            f"{title}: largest/smallest error in phase I",
-            select(rows, **first), "load",
-            {"paper": _paper_extremes, **by_method(_extremes)},
+        table(
+            "RMS in phase IV, median (least to largest)", spread.xs("IV", level="phase"),
+            paper=paper(["IV"], "rms"),
+        ),
+        table(
+            "largest/smallest error in phase I", ends.xs("I", level="phase"),
+            paper=paper(["I"], "max", "min"),
         ),
     )  # fmt: skip
     claims = list(_claims(rows)) if m.PAPERS_BEST in methods else []
-    return Summary(tables, _figures(results, methods, name), claims)
+    return Summary(tables, _figures(results, methods, specimen), claims)
 
 
-def _paper(metric: str) -> Cell:
-    """Give a number of Table 3 for a weight and a phase."""
-
-    def cell(group: DataFrame) -> str:
-        condition = f"load={1e3 * group.mass.iloc[0]:.0f}g phase {group.phase.iloc[0]}"
-        return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
-
-    return cell
-
-
-def _paper_extremes(group: DataFrame) -> str:
-    return "/".join(_paper(metric)(group) for metric in ("max", "min"))
-
-
-def _spread(group: DataFrame) -> str:
-    middle, least, largest = np.degrees(group.rms.quantile([0.5, 0.0, 1.0]))
-    return f"{fixed(middle, 3)} ({fixed(least, 3)} to {fixed(largest, 3)})"
-
-
-def _extremes(group: DataFrame) -> str:
-    ends = group.largest.max(), group.smallest.min()
-    return "/".join(fixed(float(np.degrees(end)), 2) for end in ends)
+def _printed(condition: str, metric: str) -> str:
+    return reported_text(reported("yan2020", "3", condition, m.PAPERS_BEST).get(metric))
 
 
 def _claims(rows: DataFrame) -> Iterator[Claim]:
@@ -167,24 +162,24 @@ def _figures(results: Results, methods: Sequence[str], name: str) -> dict[str, F
 
     def panel(group: DataFrame, title: str, *keys: str, step: float = 0.0) -> Panel:
         curves = []
-        for place, row in enumerate(each(group)):
-            arrays = results.arrays[row.part]
+        for place, (part, mass) in enumerate(group[["part", "mass"]].to_numpy()):
+            arrays = results.arrays[part]
             for key, style in zip(keys, ("-", ":"), strict=False):
                 values = arrays[key] if step else arrays[key] - arrays["truth"]
                 # The encoder's steps of 0.088 deg would hide everything else.
                 shown = _averaged(arrays["t"], np.degrees(values) + step * place)
-                label = f"{1e3 * row.mass:g} g" if key == keys[0] else ""
+                label = f"{1e3 * mass:g} g" if key == keys[0] else ""
                 curves.append(Curve(arrays["t"], shown, label, f"C{place}", style))
         unit, shade = "jaw [deg]" if step else "error [deg]", tuple(arrays["released"])
         return Panel(curves, "time [s]", unit, title, shade=shade)
 
     angles = [panel(group, way, "truth", methods[0], step=SHIFT) for way, group in ways]
     errors = [
-        [panel(group, f"{m.title(method)}, {way}", method) for way, group in ways]
+        [panel(group, f"{m.TITLES[method]}, {way}", method) for way, group in ways]
         for method in methods
     ]
     captions = (
-        f"Jaw by the reference encoder and, dotted, by {m.title(methods[0])}; each weight "
+        f"Jaw by the reference encoder and, dotted, by {m.TITLES[methods[0]]}; each weight "
         f"{SHIFT:g} deg above the one before. Grey: the hand lets go.",
         f"Errors while weights are hung on the jaw, means over {_AVERAGE:g} s, each panel with a "
         "scale of its own; grey: the hand lets go.",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -20,7 +19,6 @@ from truejoint.recordings import Recording
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps.motions import changed, plain_specimen, record
 from truejoint.studies.study import Rows, Settings
-from truejoint.tables import fixed
 
 SETTLED: Final = 2.2
 """Time from which errors count [s]: the motion swells for the first 2 s."""
@@ -63,6 +61,7 @@ METHODS: Final[Mapping[str, Method]] = {
     "ukf_friction": Method("UKF with friction and load", (MOTOR, RESET), "tab:purple"),
 }
 """By the key that stands in options and numbers, in the order of the tables."""
+TITLES: Final = {key: method.title for key, method in METHODS.items()}
 COLOURS: Final = {method.title: method.colour for method in METHODS.values()}
 """By the title of a method."""
 
@@ -159,15 +158,5 @@ def judge(models: Mapping[str, Calibration], recording: Recording) -> Judged:
 
 def note_left_out(settings: Settings, rows: DataFrame) -> tuple[str, ...]:
     """Note on the methods that were asked for and have no rows, if there are any."""
-    names = [title(key) for key in settings["methods"] if key not in set(rows.method)]
+    names = [TITLES[key] for key in settings["methods"] if key not in set(rows.method)]
     return (f"Left out, since a sensor is not installed: {', '.join(names)}.",) if names else ()
-
-
-def title(key: str) -> str:
-    """Title of a method for a reader."""
-    return METHODS[key].title
-
-
-def degrees(rows: DataFrame, column: str = "rms", decimals: int = 3) -> str:
-    """Median of a column of angles [rad] in degrees: the only one, where there is one row."""
-    return fixed(math.degrees(rows[column].median()), decimals)

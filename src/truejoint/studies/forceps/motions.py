@@ -1,26 +1,30 @@
-"""Specimens, and recordings of them on the motions of yan2020."""
+"""Specimens of the forceps, and recordings of them in the shape that a laboratory's would have."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from truejoint.array_types import Array
 from truejoint.errors import TruejointError
+from truejoint.estimators.jaw.signals import MOTOR, RESET
+from truejoint.features.feature_set import time_steps
 from truejoint.motion import Trajectory, nested_motion
 from truejoint.motion import forceps_trajectories as paths
-from truejoint.recordings import Recording
+from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import get_robot
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.specimens import specimen as shipped
-from truejoint.studies.forceps.record_forceps import record_forceps
+from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
 from truejoint.studies.study import Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
@@ -57,9 +61,13 @@ def drawn_specimens(settings: Settings) -> list[tuple[str, Plain, int]]:
     return [(f"specimen-{n:05d}", plant.to_dict(), n) for n, plant in enumerate(plants)]
 
 
-def built(forceps: Plain) -> ForcepsParameters:
-    """Specimen of its plain values."""
-    return ForcepsParameters.from_dict(forceps)
+def load_test(mass: float, direction: str, *, quick: bool = False, **how: float) -> LoadTest:
+    """Load test of a weight [kg]; raises TruejointError for one that cannot be.
+
+    A `quick` one turns at twice the paper's speed and waits less.
+    """
+    brief = {"speed": math.radians(3.75), "start": 1.0, "loaded_from": 10.0, "loaded_to": 12.5}
+    return LoadTest(mass, cast("Any", direction), **(brief | how if quick else how))
 
 
 @lru_cache(maxsize=16)  # several methods learn from one recording; half a megabyte each
@@ -87,3 +95,59 @@ def changed(recording: Recording, name: str, values: ArrayLike) -> Recording:
     """Put another column `name` (n,) into a recording."""
     table = recording.table.assign(**{name: np.asarray(values, dtype=np.float64)})
     return Recording(table, recording.units, recording.provenance)
+
+
+def signals(recording: Recording, *names: str) -> tuple[Array, Array]:
+    """Columns (n, k), motor angle and ``x2`` by default, and time since the row before (n,) [s]."""
+    X = np.column_stack([recording.column(name) for name in names or (MOTOR, RESET)])
+    return X, time_steps(recording.t, np.inf)
+
+
+def record_forceps(
+    parameters: ForcepsParameters,
+    motion: ArrayLike | LoadTest,
+    *,
+    seed: int = 0,
+    log_rate: float = 200.0,
+    zero_shift: ZeroShift = ZeroShift(),  # noqa: B008  # frozen
+    specimen: str = "",
+    session: str = "",
+) -> Recording:
+    """Record a motion of the virtual forceps: what a laboratory would have of it, and its truth.
+
+    Arguments, and what is raised, are those of `simulate_forceps`; `specimen` names the instrument
+    and `session` the recording session, for the provenance.
+
+    Columns are ``measured/jaw`` (the motor's angle seen at the jaw, ``R phi_m / (z_i r)``),
+    ``setpoint/jaw``, ``motor/jaw`` [rad], ``cable/drive`` and ``cable/reset`` (``x1`` and ``x2``
+    [m], each only where its encoder is installed), ``truth/jaw`` (reference encoder, the paper's
+    truth), ``truth_exact/jaw`` (what no laboratory has), ``truth_load/jaw`` (external torque [Nm])
+    and the cables' tensions ``truth_tension/drive`` and ``truth_tension/reset`` [N].
+    """
+    run = simulate_forceps(parameters, motion, seed=seed, log_rate=log_rate, zero_shift=zero_shift)
+    columns = {
+        "t": run.t,
+        "measured/jaw": run.measured[:, 0],
+        "setpoint/jaw": run.setpoint[:, 0],
+        "motor/jaw": run.motor[:, 0],
+        "truth/jaw": run.truth.position[:, 0],
+        **run.extra,
+    }
+    mass, notes = 0.0, ""
+    if isinstance(motion, LoadTest):
+        mass, angle = motion.mass, math.degrees(motion.angle)
+        notes = f"load test: {1e3 * mass:g} g {motion.direction} the motion to {angle:g} deg"
+    provenance = Provenance(
+        robot="forceps",
+        source=f"virtual forceps {specimen}".rstrip() + f", seed {seed}",
+        session=session,
+        homing_id=f"zero shift: motor {zero_shift.motor * 1e3:.4f} mrad, "
+        f"drive {zero_shift.drive * 1e6:.3f} um, reset {zero_shift.reset * 1e6:.3f} um",
+        load=mass,
+        rates={"state": 1.0 / float(run.t[1] - run.t[0])},
+        notes=notes,
+    )
+    robot = replace(
+        get_robot("forceps"), mechanism=parameters.mechanism.mechanism(), transmission=None
+    )
+    return Recording.from_columns(columns, provenance, robot=robot)

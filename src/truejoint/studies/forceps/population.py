@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
-from itertools import pairwise, product
-from typing import Any, Final, cast
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import product
+from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
-from truejoint.array_types import Array
 from truejoint.calibration import Calibration
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.recordings import Recording
@@ -20,8 +18,8 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ZeroShift, reference_error
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, built, record
-from truejoint.studies.rows import ecdf_figure, frame_table, groups, select, unique
+from truejoint.studies.forceps.motions import Plain, load_test, record
+from truejoint.studies.rows import ecdf_figure, frame_table, quantiles, select
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 
 ORDERINGS: Final = (
@@ -52,8 +50,8 @@ def parts(settings: Settings) -> Sequence[Part]:
         "homing_deviation": settings["homing_um"] / 1e6,
         "loads": list(product(weights, settings["directions"])),
     }
-    for load in common["loads"]:
-        load_test(*load)  # refuses what cannot be
+    for grams, direction in common["loads"]:
+        load_test(1e-3 * grams, direction)  # refuses what cannot be
     ZeroShift.drawn(common["homing_deviation"], 0)  # the same
     drawn = population(settings["count"], settings.seed, settings["prior"])
     return [
@@ -63,13 +61,6 @@ def parts(settings: Settings) -> Sequence[Part]:
         )
         for n, p in enumerate(drawn)
     ]  # fmt: skip
-
-
-def load_test(grams: float, direction: str) -> LoadTest:
-    """Load test of IV-D at twice the paper's speed and with shorter waits; a weight in grams."""
-    quick = {"start": 1.0, "loaded_from": 10.0, "loaded_to": 12.5, "end": 17.0}
-    speed = math.radians(3.75)
-    return LoadTest(1e-3 * grams, cast("Any", direction), speed=speed, **quick)
 
 
 def judge(
@@ -85,7 +76,7 @@ def judge(
     The specimen is homed anew in between: its cable encoders' zeros vary by `homing_deviation` [m].
     Its `number` is the seed of its noise and homing, and of the hands that hang the weights [g].
     """
-    plant = built(forceps)
+    plant = ForcepsParameters.from_dict(forceps)
     zero = ZeroShift.drawn(homing_deviation, number) if homing_deviation > 0.0 else ZeroShift()
     run = m.settled(record(plant, "verification", seed=2 * number + 1, zero_shift=zero))
     models = m.calibrated(plant, tuple(methods), number, motion)
@@ -94,7 +85,7 @@ def judge(
         limits["inside"] = covered(models, run, m.SETTLED)
     rows = m.judge(models, run).errors(load=UNLOADED, **limits)
     for mass, direction in loads:
-        test = load_test(mass, direction)
+        test = load_test(1e-3 * mass, direction, quick=True, end=17.0)
         hung = record(plant, test, seed=100 * number + round(mass))
         first, last = test.phases["IV"]
         limits["inside"] = covered(models, hung, first)
@@ -143,23 +134,23 @@ def covered(models: Mapping[str, Calibration], recording: Recording, first: floa
 def summarise(results: Results) -> Summary:
     """Distribution of each method's errors, unloaded and in phase IV, and how they compare."""
     settings, rows = results.settings, results.rows
-    rows = rows.assign(name=rows.method.map(m.title), deg=np.degrees(rows.rms))
-    unloaded, loaded = (rows[chosen] for chosen in (rows.load == UNLOADED, rows.load != UNLOADED))
-    rms = {str(key): group.deg.to_numpy() for key, group in groups(unloaded, "method")}
+    rows = rows.assign(name=rows.method.map(m.TITLES), deg=np.degrees(rows.rms))
+    unloaded, loaded = select(rows, load=UNLOADED), rows[rows.load != UNLOADED]
+    rms = unloaded.pivot(index="specimen", columns="method", values="deg")
     shares = {order: share(rms, *order) for order in ORDERINGS if set(order) <= set(rms)}
-    table = quantiles(unloaded, {"5 %": 0.05, "25 %": 0.25, "median": 0.5, "75 %": 0.75,
-                                 "95 %": 0.95, "worst": 1.0})  # fmt: skip
-    paper = rms.get(m.PAPERS_BEST)
-    beats, ratios = ["" for _ in rms], ["" for _ in rms]
-    for n, (method, errors) in enumerate(rms.items()):
-        if paper is not None and method != m.PAPERS_BEST:
-            beats[n] = f"{100 * share(rms, m.PAPERS_BEST, method):.0f} %"
-            ratios[n] = f"{np.median(paper / errors):.2f}"
-    table = table.assign(**{"beats the UKF in": beats, "median UKF / method": ratios})
+    ends = {"5 %": 0.05, "25 %": 0.25, "median": 0.5, "75 %": 0.75, "95 %": 0.95, "worst": 1.0}
+    table = quantiles(unloaded, "name", "deg", ends)
+    others: Iterable[str] = rms.columns.drop(m.PAPERS_BEST) if m.PAPERS_BEST in rms else []
+    beats = {m.TITLES[k]: f"{100 * share(rms, m.PAPERS_BEST, k):.0f} %" for k in others}
+    ratios = {m.TITLES[k]: f"{(rms[m.PAPERS_BEST] / rms[k]).median():.2f}" for k in others}
+    for column, texts in (("beats the UKF in", beats), ("median UKF / method", ratios)):
+        table[column] = Series(texts, table.index, dtype=object).fillna("")
     if len(loaded):
         held = loaded.groupby("name").deg.agg(lambda deg: f"{100 * np.mean(deg <= _HELD):.0f} %")
-        under = quantiles(loaded, {"IV median": 0.5, "IV 90 %": 0.9, "IV worst": 1.0})
-        table = table.join(under).join(held.rename(f"IV within {_HELD:g} deg"))
+        under = {"IV median": 0.5, "IV 90 %": 0.9, "IV worst": 1.0}
+        table = table.join(quantiles(loaded, "name", "deg", under)).join(
+            held.rename(f"IV within {_HELD:g} deg")
+        )
     hung = (
         "; IV hung still, every weight and direction of every specimen a case (at twice the speed "
         "of IV-D)"
@@ -173,53 +164,46 @@ def summarise(results: Results) -> Summary:
         *(_limits(unloaded, loaded, rms) if len(loaded) and m.BEST in rms else ()),
         *m.note_left_out(settings, rows),
     )
+    claims = [
+        # What holds in some specimens only is not told by the one of the paper.
+        Claim(
+            f"error of {_titles(order)}", "yan2020, Table 2",
+            True if value >= 0.95 else False if value <= 0.5 else None,
+            f"so in {100 * value:.0f} % of specimens; agrees from 95 %, does not up to 50 %",
+        )
+        for order, value in shares.items()
+        if set(order) <= set(m.PAPERS) and not len(loaded)
+    ]  # fmt: skip
     title = "Population of virtual forceps"
-    claims = [] if len(loaded) else [o for o in shares if set(o) <= set(m.PAPERS)]
     name = "forceps-mixed" if len(loaded) else "forceps-population"
     caption = "Share of specimens, and of weights on specimens, with a smaller error, by method."
     drawn = rows.assign(case=np.where(rows.load == UNLOADED, "unloaded, (28)", "phase IV"))
     figure = ecdf_figure(title, drawn, "name", "case", caption, colours=m.COLOURS)
-    return Summary(
-        (frame_table(title, table, notes, head="method"),),
-        {name: figure},
-        [_claim(order, shares[order]) for order in claims],
-    )
+    return Summary((frame_table(title, table, notes, head="method"),), {name: figure}, claims)
 
 
-def quantiles(rows: DataFrame, shares: Mapping[str, float]) -> DataFrame:
-    """Quantiles [deg] of the errors by the name of a method, in the order of the rows."""
-    found = rows.groupby("name", sort=False).deg.quantile(np.array(list(shares.values()))).unstack()
-    return found.set_axis(list(shares), axis=1).loc[unique(rows, "name")]
-
-
-def share(errors: Mapping[str, Array], *methods: str) -> float:
-    """Share of specimens in which each method's error (n,) is larger than the next one's."""
-    larger = [errors[one] > errors[other] for one, other in pairwise(methods)]
-    return float(np.mean(np.all(larger, axis=0)))
+def share(errors: DataFrame, *methods: str) -> float:
+    """Share of specimens (rows) in which each method's error is larger than the next one's."""
+    return float(np.all(np.diff(errors[list(methods)]) < 0.0, axis=1).mean())
 
 
 def _titles(order: Sequence[str]) -> str:
-    return " > ".join(map(m.title, order))
+    return " > ".join(m.TITLES[key] for key in order)
 
 
-def _claim(order: Sequence[str], value: float) -> Claim:
-    """Judge an order: what holds in some specimens only is not told by the one of the paper."""
-    holds = True if value >= 0.95 else False if value <= 0.5 else None
-    found = f"so in {100 * value:.0f} % of specimens; agrees from 95 %, does not up to 50 %"
-    return Claim(f"error of {_titles(order)}", "yan2020, Table 2", holds, found)
-
-
-def _limits(unloaded: DataFrame, loaded: DataFrame, rms: Mapping[str, Array]) -> Iterator[str]:
+def _limits(unloaded: DataFrame, loaded: DataFrame, rms: DataFrame) -> Iterator[str]:
     """State what no estimate can pass, and how often our default stays within its half-width."""
     alone, cases = select(unloaded, method=m.BEST), select(loaded, method=m.BEST)
     if m.PAPERS_BEST in rms:
-        floor, paper, ours = np.degrees(alone.floor), rms[m.PAPERS_BEST], rms[m.BEST]
+        floor = np.degrees(alone.floor.to_numpy())
+        paper, ours = rms[m.PAPERS_BEST].to_numpy(), rms[m.BEST].to_numpy()
         beyond = np.sqrt(np.maximum([paper**2 - floor**2, ours**2 - floor**2], 1e-9))
         unseen = np.degrees(cases.unseen) > _HELD
         visible = np.where(unseen, 0.0, cases.deg)
         yield (
-            f"The reference encoder's noise and counts alone are {floor.median():.3f} deg: without "
-            f"any error an estimate would have a median ratio of {np.median(paper / floor):.2f}. "
+            f"The reference encoder's noise and counts alone are {np.median(floor):.3f} deg: "
+            f"without any error an estimate would have a median ratio of "
+            f"{np.median(paper / floor):.2f}. "
             f"Of what exceeds them, ours has one of {np.median(beyond[0] / beyond[1]):.2f}."
         )
         yield (
@@ -229,7 +213,7 @@ def _limits(unloaded: DataFrame, loaded: DataFrame, rms: Mapping[str, Array]) ->
             "deg."
         )
     yield (
-        f"{m.title(m.BEST)}: a stated {100 * LEVEL:.0f} % holds in "
+        f"{m.TITLES[m.BEST]}: a stated {100 * LEVEL:.0f} % holds in "
         f"{100 * alone.inside.mean():.0f} % of rows unloaded (worst specimen "
         f"{100 * alone.inside.min():.0f} %), in {100 * cases.inside.mean():.0f} % in phase IV."
     )

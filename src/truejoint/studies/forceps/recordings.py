@@ -8,9 +8,8 @@ from typing import Any
 
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import Provenance
-from truejoint.studies.forceps.loaded import load_test
-from truejoint.studies.forceps.motions import Plain, built, plain_specimen, record, title_of
-from truejoint.studies.rows import each
+from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.studies.forceps.motions import Plain, load_test, plain_specimen, record, title_of
 from truejoint.studies.study import Part, PartResult, Results, Settings, Summary
 
 
@@ -30,7 +29,7 @@ def parts(settings: Settings) -> Sequence[Part]:
 def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: Any) -> PartResult:
     """Record a motion: columns, their units and the provenance; `how` is as `record` takes it."""
     chosen = load_test(mass, direction) if motion == "load" else motion
-    recording = record(built(forceps), chosen, **how)
+    recording = record(ForcepsParameters.from_dict(forceps), chosen, **how)
     origin = json.dumps([recording.provenance.to_dict(), dict(recording.units)])
     columns = {name: recording.column(name) for name in recording.table.columns}
     return PartResult([{"motion": motion, "origin": origin}], columns)
@@ -39,11 +38,9 @@ def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: An
 def summarise(results: Results) -> Summary:
     """Give the recordings."""
     recordings = {}
-    for row in each(results.rows):
-        provenance, units = json.loads(row.origin)
-        recordings[f"{row.motion}-{title_of(results.settings['specimen'])}"] = (
-            Recording.from_columns(
-                results.arrays[row.part], Provenance.from_dict(provenance), units
-            )
+    for part, motion, origin in results.rows[["part", "motion", "origin"]].to_numpy():
+        provenance, units = json.loads(origin)
+        recordings[f"{motion}-{title_of(results.settings['specimen'])}"] = Recording.from_columns(
+            results.arrays[part], Provenance.from_dict(provenance), units
         )
     return Summary(recordings=recordings)

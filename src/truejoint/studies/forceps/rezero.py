@@ -12,10 +12,11 @@ from truejoint.drawing import Figure, by_condition
 from truejoint.estimators.jaw.signals import RESET
 from truejoint.estimators.jaw_load.identify import find_encoder_zero
 from truejoint.motion.forceps_trajectories import RAMP
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.twin import ZeroShift
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.load import signals, unloaded_filter
-from truejoint.studies.forceps.motions import Plain, built, changed, drawn_specimens, record
+from truejoint.studies.forceps.load import unloaded_filter
+from truejoint.studies.forceps.motions import Plain, changed, drawn_specimens, record, signals
 from truejoint.studies.rows import frame_table, groups, select, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import fixed
@@ -27,16 +28,13 @@ _HARM: Final = np.radians(0.002)  # by which an error must grow to count as harm
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and wrong zero."""
     settings.check_names("method", "methods", m.METHODS)
-    return [
-        Part(
-            f"{name}-shift-{shift:g}um",
-            home,
-            {"forceps": plant, "methods": settings["methods"], "seed": seed, "shift": shift / 1e6},
-            {"specimen": name},
-        )
-        for name, plant, seed in drawn_specimens(settings)
-        for shift in settings["shifts_um"]
-    ]
+    homings = []
+    for name, plant, seed in drawn_specimens(settings):
+        common = {"forceps": plant, "methods": settings["methods"], "seed": seed}
+        for shift in settings["shifts_um"]:
+            key, arguments = f"{name}-shift-{shift:g}um", {**common, "shift": shift / 1e6}
+            homings.append(Part(key, home, arguments, {"specimen": name}))
+    return homings
 
 
 def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Rows:
@@ -44,7 +42,7 @@ def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Row
 
     The estimate is taken off only where it is more than it may be off by.
     """
-    plant, zero = built(forceps), ZeroShift(reset=shift)
+    plant, zero = ForcepsParameters.from_dict(forceps), ZeroShift(reset=shift)
     models = m.calibrated(plant, tuple(methods), seed)
     cycle = record(plant, "cycle", seed=2 * seed + 50, zero_shift=zero)
     X, dt = signals(cycle.rows(cycle.t >= RAMP))
@@ -66,7 +64,7 @@ def summarise(results: Results) -> Summary:
     """RMS error of each method before and after re-zeroing, by zero: medians over the specimens."""
     rows = results.rows.sort_values("shift", kind="stable")
     rows = rows.assign(
-        name=rows.method.map(m.title), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
+        name=rows.method.map(m.TITLES), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
     )
     cases = rows.drop_duplicates("part")
     cases = cases.assign(off=cases.estimate - cases["shift"])

@@ -10,21 +10,18 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.array_types import Array
 from truejoint.drawing import PALETTE, Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.estimators.jaw.signals import DRIVE, MOTOR, RESET
 from truejoint.estimators.jaw_load.learn import GatedPlays
 from truejoint.estimators.plays.learn import JawPlays
-from truejoint.features.feature_set import time_steps
 from truejoint.recordings import Recording
-from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.twin import ZeroShift, quantised
 from truejoint.studies.forceps.methods import settled
-from truejoint.studies.forceps.motions import Plain, built, changed, record
-from truejoint.studies.rows import each, frame_table, groups, unique
+from truejoint.studies.forceps.motions import Plain, changed, load_test, record, signals
+from truejoint.studies.rows import frame_table, groups, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 
 LAYOUTS: Final[Mapping[str, tuple[str, ...]]] = {
@@ -41,8 +38,9 @@ _FRICTIONS: Final = (
     "jaw_friction.constant", "jaw_friction.tension_share",
     "slider_friction.constant", "slider_friction.tension_share",
 )  # fmt: skip
-_WEIGHT: Final = {"speed": math.radians(10.0), "start": 1.0, "loaded_from": 5.0, "loaded_to": 7.0}
-_LOADED_END: Final = 10.5  # [s]
+_WEIGHT: Final[dict[str, Any]] = {
+    "speed": math.radians(10.0), "start": 1.0, "loaded_from": 5.0, "loaded_to": 7.0, "end": 10.5,
+}  # fmt: skip
 _LOADS: Final = ["unloaded", "loaded"]
 
 
@@ -119,9 +117,8 @@ def measure(
     Homed anew in between; RMS errors [rad] against the reference encoder, loaded the worse of both
     directions.
     """
-    plant, rate, rows = built(forceps), {"log_rate": 100.0}, Rows()
-    ways: tuple[Any, ...] = ("opposing", "along")
-    tests = [LoadTest(mass, way, end=_LOADED_END, **_WEIGHT) for way in ways]
+    plant, rate, rows = ForcepsParameters.from_dict(forceps), {"log_rate": 100.0}, Rows()
+    tests = [load_test(mass, way, **_WEIGHT) for way in ("opposing", "along")]
     still = [test.phases["IV"][0] for test in tests]
     taught = settled(record(plant, "calibration", seed=4 * number, **rate))
     verified = settled(record(plant, "verification", seed=4 * number + 1, **rate))
@@ -130,13 +127,13 @@ def measure(
         if not encoders(layout) and (resolution, homing) != (resolutions[0], homings[0]):
             continue  # nothing that these change
         zero = ZeroShift.drawn(homing, number)
-        estimator: Any = JawPlays(signals=LAYOUTS[layout])
-        X, dt = signals(layout, sensed(taught, resolution, ZeroShift(), number))
-        estimator = GatedPlays() if layout == "motor+x2" else estimator
+        names = LAYOUTS[layout]
+        X, dt = signals(sensed(taught, resolution, ZeroShift(), number), *names)
+        estimator: Any = GatedPlays() if layout == "motor+x2" else JawPlays(signals=names)
         estimator.fit(X, taught.column("truth/jaw"), dt=dt)
         errors = []
         for run, first in ((verified, -math.inf), *zip(hung, still, strict=True)):
-            X, dt = signals(layout, sensed(run, resolution, zero, number))
+            X, dt = signals(sensed(run, resolution, zero, number), *names)
             error = np.ravel(estimator.predict(X, dt)) - run.column("truth/jaw")
             errors.append(float(np.sqrt(np.nanmean(error[run.t >= first] ** 2))))
         design = {"layout": layout, "resolution": resolution, "homing": homing}
@@ -144,25 +141,18 @@ def measure(
     return rows
 
 
-def signals(layout: str, recording: Recording) -> tuple[Array, Array]:
-    """Features (n, k) of a layout, and time since the row before (n,) [s]."""
-    X = np.column_stack([recording.column(name) for name in LAYOUTS[layout]])
-    return X, time_steps(recording.t, np.inf)
-
-
 def summarise(results: Results) -> Summary:
     """Errors of every design, those that no cheaper one beats, and what reaches the target."""
     settings, rows = results.settings, results.rows
     prices = dict(zip(settings["resolutions_um"], settings["prices"], strict=True))
     unit = (1e6 * rows.resolution).round(6).map(prices)
-    degrees: Any = np.degrees(rows[_LOADS])
     rows = rows.assign(
         price=rows.layout.map(encoders) * unit,
-        sensors=[sensors(row) for row in each(rows)],
+        sensors=[sensors(row) for row in rows.itertuples()],
         cables=(rows.stiffness / 1e3).map("{:g} kN/m".format),
-        **degrees,
+        **{load: np.degrees(rows[load]) for load in _LOADS},
+        name=lambda own: own.sensors + ", " + own.cables,
     )
-    rows = rows.assign(name=rows.sensors + ", " + rows.cables)
     by_name = rows.groupby("name", sort=False)
     medians, most = by_name[_LOADS].median(), by_name[_LOADS].max()
     designs = by_name[["layout", "price"]].first()

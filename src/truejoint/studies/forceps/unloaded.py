@@ -10,11 +10,13 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
+from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.studies.forceps import methods as m
-from truejoint.studies.forceps.motions import Plain, built, record, title_of
+from truejoint.studies.forceps.motions import Plain, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import Cell, select, table_of
+from truejoint.studies.rows import frame_table, select
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
+from truejoint.tables import fixed
 
 _RUNS: Final = {"calibration": "(27)", "verification": "(28)"}
 _OURS: Final = (m.PAPERS_BEST, "ukf_friction", m.BEST)
@@ -27,7 +29,7 @@ def parts(settings: Settings) -> Sequence[Part]:
 
 def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
     """Calibrate methods on (27), and judge them there and on (28), with noise of its own."""
-    plant, rows = built(forceps), Rows()
+    plant, rows = ForcepsParameters.from_dict(forceps), Rows()
     arrays: dict[str, Array] = {}
     models = m.calibrated(plant, tuple(methods), seed)
     for number, motion in enumerate(_RUNS):
@@ -39,28 +41,27 @@ def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
 
 def summarise(results: Results) -> Summary:
     """Table 2, figures 6 and 7, beside the paper's."""
-    settings, rows = results.settings, results.rows
+    settings, rows = results.settings, results.rows.set_index("method", drop=False)
     verified, name = select(rows, motion="verification"), title_of(settings["specimen"])
 
-    def paper(table: str, motion: str, metric: str) -> Cell:
-        return lambda group: reported_text(
-            reported("yan2020", table, f"trajectory {motion}", group.method.iloc[0]).get(metric)
-        )
+    def paper(table: str, motion: int, metric: str) -> list[str]:
+        there = (reported("yan2020", table, f"trajectory {motion}", key) for key in verified.index)
+        return [reported_text(printed.get(metric)) for printed in there]
 
-    def fitted(group: DataFrame) -> str:
-        return m.degrees(select(rows, motion="calibration", method=group.method.iloc[0]))
+    def degrees(rows: DataFrame, column: str, decimals: int = 3) -> list[str]:
+        return [fixed(value, decimals) for value in np.degrees(rows[column])]
 
     cells = {
-        "sensors": lambda group: ", ".join(m.METHODS[group.method.iloc[0]].sensors),
-        "RMS": m.degrees,
-        "paper": paper("2", "28", "rms"),
-        "max": lambda group: m.degrees(group, "largest", 2),
-        "paper ": paper("2", "28", "max"),
-        "min": lambda group: m.degrees(group, "smallest", 2),
-        "paper  ": paper("2", "28", "min"),
-        "RMS on (27)": fitted,
-        " paper": paper("figure 6", "27", "rms"),
-        "RMS to the jaw": lambda group: m.degrees(group, "exact_rms"),
+        "sensors": [", ".join(m.METHODS[key].sensors) for key in verified.index],
+        "RMS": degrees(verified, "rms"),
+        "paper": paper("2", 28, "rms"),
+        "max": degrees(verified, "largest", 2),
+        "paper ": paper("2", 28, "max"),
+        "min": degrees(verified, "smallest", 2),
+        "paper  ": paper("2", 28, "min"),
+        "RMS on (27)": degrees(select(rows, motion="calibration").loc[verified.index], "rms"),
+        " paper": paper("figure 6", 27, "rms"),
+        "RMS to the jaw": degrees(verified, "exact_rms"),
     }
     notes = (
         "Degrees, on trajectory (28) against the reference encoder at the jaw, from 2.2 s on; "
@@ -70,14 +71,16 @@ def summarise(results: Results) -> Summary:
         *m.note_left_out(settings, verified),
     )
     title = f"yan2020 Table 2 and figure 6, specimen {name}"
-    table = table_of(title, verified, "method", cells, notes, names=m.title)
+    table = frame_table(
+        title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
+    )
     figure = _figure(results.arrays["unloaded"], name)
     return Summary((table,), {"forceps-unloaded": figure}, [*_claims(verified)])
 
 
 def _claims(verified: DataFrame) -> Iterator[Claim]:
     """Judge what the paper states of its methods on (28)."""
-    errors = verified.set_index("method")[["rms", "largest", "smallest"]].map(np.degrees)
+    errors = verified[["rms", "largest", "smallest"]].map(np.degrees)
     if m.PAPERS_BEST in errors.index:
         rms, largest, smallest = map(float, errors.loc[m.PAPERS_BEST].to_numpy())
         there = reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST)
@@ -110,11 +113,11 @@ def _figure(arrays: Mapping[str, Array], name: str) -> Figure:
         curves = [Curve(t, np.degrees(truth), "encoder", "k")]
         if m.PAPERS_BEST in signals:
             estimate = np.degrees(signals[m.PAPERS_BEST])
-            curves.append(Curve(t, estimate, m.title(m.PAPERS_BEST), style="--"))
+            curves.append(Curve(t, estimate, m.TITLES[m.PAPERS_BEST], style="--"))
         panels[0].append(Panel(curves, y=f"jaw on {motion} [deg]", legend=True))
         for line, keys in zip(panels[1:], (m.PAPERS, _OURS), strict=True):
             errors = [
-                Curve(t, np.degrees(signals[key] - truth), m.title(key), m.METHODS[key].colour)
+                Curve(t, np.degrees(signals[key] - truth), m.TITLES[key], m.METHODS[key].colour)
                 for key in keys
                 if key in signals
             ]

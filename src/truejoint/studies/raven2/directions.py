@@ -8,7 +8,6 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
-from truejoint.drawing import box_plot
 from truejoint.motion import DIRECTIONS
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
@@ -25,14 +24,14 @@ _NAMES: Final = (*DIRECTIONS, s.PUBLISHED)
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, direction and session."""
     settings.check_names("direction", "directions", _NAMES)
-    sets = {kind: settings[kind] for kind in KINDS}
-    for text in sets.values():
-        s.combination(text)
-    common = {"networks": settings["networks"], "seconds": 60.0 * settings["minutes"], **sets}
+    for kind in KINDS:
+        s.combination(settings[kind])
     # Every direction has an arm, a homing and a test of its own, as in the paper.
+    more, chosen = {"seconds": 60.0 * settings["minutes"]}, settings["directions"]
     cases = {name: {"direction": name} for name in _NAMES}
-    chosen = settings["directions"]
-    return s.part_for_each(settings, calibrate, 0, common, cases=cases, chosen=chosen)
+    return s.part_for_each(
+        settings, calibrate, 0, "networks", *KINDS, more=more, cases=cases, chosen=chosen
+    )
 
 
 def calibrate(
@@ -80,14 +79,8 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
         ),
     )  # fmt: skip
     caption = "RMSE on a random motion by direction of the zig-zags."
-    look: dict[str, Any] = {
-        "condition": "condition",
-        "by": "method",
-        "log": "y",
-        "colours": tables.COLOURS,
-    }
     drawn = select(fine, method=(*s.MODELS, "offset"))
-    figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
+    figure = tables.joint_boxes(name, drawn, caption, "condition")
     judged = CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
     found = [claim.judged(fine, title) for claim in judged]
     return Summary(made, {f"directions-{title}": figure}, found)

@@ -20,7 +20,6 @@ from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summar
 from truejoint.tables import Table, fixed
 
 _FINE: Final = (4, 5, 6)  # divisions of the zig-zags that are compared with, as in peng2024
-_OFFSET: Final = 900_000  # of the arms' seeds, so that no other study has the same
 _MOTION_SEED: Final = 2_000_000  # between the seed of an arm and that of its motion
 _REFERENCE: Final = "zigzag"
 _DESIGNED: Final = "designed"
@@ -38,14 +37,15 @@ _SHARE: Final = 0.7  # of the time of random motion that it may take
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, session and motion."""
     steps = max(1, round(60.0 * settings["longest"] / settings["every_s"]))
-    common = {
+    more = {
         "seconds": [settings["every_s"] * (1 + k) for k in range(steps)],
-        "estimator": settings["estimator"],
         "features": features(settings["features"]),
         "test": 60.0 * settings["test"],
     }
     cases = {motion: {"motion": motion} for motion in _MOTIONS}
-    return s.part_for_each(settings, learn, _OFFSET, common, cases=cases, same_arm=True)
+    return s.part_for_each(
+        settings, learn, 900_000, "estimator", more=more, cases=cases, same_arm=True
+    )
 
 
 def features(which: str) -> list[str] | None:

@@ -21,7 +21,6 @@ from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, S
 
 IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
 """What the arm does; the last with a mass on its tool."""
-_OFFSET: Final = 300_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
 _EXAMPLE: Final = 60.0  # [s] of the first hour that are drawn, as in figure 7
@@ -38,13 +37,13 @@ LONGEST, SHORTEST = "longest", "shortest"
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, kind of work and session."""
     settings.check_names("kind of work", "works", WORKS)
-    s.check_sets(settings)
     if not 0.0 < settings["load_g"] <= 2000.0:
         raise StudyError(f"load_g={settings['load_g']:g}; it must be above 0, up to 2000")
-    common = {name: settings[name] for name in ("sets", "networks", "hours")}
     load = {LOADED: settings["load_g"] / 1e3}
     cases = {work: {"work": work, "load": load.get(work, 0.0)} for work in WORKS}
-    return s.part_for_each(settings, last, _OFFSET, common, cases=cases, chosen=settings["works"])
+    return s.part_for_each(
+        settings, last, 300_000, "sets", "networks", "hours", cases=cases, chosen=settings["works"]
+    )
 
 
 def last(

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Final
+from typing import Final
 
 from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.drawing import box_plot
 from truejoint.estimators import NeuralNetwork
 from truejoint.recordings import Recording
 from truejoint.recordings.table.recording import default_unit
@@ -30,7 +29,6 @@ WIDE: Final = "wide"
 """The larger network of II-H, on all features."""
 KINDS: Final = (SELECTED, NO_TORQUES, NO_POSITIONS, TIMELESS, ALL)
 _CLOCKS: Final = ("state/time", "state/last_seq")
-_OFFSET: Final = 700_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = ("dnn", "linear", "poly2", "offset", WIDE)
 _STRIDE: Final = 10
 """Every tenth row of the hours is judged: a large network takes its time to predict them."""
@@ -41,9 +39,8 @@ _LARGE: Final = (600, 500, 400)  # units
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     settings.check_names("model", "models", ("dnn", WIDE))
-    s.check_sets(settings)
-    common = {name: settings[name] for name in ("sets", "models", "networks", "hours")}
-    return s.part_for_each(settings, fit_both, _OFFSET, common)
+    names = ("sets", "models", "networks", "hours")
+    return s.part_for_each(settings, fit_both, 700_000, *names)
 
 
 def fit_both(
@@ -106,14 +103,8 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     )
     table = tables.accuracy_table(name, rows, methods, notes=notes)
     caption = "RMSE over the hours by features and training."
-    look: dict[str, Any] = {
-        "condition": "condition",
-        "by": "method",
-        "log": "y",
-        "colours": tables.COLOURS,
-    }
     drawn = rows[rows.method.isin(methods) & (rows.method != "poly2")]
-    figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
+    figure = tables.joint_boxes(name, drawn, caption, "condition")
     chosen = (*CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))
     longest = select(rows, place=rows.place.max())
     judged = [claim.judged(longest, title) for claim in chosen]

@@ -12,17 +12,16 @@ from truejoint.array_types import Array
 from truejoint.errors import StudyError
 from truejoint.estimators import estimator_names
 from truejoint.evaluation.judge import rmse, tool_error
+from truejoint.motion import PROFILES, follow, random_motion
 from truejoint.recordings import Recording
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.claims import RULE
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
 WHEN: Final = ("first", "last")
 """Hours that are judged."""
-_OFFSET: Final = 600_000  # of the arms' seeds, so that no other study has the same
 _AXES: Final = ("x", "y", "z", "distance")
 _SCALES: Final = {**dict(zip(s.JOINTS, s.SCALES, strict=True)), **dict.fromkeys(_AXES, 1e3)}
 """From SI to deg and mm."""
@@ -44,8 +43,7 @@ def parts(settings: Settings) -> Sequence[Part]:
     s.combination(settings["training"])
     if settings["hours"] < 2:
         raise StudyError(f"hours={settings['hours']}; first and last make at least 2")
-    common = {name: settings[name] for name in ("models", "training", "hours")}
-    return s.part_for_each(settings, compare, _OFFSET, common)
+    return s.part_for_each(settings, compare, 600_000, "models", "training", "hours")
 
 
 def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hours: int) -> Rows:
@@ -54,7 +52,8 @@ def compare(raven: s.Plain, models: Sequence[str], seed: int, training: str, hou
     sets = s.training_sets(arm, (training,))[training]
     tests = [s.random_test(arm, s.HOUR, s.TEST_SEED + seed)]
     if hours > 2:
-        s.work(arm, (hours - 2) * s.HOUR, 2 * s.TEST_SEED + seed)
+        seconds = (hours - 2) * s.HOUR
+        follow(arm, random_motion(arm.robot, seconds, 2 * s.TEST_SEED + seed, profile=PROFILES[1]))
     tests.append(s.random_test(arm, s.HOUR, 3 * s.TEST_SEED + seed))
     fitted = {name: s.model_of(sets, name) for name in models}
     rows: Rows = []
@@ -114,7 +113,7 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
             body.append((f"paper: {condition}, {method}", *cells))
     notes = (
         "RMSE in the first to the last hour of unloaded work after one calibration.",
-        RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
+        claims.RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
     )
     columns = s.TITLES if joints else tuple(f"{axis} [mm]" for axis in _AXES)
     return Table(

@@ -9,14 +9,13 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.calibration import Calibration, calibrate
-from truejoint.crtk import Arm
+from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
 from truejoint.estimators import Regressor
 from truejoint.evaluation.judge import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
-from truejoint.studies.loop import homed_arm
 from truejoint.studies.study import Part, PartResult, Rows, Settings
 
 Plain = Mapping[str, Mapping[str, Any]]
@@ -42,7 +41,8 @@ STUDY_SEED: Final = 1000
 """Between the arms' seeds of two seeds of a study."""
 TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
-ONE_CASE: Final[Mapping[str, Mapping[str, Any]]] = {"": {}}
+NOTHING: Final[Mapping[str, Any]] = {}
+ONE_CASE: Final[Mapping[str, Mapping[str, Any]]] = {"": NOTHING}
 """Of a study that does one thing a session."""
 
 
@@ -63,8 +63,8 @@ def part_for_each(
     settings: Settings,
     compute: Callable[..., Rows | PartResult],
     offset: int,
-    common: Mapping[str, Any],
-    *,
+    *names: str,
+    more: Mapping[str, Any] = NOTHING,
     count: str = "sessions",
     cases: Mapping[str, Mapping[str, Any]] = ONE_CASE,
     chosen: Sequence[str] | None = None,
@@ -75,10 +75,13 @@ def part_for_each(
     Parameters
     ----------
     compute : callable
-        Called with a specimen ``raven``, an arm's ``seed``, what is `common` to all, and what the
-        case adds.
+        Called with a specimen ``raven``, an arm's ``seed``, the options `names`, `more`, and what
+        the case adds.
     offset : int
         Of the arms' seeds, so that no other study has the same.
+    names, more : str, mapping
+        Options of the study, and other arguments, that all parts take. Each of the option ``sets``
+        must be a `combination`.
     count : str
         Option that says how many sessions there are.
     cases : mapping
@@ -88,6 +91,9 @@ def part_for_each(
     same_arm : bool
         Whether the cases of a session have one arm's seed.
     """
+    for text in settings["sets"] if "sets" in names else ():
+        combination(text)
+    common = {name: settings[name] for name in names} | dict(more)
     first = offset + STUDY_SEED * settings.seed
     step = 1 if same_arm else len(cases)
     return [
@@ -107,9 +113,11 @@ def part_for_each(
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
     """Arm of a specimen that was just switched on and homed, and the twin behind it."""
     flat = {f"{section}.{key}": v for section, vs in raven.items() for key, v in vs.items()}
-    parameters = Raven2Parameters.read().with_values(flat)
-    twin = Raven2Twin(parameters, seed=seed)
-    return homed_arm(twin), twin
+    twin = Raven2Twin(Raven2Parameters.read().with_values(flat), seed=seed)
+    arm = Arm(SimulatedBackend(twin))
+    arm.enable()
+    arm.home()
+    return arm, twin
 
 
 def record(arm: Arm, trajectory: Trajectory, rate: float = STATE_RATE) -> Recording:
@@ -136,12 +144,6 @@ def combination(text: str) -> tuple[int, ...]:
     if not divisions or min(divisions) < 1 or len(set(divisions)) < len(divisions):
         raise StudyError(f"sparsities {text!r:.60}: write 4+5+6 for 1/4, 1/5 and 1/6 together")
     return divisions
-
-
-def check_sets(settings: Settings) -> None:
-    """Raise StudyError unless every one of the option ``sets`` is a `combination`."""
-    for text in settings["sets"]:
-        combination(text)
 
 
 def training_sets(
@@ -215,11 +217,6 @@ def working(arm: Arm, hours: int, seed: int) -> list[Recording]:
     recording = random_test(arm, hours * HOUR, seed, _LONG_RATE)
     hour = np.minimum(((recording.t - recording.t[0]) / HOUR).astype(int), hours - 1)
     return [recording.rows(np.flatnonzero(hour == h)) for h in range(hours)]
-
-
-def work(arm: Arm, seconds: float, seed: int) -> None:
-    """Random motion that nobody records."""
-    follow(arm, random_motion(arm.robot, seconds, seed, profile=PROFILES[1]))
 
 
 def resting(arm: Arm, hours: int, seed: int) -> list[Recording]:

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final
+from typing import Final
 
 from pandas import DataFrame
 
-from truejoint.drawing import box_plot
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
 from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
 
-_OFFSET: Final = 200_000  # of the arms' seeds, so that no other study has the same
 _METHODS: Final = (*s.MODELS, "offset")
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and repetition."""
-    s.check_sets(settings)
-    common = {name: settings[name] for name in ("sets", "networks")}
-    common["seconds"] = 60.0 * settings["minutes"]
-    return s.part_for_each(settings, repeat, _OFFSET, common, count="repeats")
+    test = {"seconds": 60.0 * settings["minutes"]}
+    return s.part_for_each(
+        settings, repeat, 200_000, "sets", "networks", more=test, count="repeats"
+    )
 
 
 def repeat(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, seconds: float) -> Rows:
@@ -58,14 +56,7 @@ def summarise(_results: Results, title: str, rows: DataFrame) -> Summary:
     name = f"peng2024 figure 5, specimen {title}"
     table = tables.accuracy_table(name, rows, _METHODS, notes=(tables.ZIGZAGS, claims.RULE))
     caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
-    look: dict[str, Any] = {
-        "condition": "place",
-        "by": "method",
-        "log": "y",
-        "colours": tables.COLOURS,
-    }
-    drawn = select(rows, method=_METHODS)
-    figure = tables.joint_figure(name, drawn, caption, box_plot, **look)
+    figure = tables.joint_boxes(name, select(rows, method=_METHODS), caption, "place")
     judged = [claim.judged(rows, title) for claim in CLAIMS]
     return Summary((table,), {f"sparsity-{title}": figure}, judged)
 

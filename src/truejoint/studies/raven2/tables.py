@@ -10,11 +10,11 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array
-from truejoint.drawing import Figure, Panel
+from truejoint.drawing import Figure, Panel, box_plot
 from truejoint.evaluation.judge import percent_of
 from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
-from truejoint.studies.rows import groups, select, unique, values
+from truejoint.studies.rows import groups, select, unique
 from truejoint.studies.study import Results, Summary
 from truejoint.tables import Table, fixed
 
@@ -95,7 +95,7 @@ def accuracy_table(
     def cell(rows: DataFrame, condition: str, joint: int, method: str) -> str:
         errors = by_session(rows, joint=JOINTS[joint], method=method)
         if len(errors) == 1:
-            errors = values(rows, "rmse", joint=JOINTS[joint], method=method)
+            errors = select(rows, joint=JOINTS[joint], method=method).rmse.to_numpy(dtype=float)
         spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
         there = paper(condition, joint, method) if paper and len(errors) else None
         mean = float(errors.mean()) if len(errors) else np.nan
@@ -187,3 +187,9 @@ def joint_figure(
         for n, (joint, label) in enumerate(zip(JOINTS, TITLES, strict=True))
     ]  # fmt: skip
     return Figure(title, panels, caption, height=9.5, legend=True)
+
+
+def joint_boxes(title: str, rows: DataFrame, caption: str, condition: str) -> Figure:
+    """Plot RMSE as boxes at each value of a column `condition`, side by side for each method."""
+    look: dict[str, Any] = {"condition": condition, "by": "method", "log": "y"}
+    return joint_figure(title, rows, caption, box_plot, colours=COLOURS, **look)

@@ -14,14 +14,11 @@ from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 
 TARGETS: Final = ("error", "position")
-_OFFSET: Final = 500_000  # of the arms' seeds, so that no other study has the same
 
 
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
-    s.check_sets(settings)
-    common = {name: settings[name] for name in ("sets", "networks", "hours")}
-    return s.part_for_each(settings, predict, _OFFSET, common)
+    return s.part_for_each(settings, predict, 500_000, "sets", "networks", "hours")
 
 
 def predict(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, hours: int) -> Rows:

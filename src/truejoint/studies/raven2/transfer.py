@@ -20,7 +20,6 @@ from truejoint.studies.rows import groups, select
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table
 
-_OFFSET: Final = 1_000_000  # of the arms' seeds, so that no other study has the same
 _MOTION_SEED: Final = 3_000_000  # between the seed of an arm and that of its motion
 _SECONDS: Final = (3.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0)  # of the motion, followed again
 _SHOWN: Final = (10.0, 60.0)  # of these, in the table
@@ -44,15 +43,16 @@ CHANGES: Final = {"homing": 10.0, "day": 60.0, "tool": 60.0, "arm": None}
 def parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, change and session."""
     settings.check_names("change", "changes", CHANGES)
-    common = {
-        "estimator": settings["estimator"],
+    more = {
         "features": features(settings["features"]),
         "first": 60.0 * settings["first"],
         "test": 60.0 * settings["test"],
     }
     cases = {change: {"change": change} for change in CHANGES}
     chosen = settings["changes"]
-    return s.part_for_each(settings, go_over, _OFFSET, common, cases=cases, chosen=chosen)
+    return s.part_for_each(
+        settings, go_over, 1_000_000, "estimator", more=more, cases=cases, chosen=chosen
+    )
 
 
 def go_over(

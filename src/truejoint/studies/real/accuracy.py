@@ -13,7 +13,7 @@ from itertools import product
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
 from truejoint.calibration import calibrate
 from truejoint.drawing import Curve, Figure, Panel
@@ -25,9 +25,9 @@ from truejoint.evaluation.judge import rmse
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
 from truejoint.studies.paper_tables import reported
-from truejoint.studies.rows import Cell, of, select, table_of, unique, values
+from truejoint.studies.rows import frame_table, select, unique
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
-from truejoint.tables import decimals_for, fixed
+from truejoint.tables import DASH, decimals_for, fixed
 from truejoint.units import display_unit
 
 HWANG: Final = "hwang"
@@ -130,9 +130,9 @@ def summarise(results: Results) -> Summary:
         *(f"{what}: {reason}" for what, reason in why.items()),
         *(DATASETS[name].notice for name in settings["datasets"] if DATASETS[name].notice),
     )
-    methods = (*_BASELINES, *settings["estimators"])
-    cells: dict[str, Cell] = {method: of(_cell, method=method) for method in methods}
-    table = table_of(_TITLE, rows, "name", cells, notes, head="held out")
+    texts = rows.groupby(["name", "method"], sort=False).rmse.agg(_cell).unstack()
+    texts = texts.reindex(unique(rows, "name"), columns=(*_BASELINES, *settings["estimators"]))
+    table = frame_table(_TITLE, texts.astype(object).fillna(DASH), notes, head="held out")
     means = rows.pivot_table("rmse", "name", "method", sort=False)
     curves = [
         Curve(means[name] / means[_OFFSET], np.arange(len(means)), name, f"C{n % 10}", "o")
@@ -144,10 +144,7 @@ def summarise(results: Results) -> Summary:
     return Summary((table,), {"real": figure}, _claims(rows))
 
 
-def _cell(rows: DataFrame) -> str:
-    errors = values(rows, "rmse")
-    if not len(errors):
-        return fixed(np.nan, 3)
+def _cell(errors: Series) -> str:
     decimals = decimals_for([float(errors.mean())], most=4)
     spread = f" ± {fixed(float(errors.std(ddof=1)), decimals)}" if len(errors) > 1 else ""
     return fixed(float(errors.mean()), decimals) + spread
