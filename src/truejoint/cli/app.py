@@ -101,6 +101,7 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
     """Exit code and message of what a command raised."""
     import typer
 
+    from truejoint.cli.commands import COMMANDS
     from truejoint.errors import TruejointError
     from truejoint.files import reason
 
@@ -111,7 +112,12 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             return INTERRUPTED, ""
         case usage_error():
             what = " ".join(error.format_message().split())
-            where = error.ctx.command_path if error.ctx else _command_of(sys.argv[1:])
+            # An option without its value does not say which command it is of.
+            names = {" ".join(["truejoint", *sys.argv[1:n]]) for n in (1, 2, 3)}
+            known = names & {f"truejoint {name}" for name in COMMANDS}
+            where = (
+                error.ctx.command_path if error.ctx else max(known, key=len, default="truejoint")
+            )
             # An empty one means that help was shown.
             return FAILED, f"{what} See `{where} --help`." if what else ""
         case TruejointError():
@@ -128,19 +134,6 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
         f"{kind}: {error}. This is a fault of truejoint, not of yours: please report it with the "
         f"command and what it prints with {DEBUG}"
     )
-
-
-def _command_of(arguments: list[str]) -> str:
-    """Command that a line begins with: of an option without its value, nothing else says which."""
-    from truejoint.cli.commands import built  # once Ctrl-C is looked after
-
-    words, command = ["truejoint"], built()
-    for word in arguments:
-        command = getattr(command, "commands", {}).get(word)
-        if command is None:
-            break
-        words.append(word)
-    return " ".join(words)
 
 
 def _silence() -> None:

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
-from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.options import robot_and_arm, takes
+from truejoint.cli.console import command_line, out, progress, say
+from truejoint.cli.options import Result, robot_and_arm
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
@@ -170,21 +170,18 @@ class Simulated:
         return crtk.Arm((crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made))
 
 
-@takes(simulated=Simulated, loop=Loop)
 def collect(
     trajectories: list[Path],
     output: Path,
-    *,
     simulated: Simulated,
-    encoders: str | None = None,
     loop: Loop,
+    encoders: str | None = None,
     state_rate_hz: float = 30.0,
     topic: list[str] | None = None,
     until_enough: bool = False,
     resume: bool = False,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Home a simulated arm, drive it along trajectories and record each.
 
     All trajectories of one call share one homing, as in one session with a robot. A recording in
@@ -198,9 +195,7 @@ def collect(
     pairs = _to_record(trajectories, output, topics, resume=resume, force=force)
     if not pairs:
         say("nothing is left to record")
-        if as_json:
-            result_json({"recordings": []})
-        return
+        return Result({"recordings": []})
     with ExitStack() as stack:
         device = stack.enter_context(simulated.switched_on())
         for trajectory, _ in pairs:
@@ -216,63 +211,40 @@ def collect(
             "topics": topics, "steering": steering, "until_enough": until_enough,
             "overwrite": force,
         }  # fmt: skip
-        rows = [_recorded(device, *pair, quiet=as_json, **how) for pair in pairs]
+        rows = [_recorded(device, *pair, **how) for pair in pairs]
     if steering is not None:
         say(f"steps of the loop by what was said of the sample: {told(steering)}")
-    if as_json:
-        result_json({"recordings": rows})
+    return Result({"recordings": rows})
 
 
 def _recorded(
     device: truejoint.crtk.Arm,
     trajectory: truejoint.motion.Trajectory,
     target: Path,
-    *,
-    quiet: bool,
     **how: Any,
 ) -> dict[str, Any]:
-    """Record one trajectory, `how` as `record` takes it, and say so unless it is to be `quiet`."""
+    """Record one trajectory, `how` as `record` takes it, and say so, each topic with its size."""
     recording, report, streams = record(device, trajectory, target, **how)
-    if not quiet:
-        _tell(target, recording, report, {name: streams.get(name) for name in how["topics"]})
-    return _row(target, recording, report, streams)
-
-
-def _row(
-    target: Path,
-    recording: truejoint.Recording,
-    report: truejoint.motion.TrackingReport,
-    streams: Mapping[str, StreamSize],
-) -> dict[str, Any]:
-    """Describe what was recorded, for --json."""
+    size = target.stat().st_size / 1e6
+    out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
+    for name in how["topics"]:
+        out.print(f"  {name}: {streams.get(name, 'nothing was said')}")
+    say_dropped(recording)
+    sizes = {
+        name: {
+            "rows": stream.rows,
+            "rate_hz": None if math.isnan(stream.rate) else stream.rate,
+            "bytes": stream.size,
+        }
+        for name, stream in streams.items()
+    }
     return {
         "file": str(target),
         "rows": len(recording),
         "tracking": report.to_dict(),
         "dropped": dict(recording.provenance.dropped),
-        "streams": {
-            name: {
-                "rows": stream.rows,
-                "rate_hz": None if math.isnan(stream.rate) else stream.rate,
-                "bytes": stream.size,
-            }
-            for name, stream in streams.items()
-        },
+        "streams": sizes,
     }
-
-
-def _tell(
-    target: Path,
-    recording: truejoint.Recording,
-    report: truejoint.motion.TrackingReport,
-    topics: Mapping[str, StreamSize | None],
-) -> None:
-    """Say what was recorded, each topic with its rate and size."""
-    size = target.stat().st_size / 1e6
-    out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
-    for name, stream in topics.items():
-        out.print(f"  {name}: {stream or 'nothing was said'}")
-    say_dropped(recording)
 
 
 def _parse_topics(texts: list[str]) -> dict[str, float]:

@@ -8,15 +8,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Final
 
-import typer
-
 import truejoint
 from truejoint.cli.calibrate import fit
-from truejoint.cli.check_options import CHECK_FAILED, checked
+from truejoint.cli.check_options import DataCheck
 from truejoint.cli.collect import record
-from truejoint.cli.console import out, print_table, progress, result_json, say
+from truejoint.cli.console import out, print_table, progress, say
 from truejoint.cli.evaluate import report_evaluation
 from truejoint.cli.fit_options import configured
+from truejoint.cli.options import Result
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
 from truejoint.files import check_folder
@@ -47,8 +46,7 @@ def demo(
     folder: Path = Path("demo"),
     seed: int = 0,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Home, move, record, calibrate, judge and correct a simulated RAVEN-II.
 
     Writes trajectories, recordings, the model and the report; with --force over those of an
@@ -80,39 +78,32 @@ def demo(
     }
     coverage = truejoint.evaluate(models[0], short[MAKING:]).intervals
     same_homing = [tests["inside"], tests["all over"]]
-    check = checked(same_homing, (), model=models[0])
+    check = DataCheck().run(same_homing, model=models[0])
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
-    checks = {"training": checked(training, (), joints=models[0].joints)}
+    checks = {"training": DataCheck().run(training, joints=models[0].joints)}
     report_evaluation(whole, folder / "report.html", checks, training, force=True)
     say(f"8. The same on a real robot: {truejoint.recordings.datasets.DATASETS[REAL].title}")
     real = on_a_real_robot()
-    if as_json:
-        result_json(
-            {
-                "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
-                "tolerance": TOLERANCE,
-                "interval": {
-                    "level": LEVEL,
-                    **{
-                        name: [getattr(score, name) for score in coverage]
-                        for name in ("half_width", "coverage", "standard_error")
-                    },
-                },
-                "deploy": advised(judged),
-                "passed": whole.verdict.passed,
-                "real": real if isinstance(real, str) else real.to_dict()["scores"],
-            }
-        )
+    _show(judged, coverage, folder)
+    if isinstance(real, str):
+        out.print(f"\nNo real recording: {real}")
     else:
-        _show(judged, coverage, folder)
-        if isinstance(real, str):
-            out.print(f"\nNo real recording: {real}")
-        else:
-            title = truejoint.recordings.datasets.DATASETS[REAL].title
-            out.print(f"\n{title}: five lines of Python in README")
-            out.print(truejoint.evaluation.score_table(real))
-    if not whole.verdict.passed:
-        raise typer.Exit(CHECK_FAILED)
+        title = truejoint.recordings.datasets.DATASETS[REAL].title
+        out.print(f"\n{title}: five lines of Python in README")
+        out.print(truejoint.evaluation.score_table(real))
+    interval = {
+        name: [getattr(score, name) for score in coverage]
+        for name in ("half_width", "coverage", "standard_error")
+    }
+    values = {
+        "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
+        "tolerance": TOLERANCE,
+        "interval": {"level": LEVEL, **interval},
+        "deploy": advised(judged),
+        "passed": whole.verdict.passed,
+        "real": real if isinstance(real, str) else real.to_dict()["scores"],
+    }
+    return Result(values, whole.verdict.passed)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import truejoint
 from truejoint.cli.console import out, say
-from truejoint.cli.recording_options import Files, read_trajectory, takes_files
+from truejoint.cli.recording_options import Files, read_trajectory
 from truejoint.errors import TruejointError
 from truejoint.robots.catalogue import DEFAULT
 
@@ -17,8 +17,8 @@ _PIECE = 600.0  # of random motion [s]
 _DAY = 86400.0  # for which a pause may last [s]
 
 
-@takes_files
 def monitor(
+    files: Files,
     recording: str | None = None,
     model: Path | None = None,
     follow: Path | None = None,
@@ -26,8 +26,6 @@ def monitor(
     seed: int | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
-    *,
-    files: Files,
 ) -> None:
     """Show an arm in the browser: reported, corrected and true pose, plots, statuses.
 

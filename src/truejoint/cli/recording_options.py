@@ -247,10 +247,6 @@ class Files(Origin):
         return read
 
 
-takes_files = options.takes(files=Files)
-"""Give a command the options that `Files` has; it takes them together as `files`."""
-
-
 def _is_plain_folder(path: Path) -> bool:
     """Whether a path is a folder that is not itself one recording."""
     if not path.is_dir():
@@ -306,11 +302,21 @@ def _replayed(path: Path) -> truejoint.motion.Trajectory:
     )
 
 
-def check_model_target(path: Path, force: bool) -> None:
-    """Refuse, before anything long is done, a path at which no model file can be written."""
-    from truejoint.calibration import container
+@dataclass(frozen=True)
+class NewModel:
+    """Model file to write, an option each; refused before anything long is done."""
 
-    check_target(container.check_name(path), overwrite=force)
+    output: Path
+    force: bool = False
+
+    def __post_init__(self) -> None:
+        from truejoint.calibration import container
+
+        check_target(container.check_name(self.output), overwrite=self.force)
+
+    def write(self, model: truejoint.Calibration) -> None:
+        """Write the model."""
+        truejoint.write_calibration(model, self.output, overwrite=self.force)
 
 
 def check_page_target(path: Path | None, force: bool) -> None:

@@ -9,46 +9,38 @@ from typing import Any, Final
 
 import truejoint
 from truejoint.cli import datasets, options
-from truejoint.cli.console import out, print_facts, print_table, result_json, shortened
-from truejoint.cli.correct import accepted_homings
-from truejoint.cli.recording_options import Files, takes_files
+from truejoint.cli.console import out, print_facts, print_table, shortened
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
 
 _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajectories
 
 
-@takes_files
-def show(
-    name: str,
-    as_json: bool = False,
-    *,
-    files: Files,
-) -> None:
+def show(name: str, files: Files) -> Result:
     """Say what a file or a data set is, what it holds and where it comes from."""
     from truejoint.recordings.datasets import DATASETS
     from truejoint.recordings.table.parquet import is_corrected
 
     path = Path(name)
     if name in DATASETS and not path.exists():
-        _show_dataset(name, as_json=as_json)
-        return
+        facts = datasets.dataset_facts(DATASETS[name])
+        texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
+        print_facts(DATASETS[name].title, texts.items())
+        return Result(facts)
     if files == Files(robot=files.robot) and _is_trajectory(path):
         arm = options.get_robot(files.robot or DEFAULT)
-        tell_trajectory(truejoint.motion.read_trajectory(path), arm, as_json=as_json)
-        return
+        return tell_trajectory(truejoint.motion.read_trajectory(path), arm)
     if is_model(path):
         described = [model_facts(path)]
     elif path.suffix == ".parquet" and path.is_file() and is_corrected(path):
         described = [_corrected_facts(path)]
     else:
         described = [recording_facts(recording) for recording in files.find([name])()]
-    if as_json:
-        result_json({"shown": [{**facts, "columns": columns} for facts, columns in described]})
-        return
     for facts, columns in described:
-        identified = facts.pop("identified", {})
-        print_facts(name, _texts(facts))
+        identified = facts.get("identified", {})
+        print_facts(name, _texts({k: v for k, v in facts.items() if k != "identified"}))
         if identified:
             rows = [
                 [key, unit, f"{value:.4g}", f"{deviation:.2g}"]
@@ -57,6 +49,7 @@ def show(
             print_table(("identified", "unit", "value", "deviation"), rows)
         header = ("column", "unit", "lowest", "highest", "missing")
         print_table(header, [_column_texts(column) for column in columns])
+    return Result({"shown": [{**facts, "columns": columns} for facts, columns in described]})
 
 
 def _is_trajectory(path: Path) -> bool:
@@ -73,24 +66,9 @@ def _is_trajectory(path: Path) -> bool:
         return False
 
 
-def _show_dataset(name: str, *, as_json: bool) -> None:
-    from truejoint.recordings.datasets import get_dataset
-
-    dataset = get_dataset(name)
-    facts = datasets.dataset_facts(dataset)
-    if as_json:
-        result_json(facts)
-        return
-    texts = {
-        key: "\n".join(map(str, value)) if isinstance(value, list) else str(value)
-        for key, value in facts.items()
-    }
-    print_facts(dataset.title, texts.items())
-
-
 def tell_trajectory(
-    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot, *, as_json: bool
-) -> None:
+    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot
+) -> Result:
     """Print range, path length and duration of a trajectory."""
     q = trajectory.positions
     ranges = {
@@ -99,11 +77,6 @@ def tell_trajectory(
         "path_length": abs(q[1:] - q[:-1]).sum(axis=0),
     }
     duration = truejoint.motion.nominal_duration(trajectory, robot)
-    if as_json:
-        result = {"name": trajectory.name, "joints": list(trajectory.joints)}
-        plain = {name: values.tolist() for name, values in ranges.items()}
-        result_json({**result, **plain, "duration": duration})
-        return
     header = ("joint", "from", "to", "path", "unit")
     rows = []
     for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
@@ -111,6 +84,9 @@ def tell_trajectory(
         rows.append((name, *(f"{value * unit.scale:.2f}" for value in values), unit.name))
     print_table(header, rows, title=trajectory.name)
     out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}")
+    plain = {name: values.tolist() for name, values in ranges.items()}
+    about = {"name": trajectory.name, "joints": list(trajectory.joints)}
+    return Result({**about, **plain, "duration": duration})
 
 
 def is_model(path: Path) -> bool:
@@ -145,7 +121,7 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     columns = [
         _column(signal, model.units[signal], trained.get(signal)) for signal in model.signals
     ]
-    homings = ", ".join(accepted_homings(model))
+    homings = ", ".join(model.origin.homing_ids)
     facts = {
         **model.summary(),
         "features": ", ".join(model.feature_set.names),

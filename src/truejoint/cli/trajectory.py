@@ -9,6 +9,7 @@ from typing import Any, Final
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import say
+from truejoint.cli.options import Result
 from truejoint.cli.show import tell_trajectory
 from truejoint.errors import TrajectoryError, unknown
 from truejoint.files import check_target
@@ -62,8 +63,7 @@ def trajectory(
     robot: str = "",
     plot: Path | None = None,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Make a trajectory for an arm to follow; `truejoint show` describes one."""
     if kind not in KINDS:
         raise TrajectoryError(unknown("kind of trajectory", kind, KINDS))
@@ -85,4 +85,4 @@ def trajectory(
     if plot is not None:
         truejoint.motion.plot_trajectory(made, plot, overwrite=force)
         say(f"wrote {plot}")
-    tell_trajectory(made, arm, as_json=as_json)
+    return tell_trajectory(made, arm)
