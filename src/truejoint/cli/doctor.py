@@ -9,14 +9,13 @@ from typing import Final
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out, progress, say
-from truejoint.cli.node import as_node
+from truejoint.cli.node import as_node, wait
 from truejoint.cli.options import Result
 from truejoint.errors import RecordingError
 
 _COLOURS = {"good": "green", "info": "", "warn": "yellow", "fail": "red"}
 _LIVE: Final = "live"
 _SECONDS: Final = 10.0
-_LOOK: Final = 0.1  # [s] between two looks at whether to end
 
 
 def doctor(
@@ -65,9 +64,7 @@ def _listen(
         with link, progress(f"Listening for {seconds:g} s") as done:
             began = time.monotonic()
             try:
-                while (passed := time.monotonic() - began) < seconds and not transport.is_over:
-                    done(passed / seconds)
-                    time.sleep(min(_LOOK, seconds - passed))
+                wait(transport, seconds, lambda: done((time.monotonic() - began) / seconds))
             except KeyboardInterrupt:
                 say(f"stopped after {time.monotonic() - began:.1f} s; of these:")
         return link.diagnose()

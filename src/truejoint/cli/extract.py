@@ -138,7 +138,7 @@ def extract(
         with progress(f"Reading {plural(len(names), 'bag')}"):
             track = truth.track(names)
             recording = truejoint.recordings.read_bag(
-                names, files.robot_name, files.arm, profile=profile, state=state,
+                names, *files.arm, profile=profile, state=state,
                 truth=truth.topic, quantities=(*USUAL_QUANTITIES, *(quantity or ())),
                 offset=truth.offset_s, near=truth.near_s,
             )  # fmt: skip

@@ -46,7 +46,7 @@ def monitor(
                 raise TruejointError("--columns and --metadata need a recording")
             motions = None if follow is None else [read_trajectory(follow)]
             made = truejoint.simulation.make_twin(
-                files.robot_name or DEFAULT, files.arm, parameters=twin or "nominal", seed=seed or 0
+                files.arm[0] or DEFAULT, files.arm[1], parameters=twin or "nominal", seed=seed or 0
             )
             _show_arm(made, motions, calibration, host, port)
     except KeyboardInterrupt:

@@ -111,5 +111,5 @@ def _described(parameter: inspect.Parameter, sections: tuple[str, ...]) -> inspe
     if "panel" in entry:
         how["rich_help_panel"] = entry["panel"]
     if "complete" in entry:
-        how["autocompletion"] = getattr(complete, entry["complete"])
+        how["autocompletion"] = complete.named(entry["complete"])
     return parameter.replace(annotation=Annotated[kind, make(*entry.get("flags", ()), **how)])

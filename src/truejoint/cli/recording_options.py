@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import truejoint
 from truejoint.cli import options
@@ -25,65 +25,54 @@ _OF_RECORDING: Final = ("homing_id", "load_grams", "session")
 _OF_FILE: Final = ("format", "rate_hz", "truth_unit")
 
 
-def parse_metadata(texts: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
+def parse_metadata(
+    texts: Sequence[str] | None, keys: Sequence[str] = _OF_RECORDING
+) -> dict[str, Any]:
     """Read ``KEY=VALUE`` texts; raises RecordingError for an unknown key or a value of no kind."""
     values: dict[str, Any] = {}
-    for text in texts:
+    for text in texts or ():
         key, separator, value = text.partition("=")
         if not separator or key not in keys:
             raise RecordingError(f"--metadata {text!r:.60}: {unknown('key', key, keys)}")
         if key in values:
             raise RecordingError(f"--metadata {key}: was given before; give it once")
-        values[key] = value
-        if key in _NUMBERS:
-            with suppress(ValueError):
-                values[key] = float(value)
-            if values[key] is value:
-                raise RecordingError(f"--metadata {text!r:.60}: {value!r:.40} is no number")
+        try:
+            values[key] = float(value) if key in _NUMBERS else value
+        except ValueError:
+            message = f"--metadata {text!r:.60}: {value!r:.40} is no number"
+            raise RecordingError(message) from None
     return values
 
 
+def as_provenance(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a `Provenance` that metadata state."""
+    fields = {key: value for key, value in metadata.items() if key in _OF_RECORDING}
+    if "load_grams" in fields:
+        fields["load"] = fields.pop("load_grams") / 1000.0
+    return fields
+
+
 @dataclass(frozen=True)
-class Origin:
-    """Robot and metadata of recordings, an option each."""
+class Files:
+    """How recordings are read whose files do not say it themselves, an option each."""
 
     robot: str | None = None
     metadata: list[str] | None = None
-
-    _KEYS: ClassVar[tuple[str, ...]] = _OF_RECORDING
+    columns: Path | None = None
 
     @cached_property
     def overrides(self) -> dict[str, Any]:
         """Values of ``--metadata`` by key; raises RecordingError as `parse_metadata`."""
-        return parse_metadata(self.metadata or [], self._KEYS)
+        return parse_metadata(self.metadata, (*_OF_RECORDING, *_OF_FILE))
 
     @property
-    def robot_name(self) -> str:
-        """Name or file of the robot; empty where the files name it."""
-        return options.robot_and_arm(self.robot or "")[0]
-
-    @property
-    def arm(self) -> str:
-        """Name of the arm; empty for the robot's default."""
-        return options.robot_and_arm(self.robot or "")[1]
+    def arm(self) -> tuple[str, str]:
+        """Name or file of the robot, and its arm; empty where the files say it, or by default."""
+        return options.robot_and_arm(self.robot or "")
 
     def stated(self) -> dict[str, Any]:
         """Fields of a `Provenance` that the options state, but for the arm."""
-        values: dict[str, Any] = {
-            key: value for key, value in self.overrides.items() if key in _OF_RECORDING
-        }
-        if "load_grams" in values:
-            values["load"] = values.pop("load_grams") / 1000.0
-        return values
-
-
-@dataclass(frozen=True)
-class Files(Origin):
-    """How recordings are read whose files do not say it themselves, an option each."""
-
-    columns: Path | None = None
-
-    _KEYS: ClassVar[tuple[str, ...]] = (*_OF_RECORDING, *_OF_FILE)
+        return as_provenance(self.overrides)
 
     def find(
         self,
@@ -200,27 +189,27 @@ class Files(Origin):
 
     def _read(self, path: Path, model: truejoint.Calibration | None) -> list[truejoint.Recording]:
         sets = truejoint.recordings
-        with_map = self.columns is not None
-        kind = self.overrides.get("format") or sets.detect_format(path, with_map=with_map)
-        context = {
-            "robot": self.robot_name or None,
-            "arm": self.arm or None,
-            "column_map": self.columns,
-            "rate": self.overrides.get("rate_hz"),
-            "truth_unit": self.overrides.get("truth_unit"),
-        }
-        options_of_reader = {key: value for key, value in context.items() if value is not None}
-        stated = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
-        if model is not None and not stated and kind in sets.FORMATS:
+        mapped, (robot, arm) = self.columns is not None, self.arm
+        kind = self.overrides.get("format") or sets.detect_format(path, with_map=mapped)
+        stated = {
+            "robot": robot, "arm": arm, "column_map": self.columns,
+            "rate": self.overrides.get("rate_hz"), "truth_unit": self.overrides.get("truth_unit"),
+        }  # fmt: skip
+        if not (model is None or kind not in sets.FORMATS or self._says_robot()):
             of_model = {"robot": model.machine, "arm": model.arm}
             takes = sets.FORMATS[kind].options
-            options_of_reader = {
-                k: name for k, name in of_model.items() if name and k in takes
-            } | options_of_reader
-        recordings = sets.read_recordings(path, kind, **options_of_reader, **self.stated())
+            stated |= {key: name for key, name in of_model.items() if key in takes}
+        how = {key: value for key, value in stated.items() if value not in (None, "")}
+        recordings = sets.read_recordings(path, kind, **how, **self.stated())
         if len(recordings) > 1:
             say(f"  {path}: its clock restarts: read as {len(recordings)} recordings")
         return recordings
+
+    def _says_robot(self) -> bool:
+        """Whether an option or the column map names the robot."""
+        if self.robot or self.columns is None:
+            return bool(self.robot)
+        return bool(truejoint.recordings.read_column_map(self.columns).robot)
 
     def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
         from truejoint.recordings.read import reading
