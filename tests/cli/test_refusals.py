@@ -11,7 +11,7 @@ from tests.cli.conftest import Call
 
 import truejoint
 from truejoint.cli.fit_options import configured
-from truejoint.errors import CalibrationError
+from truejoint.errors import TruejointError
 
 
 @pytest.fixture
@@ -98,7 +98,7 @@ def test_several_numbers_are_written_as_one_likes(text: str) -> None:
 
 @pytest.mark.parametrize("setting", ["epochs=1,2", "epochs=", "epochs", "hidden_layer_sizes=a"])
 def test_a_setting_that_is_none_is_refused(setting: str) -> None:
-    with pytest.raises(CalibrationError, match="--set"):
+    with pytest.raises(TruejointError, match="--set"):
         configured("dnn", [setting])
 
 

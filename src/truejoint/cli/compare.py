@@ -37,7 +37,7 @@ def compare(
     models = _by_title(paths)
     first = next(iter(models.values()))
     how: dict[str, Any] = {
-        "tolerance": parse_tolerances(tolerance or [], first), "rezero": rezero_s,
+        "tolerance": parse_tolerances(tolerance, first), "rezero": rezero_s,
     }  # fmt: skip
     tested = files.find(
         [name for name in names if name not in paths], part=part, split=split, model=first

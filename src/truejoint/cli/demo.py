@@ -59,9 +59,7 @@ def demo(
     recordings = _collected(folder, seed)
     training, tests, short = recordings.training, recordings.tests, recordings.short
     say("6. The network of peng2024, and beside it offset, linear and polynomial regression")
-    models = [
-        fit(training, configured(DEFAULT, []), random_state=seed + k) for k in range(NETWORKS)
-    ]
+    models = [fit(training, configured(DEFAULT), random_state=seed + k) for k in range(NETWORKS)]
     models[0] = truejoint.calibration.with_interval(
         models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO
     )

@@ -45,7 +45,7 @@ def evaluate(
         raise CalibrationError(
             f"--seed-of: {model} is {first.estimator!r}; give models of the same estimator"
         )
-    accepted = parse_tolerances(tolerance or [], first)
+    accepted = parse_tolerances(tolerance, first)
     inputs = first.feature_set
     read_testing = files.find(recordings, part=part, split=split, model=first, inputs=inputs)
     read_training = files.find(training or [], model=first)

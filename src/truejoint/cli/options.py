@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import is_dataclass
 from functools import cache, wraps
 from importlib import resources
@@ -28,6 +28,27 @@ def share(percent: float | None) -> float | None:
     if not 0.0 < percent < 100.0:
         raise CommandRefused(f"--level {percent:g}: give a probability between 0 and 100 %, as 90")
     return percent / 100.0
+
+
+def split_pairs(option: str, texts: Sequence[str] | None, form: str) -> dict[str, str]:
+    """Values by key of texts like ``KEY=VALUE``; raises CommandRefused for others, or one twice."""
+    values: dict[str, str] = {}
+    for text in texts or ():
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise CommandRefused(f"{option} {text!r:.60}: write {form}")
+        if key in values:
+            raise CommandRefused(f"{option} {text!r:.60}: {key} was given before; give it once")
+        values[key] = value
+    return values
+
+
+def number(option: str, text: str, value: str) -> float:
+    """Read the number in the `text` of an option; raises CommandRefused if it is none."""
+    try:
+        return float(value)
+    except ValueError:
+        raise CommandRefused(f"{option} {text!r:.60}: {value!r:.40} is no number") from None
 
 
 def robot_and_arm(text: str) -> tuple[str, str]:

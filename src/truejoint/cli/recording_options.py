@@ -28,19 +28,13 @@ _OF_FILE: Final = ("format", "rate_hz", "truth_unit")
 def parse_metadata(
     texts: Sequence[str] | None, keys: Sequence[str] = _OF_RECORDING
 ) -> dict[str, Any]:
-    """Read ``KEY=VALUE`` texts; raises RecordingError for an unknown key or a value of no kind."""
-    values: dict[str, Any] = {}
-    for text in texts or ():
-        key, separator, value = text.partition("=")
-        if not separator or key not in keys:
-            raise RecordingError(f"--metadata {text!r:.60}: {unknown('key', key, keys)}")
-        if key in values:
-            raise RecordingError(f"--metadata {key}: was given before; give it once")
-        try:
-            values[key] = float(value) if key in _NUMBERS else value
-        except ValueError:
-            message = f"--metadata {text!r:.60}: {value!r:.40} is no number"
-            raise RecordingError(message) from None
+    """Read ``KEY=VALUE`` texts; raises CommandRefused for an unknown key or a value of no kind."""
+    values: dict[str, Any] = {**options.split_pairs("--metadata", texts, "KEY=VALUE")}
+    for key, value in values.items():
+        if key not in keys:
+            raise RecordingError(f"--metadata {key}: {unknown('key', key, keys)}")
+        if key in _NUMBERS:
+            values[key] = options.number("--metadata", f"{key}={value}", value)
     return values
 
 
@@ -328,20 +322,16 @@ def parse_part(text: str) -> tuple[float, float]:
     )
 
 
-def parse_tolerances(texts: Sequence[str], model: truejoint.Calibration) -> dict[str, float]:
+def parse_tolerances(texts: Sequence[str] | None, model: truejoint.Calibration) -> dict[str, float]:
     """Largest accepted RMSE [rad or m] by joint of a model, of texts like ``shoulder=0.2``."""
     units = {joint: model.units[f"measured/{joint}"] for joint in model.joints}
     tolerances = {}
-    for text in texts:
-        joint, _, number = text.partition("=")
+    for joint, text in options.split_pairs("--tolerance", texts, "JOINT=VALUE").items():
         if joint not in units:
-            raise RecordingError(f"--tolerance {text!r}: {unknown('joint', joint, units)}")
+            raise RecordingError(f"--tolerance {unknown('joint', joint, units)}")
         shown = display_unit(units[joint])
-        value = 0.0
-        with suppress(ValueError):
-            value = float(number.removesuffix(shown.name))
+        value = options.number("--tolerance", f"{joint}={text}", text.removesuffix(shown.name))
         if not value > 0:
-            message = f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
-            raise RecordingError(message)
+            raise RecordingError(f"--tolerance {joint}={text}: give {shown.name} above 0")
         tolerances[joint] = value / shown.scale
     return tolerances

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.options import Result
+from truejoint.cli.options import Result, split_pairs
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import check_folder
 from truejoint.studies.study import STUDIES, Settings, Study, get_study, shown
@@ -35,7 +35,8 @@ def study(
     """
     if name is None:
         return _listed()
-    options, studies, several = _parsed(chosen or []), _named(name), name not in STUDIES
+    options = split_pairs("--set", chosen, "OPTION=VALUE")
+    studies, several = _named(name), name not in STUDIES
     if several and options:
         raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
     if jobs is not None and cluster is not None:
@@ -102,14 +103,6 @@ def _show(result: StudyResult) -> None:
     for claim in result.summary.claims:
         on = f" ({claim.on})" if claim.on else ""
         out.print(f"{claim.verdict}: {claim.text}{on}: {claim.found}")
-
-
-def _parsed(texts: list[str]) -> dict[str, str]:
-    pairs = [text.partition("=") for text in texts]
-    for (option, separator, _), text in zip(pairs, texts, strict=True):
-        if not separator or sum(option == other[0] for other in pairs) > 1:
-            raise StudyError(f"--set {text!r:.60}: write OPTION=VALUE, each option once")
-    return {option: value for option, _, value in pairs}
 
 
 def _listed() -> Result:
