@@ -67,14 +67,12 @@ class Truth:
 
     def joined(
         self, recording: truejoint.Recording, track: truejoint.recordings.Track | None
-    ) -> tuple[truejoint.Recording, dict[str, Any], list[str]]:
-        """Give a recording its truth; with facts for JSON and lines for a person."""
+    ) -> tuple[truejoint.Recording, dict[str, Any]]:
+        """Give a recording its truth, and say how; with that as values."""
         if track is not None:
-            recording, registered = self._with_tracked_truth(recording, track)
-            lines = [f"{label:12} {text}" for label, text in registered.summary().items()]
-            return recording, {"tracker": registered.to_dict()}, lines
+            return self._with_tracked_truth(recording, track)
         if not self.is_file:
-            return recording, {}, []
+            return recording, {}
         robot = recording.robot
         stream = truejoint.recordings.read_truth(
             self.truth, robot.name, robot.arm, self.truth_columns
@@ -88,11 +86,12 @@ class Truth:
         if clock.joints:
             offset |= {"sd": clock.sd, "joints": list(clock.joints)}
             how = f"± {clock.sd:.2g} s, by the motion of {', '.join(clock.joints)}"
-        return recording, {"offset": offset}, [f"The clock of the truth is {clock} behind ({how})"]
+        out.print(f"The clock of the truth is {clock} behind ({how})", soft_wrap=True)
+        return recording, {"offset": offset}
 
     def _with_tracked_truth(
         self, recording: truejoint.Recording, track: truejoint.recordings.Track
-    ) -> tuple[truejoint.Recording, truejoint.tip.Registered]:
+    ) -> tuple[truejoint.Recording, dict[str, Any]]:
         stated = None
         if self.registration is not None:
             stated = truejoint.tip.read_registration(self.registration, recording.robot)
@@ -108,7 +107,9 @@ class Truth:
                 f"warn: {100 * share:.0f} % of the readings fit no place of the marker and were "
                 "left out; is its view clear?"
             )
-        return recording, registered
+        for label, text in registered.summary().items():
+            out.print(f"{label:12} {text}", soft_wrap=True)
+        return recording, {"tracker": registered.to_dict()}
 
 
 def extract(
@@ -147,7 +148,7 @@ def extract(
     else:
         track = truth.track([])
         recording = files.one(str(names[0]))
-    recording, facts, lines = truth.joined(recording, track)
+    recording, facts = truth.joined(recording, track)
     provenance = replace(recording.provenance, command=command_line(), **files.stated())
     recording = replace(recording, provenance=provenance)
     truejoint.write_parquet(recording, output, overwrite=force)
@@ -155,8 +156,6 @@ def extract(
     joints = recording.joints_of("truth")
     columns = [f"truth/{joint}" for joint in joints]
     rows_with_truth = int(recording.table[columns].notna().all(axis=1).sum()) if joints else 0
-    for line in lines:
-        out.print(line, soft_wrap=True)
     out.print(
         f"{output}: {len(recording)} rows over {recording.duration:.1f} s, {rows_with_truth} with "
         f"truth of {', '.join(joints) or 'no joint'}"

@@ -122,12 +122,13 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
         _column(signal, model.units[signal], trained.get(signal)) for signal in model.signals
     ]
     homings = ", ".join(model.origin.homing_ids)
+    loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
     facts = {
         **model.summary(),
         "features": ", ".join(model.feature_set.names),
         "sample": ", ".join(model.loop_signals),
         "homings": homings or "any one, the first that the loop is told: training named none",
-        "loads": ", ".join(_loads(model)),
+        "loads": ", ".join(f"{1000.0 * load:g} g" for load in sorted(loads)),
         **{key: value for key, value in model.facts.items() if key not in _TOLD},
         "sha256": sha256_of(path),
     }
@@ -136,12 +137,6 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
 # What stands in a model's summary, or beside it in other words.
 _TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
-
-
-def _loads(model: truejoint.Calibration) -> list[str]:
-    """Masses that training had [g], where it says so."""
-    loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
-    return [f"{1000.0 * load:g} g" for load in sorted(loads)]
 
 
 def recording_facts(

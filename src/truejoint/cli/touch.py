@@ -78,27 +78,26 @@ class Aim:
         from truejoint.tip.block import read_block, read_pose
         from truejoint.tip.guide import design_pose, learning, of_model
 
-        if model is None:
-            if self.block is None or self.bolted is not None:
-                raise CommandRefused(
-                    f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero "
-                    "or to find a block give the model file"
-                )
-            robot, block = options.get_robot(arm), read_block(self.block)
-            priors = [] if self.prior is None else prior_calibrations(self.prior)
-            return learning(robot, design_pose(block, robot), priors)
-        if (self.block is None) == (self.bolted is None):
+        if model is None and (self.block is None or self.bolted is not None):
+            raise CommandRefused(
+                f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero or to "
+                "find a block give the model file"
+            )
+        if model is not None and (self.block is None) == (self.bolted is None):
             raise CommandRefused(
                 "touch run takes --block, to find where it stands, or --bolted, to re-zero by it"
             )
-        if self.prior is not None:
+        if model is not None and self.prior is not None:
             raise CommandRefused("--prior is for an arm without a model; leave it out")
-        calibration = truejoint.read_calibration(model)
-        robot = calibration.machine
+        calibration = None if model is None else truejoint.read_calibration(model)
+        robot = options.get_robot(arm) if calibration is None else calibration.machine
         if self.bolted is not None:
-            return of_model(calibration, read_pose(self.bolted), finds_block=False)
-        meant = design_pose(read_block(self.block or Path()), robot)
-        return of_model(calibration, meant, finds_block=True)
+            pose = read_pose(self.bolted)
+        else:
+            pose = design_pose(read_block(self.block or Path()), robot)
+        if calibration is None:
+            return learning(robot, pose, prior_calibrations(self.prior))
+        return of_model(calibration, pose, finds_block=self.bolted is None)
 
     def following(self, arm: str, model: Path | None, output: Path) -> str:
         """Command that takes what was touched."""
@@ -143,13 +142,17 @@ def run(
         raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
     guide = Guide(task, count, seed=seed)
     if output is None:
-        _print_plan(guide)
+        rows: list[tuple[str, ...]] = []
+        while (stop := guide.next_stop()) is not None:
+            rows.append((str(len(rows) + 1), stop.dimple, stop.words))
+            guide.skip(stop)
+        print_table(("touch", "dimple", "come with"), rows, title="Touches, in order")
         return
     if output.suffix != ".csv":
         raise CommandRefused(f"{output}: touches are written as .csv; name it so")
     path = output.with_suffix(".parquet")
-    for target in (output, path):
-        check_target(target, overwrite=force)
+    check_target(output, overwrite=force)
+    check_target(path, overwrite=force)
     opened = _by_hand(task.robot, namespace, ros) if by_hand else _simulated(task.pose, twin, seed)
     about: dict[str, Any] = {"session": output.stem, "command": command_line()}
     with (
@@ -205,14 +208,6 @@ def _write(touches: Touches, output: Path) -> None:
     text = "t,dimple\n" + "".join(f"{t:.4f},{dimple}\n" for t, dimple in rows)
     write = partial(Path.write_text, data=text, encoding="utf-8")
     write_atomically(output, write, overwrite=True, error=CommandRefused)
-
-
-def _print_plan(guide: Guide) -> None:
-    rows: list[tuple[str, ...]] = []
-    while (stop := guide.next_stop()) is not None:
-        rows.append((str(len(rows) + 1), stop.dimple, stop.words))
-        guide.skip(stop)
-    print_table(("touch", "dimple", "come with"), rows, title="Touches, in order")
 
 
 @contextmanager
@@ -345,8 +340,7 @@ def calibrate(
     from truejoint.evaluation.report.page import write_touch_report
 
     check_page_target(report, new.force)
-    priors = [] if prior is None else prior_calibrations(prior)
-    touches, block, sd = sightings.read()
+    priors, (touches, block, sd) = prior_calibrations(prior), sightings.read()
     whole = files.one(recording)
     with progress("Fitting joints and frame"):
         fitted, touch_report = truejoint.tip.calibrate_by_touch(
@@ -370,8 +364,10 @@ def calibrate(
     return Result({"model": str(new.output), "metadata": fitted.metadata})
 
 
-def prior_calibrations(prior: Path) -> list[truejoint.Calibration]:
+def prior_calibrations(prior: Path | None) -> list[truejoint.Calibration]:
     """Read the model file, or all those in a folder; raises CalibrationError if there are none."""
+    if prior is None:
+        return []
     if not prior.is_dir():
         return [truejoint.read_calibration(prior)]
     paths = [path for path in sorted(prior.iterdir()) if is_model(path)]
