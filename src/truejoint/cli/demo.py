@@ -12,8 +12,7 @@ import truejoint
 from truejoint.cli.calibrate import fit
 from truejoint.cli.check_options import DataCheck
 from truejoint.cli.collect import record
-from truejoint.cli.console import out, print_table, progress, say
-from truejoint.cli.evaluate import report_evaluation
+from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.fit_options import configured
 from truejoint.cli.options import Result
 from truejoint.errors import RecordingError
@@ -74,7 +73,10 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
     check = DataCheck().run(same_homing, model=models[0])
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
     checks = {"training": DataCheck().run(training, joints=models[0].joints)}
-    report_evaluation(whole, folder / "report.html", checks, training, force=True)
+    truejoint.write_report(
+        whole, folder / "report.html", training=training, checks=checks, command=command_line(),
+        overwrite=True,
+    )  # fmt: skip
     title = truejoint.recordings.datasets.DATASETS[REAL].title
     say(f"8. The same on a real robot: {title}")
     real = on_a_real_robot()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
@@ -59,7 +58,11 @@ def evaluate(
             check=checks["test"],
         )  # fmt: skip
     if report is not None:
-        report_evaluation(result, report, checks, shown, force=force)
+        with progress(f"Writing {report}"):
+            truejoint.write_report(
+                result, report, training=shown, checks=checks, command=command_line(),
+                overwrite=force,
+            )  # fmt: skip
     if tables is not None:
         truejoint.evaluation.write_tables(result, tables, overwrite=force)
     show(result)
@@ -67,22 +70,6 @@ def evaluate(
     values = {"checks": {name: each.to_dict() for name, each in checks.items()}}
     passed = result.verdict.passed and not checks["test"].failed
     return Result(result.to_dict() | values, passed)
-
-
-def report_evaluation(
-    result: truejoint.evaluation.Evaluation,
-    path: Path,
-    checks: Mapping[str, truejoint.recordings.DataCheck],
-    training: Sequence[truejoint.Recording] = (),
-    *,
-    force: bool = False,
-) -> None:
-    """Write the report, showing progress."""
-    with progress(f"Writing {path}"):
-        command = command_line()
-        truejoint.write_report(
-            result, path, training=training, checks=checks, command=command, overwrite=force
-        )
 
 
 def show(result: truejoint.evaluation.Evaluation) -> None:

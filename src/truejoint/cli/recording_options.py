@@ -89,15 +89,12 @@ class Files:
         """
         from truejoint.calibration.compatibility import check_columns
 
-        files = self._beside(model)
-        files._check()
+        files = self._checked(joints, model)
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
         readers = [files._reader(name, joints, model) for name in names]
-        if files.robot is not None:
-            options.get_robot(files.robot).index(list(joints))
         if split is not None:
             return files._split_side(only_dataset(names), split, held_out)
 
@@ -129,30 +126,33 @@ class Files:
             raise RecordingError(f"{name}: {len(recordings)} recordings; this takes one at a time")
         return recordings[0]
 
-    def _beside(self, model: truejoint.Calibration | None) -> Files:
-        """Leave the robot's name to the model where that carries a robot of a file."""
-        if model is None or model.robot in truejoint.robots.robot_names():
-            return self
-        carried = self.robot in (model.robot, f"{model.robot}:{model.arm}")
-        return replace(self, robot=None) if carried else self
-
-    def _check(self) -> None:
+    def _checked(self, joints: Sequence[str], model: truejoint.Calibration | None) -> Files:
+        """Check format, robot and joints; a `model` that carries this robot stands for its name."""
+        formats, kind = truejoint.recordings.format_names(), self.overrides.get("format")
+        if kind is not None and kind not in formats:
+            raise RecordingError(unknown("format", kind, formats))
+        carried = model is not None and model.robot not in truejoint.robots.robot_names()
+        if (
+            model is not None
+            and carried
+            and self.robot in (model.robot, f"{model.robot}:{model.arm}")
+        ):
+            return replace(self, robot=None)
         if self.robot is not None:
-            options.get_robot(self.robot)
-        names, kind = truejoint.recordings.format_names(), self.overrides.get("format")
-        if kind is not None and kind not in names:
-            raise RecordingError(unknown("format", kind, names))
+            options.get_robot(self.robot).index(list(joints))
+        return self
 
     def _reader(
         self, name: str, joints: Sequence[str], model: truejoint.Calibration | None
     ) -> Read:
+        from truejoint.recordings.read import reading
+
         sets = truejoint.recordings.datasets
         wanted, _, pattern = name.partition(":")
         path = Path(name)
-        if path.exists() and not _is_plain_folder(path):
-            paths = [path]
-        elif path.exists():
-            paths = self._without_strangers(name, sorted(path.iterdir()))
+        if path.exists():
+            is_whole = not path.is_dir() or not reading.why_no_recording(path)
+            paths = [path] if is_whole else self._without_strangers(name, sorted(path.iterdir()))
         elif wanted in sets.DATASETS:
             dataset = sets.get_dataset(wanted)
             dataset.match(pattern or "*")
@@ -189,7 +189,8 @@ class Files:
             "robot": robot, "arm": arm, "column_map": self.columns,
             "rate": self.overrides.get("rate_hz"), "truth_unit": self.overrides.get("truth_unit"),
         }  # fmt: skip
-        if not (model is None or kind not in sets.FORMATS or self._says_robot()):
+        named = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
+        if model is not None and not named and kind in sets.FORMATS:
             of_model = {"robot": model.machine, "arm": model.arm}
             takes = sets.FORMATS[kind].options
             stated |= {key: name for key, name in of_model.items() if key in takes}
@@ -198,12 +199,6 @@ class Files:
         if len(recordings) > 1:
             say(f"  {path}: its clock restarts: read as {len(recordings)} recordings")
         return recordings
-
-    def _says_robot(self) -> bool:
-        """Whether an option or the column map names the robot."""
-        if self.robot or self.columns is None:
-            return bool(self.robot)
-        return bool(truejoint.recordings.read_column_map(self.columns).robot)
 
     def _state(self, recordings: Sequence[truejoint.Recording]) -> list[truejoint.Recording]:
         from truejoint.recordings.read import reading
@@ -228,17 +223,6 @@ class Files:
             return self._state(split_sides(whole, about, sides)[held_out])
 
         return read
-
-
-def _is_plain_folder(path: Path) -> bool:
-    """Whether a path is a folder that is not itself one recording."""
-    if not path.is_dir():
-        return False
-    try:
-        truejoint.recordings.detect_format(path)
-    except RecordingError:
-        return True
-    return False
 
 
 def say_dropped(recording: truejoint.Recording) -> None:

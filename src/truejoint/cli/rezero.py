@@ -40,11 +40,7 @@ class Source:
 
 
 def rezero(
-    model: Path,
-    new: NewModel,
-    source: Source,
-    files: Files,
-    recording: str | None = None,
+    model: Path, new: NewModel, source: Source, files: Files, recording: str | None = None
 ) -> Result:
     """Re-zero a calibration after a homing or hours of work, and write it.
 

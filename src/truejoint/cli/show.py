@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
 from truejoint.cli import datasets, options
@@ -14,6 +13,9 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajectories
 
@@ -101,11 +103,8 @@ def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell how many rows of a corrected table have which status, and the range of each column."""
     table = truejoint.recordings.read_corrected(path)
     status = {str(name): int(count) for name, count in table["status"].value_counts().items()}
-    columns = []
-    for name, column in table.select_dtypes("number").items():
-        finite = column[column.abs() < math.inf]  # no half-width is stated as an infinite one
-        bounds = (float(finite.min()), float(finite.max())) if len(finite) else None
-        columns.append(_column(str(name), "1", bounds, len(column) - len(finite)))
+    numbers = table.select_dtypes("number").items()  # no half-width is stated as an infinite one
+    columns = [_column(str(name), "1", values.to_numpy()) for name, values in numbers]
     return {"kind": "corrected positions", "rows": len(table), "status": status}, columns
 
 
@@ -115,12 +114,8 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
     model = truejoint.read_calibration(path)
     ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)
-    trained = {
-        f.signal: (float(low), float(high)) for f, low, high in ranges if f.operation == "value"
-    }
-    columns = [
-        _column(signal, model.units[signal], trained.get(signal)) for signal in model.signals
-    ]
+    trained = {f.signal: (low, high) for f, low, high in ranges if f.operation == "value"}
+    columns = [_column(name, model.units[name], trained.get(name, ())) for name in model.signals]
     homings = ", ".join(model.origin.homing_ids)
     loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
     facts = {
@@ -145,19 +140,19 @@ def recording_facts(
     """Tell what a recording is, where it comes from, and the range of each column."""
     provenance = recording.provenance.to_dict()
     del provenance["robot"], provenance["arm"], provenance["source"]
-    facts = {**recording.summary(), **provenance}
-    columns = []
-    for column, unit in recording.units.items():
-        values = recording.table[column].dropna()
-        bounds = (float(values.min()), float(values.max())) if len(values) else None
-        columns.append(_column(column, unit, bounds, len(recording) - len(values)))
-    return facts, columns
+    units, table = recording.units.items(), recording.table
+    columns = [_column(name, unit, table[name].to_numpy()) for name, unit in units]
+    return {**recording.summary(), **provenance}, columns
 
 
-def _column(
-    name: str, unit: str, bounds: tuple[float, float] | None, missing: int = 0
-) -> dict[str, Any]:
-    low, high = bounds or (None, None)
+def _column(name: str, unit: str, values: ArrayLike) -> dict[str, Any]:
+    """Give the range of values (n,), and how many are not finite."""
+    import numpy as np
+
+    numbers = np.asarray(values, dtype=float)
+    finite = numbers[np.isfinite(numbers)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (None, None)
+    missing = len(numbers) - len(finite)
     return {"column": name, "unit": unit, "lowest": low, "highest": high, "missing": missing}
 
 
