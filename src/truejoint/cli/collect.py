@@ -277,24 +277,17 @@ def _to_record(
     """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
     from truejoint.recordings.recorder import topics_beside
 
-    pairs = [(path, output / f"{path.stem}.parquet") for path in trajectories]
-    if resume:
-        done = [target for _, target in pairs if _is_recorded(target)]
-        for target in done:
-            say(f"{target}: recorded already")
-        pairs = [(path, target) for path, target in pairs if target not in done]
-    loaded = [(read_trajectory(path), target) for path, target in pairs]
-    targets = [target for _, target in pairs]
-    for target in targets:
+    targets = [output / f"{path.stem}.parquet" for path in trajectories]
+    pairs = []
+    for path, target in zip(trajectories, targets, strict=True):
         if targets.count(target) > 1:
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
-        for path in (target, topics_beside(target)) if has_topics else (target,):
-            check_target(path, overwrite=force, makes_folder=True)
-    return loaded
-
-
-def _is_recorded(target: Path) -> bool:
-    """Whether a whole recording is there; raises RecordingError for a file that is none."""
-    return target.exists() and len(truejoint.recordings.read_parquet(target)) > 0
+        if resume and target.exists() and len(truejoint.recordings.read_parquet(target)):
+            say(f"{target}: recorded already")
+            continue
+        pairs.append((read_trajectory(path), target))
+        for made in (target, topics_beside(target)) if has_topics else (target,):
+            check_target(made, overwrite=force, makes_folder=True)
+    return pairs
