@@ -258,55 +258,6 @@ def test_the_last_calibration_is_the_prior_of_the_next(call: Call, session: Path
 
 
 @pytest.mark.parametrize(
-    "arguments",
-    [
-        ["evaluate", "nowhere.st", "nowhere.parquet"],
-        ["calibrate", "nowhere.parquet", "-o", "m.st"],
-        ["trajectory", "zigzag", "--direction", "J9", "-o", "z.csv"],
-        ["trajectory", "zigzag", "--sparsity", "none", "-o", "z.csv"],
-        ["trajectory", "nested", "--robot", "raven2", "-o", "n.csv"],
-        ["collect", "nowhere.csv", "-o", "here"],
-        ["datasets", "fetch", "nothing"],
-        ["calibrate", "davinci_grasper_umn", "--split", "nothing", "-o", "m.st"],
-        ["calibrate", "x.parquet", "--part", "0.7:0.2", "-o", "m.st"],
-        ["calibrate", "x.parquet", "--set", "nothing=1", "-o", "m.st"],
-        ["adapt", "m.st", "x.parquet", "--interval", "cross", "-o", "new.st"],
-        ["adapt", "m.st", "x.parquet", "--weights-mm", "9", "--reference", "x", "-o", "new.st"],
-        ["calibrate", "x.parquet", "--metadata", "load=3", "-o", "m.st"],
-        ["calibrate", "x.parquet", "--metadata", "rate_hz=fast", "-o", "m.st"],
-        ["calibrate", "x.parquet", "--metadata", "session=a", "--metadata", "session=b", "-o", "m"],
-        ["trajectory", "random", "--sparsity", "1/2", "-o", "r.csv"],
-        ["trajectory", "spiral", "-o", "s.csv"],
-        ["rezero", "m.st", "-o", "n.st"],
-        ["rezero", "m.st", "x.parquet", "--touches", "t.csv", "-o", "n.st"],
-        ["export", "x.parquet", "--to", "bag", "--compensate", "-o", "x.bag"],
-        ["export", "m.st", "--to", "c", "--profile", "raven2", "-o", "c"],
-        ["trajectory", "designed", "--minutes", "0", "-o", "d.csv"],
-        ["study", "efficiency", "--jobs", "2", "--cluster", "tcp://127.0.0.1:9"],
-        ["nothing"],
-        ["calibrate"],
-        ["calibrate", "x.parquet"],
-        ["calibrate", "x.parquet", "-o", "m.st", "--target", "both"],
-        ["export", "m.st", "-o", "c"],
-        ["export", "m.st", "-o", "c", "--to", "rust"],
-        ["evaluate", "m.st", "x.parquet", "--window-s", "long"],
-        ["show"],
-        ["demo", "--sed", "3"],
-    ],
-    ids=" ".join,
-)
-def test_wrong_calls_are_exit_code_2(
-    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str]
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    result = call(*arguments)
-    assert result.code == 2
-    assert result.err.startswith("truejoint: ")
-    assert len(result.err.splitlines()) == 1
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize(
     ("arguments", "command"),
     [
         (["trajectory", "random", "--seed"], "trajectory"),
