@@ -5,17 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from truejoint.cli.commands import COMMANDS, built
+from truejoint.cli.commands import COMMANDS, command
 
 PAGE = Path(__file__).with_name("commands.md")
-
-
-def find(name: str) -> Any:
-    """Command by its words."""
-    command = built()
-    for word in name.split():
-        command = command.commands[word]
-    return command
 
 
 def spelt(parameter: Any) -> str:
@@ -33,15 +25,15 @@ def page() -> str:
         "# Commands", "",
         "`python docs/commands.py` writes this page from the command line itself.", "",
     ]  # fmt: skip
-    for panel in dict.fromkeys(command.panel for command in COMMANDS.values()):
+    for panel in dict.fromkeys(entry.panel for entry in COMMANDS.values()):
         lines += [f"## {panel}", ""]
         for name in (name for name, entry in COMMANDS.items() if entry.panel == panel):
-            command = find(name)
-            about = " ".join((command.help or "").split())
+            made = command(name)
+            about = " ".join((made.help or "").split())
             lines += [f"### `truejoint {name}`", "", about, "", "```sh"]
             lines += [f"truejoint {name} {COMMANDS[name].example}".strip(), "```", ""]
             lines += ["| option | meaning |", "|---|---|"]
-            for parameter in command.params:
+            for parameter in made.params:
                 text = " ".join((getattr(parameter, "help", "") or "").split()).replace("|", "\\|")
                 if parameter.default not in (None, False, "", ()) and "default" not in text:
                     text = f"{text.removesuffix('.')} (default {parameter.default})."

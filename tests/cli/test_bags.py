@@ -67,32 +67,3 @@ def test_the_doctor_says_a_line_for_each_verdict(call: Call, session: Path, bag:
     assert swapped.code == 1
     findings = json.loads(swapped.out)["findings"]
     assert "arm" in {finding["heading"] for finding in findings if finding["level"] == "fail"}
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (("extract", "none.bag"), "no such file"),
-        (("extract", "none.bag", "--robot", "raven2"), "without --out the topics are listed"),
-        (("extract", "none.bag", "--offset-s", "0"), "without --out the topics are listed"),
-        (("extract", "none.bag", "--near-s", "0"), "without --out the topics are listed"),
-        (
-            ("extract", "none.bag", "-o", "a.parquet", "--near-s", "1", "--offset-s", "1"),
-            "give one of the two",
-        ),
-        (("extract", "{csv}", "-o", "a.parquet", "--state", "/x"), "is no bag"),
-        (
-            ("doctor", "{parquet}", "--truth", "/x"),
-            "is no bag, so it has neither profile nor topics",
-        ),
-        (
-            ("export", "{parquet}", "--to", "bag", "-o", "a.zip"),
-            "call it .bag for ROS 1 or .mcap for ROS 2",
-        ),
-    ],
-)
-def test_mistakes_are_one_line(call: Call, session: Path, words: tuple[str, ...], said: str):
-    named = {"csv": session / "random.csv", "parquet": session / "random.parquet"}
-    result = call(*(word.format(**named) for word in words))
-    assert result.code == 2
-    assert said in result.err.strip().splitlines()[-1]

@@ -71,12 +71,6 @@ def test_an_interval_of_the_same_recordings_is_in_the_json(call: Call, sessions,
     assert read_calibration(path).interval.rezero == 1.0
 
 
-def test_what_is_re_zeroed_is_an_interval(call: Call, tmp_path):
-    done = call("calibrate", "x.parquet", "--interval-rezero-s", "5", "-o", tmp_path / "m.st")
-    assert (done.code, done.out) == (2, "")
-    assert "--interval-rezero-s needs --interval" in done.err
-
-
 def test_columns_that_check_are_chosen(call: Call, tmp_path):
     made = build_recording(900, 0)
     motor = {f"motor/{joint}": 8.0 * made.column(f"measured/{joint}") for joint in JOINTS}
@@ -88,9 +82,6 @@ def test_columns_that_check_are_chosen(call: Call, tmp_path):
         done = call("calibrate", path, "-e", "linear", "--redundant", asked, "-o", model, "--force")
         assert done.code == 0, done.err
         assert list(read_calibration(model).redundant) == used
-    done = call("calibrate", path, "--redundant", "effort/elbow", "-o", model, "--force")
-    assert (done.code, done.out) == (2, "")
-    assert "'effort/elbow' cannot check a measured position" in done.err
 
 
 @pytest.mark.parametrize(
@@ -99,14 +90,6 @@ def test_columns_that_check_are_chosen(call: Call, tmp_path):
 )
 def test_features_that_suit_a_data_set_do_not_replace_an_estimators_own(name, features):
     assert FitOptions(estimator=name).suited_to(GRASPER).features == features
-
-
-def test_a_setting_needs_an_estimator(call: Call, sessions, tmp_path):
-    done = call(
-        "calibrate", sessions[0], "-e", "auto", "--set", "epochs=3", "-o", tmp_path / "m.st"
-    )
-    assert (done.code, done.out) == (2, "")
-    assert "--set 'epochs=3' needs one estimator; name it with -e" in done.err
 
 
 def test_what_was_identified_is_shown_with_its_deviation(call: Call, tmp_path):

@@ -197,35 +197,6 @@ def test_encoders_on_a_serial_line_are_registered_and_recorded(call, tmp_path, m
     assert np.nanmax(recording.column("truth/elbow")) == 1.25
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (("--robot", "kflex"), "no digital twin of 'kflex'"),
-        (("--robot", "raven2"), "jaw"),
-        (("--robot", "forceps", "--load-grams", "3000"), "load is 3.0 kg"),
-        (("--robot", "forceps", "--seed", "-1"), "should be greater than or equal to 0"),
-        (("--robot", "forceps", "--state-rate-hz", "nan"), "rate nan Hz"),
-        (("--robot", "forceps", "--encoders", "x"), "no encoders are stated for this robot"),
-        (("--robot", "forceps", "--rezero-s", "5"), "for --compensate alone"),
-        (("--robot", "forceps", "--closed-loop", "--compensate", "m"), "around joints: give one"),
-        (("--robot", "forceps", "--lag-s", "0.02"), "with --compensate or --closed-loop"),
-        (("--robot", "forceps", "--closed-loop", "--lag-s", "inf"), "--lag-s inf: seconds, with"),
-        (("--robot", "forceps", "--topic", "measured_js"), "write NAME=HZ"),
-        (("--robot", "forceps", "--topic", "measured_j=9"), "did you mean 'measured_js'?"),
-        (("--robot", "forceps", "--topic", "measured_js=0"), "rate 0.0 Hz; give one above 0 Hz"),
-        (
-            ("--robot", "forceps", "--topic", "measured_js=9", "--topic", "measured_js=8"),
-            "measured_js was given before",
-        ),
-        (("--robot", "forceps", "--topic", "measured_cp=9"), "kinematics of forceps are not known"),
-    ],
-)
-def test_what_cannot_be_collected_is_refused_in_one_line(call, motion, tmp_path, arguments, says):
-    refused = call("collect", motion, *arguments, "-o", tmp_path / "new")
-    assert refused.code == 2
-    assert says in refused.err.splitlines()[-1]
-
-
 @pytest.mark.parametrize("robot", ["raven2", "forceps"])  # the second measures no efforts
 def test_it_ends_when_more_would_not_pay(call, tmp_path, monkeypatch, robot):
     path = tmp_path / "long.csv"

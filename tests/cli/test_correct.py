@@ -110,26 +110,6 @@ def test_stamps_since_1970_are_given_as_the_file_had_them(
     np.testing.assert_array_equal(found["t"], table["t"])
 
 
-@pytest.mark.parametrize(
-    ("arguments", "said"),
-    [
-        (["-o", "a.txt"], "call it .csv or .parquet"),
-        (["-o", "nosuch/a.csv"], "the folder nosuch does not exist"),
-        (["-o", "a.csv", "--level", "100"], "--level 100: give a probability between 0 and 100 %"),
-        (["-o", "a.csv", "--level", "90"], "states no interval; make one"),
-        (["random.parquet", "-o", "a.csv"], "named twice"),
-        (["zigzag.csv", "-o", "a.csv"], "zigzag.csv"),
-    ],
-)
-def test_correct_refuses_in_one_line(
-    call: Call, session: Path, monkeypatch: pytest.MonkeyPatch, arguments: list[str], said: str
-) -> None:
-    monkeypatch.chdir(session)
-    result = call("correct", "m.st", "random.parquet", *arguments)
-    assert result.code == 2
-    assert said in result.err.splitlines()[-1]
-
-
 @pytest.mark.parametrize("command", [("correct", "-o", "out.csv"), ("evaluate",)])
 def test_a_signal_that_is_absent_is_named_in_a_line_that_can_be_read(
     call: Call, session: Path, tmp_path: Path, command: tuple[str, ...]

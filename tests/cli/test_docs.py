@@ -7,11 +7,10 @@ import re
 import shlex
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from truejoint.cli.commands import built
+from truejoint.cli.commands import COMMANDS, GROUPS, command
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
@@ -29,15 +28,15 @@ def shown(text: str) -> Iterator[str]:
 
 def unknown(line: str) -> list[str]:
     """Words of a command that it does not know."""
-    command: Any = built()
     words = shlex.split(line)[1:]
-    while words and hasattr(command, "commands"):
-        name = words.pop(0)
-        if name not in command.commands:
-            return [] if name.startswith("-") or name.isupper() else [name]
-        command = command.commands[name]
-    known = {o for p in command.params for o in (*p.opts, *p.secondary_opts)} | {"--help"}
-    given = [word.strip("[]").partition("=")[0] for word in words]
+    names = {" ".join(words[:n]) for n in range(3)} & {"", *COMMANDS, *GROUPS}
+    name = max(names, key=len)
+    rest = words[len(name.split()) :]
+    if name not in COMMANDS:
+        return [word for word in rest[:1] if not (word.startswith("-") or word.isupper())]
+    parameters = command(name).params
+    known = {o for p in parameters for o in (*p.opts, *p.secondary_opts)} | {"--help"}
+    given = [word.strip("[]").partition("=")[0] for word in rest]
     return [word for word in given if re.match("-[-a-z]", word) and word not in known]
 
 

@@ -30,10 +30,3 @@ def test_it_says_what_it_heard_until_ctrl_c(call, monkeypatch):
     lines = found.out.splitlines()
     assert lines[0].startswith(f"good link: {STATE} 29.")
     assert len(lines) == 15
-
-
-def test_what_is_for_a_live_link_alone_is_refused_elsewhere(call, tmp_path):
-    for more in (("--seconds", "3"), ("--ros", "2")):
-        refused = call("doctor", tmp_path / "run.parquet", *more)
-        assert refused.code == 2
-        assert "--seconds and --ros are for `truejoint doctor live`" in refused.err

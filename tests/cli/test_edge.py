@@ -117,42 +117,6 @@ def test_no_number_of_a_recording_goes_unbounded(
     assert result.err.splitlines()[-1].startswith("truejoint: ")
 
 
-@pytest.mark.parametrize(
-    "words",
-    [
-        ["check", "m.st", "random.parquet", "--level", "nan", "--json"],
-        ["correct", "m.st", "random.parquet", "--level", "0", "-o", "c.csv"],
-        ["calibrate", "random.parquet", "-e", "linear", "--seed", "-1", "-o", "n.st"],
-        ["calibrate", "random.parquet", "-e", "linear", "--fit-rate-hz", "1e-308", "-o", "n.st"],
-        ["calibrate", "random.parquet", "-e", "linear", "-o", "nosuch/n.st"],
-        ["collect", "random.csv", "-o", "random.csv/new"],
-        ["collect", "random.csv", "-o", "new", "--seed", "-1"],
-        ["trajectory", "random", "--seed", "-1", "-o", "r.csv"],
-        ["trajectory", "zigzag", "-o", "y.csv", "--plot", "nosuch/p.html"],
-        ["check", "pipe", "random.parquet"],
-        ["show", "pipe"],
-        ["show", "random.csv", "--columns", "pipe"],
-        ["collect", "random.csv", "-o", "new", "--twin", "pipe"],
-        ["collect", "random.csv", "-o", "new", "--robot", "pipe.toml"],
-        ["trajectory", "zigzag", "-o", "pipe", "--force"],
-    ],
-    ids=" ".join,
-)
-def test_refused_in_one_line_without_waiting(
-    call: Call, session: Path, monkeypatch: pytest.MonkeyPatch, words: list[str]
-) -> None:
-    monkeypatch.chdir(session)
-    for pipe in ("pipe", "pipe.toml"):
-        if not Path(pipe).exists():
-            os.mkfifo(pipe)
-    before = set(session.iterdir())
-    result = call(*words)
-    assert result.code == 2
-    assert result.err.splitlines()[-1].startswith("truejoint: ")
-    assert not result.out
-    assert set(session.iterdir()) == before
-
-
 def test_a_form_feed_in_a_comment_loses_no_row(call: Call, tmp_path: Path) -> None:
     path = tmp_path / "run.csv"
     path.write_bytes(b"# page\x0cbreak\x0b\xc2\x85\nt,measured/elbow\n" + b"0,1\n1,2\n2,3\n")

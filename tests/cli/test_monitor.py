@@ -44,25 +44,6 @@ def test_a_simulated_arm_follows_a_trajectory(call: Call, tmp_path: Path) -> Non
     assert "Open http://127.0.0.1:" in shown.out
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--model", "none.st"], "none.st: cannot be read"),
-        (["{run}", "--seed", "1"], "--follow, --twin and --seed are for a simulated arm"),
-        (["--metadata", "rate_hz=3"], "--columns and --metadata need a recording"),
-        (["--robot", "bros"], "bros"),
-        (["none.csv"], "none.csv: no such file"),
-    ],
-)
-def test_a_wrong_call_is_one_line(
-    call: Call, run: Path, arguments: list[str], message: str
-) -> None:
-    refused = call("monitor", *(a.format(run=run) for a in arguments))
-    assert refused.code == 2
-    assert message in refused.err
-    assert len(refused.err.strip().splitlines()) == 1
-
-
 def test_a_busy_port_is_one_line(call: Call, run: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as other:
         port = other.getsockname()[1]

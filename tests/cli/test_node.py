@@ -49,11 +49,6 @@ def test_parameters_come_from_a_file_and_unknown_ones_are_refused(call, no_ros, 
     assert "no parameter called 'rate'" in told.err
 
 
-def test_quirks_are_ravens(call, no_ros):
-    told = call("node", "simulate", "--robot", "forceps", "--quirks")
-    assert "--quirks are those of raven2" in told.err
-
-
 @pytest.mark.skipif(find_spec("rclpy") is None, reason="needs ROS 2, its rclpy")
 def test_a_message_goes_through_ros_2():
     transport = open_transport(2)

@@ -1,79 +1,269 @@
-"""Names that are wrong are refused, with the nearest one, before anything is read."""
+"""A wrong call is refused in one line that says what to do, and leaves nothing behind."""
 
 from __future__ import annotations
 
+import os
 import runpy
+import shlex
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
 from tests.cli.conftest import Call
 
-import truejoint
 from truejoint.cli.fit_options import configured
-from truejoint.errors import CalibrationError
+from truejoint.errors import TruejointError
+from truejoint.motion import Trajectory, write_trajectory
 
-
-@pytest.fixture
-def nothing_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    def refuse(*_arguments: object, **_options: object) -> None:
-        raise AssertionError("a recording was read")
-
-    monkeypatch.setattr(truejoint.recordings, "read_recordings", refuse)
-
-
-@pytest.mark.usefixtures("nothing_is_read")
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["-e", "lin"], "did you mean 'linear'?"),
-        (["--set", "epocs=3"], "did you mean 'epochs'?"),
-        (["--set", "epochs=many"], "not of the kind"),
-        (["--set", "epochs=-1"], "epochs is -1"),
-        (["-e", "rich_play", "--set", "leading=many"], "'many' is no whole number"),
-        (["-e", "rich_play", "--set", "leading=-1"], "leading is -1"),
-        (["--robot", "raven"], "did you mean 'raven2'?"),
-        (["--robot", "raven2:middle"], "no arm"),
-        (["--robot", "raven2", "--joint", "elbw"], "did you mean 'elbow'?"),
-        (["--metadata", "format=parket"], "did you mean 'parquet'?"),
-        (["--feature", "play(measured/elbow, x)"], "'x' is not a number"),
-        (["--test", "davinci_graspr_umn"], "did you mean 'davinci_grasper_umn'?"),
-        (["--interval", "kflex_tendon_sheath:nothing"], "no recording fits"),
-        (["-o", "m.onnx"], "call it m.safetensors"),
-        (["-o", "model.csv"], "call it model.safetensors"),
-        (["-o", "m.st"], "--force"),
-        (["-e"], "Option '-e' requires an argument. See `truejoint calibrate --help`."),
-        (["-o", "nosuch/m.st"], "the folder nosuch does not exist"),
+# By the beginning of a line: its end, and what is said. Nothing is read or made before.
+AT_ONCE = {
+    "calibrate zigzag.parquet -o new.st": [
+        ("-e lin", "did you mean 'linear'?"),
+        ("--set epocs=3", "did you mean 'epochs'?"),
+        ("--set epochs=many", "not of the kind"),
+        ("--set epochs=-1", "epochs is -1"),
+        ("--set nothing=1", "no parameter of dnn called 'nothing'"),
+        ("--set epochs=3 --set epochs=4", "epochs was given before; give it once"),
+        ("-e auto --set epochs=3", "--set 'epochs=3' needs one estimator; name it with -e"),
+        ("-e rich_play --set leading=many", "'many' is no whole number"),
+        ("-e rich_play --set leading=-1", "leading is -1"),
+        ("--robot raven", "did you mean 'raven2'?"),
+        ("--robot raven2:middle", "no arm"),
+        ("--robot raven2 --joint elbw", "did you mean 'elbow'?"),
+        ("--metadata format=parket", "did you mean 'parquet'?"),
+        ("--metadata load=3", "no key called 'load'"),
+        ("--metadata rate_hz=fast", "'fast' is no number"),
+        ("--metadata session=a --metadata session=b", "session was given before; give it once"),
+        ("--feature 'play(measured/elbow, x)'", "'x' is not a number"),
+        ("--test davinci_graspr_umn", "did you mean 'davinci_grasper_umn'?"),
+        ("--interval kflex_tendon_sheath:nothing", "no recording fits"),
+        ("--interval-rezero-s 5", "--interval-rezero-s needs --interval"),
+        ("--accept outlier", "did you mean 'outliers'?"),
+        ("--part 0.7:0.2", "write FROM:TO with 0 <= FROM < TO <= 1"),
+        ("--target both", "'both' is not one of"),
+        ("--seed -1", "greater than or equal to 0"),
+        ("-o m.onnx", "call it m.safetensors"),
+        ("-o model.csv", "call it model.safetensors"),
+        ("-o m.st", "--force"),
+        ("-e", "Option '-e' requires an argument. See `truejoint calibrate --help`."),
+        ("-o nosuch/m.st", "the folder nosuch does not exist"),
     ],
-    ids=lambda words: " ".join(words) if isinstance(words, list) else "",
-)
-def test_calibrate(
-    call: Call,
-    session: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    options: list[str],
-    said: str,
+    "calibrate": [
+        ("", "Missing argument"),
+        ("zigzag.parquet", "Missing option"),
+        ("nowhere.parquet -o new.st", "no such file or folder"),
+        ("davinci_grasper_umn --split nothing -o new.st", "no split called 'nothing'"),
+    ],
+    "evaluate m.st random.parquet": [
+        ("--report nosuch/report.html", "the folder nosuch does not exist"),
+        ("--report report.pdf", "report.pdf: a report is an HTML page; call it report.html"),
+        ("--tolerance elbo=0.2", "did you mean 'elbow'?"),
+        ("--tolerance elbow", "write JOINT=VALUE"),
+        ("--tolerance elbow=0", "give deg above 0"),
+        ("--window-s long", "should be a valid number"),
+    ],
+    "adapt m.st random.parquet -o new.st": [
+        ("--interval cross", "needs `truejoint calibrate`"),
+        ("--weights-mm 9 --reference random.parquet", "--part and metadata alone"),
+    ],
+    "rezero m.st -o new.st": [
+        ("", "name the recording to re-zero from, or give --touches"),
+        ("random.parquet --touches t.csv", "--touches and --bolted belong together"),
+        ("random.parquet --touch-sd-mm 1", "--touch-sd-mm is for --touches"),
+    ],
+    "correct m.st random.parquet": [
+        ("-o a.txt", "call it .csv or .parquet"),
+        ("-o nosuch/a.csv", "the folder nosuch does not exist"),
+        ("-o a.csv --level 100", "--level 100: give a probability between 0 and 100 %"),
+        ("-o a.csv --level 0", "--level 0: give a probability"),
+        ("random.parquet -o a.csv", "named twice"),
+    ],
+    "check": [
+        ("m.st random.parquet --level nan --json", "--level nan: give a probability"),
+        ("pipe random.parquet", "pipe: is not a file"),
+    ],
+    "trajectory": [
+        ("zigzag --direction J9 -o z.csv", "no direction called 'J9'"),
+        ("zigzag --sparsity none -o z.csv", "write it as 1/4 or 0.25"),
+        ("nested --robot raven2 -o n.csv", "nested loops are for one joint"),
+        ("random --sparsity 1/2 -o r.csv", "takes --minutes, --seed, --profile; leave it out"),
+        ("spiral -o s.csv", "no kind of trajectory called 'spiral'"),
+        ("designed --minutes 0 -o d.csv", "must be within [10"),
+        ("random --seed -1 -o r.csv", "greater than or equal to 0"),
+        ("zigzag -o y.csv --plot nosuch/p.html", "the folder nosuch does not exist"),
+        ("zigzag -o pipe --force", "pipe: exists already and is no file"),
+    ],
+    "export": [
+        ("random.parquet --to bag --compensate -o x.bag", "leave other options out"),
+        ("m.st --to c --profile raven2 -o c", "are for --to bag"),
+        ("m.st -o c", "Missing option"),
+        ("m.st -o c --to rust", "'rust' is not one of"),
+        ("m.st -o c --to onnx --compensate", "works only with --to c"),
+    ],
+    "collect jaw.csv -o new --robot forceps": [
+        ("--robot kflex", "no digital twin of 'kflex'"),
+        ("--load-grams 3000", "load is 3.0 kg"),
+        ("--seed -1", "should be greater than or equal to 0"),
+        ("--rezero-s 5", "for --compensate alone"),
+        ("--closed-loop --compensate m", "around joints: give one"),
+        ("--lag-s 0.02", "with --compensate or --closed-loop"),
+        ("--closed-loop --lag-s inf", "--lag-s inf: seconds, with"),
+        ("--topic measured_js", "write NAME=HZ"),
+        ("--topic measured_js=often", "'often' is no number"),
+        ("--topic measured_j=9", "did you mean 'measured_js'?"),
+        ("--topic measured_js=0", "rate 0.0 Hz; give one above 0 Hz"),
+        ("--topic measured_js=9 --topic measured_js=8", "measured_js was given before"),
+        ("--topic measured_cp=9", "kinematics of forceps are not known"),
+    ],
+    "collect": [
+        ("nowhere.csv -o new", "nowhere.csv: cannot be read"),
+        ("random.csv -o random.csv/new", "is a file; name a folder"),
+        ("random.csv -o new --seed -1", "greater than or equal to 0"),
+        ("random.csv -o new --twin pipe", "pipe: is not a file"),
+        ("random.csv -o new --robot pipe.toml", "pipe.toml: is not a file"),
+        ("jaw.csv -o new", "jaw"),
+    ],
+    "monitor --port 0": [
+        ("--model none.st", "none.st: cannot be read"),
+        ("random.parquet --seed 1", "--follow, --twin and --seed are for a simulated arm"),
+        ("--metadata rate_hz=3", "--columns and --metadata need a recording"),
+        ("--robot bros", "bros"),
+        ("none.csv", "none.csv: no such file"),
+    ],
+    "study": [
+        ("efficiency --jobs 2 --cluster tcp://127.0.0.1:9", "give it or --cluster"),
+        ("nosuch", "no study called 'nosuch'"),
+        ("all --set networks=1", "--set is of one study"),
+        ("forceps --set specimen=B", "name it in place of 'forceps'"),
+        ("forceps-unloaded --set specimen", "write OPTION=VALUE"),
+        ("forceps-unloaded --set specimen=A --set specimen=B", "specimen was given before"),
+    ],
+    "teleop": [
+        ("--robot forceps", "teleop reads keys from a terminal"),
+        ("--keys none.csv", "none.csv: cannot be read"),
+        ("--keys empty.csv", "is no file of keys"),
+        ("--keys falls.csv", "line 3 is '0.4,1,press'"),
+        ("--keys long.csv", "line 2"),
+        ("--keys short.csv", "line 2"),
+        ("--keys falls.csv --gamepad", "line 3"),
+    ],
+    "doctor run.parquet": [
+        ("--seconds 3", "--seconds and --ros are for `truejoint doctor live`"),
+        ("--ros 2", "--seconds and --ros are for `truejoint doctor live`"),
+    ],
+    "": [
+        ("nothing", "No such command 'nothing'"),
+        ("touch nothing", "No such command 'nothing'"),
+        ("show", "Missing argument"),
+        ("evaluate nowhere.st nowhere.parquet", "nowhere.st: cannot be read"),
+        ("datasets fetch nothing", "no data set called 'nothing'"),
+        ("demo --sed 3", "No such option"),
+        ("node simulate --robot forceps --quirks", "--quirks are those of raven2"),
+    ],
+}
+# The same, of what is told only once something has been read.
+LATER = {
+    "correct m.st": [
+        ("random.parquet -o a.csv --level 90", "states no interval; make one"),
+        ("random.parquet zigzag.csv -o a.csv", "zigzag.csv"),
+    ],
+    "calibrate random.parquet -e linear -o new.st": [
+        ("--fit-rate-hz 1e-308", "fit"),
+        ("--redundant effort/elbow", "'effort/elbow' cannot check a measured position"),
+    ],
+    "show": [
+        ("pipe", "pipe: is not a file"),
+        ("random.csv --columns pipe", "pipe: is not a file"),
+    ],
+    "collect jaw.csv -o . --robot forceps": [
+        ("--state-rate-hz nan", "rate nan Hz"),
+        ("--encoders x", "no encoders are stated for this robot"),
+    ],
+    "study -o new": [
+        ("forceps-unloaded --set specimen=C", "C"),
+        ("forceps-unloaded --set specimen=no/such.toml", "no/such.toml"),
+        ("forceps-population --set count=0", "a population of 0"),
+        ("forceps-population --preset tiny", "tiny"),
+        ("forceps-loaded --set directions=up", "up"),
+        ("forceps-loaded --set masses_g=3000", "a load of 3 kg"),
+    ],
+    "export m.st -o c": [("--to c --level 95", "states no interval; make one")],
+}
+BAGS = {
+    "extract none.bag": [
+        ("", "no such file"),
+        ("--robot raven2", "without --out the topics are listed"),
+        ("--offset-s 0", "without --out the topics are listed"),
+        ("--near-s 0", "without --out the topics are listed"),
+        ("-o a.parquet --near-s 1 --offset-s 1", "give one of the two"),
+    ],
+    "extract random.csv -o a.parquet": [("--state /x", "is no bag")],
+    "doctor random.parquet": [("--truth /x", "is no bag, so it has neither profile nor topics")],
+    "export random.parquet": [("--to bag -o a.zip", "call it .bag for ROS 1 or .mcap for ROS 2")],
+}
+
+
+def lines_of(table: dict[str, list[tuple[str, str]]]) -> list[tuple[str, str]]:
+    return [(f"{begin} {end}".strip(), said) for begin, ends in table.items() for end, said in ends]
+
+
+@pytest.fixture(scope="module")
+def workplace(session: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Folder with the files of a session, pipes, files of keys, and a motion of another robot."""
+    folder = tmp_path_factory.mktemp("workplace")
+    for path in session.iterdir():
+        (folder / path.name).symlink_to(path)
+    for pipe in ("pipe", "pipe.toml"):
+        os.mkfifo(folder / pipe)
+    write_trajectory(Trajectory(("jaw",), ("rad",), [[0.0], [0.01]]), folder / "jaw.csv")
+    for name, text in {
+        "empty": "",
+        "falls": "t_s,key,event\n0.5,1,press\n0.4,1,press\n",
+        "long": "t_s,key,event\n0.5,12,press\n",
+        "short": "t_s,key,event\nx\n",
+    }.items():
+        (folder / f"{name}.csv").write_text(text)
+    return folder
+
+
+def refuse(call: Call, folder: Path, line: str, said: str) -> str:
+    """Call a line that is wrong; gives all that was said."""
+    before = set(folder.rglob("*"))
+    result = call(*shlex.split(line))
+    assert result.code == 2
+    assert not result.out
+    last = result.err.splitlines()[-1]
+    assert last.startswith("truejoint: ")
+    assert said in last
+    assert "fault of truejoint" not in last
+    assert set(folder.rglob("*")) == before
+    return result.err
+
+
+@pytest.mark.parametrize(("line", "said"), lines_of(AT_ONCE))
+def test_a_wrong_line_is_refused_before_anything_is_read(
+    call: Call, workplace: Path, monkeypatch: pytest.MonkeyPatch, line: str, said: str
 ) -> None:
-    monkeypatch.chdir(session)
-    result = call("calibrate", "zigzag.parquet", "-o", "new.st", *options)
-    assert result.code == 2
-    assert said in result.err
-    assert len(result.err.strip().splitlines()) == 1
+    monkeypatch.chdir(workplace)
+    assert len(refuse(call, workplace, line, said).splitlines()) == 1
 
 
-@pytest.mark.usefixtures("nothing_is_read")
-@pytest.mark.parametrize(
-    ("option", "value", "said"),
-    [
-        ("--report", "nosuch/report.html", "the folder nosuch does not exist"),
-        ("--report", "report.pdf", "report.pdf: a report is an HTML page; call it report.html"),
-        ("--tolerance", "elbo=0.2", "did you mean 'elbow'?"),
-    ],
-)
-def test_evaluate(call: Call, session: Path, option: str, value: str, said: str) -> None:
-    result = call("evaluate", session / "m.st", session / "random.parquet", option, value)
-    assert result.code == 2
-    assert said in result.err
+@pytest.mark.parametrize(("line", "said"), lines_of(LATER))
+def test_what_does_not_fit_is_refused_in_the_last_line(
+    call: Call, workplace: Path, monkeypatch: pytest.MonkeyPatch, line: str, said: str
+) -> None:
+    monkeypatch.chdir(workplace)
+    refuse(call, workplace, line, said)
+
+
+@pytest.mark.skipif(find_spec("rosbags") is None, reason="rosbags is not installed")
+@pytest.mark.parametrize(("line", "said"), lines_of(BAGS))
+def test_what_is_wrong_with_bags_is_refused(
+    call: Call, workplace: Path, monkeypatch: pytest.MonkeyPatch, line: str, said: str
+) -> None:
+    monkeypatch.chdir(workplace)
+    refuse(call, workplace, line, said)
 
 
 @pytest.mark.parametrize(
@@ -98,7 +288,7 @@ def test_several_numbers_are_written_as_one_likes(text: str) -> None:
 
 @pytest.mark.parametrize("setting", ["epochs=1,2", "epochs=", "epochs", "hidden_layer_sizes=a"])
 def test_a_setting_that_is_none_is_refused(setting: str) -> None:
-    with pytest.raises(CalibrationError, match="--set"):
+    with pytest.raises(TruejointError, match="--set"):
         configured("dnn", [setting])
 
 

@@ -28,12 +28,6 @@ def test_a_word_names_one_study_or_those_of_the_forceps():
         command._named("state")
 
 
-def test_options_are_of_one_study(call):
-    result = call("study", "forceps", "--set", "specimen=B")
-    assert result.code == 2
-    assert "--set is of one study; name it in place of 'forceps'" in result.err
-
-
 @pytest.mark.usefixtures("coarse")
 def test_a_study_prints_json_and_leaves_files(call, tmp_path):
     arguments = ("study", "forceps-unloaded", "--set", "methods=lsm", "-o", tmp_path)
@@ -84,28 +78,6 @@ def test_all_studies_leave_one_page_though_one_is_refused(call, tmp_path):
     assert "1 of 2 studies" in page
     assert 'href="forceps-recordings/forceps-recordings.html"' in page
     assert "truejoint study all --preset small" in page
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["nosuch"],
-        ["all", "--set", "networks=1"],
-        ["forceps-unloaded", "--set", "specimen=C"],
-        ["forceps-unloaded", "--set", "specimen"],
-        ["forceps-unloaded", "--set", "specimen=A", "--set", "specimen=B"],
-        ["forceps-unloaded", "--set", "specimen=no/such.toml"],
-        ["forceps-population", "--set", "count=0"],
-        ["forceps-population", "--preset", "tiny"],
-        ["forceps-loaded", "--set", "directions=up"],
-        ["forceps-loaded", "--set", "masses_g=3000"],
-    ],
-)
-def test_wrong_calls_are_one_line_and_code_2(call, tmp_path, arguments):
-    result = call("study", *arguments, "-o", tmp_path)
-    assert result.code == 2
-    assert result.out == ""
-    assert result.err.splitlines()[-1].startswith("truejoint: ")
 
 
 def test_an_interrupt_says_how_to_go_on(call, tmp_path, monkeypatch):

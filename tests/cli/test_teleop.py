@@ -93,20 +93,3 @@ def test_however_it_ends_the_terminal_is_restored(terminal, number):
     stopped.until("pause and leave")
     os.kill(stopped.process.pid, number)
     assert stopped.end() == 130, stopped.shown
-
-
-def test_refusals(call, tmp_path):
-    nowhere = call("teleop", "--robot", "forceps")
-    assert nowhere.code == 2
-    assert "teleop reads keys from a terminal" in nowhere.err
-    keys = tmp_path / "keys.csv"
-    for text, says in [
-        ("", "is no file of keys"),
-        ("t_s,key,event\n0.5,1,press\n0.4,1,press\n", "line 3 is '0.4,1,press'"),
-        ("t_s,key,event\n0.5,12,press\n", "line 2"),
-        ("t_s,key,event\nx\n", "line 2"),
-    ]:
-        keys.write_text(text)
-        refused = call("teleop", "--keys", keys)
-        assert refused.code == 2
-        assert says in refused.err

@@ -12,7 +12,7 @@ import io
 import re
 import shutil
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -23,7 +23,7 @@ from tests.synthetic import build_recording
 
 import truejoint
 from truejoint.cli.app import main
-from truejoint.cli.commands import built
+from truejoint.cli.commands import COMMANDS, command
 from truejoint.errors import TruejointError
 from truejoint.motion import write_trajectory, zigzag
 from truejoint.recordings import write_bag
@@ -109,14 +109,7 @@ def run(*words: object) -> tuple[int, str]:
 def commands() -> dict[str, Any]:
     """Every command by the words that call it."""
 
-    def walk(command: Any, words: str) -> Iterator[tuple[str, Any]]:
-        if hasattr(command, "commands"):
-            for name, below in command.commands.items():
-                yield from walk(below, f"{words} {name}".strip())
-        elif words not in LEFT_OUT:
-            yield words, command
-
-    return dict(walk(built(), ""))
+    return {name: command(name) for name in COMMANDS if name not in LEFT_OUT}
 
 
 class Draw:

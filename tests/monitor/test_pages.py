@@ -22,8 +22,8 @@ from websockets.typing import Subprotocol
 from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
 from truejoint.monitor import ArmPage, RecordingPage, pages
-from truejoint.monitor.page import is_own_page
-from truejoint.monitor.process import PLOT_EVERY, ArmView, PageProcess, _plain, _samples
+from truejoint.monitor.page import PLOT_EVERY, is_own_page
+from truejoint.monitor.process import ArmView, PageProcess, _plain, _samples
 from truejoint.monitor.samples import Condition, Samples
 from truejoint.recordings import Recording
 

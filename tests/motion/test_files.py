@@ -122,7 +122,7 @@ GOOD = '# truejoint trajectory {"format": 2, "name": "x", "units": {"a": "rad"},
     [
         ("", "starts with ''"),
         ("x,y,z\n1,2,3\n", "starts with 'x,y,z'"),
-        ("1,2\n3,4\n", "2 columns without a header"),
+        ("1,2\n3,4\n", "starts with '1,2'; want .* without a header"),
         ("1,2,3\n4,5\n", "a row is not 3 numbers"),
         ("1,2,3\n4,5,6,7\n", "a row is not 3 numbers"),
         ("1,2,3\n4,x,6\n", "a row is not 3 numbers"),

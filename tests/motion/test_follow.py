@@ -1,7 +1,10 @@
 """Tests of truejoint.motion.follow: against a known lag, and on the digital twin."""
 
 import itertools
+import sys
 import threading
+import time
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -320,7 +323,8 @@ def test_a_pause_counts_for_nothing_in_the_tracking_error(lagging_arm, monkeypat
 
     at_rest_at(lagging_arm, CENTRE)
     start = lagging_arm.time
-    monkeypatch.setattr("time.sleep", resume)
+    clock = SimpleNamespace(sleep=resume, monotonic=time.monotonic)
+    monkeypatch.setattr(sys.modules[follow.__module__], "time", clock)
     lagging_arm.subscribe(stop)
     follow(lagging_arm, STROKE, resume_within=1.0)
     assert counted == [True]

@@ -140,7 +140,7 @@ def test_sparsity_out_of_range_is_refused(sparsity):
 
 @pytest.mark.parametrize("direction", ["J4", "J2-J1", "shoulder", ""])
 def test_unknown_direction_is_refused_naming_the_known(direction):
-    with pytest.raises(TrajectoryError, match="choose one of J1, J2, J3, J1-J2"):
+    with pytest.raises(TrajectoryError, match="known: J1, J2, J3, J1-J2"):
         zigzag(ROBOT, direction)
 
 

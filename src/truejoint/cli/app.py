@@ -32,7 +32,11 @@ def main() -> None:
             # A terminal that cannot show a character gets its number, as in forced ASCII.
             stream.reconfigure(errors="backslashreplace")  # type: ignore[union-attr]
     try:
-        code = _run(stopped)
+        from truejoint.cli.commands import built  # once Ctrl-C is looked after
+
+        stopped.interrupts()
+        code = int(built()(sys.argv[1:], prog_name="truejoint", standalone_mode=False) or 0)
+        sys.stdout.flush()  # a full disk shall be told here, not by the interpreter
     except (Exception, KeyboardInterrupt) as error:  # noqa: BLE001  # the last resort
         code, message = _outcome(error)
         if debug and (message or code == INTERRUPTED):
@@ -50,16 +54,6 @@ def main() -> None:
             err.print(f"truejoint: {one_line(message)}", style="red", soft_wrap=True)
     stopped.restore()
     sys.exit(code)
-
-
-def _run(stopped: _Stop) -> int:
-    """Exit code of the command."""
-    from truejoint.cli.commands import built  # once Ctrl-C is looked after
-
-    stopped.interrupts()
-    code = built()(sys.argv[1:], prog_name="truejoint", standalone_mode=False)
-    sys.stdout.flush()  # a full disk shall be told here, not by the interpreter
-    return int(code or 0)
 
 
 class _Stop:
@@ -101,6 +95,7 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
     """Exit code and message of what a command raised."""
     import typer
 
+    from truejoint.cli.commands import COMMANDS
     from truejoint.errors import TruejointError
     from truejoint.files import reason
 
@@ -111,7 +106,12 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
             return INTERRUPTED, ""
         case usage_error():
             what = " ".join(error.format_message().split())
-            where = error.ctx.command_path if error.ctx else _command_of(sys.argv[1:])
+            # An option without its value does not say which command it is of.
+            names = {" ".join(["truejoint", *sys.argv[1:n]]) for n in (1, 2, 3)}
+            known = names & {f"truejoint {name}" for name in COMMANDS}
+            where = (
+                error.ctx.command_path if error.ctx else max(known, key=len, default="truejoint")
+            )
             # An empty one means that help was shown.
             return FAILED, f"{what} See `{where} --help`." if what else ""
         case TruejointError():
@@ -119,7 +119,9 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
         case MemoryError():
             return FAILED, "takes more memory than there is; close other programs, or give it less"
         case BrokenPipeError():
-            _silence()
+            # Nobody reads it any more: write to nowhere, so that the interpreter does not complain.
+            with open(os.devnull, "w") as nowhere:  # noqa: PTH123
+                os.dup2(nowhere.fileno(), 1)
             return FAILED, ""
         case OSError():
             return FAILED, f"{error.filename or 'file'}: {reason(error)}"
@@ -128,22 +130,3 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
         f"{kind}: {error}. This is a fault of truejoint, not of yours: please report it with the "
         f"command and what it prints with {DEBUG}"
     )
-
-
-def _command_of(arguments: list[str]) -> str:
-    """Command that a line begins with: of an option without its value, nothing else says which."""
-    from truejoint.cli.commands import built  # once Ctrl-C is looked after
-
-    words, command = ["truejoint"], built()
-    for word in arguments:
-        command = getattr(command, "commands", {}).get(word)
-        if command is None:
-            break
-        words.append(word)
-    return " ".join(words)
-
-
-def _silence() -> None:
-    """Write to nowhere what nobody reads any more, so that the interpreter does not complain."""
-    with open(os.devnull, "w") as nowhere:  # noqa: PTH123
-        os.dup2(nowhere.fileno(), 1)

@@ -4,28 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any, Final
 
-import typer
-
 import truejoint
-from truejoint.cli import options
-from truejoint.cli.check_options import check_names, checked, say_failed
-from truejoint.cli.console import (
-    command_line,
-    out,
-    print_table,
-    progress,
-    result_json,
-    say,
-)
+from truejoint.cli.check_options import DataCheck, say_failed
+from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.fit_options import FitOptions, Unfitted
-from truejoint.cli.recording_options import Files, check_model_target, only_dataset
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files, NewModel, Read, only_dataset
 from truejoint.errors import CalibrationError
 from truejoint.units import display_unit
 
-CHECK_FAILED: Final = 1
 _CROSS: Final = "cross"  # in place of recordings for an interval
 
 
@@ -46,29 +35,42 @@ class Accuracy:
         """Whether the interval comes from the training recordings."""
         return self.interval == [_CROSS]
 
-    @property
-    def names(self) -> tuple[list[str], list[str]]:
-        """Recordings to judge on, and those for the interval alone."""
-        return self.test or [], [] if self.is_cross else self.interval or []
+    def find(self, files: Files) -> list[Read]:
+        """Find the recordings to judge on, and those for the interval alone."""
+        unseen = [] if self.is_cross else self.interval or []
+        return [files.find(names) for names in (self.test or [], unseen)]
+
+    def stated_by(
+        self,
+        fitted: truejoint.Calibration,
+        testing: Sequence[truejoint.Recording],
+        unseen: Sequence[truejoint.Recording],
+    ) -> truejoint.Calibration:
+        """State an interval by `unseen` recordings, and the accuracy on those to judge on."""
+        if unseen:
+            rezero = self.interval_rezero_s
+            with progress(f"Making an interval of {len(unseen)} recordings"):
+                fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=rezero)
+        if not testing:
+            return fitted
+        judged = truejoint.evaluate(fitted, testing)
+        if judged.domain is not None and judged.domain.inside < 1.0:
+            flags = ", ".join(judged.domain.flags)
+            say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
+        return fitted.with_metadata(held_out=judged.to_dict()["scores"])
 
 
-@options.takes(how=FitOptions, accuracy=Accuracy, files=Files)
 def calibrate(
     recordings: list[str],
-    output: Path,
-    *,
+    new: NewModel,
     how: FitOptions,
     accuracy: Accuracy,
-    accept: list[str] | None = None,
+    data_check: DataCheck,
+    files: Files,
     part: str | None = None,
     split: str | None = None,
-    force: bool = False,
-    as_json: bool = False,
-    files: Files,
-) -> None:
+) -> Result:
     """Fit a calibration to recordings that hold the true joint positions."""
-    check_model_target(output, force)
-    check_names(accept)
     dataset = only_dataset(recordings)
     unfitted = how.unfitted(dataset)
     suited = how.suited_to(dataset).arguments()
@@ -76,51 +78,34 @@ def calibrate(
         recordings, part=part, split=split, held_out=False, joints=how.joints or [],
         inputs=suited["features"],
     )  # fmt: skip
-    read_others = [files.find(names) for names in accuracy.names]
-    training, (testing, unseen) = read_training(), (read() for read in read_others)
-    check = checked_or_exit(training, accept, how.joints, as_json=as_json)
+    read_others = accuracy.find(files)
+    training, others = read_training(), [read() for read in read_others]
+    check = data_check.run(training, joints=how.joints)
+    if check.failed:
+        return refused(check)
     if accuracy.is_cross:
         suited["rezero"] = accuracy.interval_rezero_s
     fitted = fit(training, unfitted, **suited, is_cross=accuracy.is_cross)
-    fitted = with_accuracy(fitted, unseen, testing, accuracy.interval_rezero_s)
-    finish(fitted, check, output, force=force, as_json=as_json)
+    return finish(accuracy.stated_by(fitted, *others), check, new)
 
 
-def checked_or_exit(
-    training: Sequence[truejoint.Recording],
-    accept: Sequence[str] | None,
-    joints: Sequence[str] | None,
-    *,
-    as_json: bool,
-) -> truejoint.recordings.DataCheck:
-    """Check the data to fit to; ends the command where the check fails."""
-    check = checked(training, check_names(accept), joints=joints)
+def refused(check: truejoint.recordings.DataCheck) -> Result:
+    """End where the check of the data to fit to failed."""
     say_failed(check)
-    if check.failed:
-        if as_json:
-            result_json({"model": None, "check": check.to_dict()})
-        raise typer.Exit(CHECK_FAILED)
-    return check
+    return Result({"model": None, "check": check.to_dict()}, passed=False)
 
 
 def finish(
-    fitted: truejoint.Calibration,
-    check: truejoint.recordings.DataCheck,
-    output: Path,
-    *,
-    force: bool,
-    as_json: bool,
-) -> None:
+    fitted: truejoint.Calibration, check: truejoint.recordings.DataCheck, new: NewModel
+) -> Result:
     """Write a calibration and describe it."""
     overridden = sorted({finding.name for finding in check.findings if finding.level == "fail"})
     fitted = replace(fitted, origin=replace(fitted.origin, accepted=tuple(overridden)))
-    truejoint.write_calibration(fitted, output, overwrite=force)
-    if as_json:
-        result_json({"model": str(output), "metadata": fitted.facts, "check": check.to_dict()})
-        return
+    new.write(fitted)
     if "choice" in fitted.metadata:
         print_choice(fitted)
-    out.print(f"{output}: {fitted}", soft_wrap=True)
+    out.print(f"{new.output}: {fitted}", soft_wrap=True)
+    return Result({"model": str(new.output), "metadata": fitted.facts, "check": check.to_dict()})
 
 
 def fit(
@@ -148,25 +133,6 @@ def fit(
             "not know what they do"
         )
     return fitted.with_metadata(command=command_line())
-
-
-def with_accuracy(
-    fitted: truejoint.Calibration,
-    unseen: Sequence[truejoint.Recording],
-    testing: Sequence[truejoint.Recording],
-    rezero: float,
-) -> truejoint.Calibration:
-    """State an interval by `unseen` recordings, and the accuracy on those to judge on, if any."""
-    if unseen:
-        with progress(f"Making an interval of {len(unseen)} recordings"):
-            fitted = truejoint.calibration.with_interval(fitted, unseen, rezero=rezero)
-    if not testing:
-        return fitted
-    judged = truejoint.evaluate(fitted, testing)
-    if judged.domain is not None and judged.domain.inside < 1.0:
-        flags = ", ".join(judged.domain.flags)
-        say(f"outside the training: {1.0 - judged.domain.inside:.1%} of the test ({flags})")
-    return fitted.with_metadata(held_out=judged.to_dict()["scores"])
 
 
 def print_choice(fitted: truejoint.Calibration) -> None:

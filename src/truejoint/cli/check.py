@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.check_options import CHECK_FAILED
-from truejoint.cli.console import out, print_table, progress, result_json, say
-from truejoint.cli.recording_options import Files, takes_files
+from truejoint.cli.console import out, print_table, progress, say
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files
 from truejoint.units import with_unit
 
 _ADVICE = {
@@ -20,55 +18,39 @@ _ADVICE = {
     "innovation": "the filter's innovations are larger than it states",
     "work": "the arm has worked for long since it was last compared with the truth",
 }
-
-
 _COLOURS = {True: "green", False: "red", None: "yellow"}
 
 
-@takes_files
 def check(
     model: Path,
     recording: str,
+    files: Files,
     against: Path | None = None,
     level_percent: float | None = None,
     part: str | None = None,
-    as_json: bool = False,
-    *,
-    files: Files,
-) -> None:
+) -> Result:
     """Say how far off a calibration is now; exit code 1 when its interval no longer holds."""
     from truejoint.calibration.interval import LEVEL
 
-    level = options.share(level_percent)
+    stated = options.share(level_percent)
+    level = LEVEL if stated is None else stated
     calibration = truejoint.read_calibration(model)
     other = None if against is None else truejoint.read_calibration(against)
-    if level is not None or calibration.interval is not None:
-        calibration.required_interval().index(LEVEL if level is None else level)
+    if stated is not None or calibration.interval is not None:
+        calibration.required_interval().index(level)
     loaded = files.one(recording, part=part, model=calibration)
-    if other is not None:
-        with progress("Comparing the two calibrations"):
-            agreement = truejoint.calibration.compare_calibrations(
-                calibration, other, loaded, LEVEL if level is None else level
-            )
-        _report_agreement(calibration, agreement, as_json)
-        holds: bool | None = bool(agreement.consistent.all())
-    else:
+    if other is None:
         with progress("Comparing with the truth"):
-            result = truejoint.runtime.check_calibration(calibration, loaded, level)
-        _report_check(calibration, result, as_json)
-        holds = result.holds
-    if holds is False:
-        raise typer.Exit(CHECK_FAILED)
+            result = truejoint.runtime.check_calibration(calibration, loaded, stated)
+        return _report_check(calibration, result)
+    with progress("Comparing the two calibrations"):
+        agreement = truejoint.calibration.compare_calibrations(calibration, other, loaded, level)
+    return _report_agreement(calibration, agreement)
 
 
 def _report_check(
-    calibration: truejoint.Calibration,
-    result: truejoint.runtime.CalibrationCheck,
-    as_json: bool,
-) -> None:
-    if as_json:
-        result_json(result.to_dict())
-        return
+    calibration: truejoint.Calibration, result: truejoint.runtime.CalibrationCheck
+) -> Result:
     rows = []
     for joint in result.joints:
         values = (joint.rmse, joint.offset, joint.offset_sd, joint.rezeroed_rmse, joint.half_width)
@@ -83,8 +65,10 @@ def _report_check(
     if calibration.interval is not None:
         out.print(f"The interval is {calibration.interval.meaning}")
     out.print(_verdict(result), style=_COLOURS[result.holds])
-    for name in result.to_dict()["reasons"]:
+    facts = result.to_dict()
+    for name in facts["reasons"]:
         say(f"monitor: {_ADVICE[name]}")
+    return Result(facts, passed=result.holds is not False)
 
 
 def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
@@ -104,16 +88,12 @@ def _verdict(result: truejoint.runtime.CalibrationCheck) -> str:
 
 
 def _report_agreement(
-    calibration: truejoint.Calibration, agreement: truejoint.calibration.Agreement, as_json: bool
-) -> None:
+    calibration: truejoint.Calibration, agreement: truejoint.calibration.Agreement
+) -> Result:
     names = ("difference", "allowed", "inside", "consistent")
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
-    values = [getattr(agreement, name).tolist() for name in names]
-    rows = list(zip(calibration.joints, units, *values, strict=True))
-    if as_json:
-        joints = [dict(zip(("joint", "unit", *names), row, strict=True)) for row in rows]
-        result_json({"level": agreement.level, "joints": joints})
-        return
+    columns = [getattr(agreement, name).tolist() for name in names]
+    rows = list(zip(calibration.joints, units, *columns, strict=True))
     lines = [
         (joint, with_unit(off, unit), f"± {with_unit(allowed, unit)}", f"{100 * inside:.0f} %")
         for joint, unit, off, allowed, inside, _ in rows
@@ -121,5 +101,7 @@ def _report_agreement(
     header = ("joint", "RMS", "both intervals, RMS", "inside")
     print_table(header, lines, title="Difference of the two calibrations")
     good, more = bool(agreement.consistent.all()), "at least one interval is too narrow here"
-    verdicts = {True: "no more than both state.", False: f"more than both state: {more}."}
-    out.print(f"They differ by {verdicts[good]}", style=_COLOURS[good])
+    verdict = "no more than both state." if good else f"more than both state: {more}."
+    out.print(f"They differ by {verdict}", style=_COLOURS[good])
+    joints = [dict(zip(("joint", "unit", *names), row, strict=True)) for row in rows]
+    return Result({"level": agreement.level, "joints": joints}, passed=good)

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
-from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.options import robot_and_arm, takes
+from truejoint.cli import options
+from truejoint.cli.console import command_line, out, progress, say
+from truejoint.cli.options import Result
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
 from truejoint.files import check_target
@@ -34,32 +35,20 @@ def record(
     trajectory: truejoint.motion.Trajectory,
     target: Path,
     *,
-    load: float = 0.0,
-    state_rate: float = 30.0,
-    label: str | None = None,
-    truth: TruthSource | None = None,
-    topics: Mapping[str, float] | None = None,
+    label: str = "",
     steering: Steering | None = None,
     until_enough: bool = False,
-    overwrite: bool = False,
+    **how: Any,
 ) -> tuple[truejoint.Recording, truejoint.motion.TrackingReport, Mapping[str, StreamSize]]:
-    """Follow a trajectory with a homed arm and write what it does, showing progress.
+    """Follow a trajectory with a homed arm and write what it does, `how` as `Recorder` takes it.
 
-    Gives the recording, how the trajectory was kept, and how much of each stream was written.
-    With `until_enough`, only as far as a linear calibration is expected to gain by twice the time.
-    Whatever stops the motion, what was recorded until then is kept, under a name of its own.
+    Shows progress; gives the recording, how the trajectory was kept, and how much of each stream
+    was written. With `until_enough`, only as far as a linear calibration is expected to gain by
+    twice the time. Whatever stops the motion, what was recorded until then is kept, under a name
+    of its own.
     """
-    recorder = truejoint.recordings.Recorder(
-        arm,
-        state_rate=state_rate,
-        path=target,
-        truth=truth,
-        topics=topics or {},
-        overwrite=overwrite,
-        session=trajectory.name,
-        load=load,
-        command=command_line(),
-    )
+    how |= {"session": trajectory.name, "command": command_line()}
+    recorder = truejoint.recordings.Recorder(arm, path=target, **how)
     try:
         with progress(label or f"Following {trajectory.name}") as done, recorder:
             if until_enough:
@@ -109,8 +98,7 @@ class Loop:
     closed_loop: bool = False
     lag_s: float | None = None
 
-    def check(self) -> None:
-        """Raise CommandRefused where options do not go together."""
+    def __post_init__(self) -> None:
         rezero, lag = self.rezero_s, self.lag_s
         if rezero is not None and (self.compensate is None or not math.isfinite(rezero)):
             raise CommandRefused(f"--rezero-s {rezero:g}: seconds, and for --compensate alone")
@@ -122,8 +110,8 @@ class Loop:
         if lag is not None and not (math.isfinite(lag) and closes):
             raise CommandRefused(f"--lag-s {lag:g}: seconds, with --compensate or --closed-loop")
 
-    def model_for(self, robot: truejoint.robots.Robot) -> truejoint.Calibration | None:
-        """Model that the loop is around; raises CalibrationError if it is of another robot."""
+    def read(self, robot: truejoint.robots.Robot) -> truejoint.Calibration | None:
+        """Read the model that the loop is around; raises CalibrationError if of another robot."""
         if self.compensate is None:
             return None
         model = truejoint.read_calibration(self.compensate)
@@ -136,14 +124,21 @@ class Loop:
         model: truejoint.Calibration | None,
         truth: TruthSource | None,
     ) -> truejoint.runtime.Compensator | None:
-        """Close the loop around a homed arm."""
+        """Close the loop around a homed arm, a model re-zeroed by a random motion's truth."""
         from truejoint.runtime.compensator import LAG
 
         lag = LAG if self.lag_s is None else self.lag_s
-        if model is not None:
-            duration = _REZERO if self.rezero_s is None else self.rezero_s
-            return steered(device, model, duration, truth, lag)
-        return truejoint.runtime.motor_loop(device.robot, lag=lag) if self.closed_loop else None
+        if model is None:
+            return truejoint.runtime.motor_loop(device.robot, lag=lag) if self.closed_loop else None
+        duration = _REZERO if self.rezero_s is None else self.rezero_s
+        if duration > 0.0:
+            motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
+            with truejoint.recordings.Recorder(device, truth=truth) as recorder:
+                truejoint.motion.follow(device, motion)
+            model = model.at(truejoint.calibration.find_zero(model, recorder.recording()))
+        corrector = truejoint.runtime.Corrector(model.without_redundant())
+        corrector.set_homing(True, device.homing_id or None)
+        return truejoint.runtime.Compensator(corrector, device.robot, lag=lag)
 
 
 @dataclass(frozen=True)
@@ -164,27 +159,24 @@ class Simulated:
     def switched_on(self) -> truejoint.crtk.Arm:
         """Give the arm, not homed."""
         made = truejoint.simulation.make_twin(
-            *robot_and_arm(self.robot), parameters=self.twin, seed=self.seed, load=self.load
+            *options.robot_and_arm(self.robot), parameters=self.twin, seed=self.seed, load=self.load
         )
         crtk = truejoint.crtk
         return crtk.Arm((crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made))
 
 
-@takes(simulated=Simulated, loop=Loop)
 def collect(
     trajectories: list[Path],
     output: Path,
-    *,
     simulated: Simulated,
-    encoders: str | None = None,
     loop: Loop,
+    encoders: str | None = None,
     state_rate_hz: float = 30.0,
     topic: list[str] | None = None,
     until_enough: bool = False,
     resume: bool = False,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Home a simulated arm, drive it along trajectories and record each.
 
     All trajectories of one call share one homing, as in one session with a robot. A recording in
@@ -193,20 +185,20 @@ def collect(
     --compensate the trajectories are where the joints, not their motors, are to be; with
     --closed-loop where the motors are to report to be.
     """
-    loop.check()
-    topics = _parse_topics(topic or [])
-    pairs = _to_record(trajectories, output, topics, resume=resume, force=force)
+    topics = {
+        name: options.number("--topic", f"{name}={rate}", rate)
+        for name, rate in options.split_pairs("--topic", topic, "NAME=HZ").items()
+    }
+    pairs = _to_record(trajectories, output, bool(topics), resume=resume, force=force)
     if not pairs:
         say("nothing is left to record")
-        if as_json:
-            result_json({"recordings": []})
-        return
+        return Result({"recordings": []})
     with ExitStack() as stack:
         device = stack.enter_context(simulated.switched_on())
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
         truejoint.crtk.check_topics(device.robot, topics)
-        model = loop.model_for(device.robot)
+        model = loop.read(device.robot)
         output.mkdir(parents=True, exist_ok=True)
         truth = None if encoders is None else stack.enter_context(_encoders(device, encoders))
         home(device, truth)
@@ -216,79 +208,43 @@ def collect(
             "topics": topics, "steering": steering, "until_enough": until_enough,
             "overwrite": force,
         }  # fmt: skip
-        rows = [_recorded(device, *pair, quiet=as_json, **how) for pair in pairs]
+        rows = [_recorded(device, *pair, **how) for pair in pairs]
     if steering is not None:
-        say(f"steps of the loop by what was said of the sample: {told(steering)}")
-    if as_json:
-        result_json({"recordings": rows})
+        steps = max(sum(steering.statuses.values()), 1)
+        counts = steering.statuses.most_common()
+        shares = ", ".join(f"{status.name} {100 * n / steps:.1f} %" for status, n in counts)
+        say(f"steps of the loop by what was said of the sample: {shares}")
+    return Result({"recordings": rows})
 
 
 def _recorded(
     device: truejoint.crtk.Arm,
     trajectory: truejoint.motion.Trajectory,
     target: Path,
-    *,
-    quiet: bool,
     **how: Any,
 ) -> dict[str, Any]:
-    """Record one trajectory, `how` as `record` takes it, and say so unless it is to be `quiet`."""
+    """Record one trajectory, `how` as `record` takes it, and say so, each topic with its size."""
     recording, report, streams = record(device, trajectory, target, **how)
-    if not quiet:
-        _tell(target, recording, report, {name: streams.get(name) for name in how["topics"]})
-    return _row(target, recording, report, streams)
-
-
-def _row(
-    target: Path,
-    recording: truejoint.Recording,
-    report: truejoint.motion.TrackingReport,
-    streams: Mapping[str, StreamSize],
-) -> dict[str, Any]:
-    """Describe what was recorded, for --json."""
+    size = target.stat().st_size / 1e6
+    out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
+    for name in how["topics"]:
+        out.print(f"  {name}: {streams.get(name, 'nothing was said')}")
+    say_dropped(recording)
+    sizes = {
+        name: {
+            "rows": stream.rows,
+            "rate_hz": None if math.isnan(stream.rate) else stream.rate,
+            "bytes": stream.size,
+        }
+        for name, stream in streams.items()
+    }
     return {
         "file": str(target),
         "rows": len(recording),
         "tracking": report.to_dict(),
         "dropped": dict(recording.provenance.dropped),
-        "streams": {
-            name: {
-                "rows": stream.rows,
-                "rate_hz": None if math.isnan(stream.rate) else stream.rate,
-                "bytes": stream.size,
-            }
-            for name, stream in streams.items()
-        },
+        "streams": sizes,
     }
-
-
-def _tell(
-    target: Path,
-    recording: truejoint.Recording,
-    report: truejoint.motion.TrackingReport,
-    topics: Mapping[str, StreamSize | None],
-) -> None:
-    """Say what was recorded, each topic with its rate and size."""
-    size = target.stat().st_size / 1e6
-    out.print(f"{target}: {len(recording)} rows, {size:.1f} MB; {report}")
-    for name, stream in topics.items():
-        out.print(f"  {name}: {stream or 'nothing was said'}")
-    say_dropped(recording)
-
-
-def _parse_topics(texts: list[str]) -> dict[str, float]:
-    """Rates [Hz] by topic, of texts like ``measured_cp=100``."""
-    rates = {}
-    for text in texts:
-        name, _, number = text.partition("=")
-        if name in rates:
-            raise RecordingError(f"--topic {text!r:.60}: {name} was given before; give it once")
-        try:
-            rates[name] = float(number)
-        except ValueError:
-            raise RecordingError(
-                f"--topic {text!r:.60}: write NAME=HZ, such as measured_cp=100"
-            ) from None
-    return rates
 
 
 def _encoders(device: truejoint.crtk.Arm, port: str) -> JointEncoders:
@@ -310,35 +266,10 @@ def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
     truth.register()
 
 
-def steered(
-    device: truejoint.crtk.Arm,
-    model: truejoint.Calibration,
-    duration: float,
-    truth: TruthSource | None,
-    lag: float,
-) -> truejoint.runtime.Compensator:
-    """Loop around a model for the arm's homing, re-zeroed by so much truth [s] unless that is 0."""
-    if duration > 0.0:
-        motion = truejoint.motion.random_motion(device.robot, duration, profile="laboratory")
-        with truejoint.recordings.Recorder(device, truth=truth) as recorder:
-            truejoint.motion.follow(device, motion)
-        model = model.at(truejoint.calibration.find_zero(model, recorder.recording()))
-    corrector = truejoint.runtime.Corrector(model.without_redundant())
-    corrector.set_homing(True, device.homing_id or None)
-    return truejoint.runtime.Compensator(corrector, device.robot, lag=lag)
-
-
-def told(loop: truejoint.runtime.Compensator) -> str:
-    """Share of the loop's steps with each status, the most frequent first."""
-    steps = max(sum(loop.statuses.values()), 1)
-    shares = [f"{status.name} {100 * n / steps:.1f} %" for status, n in loop.statuses.most_common()]
-    return ", ".join(shares)
-
-
 def _to_record(
     trajectories: list[Path],
     output: Path,
-    topics: Mapping[str, float],
+    has_topics: bool,
     *,
     resume: bool,
     force: bool,
@@ -346,24 +277,17 @@ def _to_record(
     """Trajectories that are still to be recorded, and where to; refused before the robot moves."""
     from truejoint.recordings.recorder import topics_beside
 
-    pairs = [(path, output / f"{path.stem}.parquet") for path in trajectories]
-    if resume:
-        done = [target for _, target in pairs if _is_recorded(target)]
-        for target in done:
-            say(f"{target}: recorded already")
-        pairs = [(path, target) for path, target in pairs if target not in done]
-    loaded = [(read_trajectory(path), target) for path, target in pairs]
-    targets = [target for _, target in pairs]
-    for target in targets:
+    targets = [output / f"{path.stem}.parquet" for path in trajectories]
+    pairs = []
+    for path, target in zip(trajectories, targets, strict=True):
         if targets.count(target) > 1:
             raise RecordingError(
                 f"{target}: two trajectories have the same file name; rename one of them"
             )
-        for path in (target, topics_beside(target)) if topics else (target,):
-            check_target(path, overwrite=force, makes_folder=True)
-    return loaded
-
-
-def _is_recorded(target: Path) -> bool:
-    """Whether a whole recording is there; raises RecordingError for a file that is none."""
-    return target.exists() and len(truejoint.recordings.read_parquet(target)) > 0
+        if resume and target.exists() and len(truejoint.recordings.read_parquet(target)):
+            say(f"{target}: recorded already")
+            continue
+        pairs.append((read_trajectory(path), target))
+        for made in (target, topics_beside(target)) if has_topics else (target,):
+            check_target(made, overwrite=force, makes_folder=True)
+    return pairs

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import truejoint
@@ -11,12 +12,7 @@ from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
 
 
-def columns(
-    path: Path,
-    robot: str = "",
-    output: Path | None = None,
-    force: bool = False,
-) -> None:
+def columns(path: Path, robot: str = "", output: Path | None = None, force: bool = False) -> None:
     """Write a column map for a file, its columns guessed by their names, for you to mend.
 
     Other commands take it with `--columns`.
@@ -27,10 +23,6 @@ def columns(
     if output is None:
         out.print(text, end="", soft_wrap=True)
     else:
-        write_atomically(
-            output,
-            lambda part: part.write_text(text, "utf-8"),
-            overwrite=force,
-            error=RecordingError,
-        )
+        write = partial(Path.write_text, data=text, encoding="utf-8")
+        write_atomically(output, write, overwrite=force, error=RecordingError)
         out.print(f"{output}: mend it, then give it with --columns")

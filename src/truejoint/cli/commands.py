@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from functools import cache
 from importlib import import_module, resources
 from typing import Annotated, Any, Final, NamedTuple
@@ -36,98 +34,49 @@ _HOW: Final[dict[str, Any]] = {
 }
 
 
-class _Commands(Mapping[str, Any]):
-    """Commands of a group by name; one is imported when it is looked up, not when it is listed."""
-
-    def __init__(self, group: str) -> None:
-        self._prefix = f"{group} " if group else ""
-        words = [name.removeprefix(self._prefix).split()[0] for name in COMMANDS
-                 if name.startswith(self._prefix)]  # fmt: skip
-        self._names = tuple(dict.fromkeys(words))
-
-    def __getitem__(self, word: str) -> Any:
-        if word not in self._names:
-            raise KeyError(word)
-        name = self._prefix + word
-        return _group(name) if name in GROUPS else _command(name)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._names)
-
-    def __len__(self) -> int:
-        return len(self._names)
-
-    def listed(self) -> dict[str, Any]:
-        """Stand-ins that the list of commands is printed from, without an import."""
-        stand_ins = {}
-        for word in self:
-            name = self._prefix + word
-            panel = next(c.panel for n, c in COMMANDS.items() if f"{n} ".startswith(f"{name} "))
-            summary = GROUPS[name] if name in GROUPS else COMMANDS[name].summary
-            stand_ins[word] = TyperCommand(
-                word, help=summary, rich_help_panel=None if self._prefix else panel
-            )
-        return stand_ins
-
-
 class _LazyGroup(TyperGroup):
-    """Group whose commands are imported when they are called."""
+    """Group that lists its commands by stand-ins, and imports the one that is called."""
 
-    group = ""
+    prefix = ""
 
     def __init__(self, **options: Any) -> None:
         super().__init__(**options)
-        self.commands = _Commands(self.group)  # type: ignore[assignment]  # click wants a dict
+        for name, entry in COMMANDS.items():
+            word = name.removeprefix(self.prefix).split()[0]
+            if name.startswith(self.prefix) and word not in self.commands:
+                summary = GROUPS.get(self.prefix + word, entry.summary)
+                panel = None if self.prefix else entry.panel
+                self.commands[word] = TyperCommand(word, help=summary, rich_help_panel=panel)
 
-    def format_help(self, ctx: Any, formatter: Any) -> None:
-        """Print the help with the list of commands."""
-        with self._listed():
-            super().format_help(ctx, formatter)
-
-    def shell_complete(self, ctx: Any, incomplete: str) -> Any:
-        """Complete the name of a command."""
-        with self._listed():
-            return super().shell_complete(ctx, incomplete)
-
-    @contextmanager
-    def _listed(self) -> Iterator[None]:
-        """Have stand-ins in place of the commands, which are then not imported."""
-        commands, self.commands = self.commands, self.commands.listed()  # type: ignore[attr-defined]
-        try:
-            yield
-        finally:
-            self.commands = commands
-
-
-def _example(name: str) -> str:
-    return f"Example: `truejoint {name} {COMMANDS[name].example}`"
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Give the command that a line names, imported."""
+        word, stand_in, rest = super().resolve_command(ctx, args)
+        return word, stand_in and command(f"{self.prefix}{word}"), rest
 
 
 @cache
-def _command(name: str) -> Any:
-    app = typer.Typer(add_completion=False, **_HOW)
-    module, _, function = COMMANDS[name].place.partition(":")
-    word = name.rsplit(maxsplit=1)[-1]
-    command = getattr(import_module(f"truejoint.cli.{module}"), function)
-    app.command(word, epilog=_example(name))(described(command))
+def command(name: str) -> Any:
+    """Command, or group of commands, of words like ``"node record"``; imports it."""
+    is_command, is_group = name in COMMANDS, name in GROUPS
+    run = _imported(COMMANDS[name].place) if is_command else _nothing
+    shown = next(n for n in COMMANDS if n.startswith(f"{name} ")) if is_group else name
+    epilog = f"Example: `truejoint {shown} {COMMANDS[shown].example}`"
+    word = name.rpartition(" ")[2]
+    app = typer.Typer(name=word, add_completion=False, **_HOW)
+    if is_group:
+        kind = type("_Group", (_LazyGroup,), {"prefix": f"{name} "})
+        app.callback(
+            cls=kind, help=GROUPS[name], epilog=epilog, no_args_is_help=not is_command,
+            invoke_without_command=is_command,
+        )(run)  # fmt: skip
+    else:
+        app.command(word, epilog=epilog)(run)
     return get_command(app)
 
 
-@cache
-def _group(name: str) -> Any:
-    kind = type("_Group", (_LazyGroup,), {"group": name})
-    is_command = name in COMMANDS  # it does something by itself
-    first = next(word for word in COMMANDS if word.startswith(f"{name} "))
-    app = typer.Typer(
-        name=name, cls=kind, help=GROUPS[name], epilog=_example(first), add_completion=False,
-        no_args_is_help=not is_command, invoke_without_command=is_command, **_HOW,
-    )  # fmt: skip
-    callback = _nothing
-    if is_command:
-        module, _, function = COMMANDS[name].place.partition(":")
-        callback = described(getattr(import_module(f"truejoint.cli.{module}"), function))
-    app.callback()(callback)
-    return get_command(app)
+def _imported(place: str) -> Any:
+    module, _, function = place.partition(":")
+    return described(getattr(import_module(f"truejoint.cli.{module}"), function))
 
 
 def _nothing() -> None:

@@ -5,7 +5,8 @@ Only names and headers of files are read: a shell waits for each of these.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,27 @@ import typer
 import truejoint
 from truejoint.errors import TruejointError
 from truejoint.estimators import registry
+
+
+def named(place: str) -> Callable[..., Any]:
+    """Give what completes a value: a function of this module, or names in a ``module:collection``.
+
+    The names of a mapping stand beside what each means, where its values say so.
+    """
+    module, _, name = place.rpartition(":")
+    if not module:
+        return globals()[name]  # type: ignore[no-any-return]
+
+    def names() -> list[Any]:
+        values = getattr(import_module(f"truejoint.{module}"), name)
+        if not isinstance(values, Mapping):
+            return [*values]
+        return [
+            (key, getattr(v, "summary", v if isinstance(v, str) else ""))
+            for key, v in values.items()
+        ]
+
+    return names
 
 
 def robots() -> list[str]:
@@ -35,16 +57,6 @@ def topics() -> list[str]:
     return [f"{parameter}=" for parameter in truejoint.crtk.TOPICS]
 
 
-def directions() -> list[str]:
-    """Directions of a zig-zag."""
-    return list(truejoint.motion.DIRECTIONS)
-
-
-def profiles() -> list[str]:
-    """Profiles of a random motion's speed."""
-    return list(truejoint.motion.PROFILES)
-
-
 def settings(context: typer.Context) -> list[str]:
     """List the parameters of the estimator on the command line, as ``NAME=``."""
     name = context.params.get("estimator") or registry.DEFAULT
@@ -58,14 +70,9 @@ def estimators() -> list[str]:
     return [*truejoint.estimators.estimator_names(), registry.AUTO]
 
 
-def datasets() -> list[str]:
-    """Names of public data sets."""
-    return list(truejoint.recordings.datasets.DATASETS)
-
-
 def recordings(incomplete: str) -> list[str]:
     """Public data sets once a letter of one is typed; files are the shell's own to complete."""
-    return datasets() if incomplete else []
+    return [*truejoint.recordings.datasets.DATASETS] if incomplete else []
 
 
 def splits(context: typer.Context) -> list[str]:
@@ -82,17 +89,17 @@ def joints(context: typer.Context) -> list[str]:
 def features(context: typer.Context) -> list[str]:
     """List the signals of the recordings that the command line names, then the data sets."""
     signals = [c for c in _columns(context) if "/" in c and not c.startswith("truth/")]
-    return [*signals, *datasets()]
+    return [*signals, *truejoint.recordings.datasets.DATASETS]
 
 
 def tolerances(context: typer.Context) -> list[str]:
     """List the joints of the model that the command line names, as ``JOINT=``."""
-    return [f"{joint}=" for joint in _model(context)[0]]
+    return [f"{joint}=" for joint in _model_file(context)[0].get("joints", ())]
 
 
 def levels(context: typer.Context) -> list[str]:
     """List the probabilities that the model's interval states, in percent."""
-    return [f"{100.0 * level:g}" for level in _model(context)[1]]
+    return [f"{100.0 * level:g}" for level in _model_file(context)[1].get("interval/levels", ())]
 
 
 def _named(context: typer.Context) -> list[str]:
@@ -111,12 +118,6 @@ def _columns(context: typer.Context) -> list[str]:
         else:
             columns += _header(Path(name))
     return list(dict.fromkeys(columns))
-
-
-def _model(context: typer.Context) -> tuple[Iterable[str], Iterable[float]]:
-    """Joints and levels of the model file; empty where it cannot be read."""
-    description, arrays = _model_file(context)
-    return description.get("joints", ()), arrays.get("interval/levels", ())
 
 
 def _model_file(context: typer.Context) -> tuple[Mapping[str, Any], Mapping[str, Any]]:
@@ -142,44 +143,11 @@ def _header(path: Path) -> list[str]:
         return []
 
 
-def message_profiles() -> list[tuple[str, str]]:
-    """How robots' messages differ from CRTK, by name."""
-    from truejoint.crtk.messages import PROFILES  # imports NumPy
-
-    return [(name, profile.summary) for name, profile in PROFILES.items()]
-
-
-def raven_quantities() -> list[str]:
-    """Quantities of RAVEN's state message."""
-    from truejoint.crtk.messages import RAVEN_FIELDS  # imports NumPy
-
-    return [*RAVEN_FIELDS]
-
-
-def trajectory_kinds() -> list[str]:
-    """Kinds of trajectories."""
-    return ["zigzag", "random", "designed", "nested"]
-
-
-def findings() -> list[tuple[str, str]]:
-    """Names of what the data check finds, and what each means."""
-    from truejoint.recordings.judge.finding import FINDINGS
-
-    return [*FINDINGS.items()]
-
-
 def studies() -> list[str]:
     """Names of studies, and what runs all."""
     from truejoint.studies.study import STUDIES
 
     return [*STUDIES, "all"]
-
-
-def presets() -> list[str]:
-    """Sizes of a study."""
-    from truejoint.studies.study import PRESETS
-
-    return [*PRESETS]
 
 
 def study_options(context: typer.Context) -> list[str]:

@@ -50,14 +50,21 @@ def shortened(text: str, most: int = 1000) -> str:
 class _Console:
     """Console through which all text passes on its way to a person, `printable`.
 
-    Brackets and colons in it are no markup. It is made when something is first printed.
+    Brackets and colons in it are no markup. It is made when something is first printed, and prints
+    nothing while it is `quiet`.
     """
 
     def __init__(self, *, stderr: bool) -> None:
         self._stderr = stderr
+        self.quiet = False
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._made, name)
+
+    def print(self, *objects: Any, **how: Any) -> None:
+        """Print as `rich.console.Console` does."""
+        if not self.quiet:
+            self._made.print(*objects, **how)
 
     def __enter__(self) -> Any:
         return self._made.__enter__()
@@ -176,14 +183,20 @@ def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
     out.print(table)
 
 
+def plural(count: int, word: str) -> str:
+    """Write a number and its noun, such as ``"2 recordings"``."""
+    return f"{count} {word}{'s' if count != 1 else ''}"
+
+
 def say(message: str) -> None:
     """Tell the person what is going on; never part of the result."""
     err.print(one_line(message))
 
 
 def result_json(values: Mapping[str, Any]) -> None:
-    """Print the result as one JSON document and nothing else."""
-    sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
+    """Print the result as one JSON document, in place of text, where ``--json`` asked for it."""
+    if out.quiet:
+        sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
 def command_line() -> str:

@@ -6,13 +6,12 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.check_options import CHECK_FAILED, check_names, checked, say_failed
-from truejoint.cli.console import print_table, progress, result_json, say
-from truejoint.cli.recording_options import Files, takes_files
+from truejoint.cli.check_options import DataCheck, say_failed
+from truejoint.cli.console import plural, print_table, progress, say
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
 
@@ -25,20 +24,17 @@ _LEAST_CORRECTED = 0.5
 _NOT_JUDGED = "NOT_JUDGED"
 
 
-@takes_files
 def correct(
     model: Path,
     recordings: list[str],
     output: Path,
+    data_check: DataCheck,
+    files: Files,
     level_percent: float | None = None,
     rezero_s: float = 0.0,
-    accept: list[str] | None = None,
     part: str | None = None,
     force: bool = False,
-    as_json: bool = False,
-    *,
-    files: Files,
-) -> None:
+) -> Result:
     """Correct recordings, which need no truth; exit code 1 when most of one could not be.
 
     A row is corrected, or left as it was measured and flagged, just as in the robot's loop. With
@@ -47,42 +43,35 @@ def correct(
     if output.suffix not in {".csv", ".parquet"}:
         raise RecordingError(f"{output}: call it .csv or .parquet")
     check_target(output, overwrite=force)
-    accepted = check_names(accept)
     level = options.share(level_percent)
     calibration = truejoint.read_calibration(model)
     inputs = calibration.feature_set
     loaded = files.find(recordings, part=part, model=calibration, inputs=inputs)()
     names = _names(loaded)
-    check = checked(loaded, accepted, model=calibration, needs_truth=False)
+    check = data_check.run(loaded, model=calibration, needs_truth=False)
     tables = []
-    with progress(f"Correcting {len(loaded)} recording{'s' if len(loaded) > 1 else ''}") as done:
+    with progress(f"Correcting {plural(len(loaded), 'recording')}") as done:
         for count, recording in enumerate(loaded, 1):
-            at_zero = (
-                calibration.at(truejoint.calibration.find_zero(calibration, recording, rezero_s))
-                if rezero_s
-                else calibration
-            )
+            at_zero = calibration
+            if rezero_s:
+                zero = truejoint.calibration.find_zero(calibration, recording, rezero_s)
+                at_zero = calibration.at(zero)
             tables.append(correct_rows(at_zero, recording, level))
             done(count / len(loaded))
-    by_recording = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
+    counts = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
     _write(names, tables, output, force)
-    if as_json:
-        result_json({"out": str(output), "recordings": by_recording, "check": check.to_dict()})
-    else:
-        _show(by_recording, output)
-        homings = ", ".join(accepted_homings(calibration)) or "none"
-        if any("HOMED_AGAIN" in name for counts in by_recording for name in counts["flagged"]):
-            say(
-                f"HOMED_AGAIN: the model is for homing {homings}: re-zero it after this one "
-                "(--rezero-s, or `truejoint rezero`), or state --metadata homing_id=... if it is "
-                "the same"
-            )
+    _show(counts, output)
+    if any("HOMED_AGAIN" in name for each in counts for name in each["flagged"]):
+        homings = ", ".join(calibration.origin.homing_ids) or "none"
+        say(
+            f"HOMED_AGAIN: the model is for homing {homings}: re-zero it after this one "
+            "(--rezero-s, or `truejoint rezero`), or state --metadata homing_id=... if it is "
+            "the same"
+        )
     say_failed(check)
-    flagged = any(
-        counts["corrected"] < _LEAST_CORRECTED * counts["rows"] for counts in by_recording
-    )
-    if check.failed or flagged:
-        raise typer.Exit(CHECK_FAILED)
+    enough = all(each["corrected"] >= _LEAST_CORRECTED * each["rows"] for each in counts)
+    values = {"out": str(output), "recordings": counts, "check": check.to_dict()}
+    return Result(values, passed=enough and not check.failed)
 
 
 def correct_rows(
@@ -116,11 +105,6 @@ def correct_rows(
     bits, place = np.unique(trace.status, return_inverse=True)
     status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
     return pd.DataFrame(columns).assign(status=status)
-
-
-def accepted_homings(calibration: truejoint.Calibration) -> list[str]:
-    """Homings after which the model holds without re-zeroing; none where training named none."""
-    return list(calibration.origin.homing_ids)
 
 
 def _names(loaded: list[truejoint.Recording]) -> list[str]:

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from truejoint.cli.console import out, progress, result_json
+from truejoint.cli.console import out, progress
+from truejoint.cli.options import Result
 from truejoint.errors import RecordingError
 
 if TYPE_CHECKING:
     from truejoint.recordings import datasets as sets
 
 
-def datasets(context: typer.Context, as_json: bool = False) -> None:
+def datasets(context: typer.Context) -> Result | None:
     """List public recordings of real joints, and whether they are on this machine.
 
     `truejoint show NAME` describes one; `truejoint datasets fetch NAME` fetches it.
@@ -24,33 +25,25 @@ def datasets(context: typer.Context, as_json: bool = False) -> None:
     from truejoint.recordings import datasets as sets
 
     if context.invoked_subcommand is not None:
-        return
-    if as_json:
-        result_json({"datasets": [dataset_facts(dataset) for dataset in sets.DATASETS.values()]})
-        return
+        return None
     table = Table("name", "what", "MB", "licence", "here")
     for dataset in sets.DATASETS.values():
         size, licence = f"{dataset.size / 1e6:.1f}", dataset.licence or "none stated"
         here = "yes" if _is_here(dataset) else "no"
         table.add_row(dataset.name, dataset.title, size, licence, here)
     out.print(table)
+    return Result({"datasets": [dataset_facts(dataset) for dataset in sets.DATASETS.values()]})
 
 
-def fetch(
-    name: str,
-    pattern: str = "*",
-    as_json: bool = False,
-) -> None:
+def fetch(name: str, pattern: str = "*") -> Result:
     """Fetch a data set from its upstream repository and check the hash of every file."""
     from truejoint.recordings import datasets as sets
 
     dataset = sets.get_dataset(name)
     with progress(f"Fetching {name} from {dataset.repository}") as done:
         folder = sets.fetch(name, pattern, progress=done)
-    if as_json:
-        result_json({"name": name, "folder": str(folder)})
-    else:
-        out.print(f"{name} is in {folder}")
+    out.print(f"{name} is in {folder}")
+    return Result({"name": name, "folder": str(folder)})
 
 
 def dataset_facts(dataset: sets.Dataset) -> dict[str, Any]:

@@ -4,19 +4,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final
 
-import typer
-
 import truejoint
 from truejoint.cli.calibrate import fit
-from truejoint.cli.check_options import CHECK_FAILED, checked
+from truejoint.cli.check_options import DataCheck
 from truejoint.cli.collect import record
-from truejoint.cli.console import out, print_table, progress, result_json, say
-from truejoint.cli.evaluate import report_evaluation
+from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.fit_options import configured
+from truejoint.cli.options import Result
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
 from truejoint.files import check_folder
@@ -43,12 +41,7 @@ PAPER: Final = 20.0  # min (peng2024, II-E)
 REAL: Final = "kuka_kr300_dual_encoder"  # the public one whose licence leaves nothing to ask
 
 
-def demo(
-    folder: Path = Path("demo"),
-    seed: int = 0,
-    force: bool = False,
-    as_json: bool = False,
-) -> None:
+def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Result:
     """Home, move, record, calibrate, judge and correct a simulated RAVEN-II.
 
     Writes trajectories, recordings, the model and the report; with --force over those of an
@@ -58,75 +51,69 @@ def demo(
     if folder.exists() and any(folder.iterdir()) and not force:
         raise RecordingError(f"{folder}: is not empty; choose another --out, or --force")
     folder.mkdir(parents=True, exist_ok=True)
-    recordings = _collected(folder, seed)
-    training, tests, short = recordings.training, recordings.tests, recordings.short
+    training, tests, head, short = _collected(folder, seed)
     say("6. The network of peng2024, and beside it offset, linear and polynomial regression")
-    models = [
-        fit(training, configured(DEFAULT, []), random_state=seed + k) for k in range(NETWORKS)
-    ]
+    models = [fit(training, configured(DEFAULT), random_state=seed + k) for k in range(NETWORKS)]
     models[0] = truejoint.calibration.with_interval(
         models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO
     )
     truejoint.write_calibration(models[0], folder / "left_arm.safetensors", overwrite=True)
     find_zero = truejoint.calibration.find_zero
-    today = [model.at(find_zero(model, recordings.head)) for model in models]
+    today = [model.at(find_zero(model, head)) for model in models]
 
     say("7. Judging")
+    same_homing = [tests["inside"], tests["all over"]]
     judged = {
         name: truejoint.evaluate(
-            models if name in ("inside", "all over") else today, test, tolerance=TOLERANCE
+            models if test in same_homing else today, test, tolerance=TOLERANCE
         )
         for name, test in tests.items()
     }
     coverage = truejoint.evaluate(models[0], short[MAKING:]).intervals
-    same_homing = [tests["inside"], tests["all over"]]
-    check = checked(same_homing, (), model=models[0])
+    check = DataCheck().run(same_homing, model=models[0])
     whole = truejoint.evaluate(models, same_homing, tolerance=TOLERANCE, check=check)
-    checks = {"training": checked(training, (), joints=models[0].joints)}
-    report_evaluation(whole, folder / "report.html", checks, training, force=True)
-    say(f"8. The same on a real robot: {truejoint.recordings.datasets.DATASETS[REAL].title}")
+    checks = {"training": DataCheck().run(training, joints=models[0].joints)}
+    truejoint.write_report(
+        whole, folder / "report.html", training=training, checks=checks, command=command_line(),
+        overwrite=True,
+    )  # fmt: skip
+    title = truejoint.recordings.datasets.DATASETS[REAL].title
+    say(f"8. The same on a real robot: {title}")
     real = on_a_real_robot()
-    if as_json:
-        result_json(
-            {
-                "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
-                "tolerance": TOLERANCE,
-                "interval": {
-                    "level": LEVEL,
-                    **{
-                        name: [getattr(score, name) for score in coverage]
-                        for name in ("half_width", "coverage", "standard_error")
-                    },
-                },
-                "deploy": advised(judged),
-                "passed": whole.verdict.passed,
-                "real": real if isinstance(real, str) else real.to_dict()["scores"],
-            }
-        )
+    _show(judged, coverage, folder)
+    if isinstance(real, str):
+        out.print(f"\nNo real recording: {real}")
     else:
-        _show(judged, coverage, folder)
-        if isinstance(real, str):
-            out.print(f"\nNo real recording: {real}")
-        else:
-            title = truejoint.recordings.datasets.DATASETS[REAL].title
-            out.print(f"\n{title}: five lines of Python in README")
-            out.print(truejoint.evaluation.score_table(real))
-    if not whole.verdict.passed:
-        raise typer.Exit(CHECK_FAILED)
+        out.print(f"\n{title}: five lines of Python in README")
+        out.print(truejoint.evaluation.score_table(real))
+    interval = {
+        name: [getattr(score, name) for score in coverage]
+        for name in ("half_width", "coverage", "standard_error")
+    }
+    values = {
+        "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
+        "tolerance": TOLERANCE,
+        "interval": {"level": LEVEL, **interval},
+        "deploy": advised(judged),
+        "passed": whole.verdict.passed,
+        "real": real if isinstance(real, str) else real.to_dict()["scores"],
+    }
+    return Result(values, whole.verdict.passed)
 
 
-@dataclass(frozen=True)
-class _Collected:
-    """Recordings to train on, to judge on by name, brief truth before the new homing's, short."""
+def _collected(
+    folder: Path, seed: int
+) -> tuple[
+    list[truejoint.Recording],
+    dict[str, truejoint.Recording],
+    truejoint.Recording,
+    list[truejoint.Recording],
+]:
+    """Home and move a simulated arm, recording into `folder`.
 
-    training: list[truejoint.Recording]
-    tests: dict[str, truejoint.Recording]
-    head: truejoint.Recording
-    short: list[truejoint.Recording]
-
-
-def _collected(folder: Path, seed: int) -> _Collected:
-    """Home and move a simulated arm, recording into `folder`."""
+    Gives the recordings to train on, those to judge on by name, the brief truth before that of the
+    new homing, and the short ones.
+    """
     say("1. Compiling the simulated RAVEN-II (once), one like peng2024's, and homing its left arm")
     twin = truejoint.simulation.make_twin("raven2", "left", parameters="peng2024", seed=seed)
     arm = truejoint.crtk.Arm(truejoint.crtk.SimulatedBackend(twin))
@@ -135,10 +122,8 @@ def _collected(folder: Path, seed: int) -> _Collected:
 
     def recorded(path: truejoint.motion.Trajectory, name: str) -> truejoint.Recording:
         truejoint.motion.write_trajectory(path, folder / f"{name}.csv", overwrite=True)
-        target = folder / f"{name}.parquet"
-        recording, report, _ = record(
-            arm, path, target, load=twin.load, label=f"   {path.name}", overwrite=True
-        )
+        how: dict[str, Any] = {"load": twin.load, "label": f"   {path.name}", "overwrite": True}
+        recording, report, _ = record(arm, path, folder / f"{name}.parquet", **how)
         say(f"   {len(recording)} rows; {report}")
         return recording
 
@@ -178,25 +163,23 @@ def _collected(folder: Path, seed: int) -> _Collected:
     head, tests["new homing"] = morning.rows(morning.t < REZERO), morning.rows(morning.t >= REZERO)
     twin.load = LOAD
     tests[f"{1000 * LOAD:.0f} g"] = recorded(at_random(LONG, 3), "loaded")
-    return _Collected(training, tests, head, short)
+    return training, tests, head, short
 
 
 def on_a_real_robot() -> truejoint.evaluation.Evaluation | str:
     """Calibrate one recording of a real robot and judge another, or say why not."""
+    sets = truejoint.recordings.datasets
+    about = sets.DATASETS[REAL]
     try:
         try:
-            training, test = truejoint.recordings.datasets.read_dataset(REAL)
+            training, test = sets.read_dataset(REAL)
         except RecordingError:
-            with progress(
-                f"   Fetching {truejoint.recordings.datasets.DATASETS[REAL].size / 1e6:.0f} MB"
-            ) as done:
-                truejoint.recordings.datasets.fetch(REAL, progress=done)
-            training, test = truejoint.recordings.datasets.read_dataset(REAL)
+            with progress(f"   Fetching {about.size / 1e6:.0f} MB") as done:
+                sets.fetch(REAL, progress=done)
+            training, test = sets.read_dataset(REAL)
     except RecordingError as error:
         return str(error)
-    model = truejoint.calibrate(
-        training, "linear", features=truejoint.recordings.datasets.DATASETS[REAL].features
-    )
+    model = truejoint.calibrate(training, "linear", features=about.features)
     return truejoint.evaluate(model, test)
 
 
@@ -204,18 +187,6 @@ def advised(judged: Mapping[str, truejoint.evaluation.Evaluation]) -> str:
     """Name the model to deploy: by the rule of every evaluation, over all tests together."""
     return truejoint.evaluation.to_deploy(
         [trace for result in judged.values() for trace in result.traces]
-    )
-
-
-def at_worst(
-    judged: Mapping[str, truejoint.evaluation.Evaluation], estimator: str
-) -> tuple[float, str]:
-    """Largest RMSE of an estimator as a share of the tolerance, and in which joint and test."""
-    return max(
-        (score.rmse / TOLERANCE[score.joint], f"{score.joint}, {name}")
-        for name, result in judged.items()
-        for score in result.scores
-        if score.estimator == estimator
     )
 
 
@@ -258,7 +229,12 @@ def _show(
     chosen = advised(judged)
     advice = []
     for name in (chosen, "linear" if chosen != "linear" else first.chosen):
-        share, where = at_worst(judged, name)
+        share, where = max(
+            (score.rmse / TOLERANCE[score.joint], f"{score.joint}, {test}")
+            for test, result in judged.items()
+            for score in result.scores
+            if score.estimator == name
+        )
         title = truejoint.evaluation.estimator_title(name)
         advice.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
     out.print(f"Deploy: {advice[0]}. Beside it: {advice[1]}.")

@@ -6,19 +6,16 @@ import time
 from pathlib import Path
 from typing import Final
 
-import typer
-
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.check_options import CHECK_FAILED
-from truejoint.cli.console import out, progress, result_json, say
-from truejoint.cli.node import as_node
+from truejoint.cli.console import out, progress, say
+from truejoint.cli.node import as_node, wait
+from truejoint.cli.options import Result
 from truejoint.errors import RecordingError
 
 _COLOURS = {"good": "green", "info": "", "warn": "yellow", "fail": "red"}
 _LIVE: Final = "live"
 _SECONDS: Final = 10.0
-_LOOK: Final = 0.1  # [s] between two looks at whether to end
 
 
 def doctor(
@@ -29,8 +26,7 @@ def doctor(
     truth: str = "",
     seconds: float | None = None,
     ros: int | None = None,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Say what ails a recording or its link; exit code 1 when a verdict is `fail`."""
     sets = truejoint.recordings
     name, arm = options.robot_and_arm(robot or "")
@@ -50,14 +46,11 @@ def doctor(
         context = {key: value for key, value in stated.items() if value}
         with progress(f"Examining {files[0].name}"):
             diagnosis = sets.diagnose(truejoint.read_recording(files[0], **context))
-    if as_json:
-        result_json(diagnosis.to_dict())
-    for finding in () if as_json else diagnosis.by_heading():
+    for finding in diagnosis.by_heading():
         advice = f"; {finding.advice}" if finding.advice else ""
         line = f"{finding.level:4} {finding.heading}: {finding.text}{advice}"
         out.print(line, style=_COLOURS[finding.level], soft_wrap=True)
-    if diagnosis.failed:
-        raise typer.Exit(CHECK_FAILED)
+    return Result(diagnosis.to_dict(), passed=not diagnosis.failed)
 
 
 def _listen(
@@ -71,9 +64,7 @@ def _listen(
         with link, progress(f"Listening for {seconds:g} s") as done:
             began = time.monotonic()
             try:
-                while (passed := time.monotonic() - began) < seconds and not transport.is_over:
-                    done(passed / seconds)
-                    time.sleep(min(_LOOK, seconds - passed))
+                wait(transport, seconds, lambda: done((time.monotonic() - began) / seconds))
             except KeyboardInterrupt:
                 say(f"stopped after {time.monotonic() - began:.1f} s; of these:")
         return link.diagnose()

@@ -2,94 +2,74 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final
 
-import typer
-
 import truejoint
-from truejoint.cli.check_options import CHECK_FAILED, check_names, checked, say_failed
-from truejoint.cli.console import command_line, out, progress, result_json, say
-from truejoint.cli.recording_options import Files, check_page_target, parse_tolerances, takes_files
+from truejoint.cli.check_options import DataCheck, say_failed
+from truejoint.cli.console import command_line, out, progress, say
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files, check_page_target, parse_tolerances
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.files import check_folder
 
 _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
 
 
-@takes_files
 def evaluate(
     model: Path,
     recordings: list[str],
+    data_check: DataCheck,
+    files: Files,
     seeds: list[Path] | None = None,
     training: list[str] | None = None,
-    report: Path | None = (None),
+    report: Path | None = None,
     tables: Path | None = None,
     tolerance: list[str] | None = None,
     rezero_s: float = 0.0,
     window_s: float = 10.0,
-    accept: list[str] | None = None,
     part: str | None = None,
     split: str | None = None,
     force: bool = False,
-    as_json: bool = False,
-    *,
-    files: Files,
-) -> None:
+) -> Result:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
     check_page_target(report, force)
     if tables is not None:
         if tables.exists() and not force:
             raise RecordingError(f"{tables}: exists already; name a new folder, or --force")
         check_folder(tables)
-    accepted_names = check_names(accept)
     models = [truejoint.read_calibration(path) for path in (model, *(seeds or []))]
     first = models[0]
     if any(other.estimator != first.estimator for other in models):
         raise CalibrationError(
             f"--seed-of: {model} is {first.estimator!r}; give models of the same estimator"
         )
-    accepted = parse_tolerances(tolerance or [], first)
+    accepted = parse_tolerances(tolerance, first)
     inputs = first.feature_set
     read_testing = files.find(recordings, part=part, split=split, model=first, inputs=inputs)
     read_training = files.find(training or [], model=first)
     testing, shown = read_testing(), read_training()
-    check = checked(testing, accepted_names, model=first)
-    of_training = checked(shown, accepted_names, joints=first.joints) if shown else None
+    checks = {"test": data_check.run(testing, model=first)}
+    if shown:
+        checks["training"] = data_check.run(shown, joints=first.joints)
     with progress("Judging"):
         result = truejoint.evaluate(
-            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s, check=check
-        )
-    checks = {} if of_training is None else {"training": of_training}
+            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s,
+            check=checks["test"],
+        )  # fmt: skip
     if report is not None:
-        report_evaluation(result, report, checks, shown, force=force)
+        with progress(f"Writing {report}"):
+            truejoint.write_report(
+                result, report, training=shown, checks=checks, command=command_line(),
+                overwrite=force,
+            )  # fmt: skip
     if tables is not None:
         truejoint.evaluation.write_tables(result, tables, overwrite=force)
-    if as_json:
-        checks_of = {name: each.to_dict() for name, each in {"test": check, **checks}.items()}
-        result_json(result.to_dict() | {"checks": checks_of})
-    else:
-        show(result)
-    say_failed(check)
-    if check.failed or not result.verdict.passed:
-        raise typer.Exit(CHECK_FAILED)
-
-
-def report_evaluation(
-    result: truejoint.evaluation.Evaluation,
-    path: Path,
-    checks: Mapping[str, truejoint.recordings.DataCheck],
-    training: Sequence[truejoint.Recording] = (),
-    *,
-    force: bool = False,
-) -> None:
-    """Write the report, showing progress."""
-    with progress(f"Writing {path}"):
-        command = command_line()
-        truejoint.write_report(
-            result, path, training=training, checks=checks, command=command, overwrite=force
-        )
+    show(result)
+    say_failed(checks["test"])
+    values = {"checks": {name: each.to_dict() for name, each in checks.items()}}
+    passed = result.verdict.passed and not checks["test"].failed
+    return Result(result.to_dict() | values, passed)
 
 
 def show(result: truejoint.evaluation.Evaluation) -> None:

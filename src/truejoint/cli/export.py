@@ -7,17 +7,18 @@ from typing import Any, Literal
 
 import truejoint
 from truejoint.cli import options
-from truejoint.cli.console import out, progress, result_json
-from truejoint.cli.recording_options import Files, takes_files
+from truejoint.cli.console import out, progress
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files
 from truejoint.errors import ExportError
 from truejoint.files import check_folder, check_target
 
 
-@takes_files
 def export(
     name: str,
     kind: Literal["c", "onnx", "ros", "bag"],
     output: Path,
+    files: Files,
     precision: Literal["double", "float"] = "double",
     prefix: str | None = None,
     level_percent: float | None = None,
@@ -25,10 +26,7 @@ def export(
     compensate: bool = False,
     profile: str = "",
     force: bool = False,
-    as_json: bool = False,
-    *,
-    files: Files,
-) -> None:
+) -> Result:
     """Write a calibration as C99 (c), a ROS package (ros) or an ONNX graph (onnx).
 
     The C source does all that `Corrector` does, with test vectors and a main that checks it; the
@@ -36,54 +34,37 @@ def export(
     With --to bag, write a recording as a ROS bag of CRTK's topics.
     """
     stated = {"level": options.share(level_percent), "range_margin": range_margin}
-    options_of_loop: dict[str, Any] = {
-        key: value for key, value in stated.items() if value is not None
-    }
+    how: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
     if kind == "bag":
-        if options_of_loop or compensate or prefix is not None or precision != "double":
+        if how or compensate or prefix is not None or precision != "double":
             raise ExportError("--to bag takes --profile and metadata; leave other options out")
-        _write_bag(name, output, profile, files, force=force, as_json=as_json)
-        return
+        check_target(output, overwrite=force)
+        recording = files.one(name)
+        with progress(f"Writing {output}"):
+            truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
+        topics = ", ".join(truejoint.recordings.bag_topics(output))
+        out.print(f"{output}: {len(recording)} rows as {topics}")
+        return Result({"files": [str(output)]})
     if profile or files != Files():
         raise ExportError("--profile, --robot, --columns and --metadata are for --to bag")
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
-    if kind == "onnx" and options_of_loop:
+    if kind == "onnx" and how:
         raise ExportError("--level and --range-margin work only with --to c and --to ros")
     check_folder(output, error=ExportError)
     calibration = truejoint.read_calibration(name)
     if compensate:
         corrector = truejoint.runtime.Corrector(calibration.without_redundant())
-        options_of_loop["compensator"] = truejoint.runtime.Compensator(
-            corrector, calibration.machine
-        )
+        how["compensator"] = truejoint.runtime.Compensator(corrector, calibration.machine)
     write: Any = {
         "c": truejoint.export.export_c, "ros": truejoint.export.export_ros, "onnx": _write_graph,
     }[kind]  # fmt: skip
-    paths = write(
-        calibration, output, prefix=prefix, precision=precision, overwrite=force, **options_of_loop
-    )
-    if as_json:
-        result_json({"files": [str(path) for path in paths]})
-        return
+    paths = write(calibration, output, prefix=prefix, precision=precision, overwrite=force, **how)
     for path in paths:
         out.print(str(path), soft_wrap=True)
     if kind != "onnx":
         out.print(f"check it:  {truejoint.export.check_command(paths)}", soft_wrap=True)
-
-
-def _write_bag(
-    name: str, output: Path, profile: str, files: Files, *, force: bool, as_json: bool
-) -> None:
-    check_target(output, overwrite=force)
-    recording = files.one(name)
-    with progress(f"Writing {output}"):
-        truejoint.recordings.write_bag(recording, output, profile=profile, overwrite=force)
-    if as_json:
-        result_json({"files": [str(output)]})
-        return
-    topics = ", ".join(truejoint.recordings.bag_topics(output))
-    out.print(f"{output}: {len(recording)} rows as {topics}")
+    return Result({"files": [str(path) for path in paths]})
 
 
 def _write_graph(

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any, Final
 
 import truejoint
-from truejoint.cli import options
-from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.console import command_line, out, plural, progress, say
+from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files, say_dropped
 from truejoint.errors import RecordingError
 from truejoint.files import check_ending, check_target
@@ -67,14 +67,12 @@ class Truth:
 
     def joined(
         self, recording: truejoint.Recording, track: truejoint.recordings.Track | None
-    ) -> tuple[truejoint.Recording, dict[str, Any], list[str]]:
-        """Give a recording its truth; with facts for JSON and lines for a person."""
+    ) -> tuple[truejoint.Recording, dict[str, Any]]:
+        """Give a recording its truth, and say how; with that as values."""
         if track is not None:
-            recording, registered = self._with_tracked_truth(recording, track)
-            lines = [f"{label:12} {text}" for label, text in registered.summary().items()]
-            return recording, {"tracker": registered.to_dict()}, lines
+            return self._with_tracked_truth(recording, track)
         if not self.is_file:
-            return recording, {}, []
+            return recording, {}
         robot = recording.robot
         stream = truejoint.recordings.read_truth(
             self.truth, robot.name, robot.arm, self.truth_columns
@@ -88,11 +86,12 @@ class Truth:
         if clock.joints:
             offset |= {"sd": clock.sd, "joints": list(clock.joints)}
             how = f"± {clock.sd:.2g} s, by the motion of {', '.join(clock.joints)}"
-        return recording, {"offset": offset}, [f"The clock of the truth is {clock} behind ({how})"]
+        out.print(f"The clock of the truth is {clock} behind ({how})", soft_wrap=True)
+        return recording, {"offset": offset}
 
     def _with_tracked_truth(
         self, recording: truejoint.Recording, track: truejoint.recordings.Track
-    ) -> tuple[truejoint.Recording, truejoint.tip.Registered]:
+    ) -> tuple[truejoint.Recording, dict[str, Any]]:
         stated = None
         if self.registration is not None:
             stated = truejoint.tip.read_registration(self.registration, recording.robot)
@@ -108,22 +107,21 @@ class Truth:
                 f"warn: {100 * share:.0f} % of the readings fit no place of the marker and were "
                 "left out; is its view clear?"
             )
-        return recording, registered
+        for label, text in registered.summary().items():
+            out.print(f"{label:12} {text}", soft_wrap=True)
+        return recording, {"tracker": registered.to_dict()}
 
 
-@options.takes(truth=Truth, files=Files)
 def extract(
     names: list[Path],
+    truth: Truth,
+    files: Files,
     output: Path | None = None,
-    *,
     profile: str = "",
     state: str = "",
-    truth: Truth,
     quantity: list[str] | None = None,
-    files: Files,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Make one recording of the bags or files of a session, or list the topics of bags.
 
     The truth comes from a topic of the bags, from a file of joint sensors (--truth), or from a
@@ -134,15 +132,14 @@ def extract(
     if output is None:
         if (truth, files) != (Truth(), Files()) or any((profile, state, quantity, force)):
             raise RecordingError("without --out the topics are listed, which takes --json alone")
-        _list_topics(names, as_json=as_json)
-        return
+        return _list_topics(names)
     check_ending(output, ".parquet", "a recording", RecordingError)
     check_target(output, overwrite=force)
     if len(names) > 1 or _is_bag(names[0], files):
-        with progress(f"Reading {len(names)} bag{'s'[: len(names) != 1]}"):
+        with progress(f"Reading {plural(len(names), 'bag')}"):
             track = truth.track(names)
             recording = truejoint.recordings.read_bag(
-                names, files.robot_name, files.arm, profile=profile, state=state,
+                names, *files.arm, profile=profile, state=state,
                 truth=truth.topic, quantities=(*USUAL_QUANTITIES, *(quantity or ())),
                 offset=truth.offset_s, near=truth.near_s,
             )  # fmt: skip
@@ -151,7 +148,7 @@ def extract(
     else:
         track = truth.track([])
         recording = files.one(str(names[0]))
-    recording, facts, lines = truth.joined(recording, track)
+    recording, facts = truth.joined(recording, track)
     provenance = replace(recording.provenance, command=command_line(), **files.stated())
     recording = replace(recording, provenance=provenance)
     truejoint.write_parquet(recording, output, overwrite=force)
@@ -159,21 +156,12 @@ def extract(
     joints = recording.joints_of("truth")
     columns = [f"truth/{joint}" for joint in joints]
     rows_with_truth = int(recording.table[columns].notna().all(axis=1).sum()) if joints else 0
-    if as_json:
-        result_json(
-            {
-                "recording": str(output), "rows": len(recording),
-                "rows_with_truth": rows_with_truth,
-                **recording.provenance.to_dict(), **facts,
-            }
-        )  # fmt: skip
-        return
-    for line in lines:
-        out.print(line, soft_wrap=True)
     out.print(
         f"{output}: {len(recording)} rows over {recording.duration:.1f} s, {rows_with_truth} with "
         f"truth of {', '.join(joints) or 'no joint'}"
     )
+    counts = {"rows": len(recording), "rows_with_truth": rows_with_truth}
+    return Result({"recording": str(output), **counts, **recording.provenance.to_dict(), **facts})
 
 
 def _is_bag(path: Path, files: Files) -> bool:
@@ -183,10 +171,8 @@ def _is_bag(path: Path, files: Files) -> bool:
     return bool(kind == "bag")
 
 
-def _list_topics(bags: list[Path], *, as_json: bool) -> None:
+def _list_topics(bags: list[Path]) -> Result:
     topics = truejoint.recordings.bag_topics(bags)
-    if as_json:
-        result_json({n: {"type": kind, "messages": c} for n, (kind, c) in topics.items()})
-        return
     for name, (kind, count) in sorted(topics.items()):
         out.print(f"{name}  {kind}  {count}", soft_wrap=True)
+    return Result({n: {"type": kind, "messages": c} for n, (kind, c) in topics.items()})

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any, Final, Literal, TypeAlias
 
 import truejoint
+from truejoint.cli import options
 from truejoint.errors import CalibrationError, unknown
 from truejoint.estimators.registry import AUTO, DEFAULT
 
@@ -50,11 +51,16 @@ class FitOptions:
 
     def unfitted(self, dataset: str | None) -> Unfitted:
         """Say what is fitted, with the parameters that were given or suit a data set."""
-        settings = self.settings or []
-        if self.estimator == AUTO:
-            suited = dataset is not None and not self.features
-            return choice(settings, dataset, default_features=suited)
-        return configured(self.estimator or DEFAULT, settings, dataset)
+        if self.estimator != AUTO:
+            return configured(self.estimator or DEFAULT, self.settings, dataset)
+        if self.settings:
+            text = self.settings[0]
+            raise CalibrationError(f"--set {text!r} needs one estimator; name it with -e")
+        candidates = truejoint.estimators.candidates()
+        for candidate in candidates:
+            candidate.set_params(**_suited(candidate.name, dataset))
+        suited = dataset is not None and not self.features
+        return truejoint.calibration.Automatic(candidates, suited)
 
     def inputs(self) -> truejoint.features.FeatureSet | None:
         """Features of their texts, where the name of a data set stands for those that suit it."""
@@ -77,39 +83,26 @@ class FitOptions:
         }
 
 
-def choice(
-    settings: Sequence[str], dataset: str | None, *, default_features: bool
-) -> truejoint.calibration.Automatic:
-    """Say what `auto` tries, with the parameters that suit a data set."""
-    if settings:
-        raise CalibrationError(f"--set {settings[0]!r} needs one estimator; name it with -e")
-    tried = truejoint.estimators.candidates()
-    if dataset is not None:
-        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
-        for candidate in tried:
-            candidate.set_params(**suited.get(candidate.name, {}))
-    return truejoint.calibration.Automatic(tried, default_features)
-
-
 def configured(
-    name: str, settings: Sequence[str], dataset: str | None = None
+    name: str, settings: Sequence[str] | None = None, dataset: str | None = None
 ) -> truejoint.estimators.JointRegressor:
     """Estimator with parameters set by texts like ``"epochs=400"``, after those of a data set."""
     estimator = truejoint.estimators.get_estimator(name)
     defaults = estimator.get_params()
-    if dataset is not None:
-        suited = truejoint.recordings.datasets.DATASETS[dataset].settings
-        estimator.set_params(**suited.get(name, {}))
-    for setting in settings:
-        key, separator, text = setting.partition("=")
-        if not separator or key not in defaults:
-            raise CalibrationError(
-                f"--set {setting!r}: {unknown(f'parameter of {name}', key, defaults)}; "
-                "write NAME=VALUE"
-            )
-        estimator.set_params(**{key: _value(text, defaults[key], setting)})
+    estimator.set_params(**_suited(name, dataset))
+    for key, text in options.split_pairs("--set", settings, "NAME=VALUE").items():
+        if key not in defaults:
+            raise CalibrationError(f"--set {unknown(f'parameter of {name}', key, defaults)}")
+        estimator.set_params(**{key: _value(text, defaults[key], f"{key}={text}")})
     estimator.check_params()
     return estimator
+
+
+def _suited(name: str, dataset: str | None) -> Mapping[str, Any]:
+    """Parameters of an estimator that suit a data set, if one is named."""
+    if dataset is None:
+        return {}
+    return truejoint.recordings.datasets.DATASETS[dataset].settings.get(name, {})
 
 
 def _value(text: str, default: Any, setting: str) -> Any:

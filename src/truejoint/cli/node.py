@@ -8,6 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -16,7 +17,7 @@ import typer
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, say
-from truejoint.cli.recording_options import Origin
+from truejoint.cli.recording_options import as_provenance, parse_metadata
 from truejoint.errors import RosError, TruejointError, unknown
 from truejoint.files import check_target
 from truejoint.robots.catalogue import DEFAULT
@@ -43,26 +44,28 @@ def _take_parameters(context: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
-Parameters = Annotated[
-    Path | None,
-    typer.Option(
-        "--parameters",
-        is_eager=True,
-        callback=_take_parameters,
-        help="TOML file with options by their names; the command line goes before it.",
-    ),
-]
+@dataclass(frozen=True)
+class Link:
+    """How and for how long topics are taken part in, an option each."""
+
+    namespace: str = ""
+    seconds: float = math.inf
+    ros: int = 1
+    parameters: Annotated[
+        Path | None,
+        typer.Option(
+            "--parameters", is_eager=True, callback=_take_parameters,
+            help="TOML file with options by their names; the command line goes before it.",
+        ),
+    ] = None  # fmt: skip
 
 
 def correct(
     model: Path,
+    link: Link,
     profile: str = "",
-    namespace: str = "",
     level_percent: float | None = None,
     homing_id: str | None = None,
-    seconds: float = math.inf,
-    ros: int = 1,
-    parameters: Parameters = None,
 ) -> None:
     """Correct an arm's joints as they come.
 
@@ -70,27 +73,23 @@ def correct(
     """
     from truejoint.runtime.node import CorrectorNode
 
-    del parameters  # taken already
-    with as_node("truejoint_correct", ros) as transport:
+    level = options.share(level_percent)
+    with as_node("truejoint_correct", link.ros) as transport:
         calibration = truejoint.read_calibration(model)
-        robot = calibration.machine
         choices = [calibration]
         if calibration.redundant:
             choices.append(calibration.without_redundant())
-        correctors = [
-            truejoint.runtime.Corrector(choice, level=options.share(level_percent))
-            for choice in choices
-        ]
         node = CorrectorNode(
-            transport, correctors, robot, profile, namespace=namespace,
-            homing_id=homing_id, say=say,
+            transport, [truejoint.runtime.Corrector(choice, level=level) for choice in choices],
+            calibration.machine, profile, namespace=link.namespace, homing_id=homing_id, say=say,
         )  # fmt: skip
         with node, suppress(KeyboardInterrupt):
-            node.run(seconds)
+            node.run(link.seconds)
         out.print(f"{node.received} messages, {node.corrected} corrected")
 
 
 def simulate(
+    link: Link,
     robot: str = DEFAULT,
     seed: int = 0,
     twin: str = "nominal",
@@ -98,15 +97,10 @@ def simulate(
     quirks: bool = False,
     homed: bool = False,
     rate_hz: float = 1e3,
-    namespace: str = "",
-    seconds: float = math.inf,
-    ros: int = 1,
-    parameters: Parameters = None,
 ) -> None:
     """Be a robot: a digital twin in real time on CRTK's topics, RAVEN-II's state among them."""
     from truejoint.crtk.server import ArmServer
 
-    del parameters
     made = truejoint.simulation.make_twin(
         *options.robot_and_arm(robot), parameters=twin, seed=seed, load=load_grams / 1e3
     )
@@ -114,35 +108,33 @@ def simulate(
         raise RosError(f"--quirks are those of {DEFAULT}; leave it out for {made.robot.name}")
     profile = _MENDED if made.robot.name == DEFAULT and not quirks else ""
     backend = truejoint.crtk.PacedBackend(made, homed=homed)
-    with as_node("truejoint_simulate", ros) as transport, truejoint.crtk.Arm(backend) as device:
-        server = ArmServer(device, transport, profile, namespace=namespace, rate=rate_hz)
-        with server:
-            say(f"{device.robot.title}, simulated, on {', '.join(server.topics)}")
-            _wait(transport, seconds)
+    with (
+        as_node("truejoint_simulate", link.ros) as transport,
+        truejoint.crtk.Arm(backend) as device,
+        ArmServer(device, transport, profile, namespace=link.namespace, rate=rate_hz) as server,
+    ):
+        say(f"{device.robot.title}, simulated, on {', '.join(server.topics)}")
+        wait(transport, link.seconds)
 
 
 def record(
     output: Path,
+    link: Link,
     robot: str = DEFAULT,
     profile: str = "",
-    namespace: str = "",
     truth: str = "",
     state_rate_hz: float = 100.0,
     metadata: list[str] | None = None,
-    seconds: float = math.inf,
-    ros: int = 1,
     force: bool = False,
-    parameters: Parameters = None,
 ) -> None:
     """Record what an arm reports while others move it; it is only looked at."""
-    del parameters
     check_target(output, overwrite=force)
     about: dict[str, Any] = {"session": output.stem, "load": math.nan}
-    about |= Origin(metadata=metadata).stated()
-    with as_node("truejoint_record", ros) as transport:
+    about |= as_provenance(parse_metadata(metadata))
+    with as_node("truejoint_record", link.ros) as transport:
         target = options.get_robot(robot)
         backend = truejoint.crtk.RosBackend(
-            transport, target, profile, namespace=namespace, truth=truth
+            transport, target, profile, namespace=link.namespace, truth=truth
         )
         with truejoint.crtk.Arm(backend, controls=False) as device:
             recorder = truejoint.recordings.Recorder(
@@ -152,7 +144,7 @@ def record(
             with recorder, suppress(KeyboardInterrupt):
                 if not device.operating_state().is_homed:
                     say(f"waiting for {target.title} to be homed")
-                _wait(transport, seconds, lambda: _listen(device))
+                wait(transport, link.seconds, lambda: _listen(device))
         if recorder.written is None:
             raise RosError(f"{output}: fewer than two states came in time; is the arm homed?")
         out.print(f"{recorder.written}: {recorder.rows} rows")
@@ -203,7 +195,7 @@ class _Sayer(logging.Handler):
             say(text)
 
 
-def _wait(transport: Transport, seconds: float, look: Callable[[], object] = lambda: None) -> None:
+def wait(transport: Transport, seconds: float, look: Callable[[], object] = lambda: None) -> None:
     """Let time pass until it is over or the node is shut down, looking at something meanwhile."""
     end = time.monotonic() + seconds
     while not transport.is_over and (remaining_s := end - time.monotonic()) > 0.0:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import inspect
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import is_dataclass
 from functools import cache, wraps
 from importlib import resources
-from typing import Annotated, Any, get_origin
+from typing import Annotated, Any, Final, NamedTuple, get_origin
 
 import typer
 
 import truejoint
 from truejoint.cli import complete
+from truejoint.cli.console import out, result_json
 from truejoint.errors import CommandRefused
 from truejoint.estimators.registry import OWN
+
+CHECK_FAILED: Final = 1
 
 
 def share(percent: float | None) -> float | None:
@@ -24,6 +28,27 @@ def share(percent: float | None) -> float | None:
     if not 0.0 < percent < 100.0:
         raise CommandRefused(f"--level {percent:g}: give a probability between 0 and 100 %, as 90")
     return percent / 100.0
+
+
+def split_pairs(option: str, texts: Sequence[str] | None, form: str) -> dict[str, str]:
+    """Values by key of texts like ``KEY=VALUE``; raises CommandRefused for others, or one twice."""
+    values: dict[str, str] = {}
+    for text in texts or ():
+        key, separator, value = text.partition("=")
+        if not separator:
+            raise CommandRefused(f"{option} {text!r:.60}: write {form}")
+        if key in values:
+            raise CommandRefused(f"{option} {text!r:.60}: {key} was given before; give it once")
+        values[key] = value
+    return values
+
+
+def number(option: str, text: str, value: str) -> float:
+    """Read the number in the `text` of an option; raises CommandRefused if it is none."""
+    try:
+        return float(value)
+    except ValueError:
+        raise CommandRefused(f"{option} {text!r:.60}: {value!r:.40} is no number") from None
 
 
 def robot_and_arm(text: str) -> tuple[str, str]:
@@ -37,42 +62,49 @@ def get_robot(text: str) -> truejoint.robots.Robot:
     return truejoint.get_robot(*robot_and_arm(text))
 
 
-def takes(**groups: type) -> Callable[[Callable[..., None]], Callable[..., None]]:
-    """Give a command the options that are the fields of dataclasses; it takes each by its name."""
+class Result(NamedTuple):
+    """What a command gives back: `values` for ``--json``, and whether what it judged has passed."""
 
-    def decorate(command: Callable[..., None]) -> Callable[..., None]:
-        command.groups = groups  # type: ignore[attr-defined]
-        return command
-
-    return decorate
+    values: Mapping[str, Any]
+    passed: bool = True
 
 
-def described(command: Callable[..., None]) -> Callable[..., None]:
+def described(command: Callable[..., Result | None]) -> Callable[..., None]:
     """Make of a command what typer takes: every option with what `help.toml` says of it.
 
-    An option is described in the section of its group's class, of the command (its module, or
-    module and function), or in ``shared``.
+    A parameter whose type is a dataclass stands for options that are its fields. An option is
+    described in the section of that class, of the command (its module, or module and function), or
+    in ``shared``. A command that returns a `Result` has ``--json``, and exit code 1 if that has not
+    passed.
     """
-    groups: dict[str, type] = getattr(command, "groups", {})
+    signature = inspect.signature(command, eval_str=True)
     module = command.__module__.rpartition(".")[2]
     sections = (f"{module}.{command.__name__}", module)
-    fields = {name: inspect.signature(kind, eval_str=True).parameters
-              for name, kind in groups.items()}  # fmt: skip
+    groups: dict[str, tuple[Any, list[str]]] = {}
     parameters = []
-    for name, parameter in inspect.signature(command, eval_str=True).parameters.items():
-        if name in groups:
-            of_group = (groups[name].__name__, *sections)
-            parameters += [_described(each, of_group) for each in fields[name].values()]
+    for name, parameter in signature.parameters.items():
+        if is_dataclass(kind := parameter.annotation):
+            fields = inspect.signature(kind, eval_str=True).parameters  # type: ignore[arg-type]
+            groups[name] = kind, list(fields)
+            own_sections = (getattr(kind, "__name__", ""), *sections)
+            parameters += [_described(each, own_sections) for each in fields.values()]
         else:
             parameters.append(_described(parameter, sections))
+    if signature.return_annotation in (Result, Result | None):
+        keyword = inspect.Parameter.KEYWORD_ONLY
+        as_json = inspect.Parameter("as_json", keyword, default=False, annotation=bool)
+        parameters.append(_described(as_json, sections))
 
     @wraps(command)
     def run(**values: Any) -> None:
-        made = {
-            name: groups[name](**{field: values.pop(field) for field in fields[name]})
-            for name in groups
-        }
-        command(**values, **made)
+        out.quiet = values.pop("as_json", False)
+        for name, (kind, fields) in groups.items():
+            values[name] = kind(**{field: values.pop(field) for field in fields})
+        result = command(**values)
+        if result is not None:
+            result_json(result.values)
+            if not result.passed:
+                raise typer.Exit(CHECK_FAILED)
 
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in parameters}
@@ -100,5 +132,5 @@ def _described(parameter: inspect.Parameter, sections: tuple[str, ...]) -> inspe
     if "panel" in entry:
         how["rich_help_panel"] = entry["panel"]
     if "complete" in entry:
-        how["autocompletion"] = getattr(complete, entry["complete"])
+        how["autocompletion"] = complete.named(entry["complete"])
     return parameter.replace(annotation=Annotated[kind, make(*entry.get("flags", ()), **how)])

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, ClassVar, Final, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import truejoint
 from truejoint.cli import options
@@ -25,65 +25,48 @@ _OF_RECORDING: Final = ("homing_id", "load_grams", "session")
 _OF_FILE: Final = ("format", "rate_hz", "truth_unit")
 
 
-def parse_metadata(texts: Sequence[str], keys: Sequence[str]) -> dict[str, Any]:
-    """Read ``KEY=VALUE`` texts; raises RecordingError for an unknown key or a value of no kind."""
-    values: dict[str, Any] = {}
-    for text in texts:
-        key, separator, value = text.partition("=")
-        if not separator or key not in keys:
-            raise RecordingError(f"--metadata {text!r:.60}: {unknown('key', key, keys)}")
-        if key in values:
-            raise RecordingError(f"--metadata {key}: was given before; give it once")
-        values[key] = value
+def parse_metadata(
+    texts: Sequence[str] | None, keys: Sequence[str] = _OF_RECORDING
+) -> dict[str, Any]:
+    """Read ``KEY=VALUE`` texts; raises CommandRefused for an unknown key or a value of no kind."""
+    values: dict[str, Any] = {**options.split_pairs("--metadata", texts, "KEY=VALUE")}
+    for key, value in values.items():
+        if key not in keys:
+            raise RecordingError(f"--metadata {key}: {unknown('key', key, keys)}")
         if key in _NUMBERS:
-            with suppress(ValueError):
-                values[key] = float(value)
-            if values[key] is value:
-                raise RecordingError(f"--metadata {text!r:.60}: {value!r:.40} is no number")
+            values[key] = options.number("--metadata", f"{key}={value}", value)
     return values
 
 
+def as_provenance(metadata: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a `Provenance` that metadata state."""
+    fields = {key: value for key, value in metadata.items() if key in _OF_RECORDING}
+    if "load_grams" in fields:
+        fields["load"] = fields.pop("load_grams") / 1000.0
+    return fields
+
+
 @dataclass(frozen=True)
-class Origin:
-    """Robot and metadata of recordings, an option each."""
+class Files:
+    """How recordings are read whose files do not say it themselves, an option each."""
 
     robot: str | None = None
     metadata: list[str] | None = None
-
-    _KEYS: ClassVar[tuple[str, ...]] = _OF_RECORDING
+    columns: Path | None = None
 
     @cached_property
     def overrides(self) -> dict[str, Any]:
         """Values of ``--metadata`` by key; raises RecordingError as `parse_metadata`."""
-        return parse_metadata(self.metadata or [], self._KEYS)
+        return parse_metadata(self.metadata, (*_OF_RECORDING, *_OF_FILE))
 
     @property
-    def robot_name(self) -> str:
-        """Name or file of the robot; empty where the files name it."""
-        return options.robot_and_arm(self.robot or "")[0]
-
-    @property
-    def arm(self) -> str:
-        """Name of the arm; empty for the robot's default."""
-        return options.robot_and_arm(self.robot or "")[1]
+    def arm(self) -> tuple[str, str]:
+        """Name or file of the robot, and its arm; empty where the files say it, or by default."""
+        return options.robot_and_arm(self.robot or "")
 
     def stated(self) -> dict[str, Any]:
         """Fields of a `Provenance` that the options state, but for the arm."""
-        values: dict[str, Any] = {
-            key: value for key, value in self.overrides.items() if key in _OF_RECORDING
-        }
-        if "load_grams" in values:
-            values["load"] = values.pop("load_grams") / 1000.0
-        return values
-
-
-@dataclass(frozen=True)
-class Files(Origin):
-    """How recordings are read whose files do not say it themselves, an option each."""
-
-    columns: Path | None = None
-
-    _KEYS: ClassVar[tuple[str, ...]] = (*_OF_RECORDING, *_OF_FILE)
+        return as_provenance(self.overrides)
 
     def find(
         self,
@@ -106,15 +89,12 @@ class Files(Origin):
         """
         from truejoint.calibration.compatibility import check_columns
 
-        files = self._beside(model)
-        files._check()
+        files = self._checked(joints, model)
         span = None if part is None else parse_part(part)
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
             raise RecordingError(f"{', '.join(twice)}: named twice; give each recording once")
         readers = [files._reader(name, joints, model) for name in names]
-        if files.robot is not None:
-            options.get_robot(files.robot).index(list(joints))
         if split is not None:
             return files._split_side(only_dataset(names), split, held_out)
 
@@ -146,30 +126,33 @@ class Files(Origin):
             raise RecordingError(f"{name}: {len(recordings)} recordings; this takes one at a time")
         return recordings[0]
 
-    def _beside(self, model: truejoint.Calibration | None) -> Files:
-        """Leave the robot's name to the model where that carries a robot of a file."""
-        if model is None or model.robot in truejoint.robots.robot_names():
-            return self
-        carried = self.robot in (model.robot, f"{model.robot}:{model.arm}")
-        return replace(self, robot=None) if carried else self
-
-    def _check(self) -> None:
+    def _checked(self, joints: Sequence[str], model: truejoint.Calibration | None) -> Files:
+        """Check format, robot and joints; a `model` that carries this robot stands for its name."""
+        formats, kind = truejoint.recordings.format_names(), self.overrides.get("format")
+        if kind is not None and kind not in formats:
+            raise RecordingError(unknown("format", kind, formats))
+        carried = model is not None and model.robot not in truejoint.robots.robot_names()
+        if (
+            model is not None
+            and carried
+            and self.robot in (model.robot, f"{model.robot}:{model.arm}")
+        ):
+            return replace(self, robot=None)
         if self.robot is not None:
-            options.get_robot(self.robot)
-        names, kind = truejoint.recordings.format_names(), self.overrides.get("format")
-        if kind is not None and kind not in names:
-            raise RecordingError(unknown("format", kind, names))
+            options.get_robot(self.robot).index(list(joints))
+        return self
 
     def _reader(
         self, name: str, joints: Sequence[str], model: truejoint.Calibration | None
     ) -> Read:
+        from truejoint.recordings.read import reading
+
         sets = truejoint.recordings.datasets
         wanted, _, pattern = name.partition(":")
         path = Path(name)
-        if path.exists() and not _is_plain_folder(path):
-            paths = [path]
-        elif path.exists():
-            paths = self._without_strangers(name, sorted(path.iterdir()))
+        if path.exists():
+            is_whole = not path.is_dir() or not reading.why_no_recording(path)
+            paths = [path] if is_whole else self._without_strangers(name, sorted(path.iterdir()))
         elif wanted in sets.DATASETS:
             dataset = sets.get_dataset(wanted)
             dataset.match(pattern or "*")
@@ -200,24 +183,19 @@ class Files(Origin):
 
     def _read(self, path: Path, model: truejoint.Calibration | None) -> list[truejoint.Recording]:
         sets = truejoint.recordings
-        with_map = self.columns is not None
-        kind = self.overrides.get("format") or sets.detect_format(path, with_map=with_map)
-        context = {
-            "robot": self.robot_name or None,
-            "arm": self.arm or None,
-            "column_map": self.columns,
-            "rate": self.overrides.get("rate_hz"),
-            "truth_unit": self.overrides.get("truth_unit"),
-        }
-        options_of_reader = {key: value for key, value in context.items() if value is not None}
-        stated = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
-        if model is not None and not stated and kind in sets.FORMATS:
+        mapped, (robot, arm) = self.columns is not None, self.arm
+        kind = self.overrides.get("format") or sets.detect_format(path, with_map=mapped)
+        stated = {
+            "robot": robot, "arm": arm, "column_map": self.columns,
+            "rate": self.overrides.get("rate_hz"), "truth_unit": self.overrides.get("truth_unit"),
+        }  # fmt: skip
+        named = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
+        if model is not None and not named and kind in sets.FORMATS:
             of_model = {"robot": model.machine, "arm": model.arm}
             takes = sets.FORMATS[kind].options
-            options_of_reader = {
-                k: name for k, name in of_model.items() if name and k in takes
-            } | options_of_reader
-        recordings = sets.read_recordings(path, kind, **options_of_reader, **self.stated())
+            stated |= {key: name for key, name in of_model.items() if key in takes}
+        how = {key: value for key, value in stated.items() if value not in (None, "")}
+        recordings = sets.read_recordings(path, kind, **how, **self.stated())
         if len(recordings) > 1:
             say(f"  {path}: its clock restarts: read as {len(recordings)} recordings")
         return recordings
@@ -245,21 +223,6 @@ class Files(Origin):
             return self._state(split_sides(whole, about, sides)[held_out])
 
         return read
-
-
-takes_files = options.takes(files=Files)
-"""Give a command the options that `Files` has; it takes them together as `files`."""
-
-
-def _is_plain_folder(path: Path) -> bool:
-    """Whether a path is a folder that is not itself one recording."""
-    if not path.is_dir():
-        return False
-    try:
-        truejoint.recordings.detect_format(path)
-    except RecordingError:
-        return True
-    return False
 
 
 def say_dropped(recording: truejoint.Recording) -> None:
@@ -306,11 +269,21 @@ def _replayed(path: Path) -> truejoint.motion.Trajectory:
     )
 
 
-def check_model_target(path: Path, force: bool) -> None:
-    """Refuse, before anything long is done, a path at which no model file can be written."""
-    from truejoint.calibration import container
+@dataclass(frozen=True)
+class NewModel:
+    """Model file to write, an option each; refused before anything long is done."""
 
-    check_target(container.check_name(path), overwrite=force)
+    output: Path
+    force: bool = False
+
+    def __post_init__(self) -> None:
+        from truejoint.calibration import container
+
+        check_target(container.check_name(self.output), overwrite=self.force)
+
+    def write(self, model: truejoint.Calibration) -> None:
+        """Write the model."""
+        truejoint.write_calibration(model, self.output, overwrite=self.force)
 
 
 def check_page_target(path: Path | None, force: bool) -> None:
@@ -333,20 +306,16 @@ def parse_part(text: str) -> tuple[float, float]:
     )
 
 
-def parse_tolerances(texts: Sequence[str], model: truejoint.Calibration) -> dict[str, float]:
+def parse_tolerances(texts: Sequence[str] | None, model: truejoint.Calibration) -> dict[str, float]:
     """Largest accepted RMSE [rad or m] by joint of a model, of texts like ``shoulder=0.2``."""
     units = {joint: model.units[f"measured/{joint}"] for joint in model.joints}
     tolerances = {}
-    for text in texts:
-        joint, _, number = text.partition("=")
+    for joint, text in options.split_pairs("--tolerance", texts, "JOINT=VALUE").items():
         if joint not in units:
-            raise RecordingError(f"--tolerance {text!r}: {unknown('joint', joint, units)}")
+            raise RecordingError(f"--tolerance {unknown('joint', joint, units)}")
         shown = display_unit(units[joint])
-        value = 0.0
-        with suppress(ValueError):
-            value = float(number.removesuffix(shown.name))
+        value = options.number("--tolerance", f"{joint}={text}", text.removesuffix(shown.name))
         if not value > 0:
-            message = f"--tolerance {text!r}: write {joint}=VALUE in {shown.name}, above 0"
-            raise RecordingError(message)
+            raise RecordingError(f"--tolerance {joint}={text}: give {shown.name} above 0")
         tolerances[joint] = value / shown.scale
     return tolerances

@@ -9,10 +9,10 @@ from typing import Any
 
 import truejoint
 from truejoint import schema
-from truejoint.cli import options
-from truejoint.cli.console import out, print_table, progress, result_json
-from truejoint.cli.recording_options import Files, check_model_target
-from truejoint.cli.touch import say_left_out, touch_facts
+from truejoint.cli.console import out, print_table, progress
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files, NewModel
+from truejoint.cli.touch import report_touches
 from truejoint.errors import CalibrationError
 from truejoint.summary import json_values
 from truejoint.units import with_unit
@@ -38,24 +38,10 @@ class Source:
         if self.seconds is not None and (self.touches or self.motor):
             raise CalibrationError("--seconds is for the truth in a recording; leave it out")
 
-    def recording(self, name: str | None) -> str:
-        """Name of the recording; raises CalibrationError if there is none."""
-        if name is None and self.touches is None:
-            raise CalibrationError("name the recording to re-zero from, or give --touches")
-        return name or str((self.touches or Path()).with_suffix(".parquet"))
 
-
-@options.takes(source=Source, files=Files)
 def rezero(
-    model: Path,
-    recording: str | None = None,
-    *,
-    output: Path,
-    source: Source,
-    force: bool = False,
-    as_json: bool = False,
-    files: Files,
-) -> None:
+    model: Path, new: NewModel, source: Source, files: Files, recording: str | None = None
+) -> Result:
     """Re-zero a calibration after a homing or hours of work, and write it.
 
     One of three sources gives the zero: truth in RECORDING, touches of a bolted block
@@ -63,68 +49,55 @@ def rezero(
     """
     from truejoint.tip.block import TOUCH_SD
 
-    check_model_target(output, force)
     calibration = truejoint.read_calibration(model)
-    name = source.recording(recording)
+    if recording is None and source.touches is None:
+        raise CalibrationError("name the recording to re-zero from, or give --touches")
+    name = recording or str((source.touches or Path()).with_suffix(".parquet"))
     if source.touches is not None and source.bolted is not None:
         pose = truejoint.tip.read_pose(source.bolted)
         made = truejoint.tip.read_touches(source.touches)
         loaded = files.one(name, model=calibration)
         sd = TOUCH_SD if source.touch_sd_mm is None else source.touch_sd_mm / 1e3
         zero, fit = truejoint.tip.zero_by_touch(calibration, loaded, made, pose, touch_sd=sd)
-        _finish(calibration, zero, output, touch_facts(fit, made), force=force, as_json=as_json)
-        if not as_json:
-            say_left_out(fit, made)
-            out.print(f"{output}: re-zeroed by {len(made)} touches of {pose.title}")
-        return
+        result = _write(calibration, zero, new, report_touches(fit, made))
+        out.print(f"{new.output}: re-zeroed by {len(made)} touches of {pose.title}")
+        return result
     loaded = files.one(name, model=calibration)
     if source.motor is not None:
         by = None if source.motor == model else truejoint.read_calibration(source.motor)
-        _by_motor(calibration, loaded, by, output, force=force, as_json=as_json)
-    else:
-        duration = math.inf if source.seconds is None else source.seconds
-        zero = truejoint.calibration.find_zero(calibration, loaded, duration)
-        _finish(calibration, zero, output, {}, force=force, as_json=as_json)
-        if not as_json:
-            out.print(f"{output}: re-zeroed by the truth of {name}")
+        return _by_motor(calibration, loaded, by, new)
+    duration = math.inf if source.seconds is None else source.seconds
+    zero = truejoint.calibration.find_zero(calibration, loaded, duration)
+    result = _write(calibration, zero, new, {})
+    out.print(f"{new.output}: re-zeroed by the truth of {name}")
+    return result
 
 
 def _by_motor(
     calibration: truejoint.Calibration,
     cycles: truejoint.Recording,
     by: truejoint.Calibration | None,
-    output: Path,
-    *,
-    force: bool,
-    as_json: bool,
-) -> None:
+    new: NewModel,
+) -> Result:
     with progress("Comparing both sides of the cable"):
         zero, by_motor = truejoint.calibration.motor_zero(calibration, cycles, by)
-    truejoint.write_calibration(calibration.at(zero), output, overwrite=force)
-    if as_json:
-        result_json({"model": str(output), **vars(by_motor), "correction": by_motor.correction})
-        return
+    new.write(calibration.at(zero))
     shift, sd = (with_unit(value, "m") for value in (by_motor.shift, by_motor.deviation))
     out.print(f"x2 reads too much by {shift} ± {sd}")
     done = "taken off" if by_motor.correction else "left alone: it is within its own deviation"
-    out.print(f"{output}: {done}")
+    out.print(f"{new.output}: {done}")
+    facts = {**vars(by_motor), "correction": by_motor.correction}
+    return Result({"model": str(new.output), **facts})
 
 
-def _finish(
+def _write(
     calibration: truejoint.Calibration,
     zero: truejoint.calibration.Zero,
-    output: Path,
-    beside: dict[str, Any],
-    *,
-    force: bool,
-    as_json: bool,
-) -> None:
-    """Write the calibration and tell its zero."""
-    truejoint.write_calibration(calibration.at(zero), output, overwrite=force)
-    if as_json:
-        facts = {"model": str(output), **schema.plain(zero), "sd": zero.deviation, **beside}
-        result_json(json_values(facts))
-        return
+    new: NewModel,
+    facts: dict[str, Any],
+) -> Result:
+    """Write the calibration at a zero, and print that."""
+    new.write(calibration.at(zero))
     units = [calibration.units[f"measured/{joint}"] for joint in calibration.joints]
     values = zip(calibration.joints, units, zero.shift, zero.deviation, strict=True)
     rows = [
@@ -132,3 +105,5 @@ def _finish(
         for joint, unit, offset, sd in values
     ]
     print_table(("joint", "offset", "deviation"), rows, title=f"Zero of {calibration.title}, now")
+    facts = {"model": str(new.output), **schema.plain(zero), "sd": zero.deviation, **facts}
+    return Result(json_values(facts))

@@ -2,53 +2,47 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
 from truejoint.cli import datasets, options
-from truejoint.cli.console import out, print_facts, print_table, result_json, shortened
-from truejoint.cli.correct import accepted_homings
-from truejoint.cli.recording_options import Files, takes_files
+from truejoint.cli.console import out, print_facts, print_table, shortened
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 _LABORATORY: Final = ("shoulder", "elbow", "insertion")  # columns of its trajectories
 
 
-@takes_files
-def show(
-    name: str,
-    as_json: bool = False,
-    *,
-    files: Files,
-) -> None:
+def show(name: str, files: Files) -> Result:
     """Say what a file or a data set is, what it holds and where it comes from."""
     from truejoint.recordings.datasets import DATASETS
     from truejoint.recordings.table.parquet import is_corrected
 
     path = Path(name)
     if name in DATASETS and not path.exists():
-        _show_dataset(name, as_json=as_json)
-        return
+        facts = datasets.dataset_facts(DATASETS[name])
+        texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
+        print_facts(DATASETS[name].title, texts.items())
+        return Result(facts)
     if files == Files(robot=files.robot) and _is_trajectory(path):
         arm = options.get_robot(files.robot or DEFAULT)
-        tell_trajectory(truejoint.motion.read_trajectory(path), arm, as_json=as_json)
-        return
+        return tell_trajectory(truejoint.motion.read_trajectory(path), arm)
     if is_model(path):
         described = [model_facts(path)]
     elif path.suffix == ".parquet" and path.is_file() and is_corrected(path):
         described = [_corrected_facts(path)]
     else:
         described = [recording_facts(recording) for recording in files.find([name])()]
-    if as_json:
-        result_json({"shown": [{**facts, "columns": columns} for facts, columns in described]})
-        return
     for facts, columns in described:
-        identified = facts.pop("identified", {})
-        print_facts(name, _texts(facts))
+        identified = facts.get("identified", {})
+        print_facts(name, _texts({k: v for k, v in facts.items() if k != "identified"}))
         if identified:
             rows = [
                 [key, unit, f"{value:.4g}", f"{deviation:.2g}"]
@@ -57,6 +51,7 @@ def show(
             print_table(("identified", "unit", "value", "deviation"), rows)
         header = ("column", "unit", "lowest", "highest", "missing")
         print_table(header, [_column_texts(column) for column in columns])
+    return Result({"shown": [{**facts, "columns": columns} for facts, columns in described]})
 
 
 def _is_trajectory(path: Path) -> bool:
@@ -73,24 +68,9 @@ def _is_trajectory(path: Path) -> bool:
         return False
 
 
-def _show_dataset(name: str, *, as_json: bool) -> None:
-    from truejoint.recordings.datasets import get_dataset
-
-    dataset = get_dataset(name)
-    facts = datasets.dataset_facts(dataset)
-    if as_json:
-        result_json(facts)
-        return
-    texts = {
-        key: "\n".join(map(str, value)) if isinstance(value, list) else str(value)
-        for key, value in facts.items()
-    }
-    print_facts(dataset.title, texts.items())
-
-
 def tell_trajectory(
-    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot, *, as_json: bool
-) -> None:
+    trajectory: truejoint.motion.Trajectory, robot: truejoint.robots.Robot
+) -> Result:
     """Print range, path length and duration of a trajectory."""
     q = trajectory.positions
     ranges = {
@@ -99,11 +79,6 @@ def tell_trajectory(
         "path_length": abs(q[1:] - q[:-1]).sum(axis=0),
     }
     duration = truejoint.motion.nominal_duration(trajectory, robot)
-    if as_json:
-        result = {"name": trajectory.name, "joints": list(trajectory.joints)}
-        plain = {name: values.tolist() for name, values in ranges.items()}
-        result_json({**result, **plain, "duration": duration})
-        return
     header = ("joint", "from", "to", "path", "unit")
     rows = []
     for name, *values in zip(trajectory.joints, *ranges.values(), strict=True):
@@ -111,6 +86,9 @@ def tell_trajectory(
         rows.append((name, *(f"{value * unit.scale:.2f}" for value in values), unit.name))
     print_table(header, rows, title=trajectory.name)
     out.print(f"{duration / 60:.1f} min at the speed caps of {robot.title}")
+    plain = {name: values.tolist() for name, values in ranges.items()}
+    about = {"name": trajectory.name, "joints": list(trajectory.joints)}
+    return Result({**about, **plain, "duration": duration})
 
 
 def is_model(path: Path) -> bool:
@@ -125,11 +103,8 @@ def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell how many rows of a corrected table have which status, and the range of each column."""
     table = truejoint.recordings.read_corrected(path)
     status = {str(name): int(count) for name, count in table["status"].value_counts().items()}
-    columns = []
-    for name, column in table.select_dtypes("number").items():
-        finite = column[column.abs() < math.inf]  # no half-width is stated as an infinite one
-        bounds = (float(finite.min()), float(finite.max())) if len(finite) else None
-        columns.append(_column(str(name), "1", bounds, len(column) - len(finite)))
+    numbers = table.select_dtypes("number").items()  # no half-width is stated as an infinite one
+    columns = [_column(str(name), "1", values.to_numpy()) for name, values in numbers]
     return {"kind": "corrected positions", "rows": len(table), "status": status}, columns
 
 
@@ -139,19 +114,16 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 
     model = truejoint.read_calibration(path)
     ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)
-    trained = {
-        f.signal: (float(low), float(high)) for f, low, high in ranges if f.operation == "value"
-    }
-    columns = [
-        _column(signal, model.units[signal], trained.get(signal)) for signal in model.signals
-    ]
-    homings = ", ".join(accepted_homings(model))
+    trained = {f.signal: (low, high) for f, low, high in ranges if f.operation == "value"}
+    columns = [_column(name, model.units[name], trained.get(name, ())) for name in model.signals]
+    homings = ", ".join(model.origin.homing_ids)
+    loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
     facts = {
         **model.summary(),
         "features": ", ".join(model.feature_set.names),
         "sample": ", ".join(model.loop_signals),
         "homings": homings or "any one, the first that the loop is told: training named none",
-        "loads": ", ".join(_loads(model)),
+        "loads": ", ".join(f"{1000.0 * load:g} g" for load in sorted(loads)),
         **{key: value for key, value in model.facts.items() if key not in _TOLD},
         "sha256": sha256_of(path),
     }
@@ -162,31 +134,25 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
 _TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
 
 
-def _loads(model: truejoint.Calibration) -> list[str]:
-    """Masses that training had [g], where it says so."""
-    loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
-    return [f"{1000.0 * load:g} g" for load in sorted(loads)]
-
-
 def recording_facts(
     recording: truejoint.Recording,
 ) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     """Tell what a recording is, where it comes from, and the range of each column."""
     provenance = recording.provenance.to_dict()
     del provenance["robot"], provenance["arm"], provenance["source"]
-    facts = {**recording.summary(), **provenance}
-    columns = []
-    for column, unit in recording.units.items():
-        values = recording.table[column].dropna()
-        bounds = (float(values.min()), float(values.max())) if len(values) else None
-        columns.append(_column(column, unit, bounds, len(recording) - len(values)))
-    return facts, columns
+    units, table = recording.units.items(), recording.table
+    columns = [_column(name, unit, table[name].to_numpy()) for name, unit in units]
+    return {**recording.summary(), **provenance}, columns
 
 
-def _column(
-    name: str, unit: str, bounds: tuple[float, float] | None, missing: int = 0
-) -> dict[str, Any]:
-    low, high = bounds or (None, None)
+def _column(name: str, unit: str, values: ArrayLike) -> dict[str, Any]:
+    """Give the range of values (n,), and how many are not finite."""
+    import numpy as np
+
+    numbers = np.asarray(values, dtype=float)
+    finite = numbers[np.isfinite(numbers)]
+    low, high = (float(finite.min()), float(finite.max())) if len(finite) else (None, None)
+    missing = len(numbers) - len(finite)
     return {"column": name, "unit": unit, "lowest": low, "highest": high, "missing": missing}
 
 

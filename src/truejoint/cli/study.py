@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from truejoint.cli.console import command_line, out, progress, result_json, say
+from truejoint.cli.options import Result, split_pairs
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import check_folder
 from truejoint.studies.study import STUDIES, Settings, Study, get_study, shown
@@ -27,19 +28,20 @@ def study(
     jobs: int | None = None,
     cluster: str | None = None,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Make the tables and figures of an experiment, beside the paper's numbers.
 
     Parts are kept as they are done: the same command goes on where it was stopped.
     """
     if name is None:
-        _list(as_json=as_json)
-        return
-    options, studies, several = _parsed(chosen or []), _named(name), name not in STUDIES
+        return _listed()
+    options = split_pairs("--set", chosen, "OPTION=VALUE")
+    studies, several = _named(name), name not in STUDIES
     if several and options:
         raise StudyError(f"--set is of one study; name it in place of {name!r:.60}")
-    where = _where(jobs, cluster)
+    if jobs is not None and cluster is not None:
+        raise StudyError("--jobs is for processes on this computer; give it or --cluster")
+    where = {"jobs": jobs or len(os.sched_getaffinity(0)), "cluster": cluster}
     from truejoint.studies import page
 
     made, failed = {}, []
@@ -54,14 +56,13 @@ def study(
             say(f"{study.name}: {error}")
         else:
             page.write_overview(folder, command=command_line())
-            if not as_json:
-                _show(made[study.name])
-    if as_json:
-        plain = {key: result.to_dict() for key, result in made.items()}
-        result_json(plain if several else plain[name])
+            _show(made[study.name])
     say(f"All studies on one page: {folder / page.OVERVIEW}")
+    values = {key: result.to_dict() for key, result in made.items()}
     if failed:
+        result_json(values)
         raise StudyError(f"not done: {', '.join(failed)}; what is wrong with each stands above")
+    return Result(values if several else values[name])
 
 
 def _named(name: str) -> list[Study]:
@@ -72,12 +73,6 @@ def _named(name: str) -> list[Study]:
         return [STUDIES[name]]
     family = [study for study in STUDIES.values() if study.name.startswith(f"{name}-")]
     return family if len(family) > 1 else [get_study(name)]
-
-
-def _where(jobs: int | None, cluster: str | None) -> dict[str, Any]:
-    if jobs is not None and cluster is not None:
-        raise StudyError("--jobs is for processes on this computer; give it or --cluster")
-    return {"jobs": jobs or len(os.sched_getaffinity(0)), "cluster": cluster}
 
 
 def _made(
@@ -110,23 +105,14 @@ def _show(result: StudyResult) -> None:
         out.print(f"{claim.verdict}: {claim.text}{on}: {claim.found}")
 
 
-def _parsed(texts: list[str]) -> dict[str, str]:
-    pairs = [text.partition("=") for text in texts]
-    for (option, separator, _), text in zip(pairs, texts, strict=True):
-        if not separator or sum(option == other[0] for other in pairs) > 1:
-            raise StudyError(f"--set {text!r:.60}: write OPTION=VALUE, each option once")
-    return {option: value for option, _, value in pairs}
-
-
-def _list(*, as_json: bool) -> None:
+def _listed() -> Result:
+    """Print every study with its options."""
     listed = {}
-    for s in STUDIES.values():
-        options, source = {o.name: shown(o.default) for o in s.options}, s.source or "ours"
-        listed[s.name] = {"title": s.title, "source": source, "options": options}
-        if not as_json:
-            out.print(f"{s.name}: {s.title} ({source})", style="bold")
-            for option in s.options:
-                text = f"    --set {option.name}={options[option.name]}  {option.meaning}"
-                out.print(text, soft_wrap=True)
-    if as_json:
-        result_json(listed)
+    for study in STUDIES.values():
+        options, source = {o.name: shown(o.default) for o in study.options}, study.source or "ours"
+        listed[study.name] = {"title": study.title, "source": source, "options": options}
+        out.print(f"{study.name}: {study.title} ({source})", style="bold")
+        for option in study.options:
+            text = f"    --set {option.name}={options[option.name]}  {option.meaning}"
+            out.print(text, soft_wrap=True)
+    return Result(listed)

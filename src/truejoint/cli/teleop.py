@@ -50,13 +50,12 @@ def teleop(
     """
     from truejoint.motion.teleoperation import Gamepad, Teleoperation
 
-    for target in (record, save_keys):
-        if target is not None:
-            check_target(target, overwrite=force)
-    events_of_file = None if keys is None else _read_keys(keys)
-    if events_of_file is not None and gamepad:
+    for target in filter(None, (record, save_keys)):
+        check_target(target, overwrite=force)
+    replayed = None if keys is None else _read_keys(keys)
+    if keys is not None and gamepad:
         raise CommandRefused("--keys replays keys alone; leave --gamepad out")
-    if events_of_file is None and not sys.stdin.isatty():
+    if keys is None and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
     twin = truejoint.simulation.make_twin(*robot_and_arm(robot), seed=seed)
     with ExitStack() as stack:
@@ -73,11 +72,7 @@ def teleop(
         jog = stack.enter_context(truejoint.motion.Jog(device))
         operator = Teleoperation(jog)
         pad = stack.enter_context(Gamepad(operator)) if gamepad else None
-        events = (
-            _replay(operator, events_of_file)
-            if events_of_file is not None
-            else _from_terminal(operator, pad)
-        )
+        events = _from_terminal(operator, pad) if replayed is None else _replay(operator, replayed)
     if save_keys is not None:
         write_atomically(save_keys, lambda path: _write_keys(path, events), overwrite=force)
     now = device.operating_state()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -16,9 +16,9 @@ import typer
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.collect import home
-from truejoint.cli.console import command_line, out, print_table, progress, result_json, say
-from truejoint.cli.options import takes
-from truejoint.cli.recording_options import Files, check_model_target, check_page_target
+from truejoint.cli.console import command_line, out, print_table, progress, say
+from truejoint.cli.options import Result
+from truejoint.cli.recording_options import Files, NewModel, check_page_target
 from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError, CommandRefused
 from truejoint.files import check_target, write_all_atomically, write_atomically
@@ -26,7 +26,7 @@ from truejoint.units import shown, with_unit
 
 if TYPE_CHECKING:
     from truejoint.recordings import Recorder
-    from truejoint.tip import BlockPose, Touches
+    from truejoint.tip import Block, BlockPose, Touches
     from truejoint.tip.fit import TipFit
     from truejoint.tip.guide import Guide, Stop, Task
 
@@ -36,31 +36,19 @@ _MANY, _FEW = 30, 6  # touches that calibrate or find a block, and that re-zero 
 _AFTER: Final = 0.6  # [s] until what the arm did at rest has been recorded
 
 
-def block(
-    robot: str,
-    output: Path = Path(),
-    force: bool = False,
-    as_json: bool = False,
-) -> None:
+def block(robot: str, output: Path = Path(), force: bool = False) -> Result:
     """Design a block of stairs to print: its shape, a drawing with numbers, and its points."""
     from truejoint.tip.block import block_text
 
     shape = truejoint.tip.design_block(options.get_robot(robot))
     made = shape.block()
     output.mkdir(parents=True, exist_ok=True)
-    files = {
-        output / "block.stl": partial(Path.write_bytes, data=truejoint.tip.block_stl(shape)),
-        output / "block.svg": partial(
-            Path.write_text, data=truejoint.tip.block_svg(shape), encoding="utf-8"
-        ),
-        output / "block.toml": partial(Path.write_text, data=block_text(made), encoding="utf-8"),
-    }
+    texts = {"block.svg": truejoint.tip.block_svg(shape), "block.toml": block_text(made)}
+    contents = {"block.stl": truejoint.tip.block_stl(shape)}
+    contents |= {name: text.encode() for name, text in texts.items()}
+    files = {output / name: partial(Path.write_bytes, data=data) for name, data in contents.items()}
     write_all_atomically(files, overwrite=force, error=CalibrationError)
     reached, cells = int(shape.reached.sum()), shape.level.size
-    if as_json:
-        places = {"rotation": shape.rotation.tolist(), "translation": shape.translation.tolist()}
-        result_json({"files": [str(path) for path in files], "dimples": reached, **places})
-        return
     size = " x ".join(f"{1e3 * v:g}" for v in shape.size)
     out.print(f"{output}: {made.name}, {size} mm, {reached} of {cells} dimples in reach")
     stands = []
@@ -73,6 +61,8 @@ def block(
         "against the tool's way in."
     )
     say("print it at 100 %, measure along x, and enter measured_mm in block.toml")
+    places = {"rotation": shape.rotation.tolist(), "translation": shape.translation.tolist()}
+    return Result({"files": [str(path) for path in files], "dimples": reached, **places})
 
 
 @dataclass(frozen=True)
@@ -88,27 +78,26 @@ class Aim:
         from truejoint.tip.block import read_block, read_pose
         from truejoint.tip.guide import design_pose, learning, of_model
 
-        if model is None:
-            if self.block is None or self.bolted is not None:
-                raise CommandRefused(
-                    f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero "
-                    "or to find a block give the model file"
-                )
-            robot, block = options.get_robot(arm), read_block(self.block)
-            priors = [] if self.prior is None else prior_calibrations(self.prior)
-            return learning(robot, design_pose(block, robot), priors)
-        if (self.block is None) == (self.bolted is None):
+        if model is None and (self.block is None or self.bolted is not None):
+            raise CommandRefused(
+                f"touch of {arm}, without a model, takes --block, and calibrates; to re-zero or to "
+                "find a block give the model file"
+            )
+        if model is not None and (self.block is None) == (self.bolted is None):
             raise CommandRefused(
                 "touch run takes --block, to find where it stands, or --bolted, to re-zero by it"
             )
-        if self.prior is not None:
+        if model is not None and self.prior is not None:
             raise CommandRefused("--prior is for an arm without a model; leave it out")
-        calibration = truejoint.read_calibration(model)
-        robot = calibration.machine
+        calibration = None if model is None else truejoint.read_calibration(model)
+        robot = options.get_robot(arm) if calibration is None else calibration.machine
         if self.bolted is not None:
-            return of_model(calibration, read_pose(self.bolted), finds_block=False)
-        meant = design_pose(read_block(self.block or Path()), robot)
-        return of_model(calibration, meant, finds_block=True)
+            pose = read_pose(self.bolted)
+        else:
+            pose = design_pose(read_block(self.block or Path()), robot)
+        if calibration is None:
+            return learning(robot, pose, prior_calibrations(self.prior))
+        return of_model(calibration, pose, finds_block=self.bolted is None)
 
     def following(self, arm: str, model: Path | None, output: Path) -> str:
         """Command that takes what was touched."""
@@ -117,19 +106,16 @@ class Aim:
         elif model is not None:
             words = ["touch", "bolt", arm, "--touches", output, "--block", self.block]
         else:
-            priors = [] if self.prior is None else ["--prior", self.prior]
             recording = output.with_suffix(".parquet")
-            touched = ["--touches", output, "--block", self.block]
-            words = ["touch", "calibrate", recording, *touched, *priors]
+            words = ["touch", "calibrate", recording, "--touches", output, "--block", self.block]
+            words += [] if self.prior is None else ["--prior", self.prior]
         return shlex.join(str(word) for word in words)
 
 
-@takes(aim=Aim)
 def run(
     arm: str,
-    output: Path | None = None,
-    *,
     aim: Aim,
+    output: Path | None = None,
     touches: int | None = None,
     until_mm: float = 0.0,
     by_hand: bool = False,
@@ -156,13 +142,17 @@ def run(
         raise CommandRefused(f"--touches {count}: it takes {task.fewest} at least; give so many")
     guide = Guide(task, count, seed=seed)
     if output is None:
-        _print_plan(guide)
+        rows: list[tuple[str, ...]] = []
+        while (stop := guide.next_stop()) is not None:
+            rows.append((str(len(rows) + 1), stop.dimple, stop.words))
+            guide.skip(stop)
+        print_table(("touch", "dimple", "come with"), rows, title="Touches, in order")
         return
     if output.suffix != ".csv":
         raise CommandRefused(f"{output}: touches are written as .csv; name it so")
     path = output.with_suffix(".parquet")
-    for target in (output, path):
-        check_target(target, overwrite=force)
+    check_target(output, overwrite=force)
+    check_target(path, overwrite=force)
     opened = _by_hand(task.robot, namespace, ros) if by_hand else _simulated(task.pose, twin, seed)
     about: dict[str, Any] = {"session": output.stem, "command": command_line()}
     with (
@@ -220,16 +210,6 @@ def _write(touches: Touches, output: Path) -> None:
     write_atomically(output, write, overwrite=True, error=CommandRefused)
 
 
-def _print_plan(guide: Guide) -> None:
-    rows = []
-    count = 1
-    while (stop := guide.next_stop()) is not None:
-        rows.append((str(count), stop.dimple, stop.words))
-        guide.skip(stop)
-        count += 1
-    print_table(("touch", "dimple", "come with"), rows, title="Touches, in order")
-
-
 @contextmanager
 def _simulated(pose: BlockPose, twin: str, seed: int) -> Iterator[tuple[truejoint.crtk.Arm, Seat]]:
     """Arm of a twin, homed, and a hand that steers it to a block at `pose`."""
@@ -272,51 +252,25 @@ def prompted(device: truejoint.crtk.Arm, stop: Stop, **how: Any) -> float:
     return t
 
 
-@dataclass(frozen=True)
-class Touching:
-    """Touches, and what the arm did meanwhile, an option each."""
-
-    touches: Path
-    touch_sd_mm: float = 0.2
-
-    def read(
-        self, model: Path, recording: str | None, files: Files
-    ) -> tuple[truejoint.Calibration, truejoint.Recording, truejoint.tip.Touches]:
-        """Read the model, the recording beside the touches unless one is named, the touches."""
-        calibration, touches = (
-            truejoint.read_calibration(model),
-            truejoint.tip.read_touches(self.touches),
-        )
-        name = recording or str(self.touches.with_suffix(".parquet"))
-        return calibration, files.one(name, model=calibration), touches
-
-
-@takes(files=Files, touching=Touching)
 def bolt(
     model: Path,
-    recording: str | None = None,
-    *,
+    touches: Path,
     block: Path,
-    touching: Touching,
     output: Path,
-    force: bool = False,
-    as_json: bool = False,
     files: Files,
-) -> None:
+    recording: str | None = None,
+    touch_sd_mm: float = 0.2,
+    force: bool = False,
+) -> Result:
     """Find where a bolted block stands, on the day of the full calibration."""
     check_target(output, overwrite=force)
-    shape = truejoint.tip.read_block(block)
-    calibration, whole, touches = touching.read(model, recording, files)
-    sd = touching.touch_sd_mm / 1e3
-    pose, fit = truejoint.tip.find_block(calibration, whole, touches, shape, touch_sd=sd)
+    shape, calibration = truejoint.tip.read_block(block), truejoint.read_calibration(model)
+    made = truejoint.tip.read_touches(touches)
+    whole = files.one(recording or str(touches.with_suffix(".parquet")), model=calibration)
+    pose, fit = truejoint.tip.find_block(
+        calibration, whole, made, shape, touch_sd=touch_sd_mm / 1e3
+    )
     truejoint.tip.write_pose(pose, output, overwrite=force)
-    facts = {
-        "turn_sd": fit.sd[:3].tolist(), "shift_sd": fit.sd[3:6].tolist(), "scale": pose.scale,
-        "scale_sd": pose.scale_sd, **touch_facts(fit, touches),
-    }  # fmt: skip
-    if as_json:
-        result_json({"pose": str(output), **facts})
-        return
     turn, shift = (
         with_unit(float(fit.sd[part].max()), unit)
         for part, unit in ((slice(0, 3), "rad"), (slice(3, 6), "m"))
@@ -325,26 +279,24 @@ def bolt(
     if abs(pose.scale / shape.scale - 1.0) > 3.0 * pose.scale_sd:
         off = 100.0 * (pose.scale / shape.scale - 1.0)
         say(f"the print is {off:+.2f} % of what its file says: measure it, and enter measured_mm")
-    say_left_out(fit, touches)
+    sds = {"turn_sd": fit.sd[:3].tolist(), "shift_sd": fit.sd[3:6].tolist()}
+    scale = {"scale": pose.scale, "scale_sd": pose.scale_sd}
+    return Result({"pose": str(output), **sds, **scale, **report_touches(fit, made)})
 
 
-def touch_facts(fit: TipFit, touches: truejoint.tip.Touches) -> dict[str, Any]:
-    """State how well touches fit, as plain values."""
-    rms = (fit.residual[~fit.left_out] ** 2).sum(axis=1).mean() ** 0.5
-    outliers = [touches.dimple[i] for i in fit.left_out.nonzero()[0]]
-    return {"touches": len(touches), "left_out": outliers, "residual_rms": float(rms)}
-
-
-def say_left_out(fit: TipFit, touches: truejoint.tip.Touches) -> None:
-    """Print how well touches fit, and which were left out as outliers."""
-    facts = touch_facts(fit, touches)
-    out.print(f"{len(touches)} touches, {with_unit(facts['residual_rms'], 'm')} off (RMS)")
-    for i in fit.left_out.nonzero()[0]:
+def report_touches(fit: TipFit, touches: Touches) -> dict[str, Any]:
+    """Print how well touches fit, and which were left out as outliers; gives the same as values."""
+    rms = float((fit.residual[~fit.left_out] ** 2).sum(axis=1).mean() ** 0.5)
+    out.print(f"{len(touches)} touches, {with_unit(rms, 'm')} off (RMS)")
+    outliers = fit.left_out.nonzero()[0]
+    for i in outliers:
         off = with_unit(float((fit.residual[i] ** 2).sum() ** 0.5), "m")
         say(
             f"left out: dimple {touches.dimple[i]} at {touches.t[i]:.1f} s, {off} off: badly "
             "seated, or another number?"
         )
+    left_out = [touches.dimple[i] for i in outliers]
+    return {"touches": len(touches), "left_out": left_out, "residual_rms": rms}
 
 
 @dataclass(frozen=True)
@@ -362,72 +314,64 @@ class Sightings:
         if (self.touches is None) != (self.block is None):
             raise CalibrationError("--touches and --block belong together: give both, or neither")
 
+    def read(self) -> tuple[Touches, Block, float]:
+        """Read the touches and their block, or shots as such; with the deviation of one [m]."""
+        from truejoint.tip.block import TOUCH_SD
+        from truejoint.tip.touch import SHOT_SD
 
-@takes(sightings=Sightings, files=Files)
+        tip = truejoint.tip
+        if self.touches is not None and self.block is not None:
+            touches, block = tip.read_touches(self.touches), tip.read_block(self.block)
+        else:
+            touches, block = tip.read_shots(self.points or Path())
+        default = SHOT_SD if self.touches is None else TOUCH_SD
+        return touches, block, default if self.touch_sd_mm is None else self.touch_sd_mm / 1e3
+
+
 def calibrate(
     recording: str,
-    output: Path,
-    *,
+    new: NewModel,
     sightings: Sightings,
+    files: Files,
     prior: Path | None = None,
     report: Path | None = None,
-    files: Files,
-    force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Calibrate an arm without joint sensors, and say what the touches could not determine."""
     from truejoint.evaluation.report.page import write_touch_report
 
-    check_model_target(output, force)
-    check_page_target(report, force)
-    fit = _fitting(sightings, [] if prior is None else prior_calibrations(prior))
+    check_page_target(report, new.force)
+    priors, (touches, block, sd) = prior_calibrations(prior), sightings.read()
     whole = files.one(recording)
     with progress("Fitting joints and frame"):
-        fitted, touch_report = fit(whole)
+        fitted, touch_report = truejoint.tip.calibrate_by_touch(
+            whole, touches, block, touch_sd=sd, priors=priors
+        )
     command = command_line()
     fitted = fitted.with_metadata(command=command)
-    truejoint.write_calibration(fitted, output, overwrite=force)
+    new.write(fitted)
     if report is not None:
-        write_touch_report(fitted, touch_report, report, command=command, overwrite=force)
-    if as_json:
-        result_json({"model": str(output), "metadata": fitted.metadata})
-        return
-    say_left_out(touch_report.fit, touch_report.touches)
+        write_touch_report(fitted, touch_report, report, command=command, overwrite=new.force)
+    report_touches(touch_report.fit, touch_report.touches)
     near = with_unit(touch_report.left_out_error, "m")
-    sd = with_unit(touch_report.left_out_sd, "m")
+    sd_of_it = with_unit(touch_report.left_out_sd, "m")
     out.print(
-        f"{output}: the tip is within {near} ± {sd} (RMS) in the block's frame, by touches "
-        "left out in turn",
+        f"{new.output}: the tip is within {near} ± {sd_of_it} (RMS) in the block's frame, by "
+        "touches left out in turn",
         soft_wrap=True,
     )
     for text in touch_report.not_seen:
         out.print(f"  {text}", soft_wrap=True)
+    return Result({"model": str(new.output), "metadata": fitted.metadata})
 
 
-def prior_calibrations(prior: Path) -> list[truejoint.Calibration]:
+def prior_calibrations(prior: Path | None) -> list[truejoint.Calibration]:
     """Read the model file, or all those in a folder; raises CalibrationError if there are none."""
+    if prior is None:
+        return []
     if not prior.is_dir():
         return [truejoint.read_calibration(prior)]
     paths = [path for path in sorted(prior.iterdir()) if is_model(path)]
     if not paths:
         raise CalibrationError(f"{prior}: no model file is in this folder; `calibrate` writes them")
-    for path in paths:
-        say(f"  prior: {path.name}")
+    say(f"  prior: {', '.join(path.name for path in paths)}")
     return [truejoint.read_calibration(path) for path in paths]
-
-
-def _fitting(
-    sightings: Sightings, priors: Sequence[truejoint.Calibration]
-) -> Callable[[truejoint.Recording], tuple[truejoint.Calibration, truejoint.tip.TouchReport]]:
-    """Read what was touched or shot, and give what fits a recording to it."""
-    from truejoint.tip.block import TOUCH_SD
-    from truejoint.tip.touch import SHOT_SD
-
-    tip = truejoint.tip
-    if sightings.touches is not None and sightings.block is not None:
-        touches, block = tip.read_touches(sightings.touches), tip.read_block(sightings.block)
-        default = TOUCH_SD
-    else:
-        (touches, block), default = tip.read_shots(sightings.points or Path()), SHOT_SD
-    sd = default if sightings.touch_sd_mm is None else sightings.touch_sd_mm / 1e3
-    return lambda whole: tip.calibrate_by_touch(whole, touches, block, touch_sd=sd, priors=priors)

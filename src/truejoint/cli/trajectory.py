@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, cast
 
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import say
+from truejoint.cli.options import Result
 from truejoint.cli.show import tell_trajectory
 from truejoint.errors import TrajectoryError, unknown
 from truejoint.files import check_target
@@ -27,57 +29,58 @@ def parse_sparsity(text: str) -> float:
     return sparsity
 
 
-# Options of each kind with their defaults.
-KINDS: Final[dict[str, dict[str, Any]]] = {
-    "zigzag": {"direction": "J2-J3", "sparsity": "1/4", "published": False},
-    "random": {"minutes": 20.0, "seed": 0, "profile": "cosine"},
-    "designed": {"minutes": 2.5, "seed": 0},
-    "nested": {"minutes": 65.0 / 60.0},
+# Options of each kind; what is not stated is as the motion has it.
+KINDS: Final = {
+    "zigzag": ("direction", "sparsity", "published"),
+    "random": ("minutes", "seed", "profile"),
+    "designed": ("minutes", "seed"),
+    "nested": ("minutes",),
 }
 
 
-def _make(
-    kind: str, robot: truejoint.robots.Robot, how: dict[str, Any]
-) -> truejoint.motion.Trajectory:
-    """Make a trajectory by its options."""
-    motion = truejoint.motion
-    if kind == "zigzag":
-        return motion.zigzag(robot, sparsity=parse_sparsity(how.pop("sparsity")), **how)
-    duration = 60.0 * how.pop("minutes")
-    if kind == "random":
-        return motion.random_motion(robot, duration, **how)
-    make = motion.designed_motion if kind == "designed" else motion.nested_motion
-    return make(robot, duration, **how)
+@dataclass(frozen=True)
+class Shape:
+    """What a trajectory is like, an option each."""
+
+    direction: str | None = None
+    sparsity: str | None = None
+    published: bool | None = None
+    minutes: float | None = None
+    seed: int | None = None
+    profile: str | None = None
+
+    def make(self, kind: str, robot: truejoint.robots.Robot) -> truejoint.motion.Trajectory:
+        """Make a trajectory; raises TrajectoryError for an option that is not of its kind."""
+        how = {name: value for name, value in vars(self).items() if value is not None}
+        for name in how:
+            if name not in KINDS[kind]:
+                takes = ", ".join(f"--{option}" for option in KINDS[kind])
+                raise TrajectoryError(f"--{name}: a {kind} motion takes {takes}; leave it out")
+        if self.sparsity is not None:
+            how["sparsity"] = parse_sparsity(self.sparsity)
+        if self.minutes is not None:
+            how["duration"] = 60.0 * how.pop("minutes")
+        motion = truejoint.motion
+        makers: dict[str, Any] = {
+            "zigzag": motion.zigzag, "random": motion.random_motion,
+            "designed": motion.designed_motion, "nested": motion.nested_motion,
+        }  # fmt: skip
+        return cast("truejoint.motion.Trajectory", makers[kind](robot, **how))
 
 
 def trajectory(
     kind: str,
     output: Path,
-    direction: str | None = None,
-    sparsity: str | None = None,
-    published: bool | None = None,
-    minutes: float | None = None,
-    seed: int | None = None,
-    profile: str | None = None,
+    shape: Shape,
     robot: str = "",
     plot: Path | None = None,
     force: bool = False,
-    as_json: bool = False,
-) -> None:
+) -> Result:
     """Make a trajectory for an arm to follow; `truejoint show` describes one."""
     if kind not in KINDS:
         raise TrajectoryError(unknown("kind of trajectory", kind, KINDS))
-    stated = {
-        "direction": direction, "sparsity": sparsity, "published": published, "minutes": minutes,
-        "seed": seed, "profile": profile,
-    }  # fmt: skip
-    stated_options = {name: value for name, value in stated.items() if value is not None}
-    for name in stated_options:
-        if name not in KINDS[kind]:
-            takes = ", ".join(f"--{option}" for option in KINDS[kind])
-            raise TrajectoryError(f"--{name}: a {kind} motion takes {takes}; leave it out")
     arm = options.get_robot(robot or ("forceps" if kind == "nested" else DEFAULT))
-    made = _make(kind, arm, KINDS[kind] | stated_options)
+    made = shape.make(kind, arm)
     for path in filter(None, (output, plot)):
         check_target(path, overwrite=force)
     truejoint.motion.write_trajectory(made, output, overwrite=force)
@@ -85,4 +88,4 @@ def trajectory(
     if plot is not None:
         truejoint.motion.plot_trajectory(made, plot, overwrite=force)
         say(f"wrote {plot}")
-    tell_trajectory(made, arm, as_json=as_json)
+    return tell_trajectory(made, arm)

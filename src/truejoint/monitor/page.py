@@ -25,6 +25,8 @@ LOOPBACK: Final = "127.0.0.1"
 PORT: Final = 8080
 FRAME_RATE: Final = 25.0
 """Pictures a second."""
+PLOT_EVERY: Final = 5
+"""Pictures after which the plots are drawn anew."""
 WINDOW: Final = 10.0
 """Time that the plots show [s]."""
 
@@ -63,6 +65,7 @@ class Page:
         self._lock = threading.RLock()  # of all below
         self._latest: Samples | None = None
         self._window: Samples | None = None  # what the plots show
+        self._since = 0  # pictures since they were drawn
         self._bodies: dict[str, _Body] = {}
         self._plots: dict[str, Any] = {}
         self._titles: dict[str, tuple[str, ...]] = {}
@@ -106,10 +109,13 @@ class Page:
         with _silent():
             self._server.stop()
 
-    def render(self, samples: Samples | None, condition: Condition, *, replot: bool) -> None:
-        """Show the last row of `samples`, and with `replot` all of them over time."""
+    def render(
+        self, samples: Samples | None, condition: Condition, *, at_once: bool = False
+    ) -> None:
+        """Show the last row of `samples`, and every few pictures or `at_once` all over time."""
         with self._lock, self._server.atomic():
             self._latest = samples
+            self._since += 1
             self._status.content = panels.status_html(condition, samples)
             if samples is None:
                 return
@@ -117,8 +123,8 @@ class Page:
             if table != self._table.content:
                 self._table.content = table
             self._draw(samples, condition.is_fresh)
-            if replot:
-                self._window = samples
+            if samples is not self._window and (at_once or self._since >= PLOT_EVERY):
+                self._window, self._since = samples, 0
                 self._replot()
 
     def say(self, error: Exception) -> None:

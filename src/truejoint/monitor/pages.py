@@ -18,7 +18,7 @@ from truejoint.calibration import Calibration
 from truejoint.crtk.arm import Arm, as_arm
 from truejoint.errors import TruejointError
 from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
-from truejoint.monitor.process import PLOT_EVERY, PageProcess
+from truejoint.monitor.process import PageProcess
 from truejoint.monitor.samples import MOST_ROWS, Condition, LiveSamples, Samples
 from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.robots.blocks import StateBlock, TruthBlock
@@ -238,7 +238,6 @@ class RecordingPage(_Pictures):
         t = self._samples.t
         self._t, self._end = round(float(t[0]), 2), round(float(t[-1]), 2)  # as they are shown
         self._drawn = math.nan
-        self._count = 0
         self._last = time.monotonic()
         self._page: Page = Page(
             recording.robot, self._samples.joints, self._add_controls, host=host, port=port
@@ -265,10 +264,9 @@ class RecordingPage(_Pictures):
         if self._t == self._drawn:
             return
         self._drawn = self._t
-        self._count += 1
-        replot = not self._play.value or self._count % PLOT_EVERY == 0
-        window = self.window(self._t)
-        self._page.render(window, Condition("recording", t=float(window.t[-1])), replot=replot)
+        window, at_once = self.window(self._t), not self._play.value
+        condition = Condition("recording", t=float(window.t[-1]))
+        self._page.render(window, condition, at_once=at_once)
 
     def window(self, t: float) -> Samples:
         """Rows that the plots show at `t` [s]: the 10 s before it, thinned out to what is seen."""

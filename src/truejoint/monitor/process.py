@@ -16,6 +16,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any, Final
 
 import numpy as np
@@ -28,8 +29,6 @@ from truejoint.robots import Robot
 
 COMMANDS: Final = ("pause", "resume")
 """What the buttons ask for."""
-PLOT_EVERY: Final = 5
-"""Pictures after which the plots are drawn anew."""
 
 _NAMES: Final = ("joints", "effort_units")  # of samples: the rest are arrays
 _PATIENCE: Final = 2.0  # [s] for it to end by itself
@@ -123,31 +122,24 @@ class ArmView(Page):
         self._on_command = on_command
         self.rows: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
         self._condition = Condition("no answer", "the arm has said nothing yet", is_fresh=False)
-        self._has_new = False  # since the plots were drawn
-        self._since = 0  # pictures since then
-        self._taking = threading.Lock()  # of all above
+        self._samples: Samples | None = None  # all rows, once joined
         super().__init__(robot, robot.joint_names, self._add_buttons, host=host, port=port)
 
     def show(self, row: Samples | None, condition: Condition) -> None:
         """Take what is to be shown in the next picture."""
-        with self._taking:
-            self._condition = condition
-            if row is not None:
-                self.rows.append(row)
-                self._has_new = True
+        self._condition = condition
+        if row is not None:
+            self.rows.append(row)
+            self._samples = None
 
     def draw(self) -> None:
         """Make a picture of what is to be shown by now."""
-        with self._taking:
-            samples = Samples.joined(self.rows) if self.rows else None
-            self._since += 1
-            condition, replot = self._condition, self._has_new and self._since >= PLOT_EVERY
-            if replot:
-                self._has_new, self._since = False, 0
-        paused = condition.state.startswith("PAUSED")
+        if self._samples is None and self.rows:
+            self._samples = Samples.joined(self.rows)
+        paused = self._condition.state.startswith("PAUSED")
         if self.resume.visible != paused:
             self.resume.visible = paused
-        self.render(samples, condition, replot=replot)
+        self.render(self._samples, self._condition)
 
     def _add_buttons(self, gui: Any) -> None:
         pause = gui.add_button("Pause the arm", color="red")
@@ -162,10 +154,8 @@ def _plain(row: Samples) -> dict[str, Any]:
 
 def _samples(values: Mapping[str, Any]) -> Samples:
     """Make samples of their plain values: the inverse of `_plain`."""
-    messages: dict[str, Any] = {
-        name: tuple(value) if name in _NAMES else np.array(value) for name, value in values.items()
-    }
-    return Samples(**messages)
+    kinds: Any = {name: tuple if name in _NAMES else np.array for name in values}
+    return Samples(**{name: kinds[name](value) for name, value in values.items()})
 
 
 def main() -> None:
@@ -188,29 +178,28 @@ def main() -> None:
         tell(error=str(error))
         return
     tell(url=view.url)
-    news, over = threading.Event(), threading.Event()
-    drawing = threading.Thread(target=_draw, args=(view, news, over), daemon=True)
+    messages: SimpleQueue[dict[str, Any] | None] = SimpleQueue()
+    drawing = threading.Thread(target=_draw, args=(view, messages), daemon=True)
     drawing.start()
     for line in sys.stdin:
         message = json.loads(line)
         if "refused" in message:
             view.say(TruejointError(message["refused"]))
-            continue
-        row = message["row"]
-        view.show(None if row is None else _samples(row), Condition(**message["condition"]))
-        news.set()
-    over.set()
-    news.set()
+        else:
+            messages.put(message)
+    messages.put(None)
     drawing.join(_PATIENCE)
     view.close()
 
 
-def _draw(view: ArmView, news: threading.Event, over: threading.Event) -> None:
-    """Draw when there is something new; what came meanwhile goes into the next picture."""
+def _draw(view: ArmView, messages: SimpleQueue[dict[str, Any] | None]) -> None:
+    """Draw what comes, all that has come meanwhile in one picture, until None comes."""
     try:
-        while news.wait() and not over.is_set():
-            news.clear()
-            view.draw()
+        while (message := messages.get()) is not None:
+            row = message["row"]
+            view.show(None if row is None else _samples(row), Condition(**message["condition"]))
+            if messages.empty():
+                view.draw()
     except Exception as error:
         view.stopped(error)
         raise

@@ -82,9 +82,7 @@ def zigzag(
     ('shoulder', 'elbow', 'insertion')
     """
     if str(direction).upper() not in DIRECTIONS:
-        raise TrajectoryError(
-            f"direction {direction!r} is unknown; choose one of {', '.join(DIRECTIONS)}"
-        )
+        raise TrajectoryError(unknown("direction", str(direction), DIRECTIONS))
     if not (isinstance(sparsity, Real) and 1.0 / _MOST_DIVISIONS <= sparsity <= 1.0):
         raise TrajectoryError(
             f"sparsity {sparsity!r:.40} must be within [1/{_MOST_DIVISIONS}, 1], as a number"
@@ -95,14 +93,13 @@ def zigzag(
             f"a zig-zag needs 3 joints; the workspace has {', '.join(space.joints)}"
         )
     direction, divisions = direction.upper(), round(1.0 / sparsity)
-    three = published and direction == DIRECTIONS[-1]
     shares = (_unit_snake(divisions) - 0.5) @ zigzag_box(direction, published=published).T
     meta = {"kind": "zigzag", "direction": direction, "sparsity": 1.0 / divisions}
-    if three:
+    if published and direction == DIRECTIONS[-1]:
         meta["published"] = True
-    ends = {"lower": space.lower.tolist(), "upper": space.upper.tolist()}
+    meta |= {"lower": space.lower.tolist(), "upper": space.upper.tolist()}
     name, positions = f"zigzag {direction} 1/{divisions}", space.centre + space.extent * shares
-    return generated(robot, space, positions, name=name, meta=meta | ends)
+    return generated(robot, space, positions, name=name, meta=meta)
 
 
 def random_motion(

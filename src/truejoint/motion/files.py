@@ -159,17 +159,14 @@ class _Header(NamedTuple):
 
 
 def _read_lab(path: Path, first: str) -> Trajectory:
-    cells = first.strip().split(",")
     try:
-        [float(cell) for cell in cells]
+        n_numbers = len([float(cell) for cell in first.split(",")])
     except ValueError:
+        n_numbers = 0
+    if n_numbers != len(_LAB_JOINTS):
         raise TrajectoryError(
             f"starts with {first.strip()[:40]!r}; want a file that truejoint saved, or "
             f"{', '.join(_LAB_JOINTS)} in rad, rad, m without a header"
-        ) from None
-    if len(cells) != len(_LAB_JOINTS):
-        raise TrajectoryError(
-            f"{len(cells)} columns without a header; want {', '.join(_LAB_JOINTS)}"
         )
     values = _read_numbers(path, len(_LAB_JOINTS), skip=0)
     return Trajectory(_LAB_JOINTS, _LAB_UNITS, values, None, path.stem, {"source": path.name})
@@ -181,8 +178,9 @@ def _read_numbers(path: Path, columns: int, *, skip: int) -> Array:
         with warnings.catch_warnings():
             # No rows is a warning of numpy's and an error of ours, below.
             warnings.simplefilter("ignore", UserWarning)
-            form: dict[str, Any] = {"delimiter": ",", "comments": None, "encoding": "utf-8"}
-            values = np.loadtxt(path, skiprows=skip, ndmin=2, **form)
+            values = np.loadtxt(
+                path, delimiter=",", comments=None, encoding="utf-8", skiprows=skip, ndmin=2
+            )
     except (ValueError, OSError) as error:  # it unpacks what is called .gz
         raise TrajectoryError(
             f"a row is not {columns} numbers ({words(error)}); get the file again"

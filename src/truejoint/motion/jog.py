@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Final, Self
 
 import numpy as np
@@ -54,9 +53,7 @@ class Jog:
         self.arm: Final = as_arm(arm)
         self.speed = move_speed(arm.robot, speed, "jog")
         self.motion: Motion
-        self._lock = threading.Lock()
-        self._velocity = np.zeros(len(arm.robot.joints))
-        self._twist: Array | None = None
+        self.stop()
 
     def __enter__(self) -> Self:
         start = self.arm.setpoint_js(math.inf).position
@@ -68,9 +65,9 @@ class Jog:
 
     def joints(self, velocity: ArrayLike) -> None:
         """Go on at joint velocities (n_joints,) [rad/s or m/s], each cut to its cap."""
-        wanted = checked_vector(self.arm.robot, velocity, "jog")
-        with self._lock:
-            self._velocity, self._twist = np.clip(wanted, -self.speed, self.speed), None
+        wanted = np.clip(checked_vector(self.arm.robot, velocity, "jog"), -self.speed, self.speed)
+        # Joint velocities (n_joints,) that are asked for at a position; the arm's thread calls it.
+        self._wanted: Callable[[Array], Array] = lambda _: wanted
 
     def tool(self, twist: ArrayLike) -> None:
         """Go on at a twist (6,) of the tool [m/s, rad/s] in the frame of the CRTK topics.
@@ -78,13 +75,24 @@ class Jog:
         Where a joint would be faster than its cap all are slowed, so that the direction is kept.
         Raises RobotError if the robot's kinematics are not known.
         """
-        if self.arm.robot.kinematics is None:
+        kinematics = self.arm.robot.kinematics
+        if kinematics is None:
             raise RobotError(f"jog: the kinematics of {self.arm.robot.title} are not known")
         wanted = np.asarray(twist, dtype=float)
         if wanted.shape != (6,) or not np.isfinite(wanted).all():
             raise CommandRefused("jog refused: a twist is 6 finite values [m/s] and [rad/s]")
-        with self._lock:
-            self._twist = wanted
+        turned = kinematics.crtk_from_base[:3, :3].T
+        inside = np.concatenate([turned @ wanted[:3], turned @ wanted[3:]])
+
+        def from_twist(position: Array) -> Array:
+            # In shares of the caps, so that radians and metres compare.
+            scaled = kinematics.jacobian(position) * self.speed
+            square = scaled @ scaled.T
+            square = square + _DAMPING**2 * np.eye(6) * np.trace(square) / 6
+            shares = scaled.T @ np.linalg.solve(square, inside)
+            return np.asarray(self.speed * shares / max(1.0, float(np.abs(shares).max())))
+
+        self._wanted = from_twist
 
     def stop(self) -> None:
         """Come to rest and hold."""
@@ -109,20 +117,3 @@ class Jog:
             rows = np.clip(rows, robot.lower, robot.upper)
             position, velocity = rows[-1], after
             yield rows
-
-    def _wanted(self, position: Array) -> Array:
-        """Joint velocities (n_joints,) that are asked for now."""
-        with self._lock:
-            if self._twist is None:
-                return self._velocity
-            twist = self._twist
-        kinematics = self.arm.robot.kinematics
-        if kinematics is None:  # checked when the twist was told
-            return self._velocity
-        turned = kinematics.crtk_from_base[:3, :3].T
-        rows = kinematics.jacobian(position)
-        scaled = rows * self.speed  # in shares of the caps, so that radians and metres compare
-        inside = np.concatenate([turned @ twist[:3], turned @ twist[3:]])
-        square = scaled @ scaled.T + _DAMPING**2 * np.eye(6) * np.trace(scaled @ scaled.T) / 6
-        shares = scaled.T @ np.linalg.solve(square, inside)
-        return np.asarray(self.speed * shares / max(1.0, float(np.abs(shares).max())))

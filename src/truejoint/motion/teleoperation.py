@@ -197,18 +197,15 @@ class Teleoperation:
         self._pushed = np.zeros_like(self._pushed[0]), np.zeros(6)
 
     def _move(self) -> None:
-        held = [self.keys[name] for name in self._held]
         joints, twist = self._pushed
-        if held:  # of the kind pressed last
-            joints = np.zeros_like(joints)
-            twist = np.zeros(6)
-            if held[-1].joints:
-                joints = np.sum([key.joints for key in held if key.joints], axis=0).clip(-1.0, 1.0)
-            else:
-                twist = np.sum([key.twist for key in held if key.twist], axis=0).clip(-1.0, 1.0)
-        if joints.any() or (held and held[-1].joints):
+        if self._held:  # those of the kind pressed last
+            keys = [self.keys[name] for name in self._held]
+            kind = [key for key in keys if bool(key.joints) == bool(keys[-1].joints)]
+            shares = np.sum([key.joints or key.twist for key in kind], axis=0).clip(-1.0, 1.0)
+            joints, twist = (shares, np.zeros(6)) if keys[-1].joints else (0.0 * joints, shares)
+        if joints.any():
             self.jog.joints(joints * self.share * self.jog.speed)
-        elif twist.any() or held:
+        elif twist.any():
             self.jog.tool(twist * self.share * TOOL_SPEED)
         else:
             self.jog.stop()
