@@ -17,6 +17,7 @@ import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from enum import IntFlag
 from itertools import combinations
 from typing import Any, Final
 
@@ -64,7 +65,7 @@ def print_kernels(
     *,
     single: bool = False,
     inputs: Iterable[str] = (),
-    enums: Mapping[type, str] | None = None,
+    enums: Mapping[type[IntFlag], str] | None = None,
     named: Mapping[str, str] | None = None,
 ) -> Program:
     """Print kernels of arguments ``numbers, memory``, of a `memory` before the first step.
@@ -89,7 +90,7 @@ def print_kernels(
 class Printer:
     """All functions of one program, in one pass over its kernels."""
 
-    def __init__(self, style: Style, enums: Mapping[type, str]) -> None:
+    def __init__(self, style: Style, enums: Mapping[type[IntFlag], str]) -> None:
         self.style = style
         self.enums = enums
         self.constants = Constants(style)

@@ -152,8 +152,7 @@ class Constants:
 
     def define(self, name: str, value: Any) -> str:
         """Name of a constant number of a module."""
-        wanted = name.strip("_").upper()
-        for option in chain((wanted,), (f"{wanted}_{i}" for i in count(2))):
+        for option in chain((name,), (f"{name}_{i}" for i in count(2))):
             held = self.defines.setdefault(option, value)
             if held == value and isinstance(held, type(value)):
                 self.names.add(option)

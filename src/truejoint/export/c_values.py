@@ -70,6 +70,11 @@ class View:
             self, offset=add(self.offset, offset), start=add(self.start, offset), shape=shape
         )
 
+    def pointer_text(self, style: Style) -> str:
+        """Pointer to the first element in C."""
+        offset = style.text(self.offset)
+        return self.text if offset == "0" else f"{self.text} + {offset}"
+
     def ends_before(self, other: View) -> bool:
         """Whether it is certain to end where a view of the same array begins, or before."""
         size: Scalar = Known(1)

@@ -176,17 +176,12 @@ class Compensator:
         self._robot = robot
         joints = robot.index(inner.joints)
         top = np.array([robot.joints[i].max_speed for i in joints])
-        zeros = np.zeros(len(joints))
-        arrays = (
-            "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
-        )  # fmt: skip
         self.memory: Final = at.LAYOUT.pack(
             doubted=~int(believed), lead=lag * rate, gain=gain,
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
             settle=1.0 / (1.0 + SETTLING * rate), dead_band=dead_band,
             lower=robot.lower[joints], upper=robot.upper[joints],
             step=np.minimum(top, SPEED_SHARE * inner.spike_speed) / rate,
-            **dict.fromkeys((*arrays, "is_limited", "rests"), zeros),
         )  # fmt: skip
         view = self.memory.view
         self.setpoint: Array = view("setpoint")
@@ -199,7 +194,7 @@ class Compensator:
         self.measured: Final = [inner.signals.index(f"measured/{n}") for n in inner.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
-        self.start(zeros)
+        self.start(0.0)
 
     @property
     def at_limit(self) -> Mask:
