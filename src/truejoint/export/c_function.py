@@ -240,7 +240,7 @@ class Function:
         place = self.cell(record.numbers if f.shape else side, Known(f.index), node, write=False)
         if not f.shape:
             return place
-        return self.printer.constants.view(side, place, tuple(map(Known, memory.shapes[f.name])))
+        return self.printer.view(side, place, tuple(map(Known, memory.shapes[f.name])))
 
     def constant(self, node: ast.expr, name: str) -> Any:
         """Give what a global name stands for, a number by the name that C has for it."""
@@ -259,7 +259,7 @@ class Function:
         if self.style.single and 0.0 < roundings < _MOST_ROUNDINGS and roundings.is_integer():
             # A whole number of roundings of a double is meant in roundings of the arithmetic.
             shown = roundings * float(np.finfo(np.float32).eps)
-        return Known(value, self.printer.constants.define(name, shown))
+        return Known(value, self.printer.define(name, shown))
 
     def _unaryop(self, node: ast.UnaryOp) -> Any:
         if isinstance(node.op, ast.Not):
@@ -432,7 +432,7 @@ class Function:
             if f.name in struct.written:
                 return Expr(base.field_text(f.name), kind_of(f, self.style))
             return Known(struct.values(f)[0].item())
-        view = self.printer.constants.view(base, index, (Known(1),))
+        view = self.printer.view(base, index, (Known(1),))
         if write:
             self.mark(view)
             view = replace(view, values=None)
@@ -459,7 +459,7 @@ class Function:
                 return base.part(place, tuple(sizes))
             if not isinstance(base, Handle):
                 raise self.fail(node, "this is no memory")
-            return self.printer.constants.view(base, place, tuple(sizes))
+            return self.printer.view(base, place, tuple(sizes))
         if function is marks.borrow or function is marks.unrolled:
             return arguments[0]
         if function in (layout.part_numbers, layout.part_memory):
@@ -574,7 +574,7 @@ class Function:
             self.env[name] = variable = Variable(self._local(name), value.kind)
         self.grow(variable, value.kind)
         variable.assigned += 1
-        self.emit(self.converted(value, variable.kind), variable, declares=declares)
+        self.emit(self.style.text(value, kind=variable.kind), variable, declares=declares)
 
     def grow(self, variable: Variable, kind: Kind) -> None:
         """Let a variable hold numbers of a kind, too, unless it was read as what it was."""
@@ -585,12 +585,6 @@ class Function:
                 f"{variable.kind} and becomes {kind}; begin it as a number of that kind"
             )
         variable.kind = kind
-
-    def converted(self, value: Scalar, kind: Kind) -> str:
-        """Text of a value for a variable or element of that kind."""
-        if kind == "real" and value.kind == "time" and not isinstance(value, Known):
-            return f"({self.style.real}){self.style.text(value, UNARY)}"
-        return self.style.text(value, kind=kind)
 
     def array(self, name: str, view: View) -> View:
         """Declare a local array, for a name."""
@@ -616,14 +610,14 @@ class Function:
         """Print an assignment to an element, or to each element of a slice."""
         if not isinstance(target.slice, ast.Slice):
             place = self.place(target)
-            self.emit(f"{place.text} = {self.converted(value, place.kind)}")
+            self.emit(f"{place.text} = {self.style.text(value, kind=place.kind)}")
             return
         view = self.visit(target)
         index = self._local("index")
         self.mark(view)
         element = self.element(replace(view, values=None), Expr(index, "int"))
         count = self.style.text(view.shape[0], ORDER + 1)
-        text = f"{element.text} = {self.converted(value, view.kind)}"
+        text = f"{element.text} = {self.style.text(value, kind=view.kind)}"
         head = f"for (int {index} = 0; {index} < {count}; {index}++)"
         self.out.append(Block(head, [Statement(text)]))
 
@@ -632,7 +626,7 @@ class Function:
         value = self.visit(s.value)
         if isinstance(s.target, ast.Subscript):
             place = self.place(s.target)
-            self.emit(f"{place.text} {sign}= {self.converted(value, place.kind)}")
+            self.emit(f"{place.text} {sign}= {self.style.text(value, kind=place.kind)}")
             return
         assert isinstance(s.target, ast.Name)  # noqa: S101  # kernels have no attributes
         name = s.target.id
@@ -644,7 +638,7 @@ class Function:
             held.is_read = True
             self.grow(held, value.kind)
             held.assigned += 1
-            self.emit(self.converted(value, held.kind), held, operator=f"{sign}=")
+            self.emit(self.style.text(value, kind=held.kind), held, operator=f"{sign}=")
 
     # ------------------------------------------------------------------ loops and choices
 

@@ -160,8 +160,9 @@ class Style:
     def text(self, value: Scalar, needed: int = 0, kind: Kind | None = None) -> str:
         """Value as C, for a place that binds as tightly as `needed` and is of that kind."""
         if isinstance(value, Expr):
-            if self.single and (value.kind, kind) == ("real", "time"):
-                return _within(f"(double){_within(value.text, value.level, UNARY)}", UNARY, needed)
+            if self.single and {value.kind, kind} == {"real", "time"}:
+                cast = f"({self.type(kind)}){self.text(value, UNARY)}"  # type: ignore[arg-type]
+                return _within(cast, UNARY, needed)
             if value.base:
                 plain = _within(value.text, value.level, SUM)
                 sign = "-" if value.base < 0 else "+"
