@@ -150,8 +150,7 @@ class Function:
             values = None
             if argument.values is not None and isinstance(argument.offset, Known):
                 values = argument.values[argument.offset.value :]
-            start = Known(0)
-            return View(local, start, tuple(shape), argument.kind, (self, local), start, values)
+            return View(local, Known(0), tuple(shape), argument.kind, (self, local), values)
         is_folded = isinstance(argument, Known) and argument.kind != "real" and not is_float
         if is_folded or not isinstance(argument, (Known, Expr)):
             return argument
@@ -449,7 +448,7 @@ class Function:
             if not all(isinstance(n, Known) for n in shape):
                 raise self.fail(node, "its size is not known")
             # It gets the name that it is assigned to.
-            return View("", Known(0), shape, "real", (self, ""), Known(0))
+            return View("", Known(0), shape, "real", (self, ""))
         arguments = [self.visit(a) for a in node.args]
         if getattr(function, "gives_fields", False):
             return Record(*arguments)

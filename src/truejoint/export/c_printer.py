@@ -148,11 +148,11 @@ class Printer:
         offset = add(place, start, -1)
         kind, root = kind_of(f, self.style), (struct, f.name)
         if f.name in struct.written:
-            return View(handle.field_text(f.name), offset, shape, kind, root, offset)
+            return View(handle.field_text(f.name), offset, shape, kind, root)
         if (struct, f) not in self.arrays:
             self.arrays[struct, f] = f"{struct.type.removesuffix('_state')}_{f.name}"
         values = struct.values(f)
-        return View(self.arrays[struct, f], offset, shape, kind, root, offset, values)
+        return View(self.arrays[struct, f], offset, shape, kind, root, values)
 
     def _tables(self, names: set[str]) -> list[str]:
         """Definitions of the arrays of these names."""
@@ -171,19 +171,12 @@ class Printer:
         called = re.findall(r"(\w+)\(", text)
         return any(n in self.functions and self.functions[n].has_effect for n in called)
 
-    def program(
-        self,
-        struct: Struct,
-        names: tuple[str, ...],
-        named: Mapping[str, str],
-    ) -> Program:
+    def program(self, struct: Struct, names: tuple[str, ...], named: Mapping[str, str]) -> Program:
         """Put the printed functions together, without those that nothing calls."""
-        used, rest = set(names), list(names)
-        while rest:
-            called = set(re.findall(r"(\w+)\(", self.functions[rest.pop()].text))
-            fresh = called & set(self.functions) - used
-            used |= fresh
-            rest += fresh
+        used = set(names)
+        for name, printed in reversed(self.functions.items()):  # each after those that it calls
+            if name in used:
+                used |= set(re.findall(r"(\w+)\(", printed.text))
         printed_functions = [printed for name, printed in self.functions.items() if name in used]
         whole = "\n\n".join(self._text(printed) for printed in printed_functions)
         if any(getattr(printed.python, "is_wide", False) for printed in printed_functions):

@@ -60,15 +60,17 @@ class View:
     shape: tuple[Scalar, ...]
     kind: Kind  # of its elements
     root: tuple[Any, str]  # struct and field, or function and parameter, that it is a part of
-    start: Scalar  # of its first element within the root
     values: NDArray[Any] | None = None  # what the whole of `text` holds, where nothing writes it
     pointer: Any = None  # local pointer that it goes through, and the view that this points to
 
     def part(self, offset: Scalar, shape: tuple[Scalar, ...]) -> View:
         """Part of this one from `offset` on."""
-        return replace(
-            self, offset=add(self.offset, offset), start=add(self.start, offset), shape=shape
-        )
+        return replace(self, offset=add(self.offset, offset), shape=shape)
+
+    @property
+    def start(self) -> Scalar:
+        """Place of the first element within the root."""
+        return self.offset if self.pointer is None else add(self.pointer[1].start, self.offset)
 
     def pointer_text(self, style: Style) -> str:
         """Pointer to the first element in C."""
