@@ -113,7 +113,7 @@ def _ingredients(kernel: FunctionType) -> str:
     """Digest of all that goes into the code of a kernel, the same in every process.
 
     These are the source files of the kernels and intrinsics that it calls, and of theirs, and the
-    constants and the fields of named tuples that any of them takes, by name or from a module.
+    constants, and the fields of named tuples and members of enumerations, that any of them takes.
     """
     digest = hashlib.sha256(_content(__file__))
     functions = [kernel]
@@ -128,7 +128,8 @@ def _ingredients(kernel: FunctionType) -> str:
                 case np.ndarray():
                     digest.update(f"{name}={value.dtype}{value.shape}".encode() + value.tobytes())
                 case type():
-                    digest.update(f"{name}={getattr(value, '_fields', None)}".encode())
+                    fields = getattr(value, "_fields", getattr(value, "__members__", None))
+                    digest.update(f"{name}={fields}".encode())
                 case bool() | int() | float() | complex() | str() | np.generic():
                     digest.update(f"{name}={value!r}".encode())
     return digest.hexdigest()

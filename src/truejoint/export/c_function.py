@@ -232,7 +232,8 @@ class Function:
             return self.visit(node.value).shape
         record = self.env.get(node.value.id) if isinstance(node.value, ast.Name) else None
         if not isinstance(record, Record):
-            return self.constant(node, node.attr)
+            is_member = node.attr == "value"
+            return self.constant(node, self.lookup(node.value).name if is_member else node.attr)
         memory = record.numbers.struct.memory
         f = memory.layout.fields[node.attr]
         side = record.memory if f.kind in ("scalar", "array") else record.numbers
