@@ -193,16 +193,14 @@ def source_files(
     context["compensates"] = compensator is not None
     if compensator is not None:
         loop = compensator.around(compensator.corrector).memory
+        print_loop = partial(print_kernels, (compensate,), inputs=_COMPENSATOR_INPUTS)
         context |= {
-            "loop": print_kernels(
-                (compensate,), loop, "compensator", f"{prefix}_compensator",
-                inputs=_COMPENSATOR_INPUTS,
-            ),
+            "loop": print_loop(loop, "compensator", f"{prefix}_compensator"),
             "rate": compensator.rate,
             "measured": compensator.measured,
             "vector_start": vectors.sample[0, compensator.measured],
             "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
-        }  # fmt: skip
+        }
         templates |= _COMPENSATOR_TEMPLATES
     return {
         f"{prefix}{ending}": render(template, context, precision)
