@@ -552,7 +552,8 @@ class Function:
     def assign(self, target: ast.expr, value: Any) -> None:
         """Print one assignment."""
         if isinstance(target, ast.Subscript):
-            self.store(target, value)
+            place = self.place(target)
+            self.emit(f"{place.text} = {self.style.text(value, kind=place.kind)}")
             return
         assert isinstance(target, ast.Name)  # noqa: S101  # kernels have no attributes
         name = target.id
@@ -605,21 +606,6 @@ class Function:
         variable = Variable(local, view.kind, is_pointer=True, assigned=1)
         self.emit(f"{view.text} + {self.style.text(view.offset)}", variable, declares=True)
         return replace(view, text=local, offset=Known(0), pointer=(variable, view), values=None)
-
-    def store(self, target: ast.Subscript, value: Scalar) -> None:
-        """Print an assignment to an element, or to each element of a slice."""
-        if not isinstance(target.slice, ast.Slice):
-            place = self.place(target)
-            self.emit(f"{place.text} = {self.style.text(value, kind=place.kind)}")
-            return
-        view = self.visit(target)
-        index = self._local("index")
-        self.mark(view)
-        element = self.element(replace(view, values=None), Expr(index, "int"))
-        count = self.style.text(view.shape[0], ORDER + 1)
-        text = f"{element.text} = {self.style.text(value, kind=view.kind)}"
-        head = f"for (int {index} = 0; {index} < {count}; {index}++)"
-        self.out.append(Block(head, [Statement(text)]))
 
     def _augassign(self, s: ast.AugAssign) -> None:
         sign = ARITHMETIC[type(s.op)][0]
@@ -708,22 +694,16 @@ class Function:
         if isinstance(test, Known):
             return self.block(s.body if test.value else s.orelse)
         self.prepare(*s.body, *s.orelse)
-        return self.branches(s, test, "if")
-
-    def branches(self, s: ast.If, test: Any, word: str) -> bool:
-        """Print the branches of a choice, whose variables are declared."""
-        chosen, ends = self.inner(f"{word} ({self.style.text(test)})", s.body, {})
-        self.out.append(chosen)
-        if len(s.orelse) == 1 and isinstance(s.orelse[0], ast.If):
-            nested = s.orelse[0]
-            place = len(self.out)
-            other = self.truth(nested.test)
-            if len(self.out) == place and not isinstance(other, Known):
-                return self.branches(nested, other, "else if") and ends
-            del self.out[place:]
-        if not s.orelse:
-            return False
-        block, also = self.inner("else", s.orelse, {})
-        if block.body:
-            self.out.append(block)
+        chosen, ends = self.inner(f"if ({self.style.text(test)})", s.body, {})
+        other, also = self.inner("else", s.orelse, {})
+        first, *rest = other.body or [other]
+        if (
+            isinstance(first, Block)
+            and first.head.startswith("if (")
+            and all(isinstance(b, Block) and b.head.startswith("else") for b in rest)
+        ):
+            first.head = f"else {first.head}"
+            self.out += [chosen, *other.body]
+        else:
+            self.out += [chosen, other] if other.body else [chosen]
         return ends and also
