@@ -16,7 +16,6 @@ from truejoint.drawing import (
     box_plot,
     by_condition,
     ecdf,
-    over_time,
     png,
 )
 
@@ -97,12 +96,6 @@ def test_a_plot_by_condition_draws_medians_and_each_specimen():
         ("", "red", [1.0, 2.0]),
         ("", "red", [3.0, 4.0]),
     ]
-
-
-def test_a_plot_over_time_has_a_curve_for_each_group():
-    panel = over_time(FRAME.assign(t=np.arange(8.0)), "rms", "specimen", y="RMS [deg]")
-    assert [list(curve.x) for curve in panel.curves] == [[0, 1, 2, 3], [4, 5, 6, 7]]
-    assert (panel.x, panel.y) == ("time [s]", "RMS [deg]")
 
 
 def test_boxes_stand_side_by_side_at_their_condition():

@@ -102,6 +102,13 @@ def test_a_part_of_a_part_shares_the_memory_of_the_whole():
 def test_what_is_not_given_is_zero():
     packed = INNER.pack(weights=[1.0])
     assert (packed.numbers[SIZE], packed.memory[BIAS]) == (0, 0.0)
+    part = inner(1.0)
+    packed = OUTER.pack(first=part, last=part, order=[1, 0])
+    np.testing.assert_array_equal(packed.view("table"), np.zeros((2, 2)))
+    packed = OUTER.pack(first=part, last=part, count=1)
+    assert packed.view("order").tolist() == [0]
+    with pytest.raises(ValueError, match=r"fields \['order', 'table'\] are missing"):
+        OUTER.pack(first=part, last=part)
 
 
 def test_fields_say_what_they_hold():
@@ -168,8 +175,8 @@ def test_whatever_the_order_every_value_is_found_again(declared, random):
 @pytest.mark.parametrize(
     ("values", "said"),
     [
-        ({"order": [1], "table": [[1.0, 2.0], [3.0, 4.0]]}, "'count' is 1, an array's is 2"),
-        ({"order": [1], "table": [[1.0, 2.0, 3.0]]}, r"'table' has shape \(1, 3\); it must be"),
+        ({"order": [1], "table": [[1.0, 2.0], [3.0, 4.0]]}, r"\(2, 2\); it must be \(1, 2\)"),
+        ({"order": [1], "table": [[1.0, 2.0, 3.0]]}, r"'table' has shape \(1, 3\); it must"),
         ({"order": [[1]], "table": [[1.0, 2.0]]}, "'order' has shape"),
     ],
 )

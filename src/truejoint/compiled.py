@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import inspect
 import logging
 import math
 import re
@@ -112,7 +113,7 @@ def _ingredients(kernel: FunctionType) -> str:
     """Digest of all that goes into the code of a kernel, the same in every process.
 
     These are the source files of the kernels and intrinsics that it calls, and of theirs, and the
-    constants and the fields of named tuples that any of them takes, by name or from a module.
+    constants, and the fields of named tuples and members of enumerations, that any of them takes.
     """
     digest = hashlib.sha256(_content(__file__))
     functions = [kernel]
@@ -127,7 +128,8 @@ def _ingredients(kernel: FunctionType) -> str:
                 case np.ndarray():
                     digest.update(f"{name}={value.dtype}{value.shape}".encode() + value.tobytes())
                 case type():
-                    digest.update(f"{name}={getattr(value, '_fields', None)}".encode())
+                    fields = getattr(value, "_fields", getattr(value, "__members__", None))
+                    digest.update(f"{name}={fields}".encode())
                 case bool() | int() | float() | complex() | str() | np.generic():
                     digest.update(f"{name}={value!r}".encode())
     return digest.hexdigest()
@@ -138,25 +140,18 @@ def _taken(function: FunctionType) -> Iterator[tuple[str, Any]]:
     codes = [function.__code__]
     for code in codes:  # which grow
         codes += [constant for constant in code.co_consts if isinstance(constant, CodeType)]
-    free, annotations = function.__code__.co_freevars, map(str, function.__annotations__.values())
-    names = {name for code in codes for name in code.co_names}
-    names.update(free, re.findall(r"\w+", " ".join(annotations)))
-    cells = zip(free, function.__closure__ or (), strict=True)
-    scopes = [{name: cell.cell_contents for name, cell in cells}, function.__globals__]
+    names = {name for code in codes for name in (*code.co_names, *code.co_freevars)}
+    names.update(re.findall(r"\w+", " ".join(map(str, function.__annotations__.values()))))
+    scopes = [inspect.getclosurevars(function).nonlocals, function.__globals__]
     for scope in scopes:  # which grow
-        for name in sorted(names & scope.keys()):
-            for value in _flat(scope[name]):
-                if not isinstance(value, ModuleType):
-                    yield name, value
-                elif all(vars(value) is not scope_of for scope_of in scopes):
-                    scopes.append(vars(value))
-
-
-def _flat(value: Any) -> list[Any]:
-    """Give the elements of a tuple and of those within it."""
-    if isinstance(value, tuple):
-        return [part for element in value for part in _flat(element)]
-    return [value]
+        named = [(name, scope[name]) for name in sorted(names & scope.keys())]
+        for name, value in named:  # which grow
+            if isinstance(value, tuple):
+                named += [(name, element) for element in value]
+            elif not isinstance(value, ModuleType):
+                yield name, value
+            elif all(vars(value) is not other for other in scopes):
+                scopes.append(vars(value))
 
 
 @cache
@@ -243,14 +238,8 @@ def _array_at(context: Any, builder: Any, kind: Any, data: Any, lengths: list[An
     view = make_array(kind)(context, builder)
     width = context.get_constant(types.intp, 8)
     strides = [width] if len(lengths) == 1 else [builder.mul(lengths[1], width), width]
-    populate_array(
-        view,
-        data=data,
-        shape=lengths,
-        strides=strides,
-        itemsize=width,
-        meminfo=None,
-    )
+    how = {"shape": lengths, "strides": strides, "itemsize": width, "meminfo": None}
+    populate_array(view, data=data, **how)
     return view._getvalue()
 
 
@@ -311,27 +300,20 @@ def unpacker(fields: tuple[tuple[str, str, int, tuple[str | int, ...]], ...]) ->
     return unpack
 
 
+# `numpy.empty` asks the heap, which takes longer than what a kernel of a small mechanism computes.
 def _local(kind: Any, *lengths: Any) -> Any:
     """Type and code of an array on the stack, whose lengths are literals."""
     shape = [length.literal_value for length in lengths]
 
     def generate(context: Any, builder: Any, signature: Any, _args: Any) -> Any:
         number = context.get_value_type(types.float64)
-        view = make_array(signature.return_type)(context, builder)
-        populate_array(
-            view,
-            data=cgutils.alloca_once(builder, number, size=math.prod(shape)),
-            shape=[context.get_constant(types.intp, n) for n in shape],
-            strides=[context.get_constant(types.intp, 8 * n) for n in (*shape[1:], 1)],
-            itemsize=context.get_constant(types.intp, 8),
-            meminfo=None,
-        )
-        return view._getvalue()
+        data = cgutils.alloca_once(builder, number, size=math.prod(shape))
+        sizes = [context.get_constant(types.intp, n) for n in shape]
+        return _array_at(context, builder, signature.return_type, data, sizes)
 
     return kind(*lengths), generate
 
 
-# `numpy.empty` asks the heap, which takes longer than what a kernel of a small mechanism computes.
 @intrinsic(prefer_literal=True)
 def local_vector(_typing: Any, length: Any) -> Any:
     """Room for `length` numbers, a constant, until the kernel returns, on its stack."""

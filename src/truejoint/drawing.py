@@ -1,23 +1,18 @@
-"""Figures as data: curves and boxes in panels, four plots of tidy rows, and still pictures."""
+"""Figures as data: curves and boxes in panels, three plots of tidy rows, and still pictures."""
 
 from __future__ import annotations
 
 import io
 import math
-import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from itertools import chain, cycle
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from truejoint.errors import RecordingError
 from truejoint.extras import require
-from truejoint.files import write_atomically
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -182,32 +177,6 @@ def by_condition(
     return Panel(curves, **panel)
 
 
-def over_time(
-    frame: DataFrame,
-    value: str,
-    by: str,
-    *,
-    time: str = "t",
-    scale: float = 1.0,
-    colours: Mapping[Any, str] | None = None,
-    **panel: Any,
-) -> Panel:
-    """Plot `value` against `time` [s], a curve for each `by`; parameters as of `ecdf`.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> frame = pd.DataFrame({"signal": "truth", "t": [0.0, 0.1], "angle": [1.0, 2.0]})
-    >>> over_time(frame, "angle", "signal").x
-    'time [s]'
-    """
-    curves = [
-        Curve(group[time].to_numpy(), scale * group[value].to_numpy(), name, colour)
-        for name, colour, group in _groups(frame, by, colours)
-    ]
-    return Panel(curves, **{"x": "time [s]", **panel})
-
-
 def box_plot(
     frame: DataFrame,
     condition: str,
@@ -254,39 +223,10 @@ def _groups(
 
 
 def png(figure: Figure) -> bytes:
-    """Picture of a figure; raises TruejointError if matplotlib is not installed."""
-    data = io.BytesIO()
-    _picture(figure).savefig(data, format="png", dpi=_DPI)
-    return data.getvalue()
-
-
-def write_figure(figure: Figure, path: str | os.PathLike[str], *, overwrite: bool = False) -> Path:
-    """Write a picture of a figure, whose suffix says its format; png without one.
-
-    Raises
-    ------
-    RecordingError
-        If the file exists and may not be replaced, cannot be written, or is of another format.
-
-    Examples
-    --------
-    >>> write_figure(Figure("", [[Panel([Curve([0, 1], [0, 1])])]]), "line.svg").name
-    'line.svg'
-    """
-    path, picture = Path(path), _picture(figure)
-    formats = picture.canvas.get_supported_filetypes()
-    kind = path.suffix.removeprefix(".").lower() or "png"
-    if kind not in formats:
-        raise RecordingError(f"{path}: no picture is .{kind}; choose one of {', '.join(formats)}")
-    draw = partial(picture.savefig, dpi=_DPI, format=kind)
-    write_atomically(path, draw, overwrite=overwrite, error=RecordingError)
-    return path
-
-
-def _picture(figure: Figure) -> Any:
-    """Draw a figure by matplotlib."""
+    """Picture of a figure, by matplotlib; raises TruejointError if that is not installed."""
     mpl = require("matplotlib", "plots", "a figure")
     mpl_figure = require("matplotlib.figure", "plots", "a figure")
+    data = io.BytesIO()
     with mpl.rc_context(_STYLE):
         picture = mpl_figure.Figure(figsize=(figure.width, figure.height), layout="constrained")
         axes = picture.subplots(len(figure.panels), len(figure.panels[0]), squeeze=False)
@@ -298,7 +238,8 @@ def _picture(figure: Figure) -> Any:
             lines = max(1, math.ceil(len(labels) / _LEGEND))
             columns = max(1, math.ceil(len(labels) / lines))  # lines of about the same length
             picture.legend(handles, labels, loc="outside lower center", ncols=columns, fontsize=8)
-    return picture
+    picture.savefig(data, format="png", dpi=_DPI)
+    return data.getvalue()
 
 
 def _draw(panel: Panel, axis: Axes) -> None:
@@ -332,18 +273,12 @@ def _draw(panel: Panel, axis: Axes) -> None:
 
 
 def _draw_box(box: Box, axis: Axes) -> None:
-    line, face = {"color": box.colour}, {"facecolor": "none", "edgecolor": box.colour}
-    axis.boxplot(
-        [np.asarray(box.values)],
-        positions=[box.x],
-        widths=box.width,
-        manage_ticks=False,
-        patch_artist=True,
-        boxprops=face,
-        medianprops=line,
-        whiskerprops=line,
-        capprops=line,
-        flierprops={"marker": ".", "markeredgecolor": box.colour},
-    )
+    lines = {key: {"color": box.colour} for key in ("medianprops", "whiskerprops", "capprops")}
+    look: dict[str, Any] = lines | {
+        "boxprops": {"facecolor": "none", "edgecolor": box.colour},
+        "flierprops": {"marker": ".", "markeredgecolor": box.colour},
+    }
+    where: dict[str, Any] = {"positions": [box.x], "widths": box.width, "manage_ticks": False}
+    axis.boxplot([np.asarray(box.values)], patch_artist=True, **where, **look)
     if box.label:
         axis.plot([], [], color=box.colour, label=box.label)

@@ -31,8 +31,15 @@ from truejoint.compiled import compiled, unpacker, vector
 
 Kind = Literal["integer", "address", "scalar", "array", "integers", "part"]
 
+Shape = tuple[str | int, ...]
+_DTYPES: Final[Mapping[str, Any]] = {"array": np.float64, "integers": np.int64}
+
 PART_SIZE: Final = 4
 """Numbers of a part: where its numbers and memory begin, and how long they are."""
+
+
+class Index(int):
+    """Index of a field, which the C source has no name for."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class Field:
     kind: Kind
     index: int
     is_time: bool = False
-    shape: tuple[str | int, ...] = ()
+    shape: Shape = ()
 
 
 class Layout:
@@ -78,16 +85,15 @@ class Layout:
 
     def __init__(self) -> None:
         self.fields: dict[str, Field] = {}
-        self._numbers = 0
-        self._scalars = 0
+        self._sizes = [0, 0]  # of the numbers, and of the scalars
 
     def integer(self, name: str, meaning: str) -> int:
         """Declare one integer."""
-        return self._number(name, meaning, "integer")
+        return self._add(name, meaning, "integer")
 
     def address(self, name: str, meaning: str) -> int:
         """Declare the address of a compiled function; 0 where there is none."""
-        return self._number(name, meaning, "address")
+        return self._add(name, meaning, "address")
 
     def array(self, name: str, meaning: str, *shape: str | int, is_time: bool = False) -> int:
         """Declare a vector or, row by row, a matrix of numbers.
@@ -95,20 +101,19 @@ class Layout:
         Its `shape`, of numbers and of names of integers, is what `unpacker` needs. An integer that
         is not declared yet is declared here; `pack` takes it from the array.
         """
-        return self._array(name, meaning, "array", shape, is_time=is_time)
+        return self._add(name, meaning, "array", shape, is_time=is_time)
 
     def integers(self, name: str, meaning: str, *shape: str | int) -> int:
         """Declare a vector or matrix of integers; its `shape` as of `array`."""
-        return self._array(name, meaning, "integers", shape)
+        return self._add(name, meaning, "integers", shape)
 
     def part(self, name: str, meaning: str) -> int:
         """Declare a memory of another layout within this one."""
-        return self._number(name, meaning, "part", size=PART_SIZE)
+        return self._add(name, meaning, "part")
 
     def scalar(self, name: str, meaning: str, *, is_time: bool = False) -> int:
         """Declare one number."""
-        self._scalars += 1
-        return self._add(name, meaning, "scalar", self._scalars - 1, is_time=is_time)
+        return self._add(name, meaning, "scalar", is_time=is_time)
 
     def unpacker(self) -> Any:
         """Make ``m = unpack(numbers, memory)`` for kernels: numbers, and arrays as views, by name.
@@ -118,33 +123,19 @@ class Layout:
         fields = (f for f in self.fields.values() if f.shape or f.kind in ("integer", "scalar"))
         return unpacker(tuple((f.name, f.kind, f.index, f.shape) for f in fields))
 
-    def _array(
-        self,
-        name: str,
-        meaning: str,
-        kind: Kind,
-        shape: tuple[str | int, ...],
-        *,
-        is_time: bool = False,
+    def _add(
+        self, name: str, meaning: str, kind: Kind, shape: Shape = (), *, is_time: bool = False
     ) -> int:
         for length in shape:
             if isinstance(length, str) and length not in self.fields:
                 self.integer(length, "length of arrays")
-        index = self._number(name, meaning, kind, is_time=is_time)
-        self.fields[name] = replace(self.fields[name], shape=shape)
-        return index
-
-    def _number(
-        self, name: str, meaning: str, kind: Kind, *, size: int = 1, is_time: bool = False
-    ) -> int:
-        self._numbers += size
-        return self._add(name, meaning, kind, self._numbers - size, is_time=is_time)
-
-    def _add(self, name: str, meaning: str, kind: Kind, index: int, *, is_time: bool) -> int:
         if name in self.fields or not name.isidentifier():
             raise ValueError(f"field {name!r} is no name, or stands twice")
-        self.fields[name] = Field(name, meaning, kind, index, is_time)
-        return index
+        side = int(kind == "scalar")
+        index = self._sizes[side]
+        self._sizes[side] += PART_SIZE if kind == "part" else 1
+        self.fields[name] = Field(name, meaning, kind, index, is_time, shape)
+        return Index(index)
 
     def pack(self, functions: Mapping[str, Any] | None = None, /, **values: Any) -> Memory:
         """Lay values out, by the names of their fields.
@@ -155,8 +146,8 @@ class Layout:
             What stands at each address.
         **values
             A number (or an array of one), an array_like of one or two dimensions, or the `Memory`
-            of a part. Fields that are not given are 0; every part must be given, and every array
-            unless numbers and given integers tell its shape.
+            of a part. A field that is not given is 0. An array that is not given is zeros, if other
+            values state each length of its declared shape; it must be given otherwise.
 
         Returns
         -------
@@ -165,18 +156,17 @@ class Layout:
         Raises
         ------
         ValueError
-            If a name is no field, or an array is missing.
+            If a name is no field, or an array or part is missing, or has another shape than it
+            must.
         """
-        kinds = {name: f.kind for name, f in self.fields.items()}
-        values = {**values, **self._empty(values)}
-        needed = {name for name, kind in kinds.items() if kind in ("array", "integers", "part")}
-        if not needed <= set(values) <= set(kinds):
-            raise ValueError(f"fields {sorted(needed ^ set(values))} are missing or unknown")
-        shapes: dict[str, tuple[int, ...]] = {}
-        lengths: list[tuple[str, int]] = []
+        arrays = self._arrays(values)
+        values |= arrays
+        needed = {f.name for f in self.fields.values() if f.kind in (*_DTYPES, "part")}
+        if not needed <= values.keys() <= self.fields.keys():
+            raise ValueError(f"fields {sorted(needed ^ values.keys())} are missing or unknown")
         parts: dict[str, Memory] = {}
-        numbers, memory = [np.zeros(self._numbers, np.int64)], [np.zeros(self._scalars)]
-        ends = [self._numbers, self._scalars]
+        numbers, memory = [np.zeros(self._sizes[0], np.int64)], [np.zeros(self._sizes[1])]
+        ends = [*self._sizes]
 
         def append(side: int, flat: Any) -> int:
             (numbers, memory)[side].append(flat)
@@ -184,51 +174,48 @@ class Layout:
             return ends[side] - len(flat)
 
         for name, value in values.items():
-            kind, index = kinds[name], self.fields[name].index
+            kind, index = self.fields[name].kind, self.fields[name].index
             if kind == "scalar":
                 memory[0][index] = np.asarray(value).item()
-            elif kind in ("integer", "address"):
-                numbers[0][index] = value
             elif kind == "part":
                 parts[name] = value
                 sizes = len(value.numbers), len(value.memory)
                 starts = append(0, value.numbers), append(1, value.memory)
                 numbers[0][index : index + PART_SIZE] = (*starts, *sizes)
+            elif name in arrays:
+                numbers[0][index] = append(int(kind == "array"), value.ravel())
+                for length, n in zip(self.fields[name].shape, value.shape, strict=False):
+                    if isinstance(length, str):
+                        numbers[0][self.fields[length].index] = n
             else:
-                table = np.asarray(value, dtype=np.int64 if kind == "integers" else np.float64)
-                shapes[name] = table.shape
-                numbers[0][index] = append(int(kind == "array"), table.ravel())
-                lengths += self._lengths(name, table.shape)
-        for name, length in lengths:
-            index = self.fields[name].index
-            if numbers[0][index] not in (0, length):
-                raise ValueError(f"field {name!r} is {numbers[0][index]}, an array's is {length}")
-            numbers[0][index] = length
-        return Memory(
-            self, np.concatenate(numbers), np.concatenate(memory), shapes, parts, functions or {}
-        )
+                numbers[0][index] = value
+        shapes = {name: array.shape for name, array in arrays.items()}
+        numbers_, memory_ = np.concatenate(numbers), np.concatenate(memory)
+        return Memory(self, numbers_, memory_, shapes, parts, functions or {})
 
-    def _empty(self, values: Mapping[str, Any]) -> dict[str, Array]:
-        """Arrays of zeros for those that `values` lack, and whose shape numbers and they tell."""
-        shapes: dict[str, list[Any]] = {
-            name: [values.get(n) if isinstance(n, str) else n for n in f.shape]
-            for name, f in self.fields.items()
-            if f.shape and name not in values
+    def _arrays(self, values: Mapping[str, Any]) -> dict[str, Any]:
+        """Arrays by field: the given ones, then zeros; ValueError if shapes disagree."""
+        kinds = {name: self.fields[name].kind for name in values if name in self.fields}
+        lengths: dict[str | int, int] = {
+            name: values[name] for name, kind in kinds.items() if kind == "integer" and values[name]
         }
-        return {name: np.zeros(shape) for name, shape in shapes.items() if None not in shape}
-
-    def _lengths(self, name: str, shape: tuple[int, ...]) -> list[tuple[str, int]]:
-        """Integers that the shape of an array tells; ValueError if it is not as declared."""
-        declared, lengths = self.fields[name].shape, []
-        fits = not declared or len(declared) == len(shape)
-        for length, n in zip(declared, shape, strict=False):
-            if isinstance(length, str):
-                lengths.append((length, n))
-            else:
-                fits &= length == n
-        if not fits:
-            raise ValueError(f"field {name!r} has shape {shape}; it must be {declared}")
-        return lengths
+        lengths |= {n: n for f in self.fields.values() for n in f.shape if isinstance(n, int)}
+        arrays: dict[str, Any] = {
+            name: np.asarray(values[name], _DTYPES[kind])
+            for name, kind in kinds.items()
+            if kind in _DTYPES
+        }
+        for name, array in arrays.items():
+            shape = self.fields[name].shape
+            sizes = zip(shape, array.shape, strict=False)
+            wanted = tuple(lengths.setdefault(length, n) for length, n in sizes)
+            if shape and (wanted != array.shape or len(shape) != array.ndim):
+                wanted = tuple(lengths.get(length, length) for length in shape)  # type: ignore[arg-type]
+                raise ValueError(f"field {name!r} has shape {array.shape}; it must be {wanted}")
+        for f in self.fields.values():
+            if f.shape and f.name not in arrays and lengths.keys() >= set(f.shape):
+                arrays[f.name] = np.zeros([lengths[n] for n in f.shape], _DTYPES[f.kind])
+        return arrays
 
 
 def refuse_copy(instance: object) -> NoReturn:
@@ -290,10 +277,7 @@ class Memory:
 
     def copy(self) -> Memory:
         """Give the same with arrays of its own."""
-        return Memory(
-            self.layout, self.numbers.copy(), self.memory.copy(), self.shapes, self.parts,
-            self.functions,
-        )  # fmt: skip
+        return replace(self, numbers=self.numbers.copy(), memory=self.memory.copy())
 
 
 @compiled

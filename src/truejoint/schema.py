@@ -12,10 +12,10 @@ import math
 import re
 import types
 import typing
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import MISSING, dataclass, fields, is_dataclass
-from functools import cache
+from functools import cache, partial
 from typing import (
     Annotated,
     Any,
@@ -35,6 +35,7 @@ from truejoint.errors import TruejointError, unknown
 
 _Value = TypeVar("_Value")
 _Read = Callable[[Any], Any]
+_Rules = Mapping[type, Any]
 _NUMBER: Final = 1.7e308
 
 
@@ -177,7 +178,7 @@ def plain(value: Any) -> Any:
     """
     if is_dataclass(value) or hasattr(value, "_fields"):
         written = {}
-        for name, (key, _, rules) in _schema(cast("Any", type(value))).items():
+        for key, (name, rules, _) in _schema(cast("Any", type(value))).items():
             entry = plain(getattr(value, name))
             if entry is None or (isinstance(entry, float) and not math.isfinite(entry)):
                 continue
@@ -205,92 +206,79 @@ def _divided(entry: Any, factor: float) -> Any:
     return entry if factor == 1.0 else entry / factor
 
 
-def _reader(hint: Any, rules: Mapping[type, Any] = types.MappingProxyType({})) -> _Read:
-    """Compile the reader of one annotation; rules of a list or table hold for its entries."""
-    if get_origin(hint) is Annotated:
-        inner, *metadata = get_args(hint)
-        return _reader(inner, {**rules, **{type(rule): rule for rule in metadata}})
-    if is_dataclass(hint) or hasattr(hint, "_fields"):
-        return _table(hint)
-    if hint is None or (get_origin(hint) or hint) not in _MAKERS:
-        raise TypeError(f"no table holds {hint}")
-    return _MAKERS[get_origin(hint) or hint](hint, rules)
+_compiled = cache(partial(re.compile, flags=re.ASCII))
+_hints = cache(partial(typing.get_type_hints, include_extras=True))
 
 
-def _of_numbers(rules: Mapping[type, Any]) -> dict[type, Any]:
-    return {rule: rules[rule] for rule in (Bounds, Key) if rule in rules}
+def _reader(hint: Any, outer: _Rules | None = None) -> _Read:
+    """Make the reader of an annotation; `outer` rules are those of what it stands in."""
+    inner, *metadata = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    rules = {**(outer or {}), **{type(rule): rule for rule in metadata}}
+    kind, entries = get_origin(inner) or inner, get_args(inner)
+    if is_dataclass(inner) or hasattr(inner, "_fields"):
+        return _table(inner)
+    if inner in (float, int):
+        return _number(inner, rules)
+    if inner is None or kind not in _READERS:
+        raise TypeError(f"no table holds {inner}")
+    if kind in (tuple, Mapping):
+        of_numbers: _Rules = {rule: rules[rule] for rule in (Bounds, Key) if rule in rules}
+        entries = tuple(e if e is Ellipsis else _reader(e, of_numbers) for e in entries)
+    elif kind in (Union, types.UnionType):
+        entries = tuple(e if e is types.NoneType else _reader(e, rules) for e in entries)
+    return partial(_READERS[kind], kind if kind is bool else entries, rules)
 
 
-def _number(kind: Any, rules: Mapping[type, Any]) -> _Read:
+def _number(kind: Any, rules: _Rules) -> _Read:
+    """Make the reader of a number: of many, so that it looks its rules up once."""
     bounds, factor = rules.get(Bounds, Bounds()), rules.get(Key, Key("")).factor
+    low, high, above = bounds.low, bounds.high, bounds.above
     accepted: Any = int if kind is int else (int, float)
     rule = f"{'a whole' if kind is int else 'a'} number {bounds.rule}".rstrip()
-    low, high, above = bounds.low, bounds.high, bounds.above
-    rule = f"{'a whole' if kind is int else 'a'} number {bounds.rule}".rstrip()
 
-    def read_number(value: Any) -> float:
+    def read_number(value: Any) -> Any:
         good = isinstance(value, accepted) and not isinstance(value, bool)
         if not good or not low <= value <= high or (above and value == low):
             raise _Broken(f" is {value!r:.40}; want {rule}")
-        return kind(value) if factor == 1.0 else kind(value * factor)  # type: ignore[no-any-return]
+        return kind(value) if factor == 1.0 else kind(value * factor)
 
     return read_number
 
 
-def _anything(kind: Any, _: Mapping[type, Any]) -> _Read:
-    def read_anything(value: Any) -> Any:
-        if kind is bool and not isinstance(value, bool):
-            raise _Broken(f" is {value!r:.40}; want true or false")
-        return value
-
-    return read_anything
+def _read_any(kind: Any, _: _Rules, value: Any) -> Any:
+    if kind is bool and not isinstance(value, bool):
+        raise _Broken(f" is {value!r:.40}; want true or false")
+    return value
 
 
-def _text(_: Any, rules: Mapping[type, Any]) -> _Read:
+def _read_text(_: Any, rules: _Rules, value: Any) -> Any:
     if Choice in rules:
-        return _choice(Literal[rules[Choice].names], rules)
-    length, pattern = rules.get(Length, Length()), rules.get(Pattern)
-    expression = None if pattern is None else re.compile(pattern.expression, re.ASCII)
-    most = f" of {length.low} to {length.high} characters" if Length in rules else ""
-    rule = f"a text{most}" if pattern is None else pattern.rule
-
-    def read_text(value: Any) -> Any:
-        good = isinstance(value, str) and length.low <= len(value) <= length.high
-        if not good or (expression is not None and not expression.fullmatch(value)):
-            raise _Broken(f" is {value!r:.80}; want {rule}")
-        return value
-
-    return read_text
+        return _read_choice(rules[Choice].names, rules, value)
+    length, pattern = rules.get(Length, _ANY_LENGTH), rules.get(Pattern)
+    good = isinstance(value, str) and length.low <= len(value) <= length.high
+    if not good or (pattern and not _compiled(pattern.expression).fullmatch(value)):
+        most = f" of {length.low} to {length.high} characters" if Length in rules else ""
+        raise _Broken(f" is {value!r:.80}; want {pattern.rule if pattern else f'a text{most}'}")
+    return value
 
 
-def _choice(hint: Any, _: Mapping[type, Any]) -> _Read:
-    choices = get_args(hint)
+def _read_choice(choices: tuple[Any, ...], _: _Rules, value: Any) -> Any:
+    for choice in choices:
+        if type(value) is type(choice) and value == choice:
+            return choice
     rule = " or ".join(filter(None, [", ".join(map(str, choices[:-1])), str(choices[-1])]))
-
-    def read_choice(value: Any) -> Any:
-        for choice in choices:
-            if type(value) is type(choice) and value == choice:
-                return choice
-        raise _Broken(f" is {value!r:.40}; want {rule}")
-
-    return read_choice
+    raise _Broken(f" is {value!r:.40}; want {rule}")
 
 
-def _one_of(hint: Any, rules: Mapping[type, Any]) -> _Read:
+def _read_one_of(kinds: tuple[Any, ...], _: _Rules, value: Any) -> Any:
     """Read by the first alternative that takes the value; the last one says what is wrong."""
-    kinds = [kind for kind in get_args(hint) if kind is not types.NoneType]
-    optional = len(kinds) < len(get_args(hint))
-    *others, last = (_reader(kind, rules) for kind in kinds)
-
-    def read_one_of(value: Any) -> Any:
-        if value is None and optional:
-            return None
-        for reader in others:
-            with suppress(_Broken):
-                return reader(value)
-        return last(value)
-
-    return read_one_of
+    *others, last = (reader for reader in kinds if reader is not types.NoneType)
+    if value is None and types.NoneType in kinds:
+        return None
+    for reader in others:
+        with suppress(_Broken):
+            return reader(value)
+    return last(value)
 
 
 def _check_length(value: Any, length: Length | None, what: str) -> None:
@@ -299,72 +287,57 @@ def _check_length(value: Any, length: Length | None, what: str) -> None:
         raise _Broken(f" has {len(value)} {what}; want {few}")
 
 
-def _tuple(hint: Any, rules: Mapping[type, Any]) -> _Read:
-    inner = get_args(hint)
-    endless = inner[-1] is Ellipsis
-    readers = [_reader(hint, _of_numbers(rules)) for hint in inner if hint is not Ellipsis]
-    length = rules.get(Length) if endless else Length(len(readers), len(readers))
-
-    def read_tuple(value: Any) -> tuple[Any, ...]:
-        if not isinstance(value, list | tuple):
-            raise _Broken(f" is {value!r:.40}; want a list")
-        _check_length(value, length, "entries")
-        entries = []
-        for k, entry in enumerate(value):
-            try:
-                entries.append(readers[0 if endless else k](entry))
-            except _Broken as fault:
-                raise fault.within(k) from None
-        return tuple(entries)
-
-    return read_tuple
-
-
-def _array(_: Any, rules: Mapping[type, Any]) -> _Read:
-    sizes: tuple[int | None, ...] | None = rules[Shape].sizes if Shape in rules else None
-    bounds, factor = rules.get(Bounds, Bounds()), rules.get(Key, Key("")).factor
-    shape = "" if sizes is None else " x ".join("n" if n is None else str(n) for n in sizes) + " "
-    rule = f"{shape}numbers {bounds.rule}".rstrip()
-
-    def read_array(value: Any) -> Any:
-        entries = value.tolist() if isinstance(value, np.ndarray) else value
+def _read_entries(entries: Iterable[tuple[int | str, _Read, Any]]) -> Iterator[Any]:
+    """Entries of a list or table by key, reader and value; a fault in one names its key."""
+    for key, reader, value in entries:
         try:
-            flat = np.array(entries, dtype=object).ravel()  # lists remain in a ragged one
-            good = set(map(type, flat)) <= {int, float}
-            array = np.asarray(entries, dtype=np.float64)
-        except (TypeError, ValueError, OverflowError, RecursionError):
-            array, good = np.empty(0), False
-        if sizes is not None and good:
-            fits = zip(array.shape, sizes, strict=False)
-            good = array.ndim == len(sizes) and all(size in (None, n) for n, size in fits)
-        inside = (array >= bounds.low) & (array <= bounds.high)  # false for NaN
-        if not good or not inside.all() or (bounds.above and (array == bounds.low).any()):
-            raise _Broken(f" is {entries!r:.40}; want {rule}")
-        return array * factor if factor != 1.0 else array
-
-    return read_array
+            yield reader(value)
+        except _Broken as fault:
+            raise fault.within(key) from None
 
 
-def _mapping(hint: Any, rules: Mapping[type, Any]) -> _Read:
-    of_keys, of_values = get_args(hint)
-    read_key, read_value = _reader(of_keys), _reader(of_values, _of_numbers(rules))
-    only, length = rules.get(Ordered, Ordered()).value, rules.get(Length)
+def _read_tuple(readers: tuple[Any, ...], rules: _Rules, value: Any) -> tuple[Any, ...]:
+    length = rules.get(Length)
+    if not isinstance(value, list | tuple):
+        raise _Broken(f" is {value!r:.40}; want a list")
+    if readers[-1] is Ellipsis:
+        readers = readers[:1] * len(value)
+    else:
+        length = Length(len(readers), len(readers))
+    _check_length(value, length, "entries")
+    return tuple(_read_entries(zip(range(len(value)), readers, value, strict=True)))
 
-    def read_mapping(values: Any) -> dict[str, Any]:
-        if isinstance(values, list | tuple):
-            values = _by_name(values, only)
-        if not isinstance(values, Mapping):
-            raise _Broken(f" is {values!r:.40}; want a table")
-        _check_length(values, length, "keys")
-        entries = {}
-        for key, value in values.items():
-            try:
-                entries[read_key(key)] = read_value(value)
-            except _Broken as fault:
-                raise fault.within(str(key)) from None
-        return entries
 
-    return read_mapping
+def _read_array(_: Any, rules: _Rules, value: Any) -> Any:
+    sizes: tuple[int | None, ...] | None = rules[Shape].sizes if Shape in rules else None
+    bounds, factor = rules.get(Bounds, _FINITE), rules.get(Key, _SAME).factor
+    entries = value.tolist() if isinstance(value, np.ndarray) else value
+    try:
+        flat = np.array(entries, dtype=object).ravel()  # lists remain in a ragged one
+        good = set(map(type, flat)) <= {int, float}
+        array = np.asarray(entries, dtype=np.float64)
+    except (TypeError, ValueError, OverflowError, RecursionError):
+        array, good = np.empty(0), False
+    if sizes is not None and good:
+        fits = zip(array.shape, sizes, strict=False)
+        good = array.ndim == len(sizes) and all(size in (None, n) for n, size in fits)
+    inside = (array >= bounds.low) & (array <= bounds.high)  # false for NaN
+    if not good or not inside.all() or (bounds.above and (array == bounds.low).any()):
+        shape = " x ".join("n" if n is None else str(n) for n in sizes or ())
+        raise _Broken(f" is {entries!r:.40}; want {f'{shape} numbers {bounds.rule}'.strip()}")
+    return array * factor if factor != 1.0 else array
+
+
+def _read_mapping(readers: tuple[Any, ...], rules: _Rules, values: Any) -> dict[str, Any]:
+    read_key, read_value = readers
+    if isinstance(values, list | tuple):
+        values = _by_name(values, rules.get(Ordered, Ordered()).value)
+    if not isinstance(values, Mapping):
+        raise _Broken(f" is {values!r:.40}; want a table")
+    _check_length(values, rules.get(Length), "keys")
+    keys = _read_entries((str(key), read_key, key) for key in values)
+    entries = _read_entries((str(key), read_value, value) for key, value in values.items())
+    return dict(zip(keys, entries, strict=True))
 
 
 def _by_name(rows: Any, only: str) -> dict[str, Any]:
@@ -381,33 +354,27 @@ def _by_name(rows: Any, only: str) -> dict[str, Any]:
 
 
 @cache
-def _schema(kind: type) -> dict[str, tuple[str, bool, dict[type, Any]]]:
-    """Key in the file, whether it is needed, and the rules, by field."""
-    hints = typing.get_type_hints(kind, include_extras=True)
+def _schema(kind: type) -> dict[str, tuple[str, dict[type, Any], bool]]:
+    """Field, its rules, and whether it is needed, by the key in the file."""
     if is_dataclass(kind):
-        made = [each for each in fields(kind) if each.init]
-        needed = {f.name for f in made if f.default is MISSING and f.default_factory is MISSING}
-        names = [field.name for field in made]
+        made = [f for f in fields(kind) if f.init]
+        names = [f.name for f in made]
+        needed = {f.name for f in made if f.default is f.default_factory is MISSING}
     else:
-        names = list(kind._fields)  # type: ignore[attr-defined]  # a named tuple
+        names = kind._fields  # type: ignore[attr-defined]  # a named tuple
         needed = set(names) - set(kind._field_defaults)  # type: ignore[attr-defined]
     schema = {}
     for name in names:
-        hint = hints[name]
-        metadata = get_args(hint)[1:] if get_origin(hint) is Annotated else ()
-        rules = {type(rule): rule for rule in metadata}
-        schema[name] = (rules[Key].name if Key in rules else name, name in needed, rules)
+        rules = {type(rule): rule for rule in get_args(_hints(kind)[name])[1:]}
+        schema[rules[Key].name if Key in rules else name] = name, rules, name in needed
     return schema
 
 
 @cache
 def _table(kind: type) -> _Read:
-    """Compile the reader of a table into a dataclass or named tuple."""
-    hints = typing.get_type_hints(kind, include_extras=True)
-    schema = _schema(kind)
-    readers = {key: (name, _reader(hints[name])) for name, (key, _, _) in schema.items()}
-    needed = [key for key, is_needed, _ in schema.values() if is_needed]
-    short = getattr(kind, "SHORT", "")
+    """Make the reader of a table into a dataclass or named tuple."""
+    schema, short = _schema(kind), getattr(kind, "SHORT", "")
+    readers = {key: _reader(_hints(kind)[name]) for key, (name, *_) in schema.items()}
 
     def read_table(values: Any) -> Any:
         if not isinstance(values, Mapping):
@@ -418,13 +385,13 @@ def _table(kind: type) -> _Read:
         for key, value in values.items():
             if key not in readers:
                 raise _Broken(f": {unknown('key', str(key), readers)}")
-            name, reader = readers[key]
             try:
-                made[name] = reader(value)
+                made[schema[key][0]] = readers[key](value)
             except _Broken as fault:
                 raise fault.within(key) from None
-        if missing := [key for key in needed if key not in values]:
-            raise _Broken(f": {missing[0]!r} is missing; add it")
+        for key, (_, _, is_needed) in schema.items():
+            if is_needed and key not in values:
+                raise _Broken(f": {key!r} is missing; add it")
         try:
             return kind(**made)
         except TruejointError as fault:
@@ -433,8 +400,9 @@ def _table(kind: type) -> _Read:
     return read_table
 
 
-_MAKERS: Final[Mapping[Any, Callable[[Any, Mapping[type, Any]], _Read]]] = {
-    float: _number, int: _number, str: _text, Literal: _choice, tuple: _tuple,
-    np.ndarray: _array, Mapping: _mapping, Union: _one_of, types.UnionType: _one_of,
-    bool: _anything, Any: _anything,
+_FINITE, _SAME, _ANY_LENGTH = Bounds(), Key(""), Length()
+_READERS: Final[Mapping[Any, Callable[[Any, _Rules, Any], Any]]] = {
+    str: _read_text, Literal: _read_choice,
+    tuple: _read_tuple, np.ndarray: _read_array, Mapping: _read_mapping, Union: _read_one_of,
+    types.UnionType: _read_one_of, bool: _read_any, Any: _read_any,
 }  # fmt: skip

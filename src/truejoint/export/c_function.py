@@ -5,9 +5,9 @@ from __future__ import annotations
 import ast
 import builtins
 import re
-import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -23,7 +23,6 @@ from truejoint.export.c_statements import (
     Variable,
     assigned,
     block_lines,
-    definitions,
     tree_of,
     without_unread,
 )
@@ -55,14 +54,15 @@ from truejoint.export.c_values import (
 if TYPE_CHECKING:
     from truejoint.export.c_printer import Printer
 
-_DOUBLE_EPSILON: Final = "2.220446049250313e-16"
+_MOST_ROUNDINGS: Final = 1e4
 
 
 @dataclass
 class _Parameter:
-    local: str
-    name: str  # in Python; of a length, that of the array and what it counts
+    name: str  # in C
     declaration: str
+    source: str  # parameter of the Python
+    text: Callable[[Any], str]  # of what a caller passes for that
     is_pointer: bool = False
 
 
@@ -107,14 +107,14 @@ class Function:
         self.text = "\n".join(block_lines(body, self.style, 1))
         # Parameters, each once, that the text uses.
         used = set(NAME.findall(self.text))
-        by_local = {p.local: p for p in reversed(self.parameters) if p.local in used}
-        self.parameters = [p for p in self.parameters if by_local.get(p.local) is p]
-        self.pointers = {p.local: p.local in self.written for p in self.parameters if p.is_pointer}
+        by_name = {p.name: p for p in reversed(self.parameters) if p.name in used}
+        self.parameters = [p for p in self.parameters if by_name.get(p.name) is p]
+        self.pointers = {p.name: p.name in self.written for p in self.parameters if p.is_pointer}
         kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
         self.head = (
             kind,
             tuple(
-                p.declaration if self.pointers.get(p.local, True) else f"const {p.declaration}"
+                p.declaration if self.pointers.get(p.name, True) else f"const {p.declaration}"
                 for p in self.parameters
             ),
         )
@@ -125,33 +125,45 @@ class Function:
         return f"{name}_" if name in RESERVED else name
 
     def _parameter(self, name: str, argument: Any, *, is_float: bool) -> Any:
-        add, local = self.parameters.append, self._local(name)
+        style, local = self.style, self._local(name)
+
+        def add(name_in_c: str, type_: str, text: Callable[[Any], str]) -> None:
+            declaration = f"{type_}{'' if type_.endswith('*') else ' '}{name_in_c}"
+            parameter = _Parameter(name_in_c, declaration, name, text, type_.endswith("*"))
+            self.parameters.append(parameter)
+
         if isinstance(argument, Handle):
             pointer = self._local(argument.struct.name)
-            add(_Parameter(pointer, name, f"{argument.struct.type} *{pointer}", is_pointer=True))
-            return Handle(argument.struct, argument.side, pointer, is_pointer=True, owner=pointer)
+            add(pointer, f"{argument.struct.type} *", lambda handle: handle.pointer)
+            return replace(argument, text=pointer, is_pointer=True, owner=pointer)
         if isinstance(argument, View):
-            add(_Parameter(local, name, f"{self.style.type(argument.kind)} *{local}", True))
+            add(local, f"{style.type(argument.kind)} *", lambda view: view.pointer_text(style))
             words = ("length",) if len(argument.shape) == 1 else ("rows", "columns")
             shape: list[Scalar] = []
-            for length, word in zip(argument.shape, words, strict=True):
+            for axis, (length, word) in enumerate(zip(argument.shape, words, strict=True)):
                 if isinstance(length, Known):
                     shape.append(Known(length.value))
                 else:
                     hidden = self._local(f"{name}_{word}")
-                    add(_Parameter(hidden, f"{name}.{word}", f"int {hidden}"))
+                    add(hidden, "int", partial(self._length, axis))
                     shape.append(Expr(hidden, "int"))
             values = None
             if argument.values is not None and isinstance(argument.offset, Known):
                 values = argument.values[argument.offset.value :]
-            start = Known(0)
-            return View(local, start, tuple(shape), argument.kind, (self, local), start, values)
+            return View(local, Known(0), tuple(shape), argument.kind, (self, local), values)
         is_folded = isinstance(argument, Known) and argument.kind != "real" and not is_float
         if is_folded or not isinstance(argument, (Known, Expr)):
             return argument
-        kind: Kind = join([argument.kind, "real"]) if is_float else argument.kind
-        add(_Parameter(local, name, f"{self.style.type(kind)} {local}"))
+
+        def kind_of_number(number: Scalar) -> Kind:
+            return join([number.kind, "real"]) if is_float else number.kind
+
+        kind = kind_of_number(argument)
+        add(local, style.type(kind), lambda v: style.text(v, kind=kind_of_number(v)))
         return Variable(local, kind, assigned=2)
+
+    def _length(self, axis: int, view: View) -> str:
+        return self.style.text(view.shape[axis])
 
     @property
     def result(self) -> Any:
@@ -213,60 +225,41 @@ class Function:
                 return held
             held.is_read = True
             return Expr(held.name, held.kind)
-        return self.constant(node, self.python.__module__, node.id)
+        return self.constant(node, node.id)
 
     def _attribute(self, node: ast.Attribute) -> Any:
         if node.attr == "shape":
             return self.visit(node.value).shape
         record = self.env.get(node.value.id) if isinstance(node.value, ast.Name) else None
         if not isinstance(record, Record):
-            return self.constant(node, getattr(self.lookup(node.value), "__name__", ""), node.attr)
+            is_member = node.attr == "value"
+            return self.constant(node, self.lookup(node.value).name if is_member else node.attr)
         memory = record.numbers.struct.memory
         f = memory.layout.fields[node.attr]
         side = record.memory if f.kind in ("scalar", "array") else record.numbers
         place = self.cell(record.numbers if f.shape else side, Known(f.index), node, write=False)
         if not f.shape:
             return place
-        return self.printer.constants.view(side, place, tuple(map(Known, memory.shapes[f.name])))
+        return self.printer.view(side, place, tuple(map(Known, memory.shapes[f.name])))
 
-    def constant(self, node: ast.expr, module: str, name: str) -> Any:
-        """Constant of a module, by the name that C has for it."""
+    def constant(self, node: ast.expr, name: str) -> Any:
+        """Give what a global name stands for, a number by the name that C has for it."""
         value = self.lookup(node)
         if isinstance(value, np.generic):
             value = value.item()
-        return self.named(module, name, value) if isinstance(value, (bool, int, float)) else value
-
-    def named(self, module: str, name: str, value: Any) -> Known:
-        """Known number with the name that C has for it."""
-        define = self.printer.constants.define
-        if module in ("math", "numpy"):
-            return Known(value, define(name, value) if np.isfinite(value) else "")
-        source, *imported = definitions(module).get(name, (None,))
-        if imported:
-            module, name = imported
-            return self.named(module, name, value)
-        call = getattr(source, "func", None)
-        is_index = isinstance(call, ast.Attribute)  # of a field, which a `Layout` gave
-        if source is None or isinstance(value, bool) or (isinstance(value, int) and is_index):
+        if not isinstance(value, (int, float)):
+            return value
+        name = name.strip("_").upper()
+        if isinstance(value, (bool, layout.Index)) or not np.isfinite(value):
             return Known(value)
-        if isinstance(source, ast.Call) and getattr(call, "id", "") == "int":
-            return Known(value, self.members(module, source.args[0]))
-        shown = value
-        if self.style.single and _DOUBLE_EPSILON in ast.unparse(source):
-            # What is said in roundings of a double is meant in roundings of the arithmetic.
-            shown = value / float(_DOUBLE_EPSILON) * float(np.finfo(np.float32).eps)
-        return Known(value, define(name, shown))
-
-    def members(self, module: str, node: ast.expr) -> str:
-        """Join enumeration members by ``|``, as C knows them; empty if it does not."""
-        names = []
-        for part in ast.walk(node):
-            if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
-                owner: Any = getattr(sys.modules[module], part.value.id, None)
-                if owner not in self.printer.enums:
-                    return ""
-                names.append(self.printer.enums[owner] + part.attr)
-        return " | ".join(names)
+        for enum, prefix in self.printer.enums.items():
+            if enum.__members__.get(name) == value:
+                return Known(value, prefix + name)
+        shown, roundings = value, value / float(np.finfo(np.float64).eps)
+        if self.style.single and 0.0 < roundings < _MOST_ROUNDINGS and roundings.is_integer():
+            # A whole number of roundings of a double is meant in roundings of the arithmetic.
+            shown = roundings * float(np.finfo(np.float32).eps)
+        return Known(value, self.printer.define(name, shown))
 
     def _unaryop(self, node: ast.UnaryOp) -> Any:
         if isinstance(node.op, ast.Not):
@@ -404,8 +397,11 @@ class Function:
         assert isinstance(found, Expr)  # noqa: S101  # what is written is not known
         return found
 
-    def mark(self, view: View) -> None:
-        """Note that an array is written."""
+    def mark(self, view: Any) -> None:
+        """Note that an array, or what a handle leads to, is written."""
+        if isinstance(view, Handle):
+            self.written.add(view.owner)
+            return
         while view.pointer is not None:
             view.pointer[0].written = True
             view = view.pointer[1]
@@ -436,7 +432,7 @@ class Function:
             if f.name in struct.written:
                 return Expr(base.field_text(f.name), kind_of(f, self.style))
             return Known(struct.values(f)[0].item())
-        view = self.printer.constants.view(base, index, (Known(1),))
+        view = self.printer.view(base, index, (Known(1),))
         if write:
             self.mark(view)
             view = replace(view, values=None)
@@ -453,7 +449,7 @@ class Function:
             if not all(isinstance(n, Known) for n in shape):
                 raise self.fail(node, "its size is not known")
             # It gets the name that it is assigned to.
-            return View("", Known(0), shape, "real", (self, ""), Known(0))
+            return View("", Known(0), shape, "real", (self, ""))
         arguments = [self.visit(a) for a in node.args]
         if getattr(function, "gives_fields", False):
             return Record(*arguments)
@@ -463,7 +459,7 @@ class Function:
                 return base.part(place, tuple(sizes))
             if not isinstance(base, Handle):
                 raise self.fail(node, "this is no memory")
-            return self.printer.constants.view(base, place, tuple(sizes))
+            return self.printer.view(base, place, tuple(sizes))
         if function is marks.borrow or function is marks.unrolled:
             return arguments[0]
         if function in (layout.part_numbers, layout.part_memory):
@@ -483,44 +479,17 @@ class Function:
             raise self.fail(node, f"{name or 'this function'} has no C here")
         return found
 
-    def call(  # noqa: C901, PLR0912  # one kind of argument after the other
-        self, function: Any, arguments: list[Any], node: ast.AST
-    ) -> Any:
+    def call(self, function: Any, arguments: list[Any], node: ast.AST) -> Any:
         """Call of another kernel."""
         tree, _ = tree_of(function.py_func)
         if isinstance(tree.returns, ast.Name) and tree.returns.id in ("Array", "Integers"):
             raise self.fail(node, "a kernel that gives an array has no C")
         printed = self.printer.function(function, arguments)
-        by_parameter = {a.arg: (a, v) for a, v in zip(tree.args.args, arguments, strict=True)}
-        texts: list[str] = []
-        passed_structs = set()
-        passed: dict[str, Handle | View] = {}
-        for p in printed.parameters:
-            base, _, length = p.name.partition(".")
-            parameter, value = by_parameter[base]
-            if length:
-                text = self.style.text(value.shape[0 if length in ("length", "rows") else 1])
-            elif isinstance(value, Handle):
-                if (value.struct, value.text) in passed_structs:
-                    continue
-                passed_structs.add((value.struct, value.text))
-                text = value.pointer
-            elif isinstance(value, View):
-                offset = self.style.text(value.offset)
-                text = value.text if offset == "0" else f"{value.text} + {offset}"
-            else:
-                is_float = getattr(parameter.annotation, "id", "") == "float"
-                text = self.style.text(
-                    value, kind=join([value.kind, "real"]) if is_float else value.kind
-                )
-            texts.append(text)
-            if isinstance(value, (Handle, View)) and not length:
-                passed[p.local] = value
-                if p.local in printed.written:
-                    if isinstance(value, View):
-                        self.mark(value)
-                    else:
-                        self.written.add(value.owner)
+        values = dict(zip((a.arg for a in tree.args.args), arguments, strict=True))
+        passed = {p.name: values[p.source] for p in printed.parameters if p.is_pointer}
+        for name in passed.keys() & printed.written:
+            self.mark(passed[name])
+        texts = [p.text(values[p.source]) for p in printed.parameters]
         self.printer.calls.append((printed.name, self, passed))
         text = f"{printed.name}({', '.join(texts)})"
         if printed.result is None or isinstance(printed.result, Known):
@@ -583,7 +552,8 @@ class Function:
     def assign(self, target: ast.expr, value: Any) -> None:
         """Print one assignment."""
         if isinstance(target, ast.Subscript):
-            self.store(target, value)
+            place = self.place(target)
+            self.emit(f"{place.text} = {self.style.text(value, kind=place.kind)}")
             return
         assert isinstance(target, ast.Name)  # noqa: S101  # kernels have no attributes
         name = target.id
@@ -605,7 +575,7 @@ class Function:
             self.env[name] = variable = Variable(self._local(name), value.kind)
         self.grow(variable, value.kind)
         variable.assigned += 1
-        self.emit(self.converted(value, variable.kind), variable, declares=declares)
+        self.emit(self.style.text(value, kind=variable.kind), variable, declares=declares)
 
     def grow(self, variable: Variable, kind: Kind) -> None:
         """Let a variable hold numbers of a kind, too, unless it was read as what it was."""
@@ -616,12 +586,6 @@ class Function:
                 f"{variable.kind} and becomes {kind}; begin it as a number of that kind"
             )
         variable.kind = kind
-
-    def converted(self, value: Scalar, kind: Kind) -> str:
-        """Text of a value for a variable or element of that kind."""
-        if kind == "real" and value.kind == "time" and not isinstance(value, Known):
-            return f"({self.style.real}){self.style.text(value, UNARY)}"
-        return self.style.text(value, kind=kind)
 
     def array(self, name: str, view: View) -> View:
         """Declare a local array, for a name."""
@@ -643,27 +607,12 @@ class Function:
         self.emit(f"{view.text} + {self.style.text(view.offset)}", variable, declares=True)
         return replace(view, text=local, offset=Known(0), pointer=(variable, view), values=None)
 
-    def store(self, target: ast.Subscript, value: Scalar) -> None:
-        """Print an assignment to an element, or to each element of a slice."""
-        if not isinstance(target.slice, ast.Slice):
-            place = self.place(target)
-            self.emit(f"{place.text} = {self.converted(value, place.kind)}")
-            return
-        view = self.visit(target)
-        index = self._local("index")
-        self.mark(view)
-        element = self.element(replace(view, values=None), Expr(index, "int"))
-        count = self.style.text(view.shape[0], ORDER + 1)
-        text = f"{element.text} = {self.converted(value, view.kind)}"
-        head = f"for (int {index} = 0; {index} < {count}; {index}++)"
-        self.out.append(Block(head, [Statement(text)]))
-
     def _augassign(self, s: ast.AugAssign) -> None:
         sign = ARITHMETIC[type(s.op)][0]
         value = self.visit(s.value)
         if isinstance(s.target, ast.Subscript):
             place = self.place(s.target)
-            self.emit(f"{place.text} {sign}= {self.converted(value, place.kind)}")
+            self.emit(f"{place.text} {sign}= {self.style.text(value, kind=place.kind)}")
             return
         assert isinstance(s.target, ast.Name)  # noqa: S101  # kernels have no attributes
         name = s.target.id
@@ -675,13 +624,13 @@ class Function:
             held.is_read = True
             self.grow(held, value.kind)
             held.assigned += 1
-            self.emit(self.converted(value, held.kind), held, operator=f"{sign}=")
+            self.emit(self.style.text(value, kind=held.kind), held, operator=f"{sign}=")
 
     # ------------------------------------------------------------------ loops and choices
 
-    def prepare(self, body: Iterable[ast.stmt]) -> None:
+    def prepare(self, *body: ast.stmt) -> None:
         """Make variables of what a loop or choice changes and is known so far."""
-        for name in sorted(assigned(body)):
+        for name in sorted(assigned(*body)):
             held = self.env.get(name)
             if isinstance(held, Known):
                 self.set_variable(name, held, None)
@@ -728,7 +677,7 @@ class Function:
             raise self.fail(s, "the rounds of an unrolled loop are not known")
         if step.value < -1:
             raise self.fail(s, "a range goes down by one only")
-        self.prepare(s.body)
+        self.prepare(*s.body)
         name = self._local(s.target.id)
         way = {1: f"{name}++", -1: f"{name}--"}.get(step.value, f"{name} += {step.value}")
         sign, end = ">" if step.value < 0 else "<", self.style.text(stop, ORDER + 1)
@@ -744,23 +693,17 @@ class Function:
         test = self.truth(s.test)
         if isinstance(test, Known):
             return self.block(s.body if test.value else s.orelse)
-        self.prepare([*s.body, *s.orelse])
-        return self.branches(s, test, "if")
-
-    def branches(self, s: ast.If, test: Any, word: str) -> bool:
-        """Print the branches of a choice, whose variables are declared."""
-        chosen, ends = self.inner(f"{word} ({self.style.text(test)})", s.body, {})
-        self.out.append(chosen)
-        if len(s.orelse) == 1 and isinstance(s.orelse[0], ast.If):
-            nested = s.orelse[0]
-            place = len(self.out)
-            other = self.truth(nested.test)
-            if len(self.out) == place and not isinstance(other, Known):
-                return self.branches(nested, other, "else if") and ends
-            del self.out[place:]
-        if not s.orelse:
-            return False
-        block, also = self.inner("else", s.orelse, {})
-        if block.body:
-            self.out.append(block)
+        self.prepare(*s.body, *s.orelse)
+        chosen, ends = self.inner(f"if ({self.style.text(test)})", s.body, {})
+        other, also = self.inner("else", s.orelse, {})
+        first, *rest = other.body or [other]
+        if (
+            isinstance(first, Block)
+            and first.head.startswith("if (")
+            and all(isinstance(b, Block) and b.head.startswith("else") for b in rest)
+        ):
+            first.head = f"else {first.head}"
+            self.out += [chosen, *other.body]
+        else:
+            self.out += [chosen, other] if other.body else [chosen]
         return ends and also

@@ -17,16 +17,17 @@ import inspect
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
+from enum import IntFlag
+from itertools import chain, combinations, count
 from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
 from truejoint.export.c_function import Function
 from truejoint.export.c_statements import wrapped, wrapped_comment
-from truejoint.export.c_structs import Constants, Handle, Side, Struct
-from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Style, View
-from truejoint.layout import Memory
+from truejoint.export.c_structs import Handle, Side, Struct, Unprintable, element_texts, kind_of
+from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Scalar, Style, View, add
+from truejoint.layout import Field, Memory
 
 WIDE: Final = """\
 /* A function of which GCC makes two versions; a program with glibc loads the one that its processor
@@ -64,7 +65,7 @@ def print_kernels(
     *,
     single: bool = False,
     inputs: Iterable[str] = (),
-    enums: Mapping[type, str] | None = None,
+    enums: Mapping[type[IntFlag], str] | None = None,
     named: Mapping[str, str] | None = None,
 ) -> Program:
     """Print kernels of arguments ``numbers, memory``, of a `memory` before the first step.
@@ -89,10 +90,12 @@ def print_kernels(
 class Printer:
     """All functions of one program, in one pass over its kernels."""
 
-    def __init__(self, style: Style, enums: Mapping[type, str]) -> None:
+    def __init__(self, style: Style, enums: Mapping[type[IntFlag], str]) -> None:
         self.style = style
         self.enums = enums
-        self.constants = Constants(style)
+        self.arrays: dict[tuple[Struct, Field], str] = {}  # names of constant arrays
+        self.defines: dict[str, Any] = {}  # and of constant numbers
+        self.names: set[str] = set()  # at file scope
         self.functions: dict[str, Function] = {}
         self.calls: list[tuple[str, Function, dict[str, Any]]] = []
         self._bodies: dict[tuple[Any, ...], Function] = {}
@@ -112,31 +115,68 @@ class Printer:
             longer = f"{python.__module__.rpartition('.')[2]}_{wanted}"
             if any(p is python for p, *_ in self._bodies):
                 longer = wanted
-            function.name = self.constants.name(longer if wanted in RESERVED else wanted, longer)
+            function.name = self.name(longer if wanted in RESERVED else wanted, longer)
             function.has_effect = bool(function.written) or self.has_effect(function.text)
             self.functions[function.name] = self._bodies[identity] = function
         self._done[key] = self._bodies[identity]
         function.name = self._done[key].name  # its calls have been noted, and name their caller
         return self._done[key]
 
+    def name(self, wanted: str, longer: str) -> str:
+        """Free name: the wanted one, the longer one, or that with a number."""
+        options = chain((wanted, longer), (f"{longer}_{i}" for i in count(2)))
+        free = next(option for option in options if option not in self.names)
+        self.names.add(free)
+        return free
+
+    def define(self, name: str, value: Any) -> str:
+        """Name of a constant number of a module."""
+        for option in chain((name,), (f"{name}_{i}" for i in count(2))):
+            held = self.defines.setdefault(option, value)
+            if held == value and isinstance(held, type(value)):
+                self.names.add(option)
+                return option
+        raise AssertionError  # there is always another
+
+    def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
+        """View of a struct's flat memory from a place on, as a part of the array there."""
+        struct = handle.struct
+        if place.origin is None or place.origin[0] is not struct:
+            raise Unprintable(f"{struct.name}: a view begins at no field of its {handle.side}")
+        f: Field = place.origin[1]
+        start = Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
+        offset = add(place, start, -1)
+        kind, root = kind_of(f, self.style), (struct, f.name)
+        if f.name in struct.written:
+            return View(handle.field_text(f.name), offset, shape, kind, root)
+        if (struct, f) not in self.arrays:
+            self.arrays[struct, f] = f"{struct.type.removesuffix('_state')}_{f.name}"
+        values = struct.values(f)
+        return View(self.arrays[struct, f], offset, shape, kind, root, values)
+
+    def _tables(self, names: set[str]) -> list[str]:
+        """Definitions of the arrays of these names."""
+        texts = []
+        for (owner, f), name in self.arrays.items():
+            if name in names:
+                items = element_texts(f, owner.values(f), self.style)
+                first, *rest = wrapped(", ".join(items), "    ")
+                body = "\n".join([first, *(line[4:] for line in rest)])
+                head = f"static const {self.style.type(kind_of(f))} {name}[{len(items)}]"
+                texts.append(f"/* {f.meaning} */\n{head} = {{\n{body}\n}};")
+        return texts
+
     def has_effect(self, text: str) -> bool:
         """Whether a text calls a function that changes something."""
         called = re.findall(r"(\w+)\(", text)
         return any(n in self.functions and self.functions[n].has_effect for n in called)
 
-    def program(
-        self,
-        struct: Struct,
-        names: tuple[str, ...],
-        named: Mapping[str, str],
-    ) -> Program:
+    def program(self, struct: Struct, names: tuple[str, ...], named: Mapping[str, str]) -> Program:
         """Put the printed functions together, without those that nothing calls."""
-        used, rest = set(names), list(names)
-        while rest:
-            called = set(re.findall(r"(\w+)\(", self.functions[rest.pop()].text))
-            fresh = called & set(self.functions) - used
-            used |= fresh
-            rest += fresh
+        used = set(names)
+        for name, printed in reversed(self.functions.items()):  # each after those that it calls
+            if name in used:
+                used |= set(re.findall(r"(\w+)\(", printed.text))
         printed_functions = [printed for name, printed in self.functions.items() if name in used]
         whole = "\n\n".join(self._text(printed) for printed in printed_functions)
         if any(getattr(printed.python, "is_wide", False) for printed in printed_functions):
@@ -144,10 +184,10 @@ class Printer:
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
         lines = [
             f"#define {name} {value if isinstance(value, int) else self.style.literal(value)}"
-            for name, value in self.constants.defines.items()
+            for name, value in self.defines.items()
             if name in words
         ]
-        tables = self.constants.tables(words)
+        tables = self._tables(words)
         helpers = [text for name, text in _helpers(self.style).items() if name in words]
         return Program(
             "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),

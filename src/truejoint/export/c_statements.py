@@ -5,9 +5,8 @@ from __future__ import annotations
 import ast
 import inspect
 import re
-import sys
 import textwrap
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any
@@ -163,21 +162,7 @@ def tree_of(python: Any) -> tuple[ast.FunctionDef, dict[int, str]]:
 
 
 @cache
-def definitions(module: str) -> dict[str, tuple[Any, ...]]:
-    """Constants of a module by name: the expression, or None with module and name if imported."""
-    constants: dict[str, tuple[Any, ...]] = {}
-    for node in ast.parse(inspect.getsource(sys.modules[module])).body:
-        if isinstance(node, (ast.AnnAssign, ast.Assign)):
-            target = node.target if isinstance(node, ast.AnnAssign) else node.targets[0]
-            if isinstance(target, ast.Name):
-                constants[target.id] = (node.value,)
-        elif isinstance(node, ast.ImportFrom) and node.module:
-            for alias in node.names:
-                constants[alias.asname or alias.name] = (None, node.module, alias.name)
-    return constants
-
-
-def assigned(statements: Iterable[ast.stmt]) -> set[str]:
+def assigned(*statements: ast.stmt) -> set[str]:
     """Names of scalars and arrays that statements assign to."""
     nodes = [node for statement in statements for node in ast.walk(statement)]
     loops = {

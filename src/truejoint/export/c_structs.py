@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
-from itertools import chain, count
 from typing import Any, Literal
 
 import numpy as np
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from truejoint.errors import ExportError
 from truejoint.export.c_statements import wrapped
-from truejoint.export.c_values import Kind, Known, Scalar, Style, View, add
+from truejoint.export.c_values import Kind, Style
 from truejoint.layout import PART_SIZE, Field, Memory
 
 Side = Literal["numbers", "memory"]
@@ -132,61 +131,6 @@ class Record:
 
     numbers: Handle
     memory: Handle
-
-
-class Constants:
-    """Names at file scope, and the numbers and arrays among them."""
-
-    def __init__(self, style: Style) -> None:
-        self.style = style
-        self.arrays: dict[tuple[Struct, Field], str] = {}
-        self.defines: dict[str, Any] = {}
-        self.names: set[str] = set()
-
-    def name(self, wanted: str, longer: str) -> str:
-        """Free name: the wanted one, the longer one, or that with a number."""
-        options = chain((wanted, longer), (f"{longer}_{i}" for i in count(2)))
-        free = next(option for option in options if option not in self.names)
-        self.names.add(free)
-        return free
-
-    def define(self, name: str, value: Any) -> str:
-        """Name of a constant number of a module."""
-        wanted = name.strip("_").upper()
-        for option in chain((wanted,), (f"{wanted}_{i}" for i in count(2))):
-            held = self.defines.setdefault(option, value)
-            if held == value and isinstance(held, type(value)):
-                self.names.add(option)
-                return option
-        raise AssertionError  # there is always another
-
-    def view(self, handle: Handle, place: Scalar, shape: tuple[Scalar, ...]) -> View:
-        """View of a struct's flat memory from a place on, as a part of the array there."""
-        struct = handle.struct
-        if place.origin is None or place.origin[0] is not struct:
-            raise Unprintable(f"{struct.name}: a view begins at no field of its {handle.side}")
-        f: Field = place.origin[1]
-        start = Known(int(struct.memory.numbers[f.index]), origin=(struct, f))
-        offset = add(place, start, -1)
-        kind, root = kind_of(f, self.style), (struct, f.name)
-        if f.name in struct.written:
-            return View(handle.field_text(f.name), offset, shape, kind, root, offset)
-        if (struct, f) not in self.arrays:
-            self.arrays[struct, f] = f"{struct.type.removesuffix('_state')}_{f.name}"
-        values = struct.values(f)
-        return View(self.arrays[struct, f], offset, shape, kind, root, offset, values)
-
-    def tables(self, names: set[str]) -> list[str]:
-        """Definitions of the arrays of these names."""
-        texts = []
-        for (owner, f), name in self.arrays.items():
-            if name in names:
-                items = element_texts(f, owner.values(f), self.style)
-                first, *rest = wrapped(", ".join(items), "    ")
-                body = "\n".join([first, *(line[4:] for line in rest)])
-                head = f"static const {self.style.type(kind_of(f))} {name}[{len(items)}]"
-                texts.append(f"/* {f.meaning} */\n{head} = {{\n{body}\n}};")
-        return texts
 
 
 def kind_of(f: Field, style: Style | None = None) -> Kind:

@@ -60,15 +60,22 @@ class View:
     shape: tuple[Scalar, ...]
     kind: Kind  # of its elements
     root: tuple[Any, str]  # struct and field, or function and parameter, that it is a part of
-    start: Scalar  # of its first element within the root
     values: NDArray[Any] | None = None  # what the whole of `text` holds, where nothing writes it
     pointer: Any = None  # local pointer that it goes through, and the view that this points to
 
     def part(self, offset: Scalar, shape: tuple[Scalar, ...]) -> View:
         """Part of this one from `offset` on."""
-        return replace(
-            self, offset=add(self.offset, offset), start=add(self.start, offset), shape=shape
-        )
+        return replace(self, offset=add(self.offset, offset), shape=shape)
+
+    @property
+    def start(self) -> Scalar:
+        """Place of the first element within the root."""
+        return self.offset if self.pointer is None else add(self.pointer[1].start, self.offset)
+
+    def pointer_text(self, style: Style) -> str:
+        """Pointer to the first element in C."""
+        offset = style.text(self.offset)
+        return self.text if offset == "0" else f"{self.text} + {offset}"
 
     def ends_before(self, other: View) -> bool:
         """Whether it is certain to end where a view of the same array begins, or before."""
@@ -155,8 +162,9 @@ class Style:
     def text(self, value: Scalar, needed: int = 0, kind: Kind | None = None) -> str:
         """Value as C, for a place that binds as tightly as `needed` and is of that kind."""
         if isinstance(value, Expr):
-            if self.single and (value.kind, kind) == ("real", "time"):
-                return _within(f"(double){_within(value.text, value.level, UNARY)}", UNARY, needed)
+            if self.single and {value.kind, kind} == {"real", "time"}:
+                cast = f"({self.type(kind)}){self.text(value, UNARY)}"  # type: ignore[arg-type]
+                return _within(cast, UNARY, needed)
             if value.base:
                 plain = _within(value.text, value.level, SUM)
                 sign = "-" if value.base < 0 else "+"

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,13 +13,10 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.errors import ExportError
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import correct_rows
+from truejoint.runtime.correction import correct_rows, tell_homing
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN
+from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN, IS_HOMED, TOLD_ID
 from truejoint.runtime.limits import Limits
-
-if TYPE_CHECKING:  # whoever fitted it has imported what learns
-    from truejoint.calibration import Calibration
 
 NOTHING, SET_HOMING, REZERO, ACKNOWLEDGE = 0, 1, 2, 3
 """What is done before a sample."""
@@ -81,7 +78,7 @@ def make_vectors(
     def run(kind: type[Corrector], desired: Array | None = None) -> Answers:
         corrector = kind(calibration, level=level, range_margin=range_margin)
         loop = None if compensator is None else compensator.around(corrector)
-        return answer(corrector, calibration.origin.homing_ids, vectors, offset, loop, desired)
+        return _answer(corrector, vectors, offset, loop, desired)
 
     scale = 0.8
     while True:  # smaller motion is more like the middle of the training rows
@@ -124,12 +121,12 @@ class _RoundedCorrector(Corrector):
     def __init__(self, model: Calibration, *, level: float | None, range_margin: float) -> None:
         super().__init__(model, level=level, range_margin=range_margin)
         self._rounded = np.ones(len(self._memory), dtype=np.bool_)
-        for field_ in self._packed.layout.fields.values():
-            if field_.is_time and field_.kind == "scalar":
-                self._rounded[field_.index] = False
-            elif field_.is_time:
-                start = int(self._numbers[field_.index])
-                self._rounded[start : start + self._packed.view(field_.name).size] = False
+        for f in self._packed.layout.fields.values():
+            if f.is_time:
+                is_scalar = f.kind == "scalar"
+                start = f.index if is_scalar else int(self._numbers[f.index])
+                size = 1 if is_scalar else self._packed.view(f.name).size
+                self._rounded[start : start + size] = False
 
     def step(self, t: float, sample: Any) -> Any:
         """Correct one sample, with all numbers rounded before and after."""
@@ -143,13 +140,12 @@ class _RoundedCorrector(Corrector):
             self._memory[self._rounded] = self._memory[self._rounded].astype(np.float32)
 
 
-def answer(
+def _answer(
     corrector: Corrector,
-    homing_ids: Sequence[str],
     vectors: Vectors,
     offset: Array,
-    compensator: Compensator | None = None,
-    desired: Array | None = None,
+    compensator: Compensator | None,
+    desired: Array | None,
 ) -> Answers:
     """Give what a fresh `Corrector`, and a compensator around it, make of vectors.
 
@@ -157,15 +153,13 @@ def answer(
     Every so many samples they are to stand still. With `desired` (n, n_joints) [rad or m] they are
     to be there.
     """
-    own = homing_ids[0] if homing_ids else "of the calibration"
-    names: dict[int, str | None] = {HOMING_UNKNOWN: None, HOMING_OF_CALIBRATION: own}
     n, m = len(vectors), len(corrector.joints)
     size = m if compensator else 0
     answers = Answers(np.empty(n, np.int64), *np.full((2, n, m), np.nan), *np.empty((2, n, size)))
     target = np.full(m, np.nan)
     if compensator is None and type(corrector) is Corrector:  # many rows in one call
         for first, end in pairwise(np.unique([0, *np.flatnonzero(vectors.action), n]).tolist()):
-            _act(corrector, vectors, first, names, offset)
+            _act(corrector, vectors, first, offset)
             rows = slice(first, end)
             correct_rows(
                 corrector._numbers, corrector._memory, vectors.t[rows], vectors.sample[rows],
@@ -174,7 +168,7 @@ def answer(
             )  # fmt: skip
         return answers
     for i, (t, sample) in enumerate(zip(vectors.t.tolist(), vectors.sample, strict=True)):
-        _act(corrector, vectors, i, names, offset)
+        _act(corrector, vectors, i, offset)
         if compensator is None:
             answers.status[i] = corrector.step(t, sample)
         else:
@@ -189,13 +183,12 @@ def answer(
     return answers
 
 
-def _act(
-    corrector: Corrector, vectors: Vectors, i: int, names: dict[int, str | None], offset: Array
-) -> None:
+def _act(corrector: Corrector, vectors: Vectors, i: int, offset: Array) -> None:
     """Do what comes before sample `i`."""
-    action, homing = int(vectors.action[i]), int(vectors.homing_id[i])
-    if action == SET_HOMING:
-        corrector.set_homing(bool(vectors.is_homed[i]), names.get(homing, f"homing {homing}"))
+    action, numbers = vectors.action[i], corrector._numbers
+    if action == SET_HOMING:  # by number, as in C
+        numbers[IS_HOMED], numbers[TOLD_ID] = vectors.is_homed[i], vectors.homing_id[i]
+        tell_homing(numbers, corrector._memory)
     elif action == REZERO:
         corrector.rezero(offset)
     elif action == ACKNOWLEDGE:

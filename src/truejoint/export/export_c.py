@@ -9,7 +9,7 @@ from functools import cache, partial
 from importlib.metadata import version
 from inspect import getsource
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final, Literal, get_args
+from typing import Any, Final, Literal, get_args
 
 import jinja2
 import numpy as np
@@ -37,9 +37,6 @@ from truejoint.runtime.correction import (
 )
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
-
-if TYPE_CHECKING:  # whoever fitted it has imported what learns
-    from truejoint.calibration import Calibration
 
 Precision = Literal["double", "float"]
 
@@ -71,8 +68,6 @@ _COMPENSATOR_TEMPLATES: Final = {
     "_compensator.h": "compensator.h.j2",
     "_compensator.c": "compensator.c.j2",
 }
-
-
 _ROS_TEMPLATES: Final = {
     "package.xml": "ros/package.xml.j2",
     "CMakeLists.txt": "ros/CMakeLists.txt.j2",
@@ -198,25 +193,19 @@ def source_files(
     context["compensates"] = compensator is not None
     if compensator is not None:
         loop = compensator.around(compensator.corrector).memory
+        print_loop = partial(print_kernels, (compensate,), inputs=_COMPENSATOR_INPUTS)
         context |= {
-            "loop": print_kernels(
-                (compensate,),
-                loop,
-                "compensator",
-                f"{prefix}_compensator",
-                inputs=_COMPENSATOR_INPUTS,
-            ),
+            "loop": print_loop(loop, "compensator", f"{prefix}_compensator"),
             "rate": compensator.rate,
             "measured": compensator.measured,
             "vector_start": vectors.sample[0, compensator.measured],
             "setpoint_tolerance": np.maximum(SINGLE_MARGIN * strayed, DOUBLE_TOLERANCE),
         }
         templates |= _COMPENSATOR_TEMPLATES
-    texts = {
+    return {
         f"{prefix}{ending}": render(template, context, precision)
         for ending, template in templates.items()
     }
-    return {name: text.encode("ascii") for name, text in texts.items()}
 
 
 def _vector_rows(vectors: Vectors, answers: Answers, precision: Precision) -> str:
@@ -358,11 +347,12 @@ def comment(text: object) -> str:
     return _UNSAFE.sub(".", str(text))
 
 
-def render(template: str, context: Mapping[str, Any], precision: Precision) -> str:
+def render(template: str, context: Mapping[str, Any], precision: Precision) -> bytes:
     """Fill a template of this package with `context`; an unknown name is an error."""
     single = precision == "float"
     names = {"real": precision, "suffix": "f" if single else "", "single": single}
-    return _environment(precision).get_template(template).render(**names, **context)
+    text = _environment(precision).get_template(template).render(**names, **context)
+    return text.encode("ascii")
 
 
 @cache
@@ -376,12 +366,9 @@ def _environment(precision: Precision) -> jinja2.Environment:
         keep_trailing_newline=True,
         autoescape=False,  # noqa: S701  # C source; texts from files go through `comment`
     )
-    filters: dict[str, Callable[[Any], str]] = {
-        "table": lambda values: table(values, precision),
-        "exact_table": lambda values: table(values, "double"),
-        "comment": comment,
-    }
-    environment.filters.update(filters)
+    environment.filters["table"] = partial(table, precision=precision)
+    environment.filters["exact_table"] = partial(table, precision="double")
+    environment.filters["comment"] = comment
     return environment
 
 
@@ -452,6 +439,7 @@ def export_ros(
             f"no joint state has {', '.join(lacking)}, which the model takes: calibrate on "
             "others (--feature), or use --to c"
         )
+    reads = {value.partition("[")[0] for value in values}
     context = {
         "version": version("truejoint"),
         "title": calibration.title,
@@ -463,23 +451,16 @@ def export_ros(
         "corrected_names": calibration.joints,
         # Takes efforts on the joints to those at the motors.
         "motor_effort": None
-        if robot.transmission is None or not _any(values, "motor")
+        if robot.transmission is None or "motor" not in reads
         else robot.transmission.motor_effort(np.eye(len(robot.joint_names))),
-        "needs_velocity": _any(values, "in.velocity"),
-        "needs_effort": _any(values, "in.effort") or _any(values, "motor"),
-        "needs_setpoint": _any(values, "setpoint_"),
-    }
-    texts = {
-        name.format(prefix): render(template, context, precision)
-        for name, template in _ROS_TEMPLATES.items()
+        "needs_velocity": "in.velocity" in reads,
+        "needs_effort": not reads.isdisjoint({"in.effort", "motor"}),
+        "needs_setpoint": "setpoint_" in reads,
     }
     contents = source_files(calibration, prefix, precision, **how)
-    contents |= {name: text.encode("ascii") for name, text in texts.items()}
+    for name, template in _ROS_TEMPLATES.items():
+        contents[name.format(prefix)] = render(template, context, precision)
     return write_files(folder, contents, overwrite=overwrite)
-
-
-def _any(values: Sequence[str], array: str) -> bool:
-    return any(value.startswith(array) for value in values)
 
 
 def _value(robot: Robot, signal: str) -> str:

@@ -10,7 +10,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from numbers import Real
-from typing import Any, Final, NoReturn, Self
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -43,6 +43,7 @@ _LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are mo
 _PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
 _UNREAD: Final = Status.WRONG_SIZE | Status.OTHER_THREAD  # of a sample that may be anything
 _INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
+_Listener = Callable[[float, Array, Array], None]
 
 
 class MotorReadings:
@@ -164,7 +165,7 @@ class Compensator:
     ) -> None:
         inner = MotorReadings(as_robot(robot)) if corrector is None else corrector
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
-        _check(inner, robot, numbers | {"integral time": integral_time})
+        _check(inner, robot, numbers, integral_time)
         check_rate(rate, lag, gain)
         self.corrector: Final[Corrector | MotorReadings] = inner
         self.rate: Final = float(rate)
@@ -176,17 +177,12 @@ class Compensator:
         self._robot = robot
         joints = robot.index(inner.joints)
         top = np.array([robot.joints[i].max_speed for i in joints])
-        zeros = np.zeros(len(joints))
-        arrays = (
-            "wanted", "measured", "correction", "setpoint", "last_wanted", "lost", "made_up",
-        )  # fmt: skip
         self.memory: Final = at.LAYOUT.pack(
             doubted=~int(believed), lead=lag * rate, gain=gain,
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
             settle=1.0 / (1.0 + SETTLING * rate), dead_band=dead_band,
             lower=robot.lower[joints], upper=robot.upper[joints],
             step=np.minimum(top, SPEED_SHARE * inner.spike_speed) / rate,
-            **dict.fromkeys((*arrays, "is_limited", "rests"), zeros),
         )  # fmt: skip
         view = self.memory.view
         self.setpoint: Array = view("setpoint")
@@ -199,7 +195,7 @@ class Compensator:
         self.measured: Final = [inner.signals.index(f"measured/{n}") for n in inner.joints]
         self.status = Status.OK
         self.statuses: Counter[Status] = Counter()
-        self.start(zeros)
+        self.start(0.0)
 
     @property
     def at_limit(self) -> Mask:
@@ -269,12 +265,7 @@ class Compensator:
                 "arm, re-zero the model after the homing, and stay where it was trained"
             )
 
-    def drive(
-        self,
-        arm: Arm,
-        wanted: ArrayLike,
-        tell: Callable[[float, Array, Array], None] | None = None,
-    ) -> None:
+    def drive(self, arm: Arm, wanted: ArrayLike, tell: _Listener | None = None) -> None:
         """Put an arm's joints where they are `wanted`, row by row; blocks.
 
         The rows (n, n_joints) are true positions of the corrector's joints at `Arm.rate` [rad or
@@ -295,10 +286,7 @@ class Compensator:
         arm.stream(pieces, len(rows) / arm.rate, "compensator").wait()
 
     def setpoints(
-        self,
-        arm: Arm,
-        pieces: Iterable[Array],
-        tell: Callable[[float, Array, Array], None] | None = None,
+        self, arm: Arm, pieces: Iterable[Array], tell: _Listener | None = None
     ) -> Iterator[Array]:
         """Turn wanted positions of all joints into set-points, a piece a step, for `Arm.stream`.
 
@@ -333,11 +321,7 @@ class Compensator:
         return self._stepped(latest, pieces, round(period), tell)
 
     def _stepped(
-        self,
-        latest: _Latest,
-        pieces: Iterable[Array],
-        period: int,
-        tell: Callable[[float, Array, Array], None] | None,
+        self, latest: _Latest, pieces: Iterable[Array], period: int, tell: _Listener | None
     ) -> Iterator[Array]:
         joints = latest.arm.robot.index(self.corrector.joints)
         self.start(latest.arm.setpoint_js(math.inf).position[joints])
@@ -353,17 +337,17 @@ class Compensator:
                     self.statuses[self.status] += 1
                     held = np.where(self.at_limit, held + 1, 0)
                     if held.max() > _PATIENCE * self.rate:
-                        self._refuse(latest.arm.robot, int(np.argmax(held)))
+                        raise self._unreachable(int(np.argmax(held)))
                     if tell is not None:
                         tell(t, rows[-1, joints], self.corrector.position)
                     rows[:, joints] = before + share[: len(rows)] * (after - before)
                     rows[-1, joints] = after
                     yield rows
 
-    def _refuse(self, robot: Robot, k: int) -> NoReturn:
-        """Say that no set-point takes the joint `k` of the corrector's where it is wanted."""
-        joint = robot.joint(self.corrector.joints[k])
-        raise CommandRefused(
+    def _unreachable(self, k: int) -> CommandRefused:
+        """Error that no set-point takes the joint `k` of the corrector's where it is wanted."""
+        joint = self._robot.joint(self.corrector.joints[k])
+        return CommandRefused(
             f"compensator: {joint.name} is wanted at {shown(self._wanted[k], joint.unit)}, which "
             f"no set-point within {shown_range(joint.lower, joint.upper, joint.unit)} reaches: "
             f"{shown(self.lost[k], joint.unit)} are lost on the way; stay further inside"
@@ -421,7 +405,10 @@ def motor_loop(robot: Robot, rate: float = 100.0, lag: float = LAG) -> Compensat
 
 
 def _check(
-    corrector: Corrector | MotorReadings, robot: Robot, numbers: Mapping[str, float]
+    corrector: Corrector | MotorReadings,
+    robot: Robot,
+    numbers: Mapping[str, float],
+    integral_time: float,
 ) -> None:
     """Refuse a corrector and a robot that make no loop, and numbers that are none, or negative."""
     if not hasattr(corrector, "made_for"):
@@ -434,16 +421,15 @@ def _check(
             "writes; make it of calibration.without_redundant()"
         )
     for name, value in numbers.items():
-        if name == "integral time":
-            if not (isinstance(value, Real) and value > 0.0):
-                raise CommandRefused(
-                    f"compensator: integral time is {value!r:.40} s; give more than 0 s, or "
-                    "infinity"
-                )
-        elif not (isinstance(value, Real) and 0.0 <= value < math.inf):
+        if not (isinstance(value, Real) and 0.0 <= value < math.inf):
             raise CommandRefused(
                 f"compensator: {name} is {value!r:.40}; give a number of 0 or more"
             )
+    if not (isinstance(integral_time, Real) and integral_time > 0.0):
+        raise CommandRefused(
+            f"compensator: integral time is {integral_time!r:.40} s; give more than 0 s, or "
+            "infinity"
+        )
 
 
 def loop_margin(rate: float, lag: float, gain: float = 1.0) -> float:

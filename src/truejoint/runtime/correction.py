@@ -6,7 +6,6 @@ And what a corrector is told between samples: the homing, an offset, that the ze
 from __future__ import annotations
 
 from math import inf, isfinite, isnan, nan
-from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
@@ -19,18 +18,6 @@ from truejoint.runtime import fields as at
 from truejoint.runtime.fields import unpack
 from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SLIP_SHARE
 from truejoint.runtime.status import Status
-
-_NOT_FINITE: Final = int(Status.NOT_FINITE)
-_STALE: Final = int(Status.STALE)
-_TIME_JUMP: Final = int(Status.TIME_JUMP)
-_SPIKE: Final = int(Status.SPIKE)
-_FROZEN: Final = int(Status.FROZEN)
-_OUT_OF_RANGE: Final = int(Status.OUT_OF_RANGE)
-_OUT_OF_DOMAIN: Final = int(Status.OUT_OF_DOMAIN)
-_IMPLAUSIBLE: Final = int(Status.IMPLAUSIBLE)
-_NOT_HOMED: Final = int(Status.NOT_HOMED)
-_HOMED_AGAIN: Final = int(Status.HOMED_AGAIN)
-_ZERO_SUSPECT: Final = int(Status.ZERO_SUSPECT)
 
 
 @compiled
@@ -46,9 +33,9 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     m = unpack(numbers, memory)
     status = int(m.homing) | int(m.suspect) | pass_through(numbers, memory)
     if not isfinite(m.t):
-        return status | _NOT_FINITE
+        return status | Status.NOT_FINITE.value
     status |= judge_stamp(numbers, memory)
-    if status & (_NOT_FINITE | _STALE):
+    if status & (Status.NOT_FINITE.value | Status.STALE.value):
         return status
     doubts = judge_signals(numbers, memory)
     if doubts:
@@ -82,7 +69,7 @@ def pass_through(numbers: Integers, memory: Array) -> int:
     status = 0
     for i in range(m.n_signals):
         if not isfinite(m.sample[i]):
-            status = _NOT_FINITE
+            status = Status.NOT_FINITE.value
     return status
 
 
@@ -94,9 +81,9 @@ def put_out(numbers: Integers, memory: Array, status: int) -> int:
         m.correction[j] = m.predicted[j] - (m.position[j] if m.is_position else 0.0)
         # `not (a <= b)` holds for NaN too.
         if not (m.correction_lower[j] <= m.correction[j] <= m.correction_upper[j]):
-            status |= _IMPLAUSIBLE
+            status |= Status.IMPLAUSIBLE.value
         if isnan(m.predicted_width[j]):
-            status |= _OUT_OF_DOMAIN
+            status |= Status.OUT_OF_DOMAIN.value
     if status == 0:
         for j in range(m.n_joints):
             base = 0.0 if m.is_position else m.position[j]
@@ -143,12 +130,12 @@ def judge_stamp(numbers: Integers, memory: Array) -> int:
         forget(numbers, memory)
     elif step < -m.longest:
         forget(numbers, memory)
-        status = _TIME_JUMP
+        status = Status.TIME_JUMP.value
     elif step < m.shortest:
         numbers[at.WAS_STALE] = 1
-        return _STALE
+        return Status.STALE.value
     elif step > m.longest:
-        status = _TIME_JUMP
+        status = Status.TIME_JUMP.value
     if status:
         restart_standstill(numbers, memory)
     numbers[at.HAS_STAMP] = 1
@@ -217,9 +204,9 @@ def name_signals(numbers: Integers, memory: Array) -> int:
         value = m.sample[i]
         farthest = max(m.jump[i], m.reach[i] * steps)
         if value < m.signal_lower[i] or value > m.signal_upper[i]:
-            status |= _OUT_OF_RANGE
+            status |= Status.OUT_OF_RANGE.value
         elif m.has_last and abs(value - m.last[i]) > farthest:
-            status |= _SPIKE
+            status |= Status.SPIKE.value
             m.spiked[i] = 1
             numbers[at.HAS_SPIKED] = 1
     return status
@@ -243,7 +230,7 @@ def judge_standstill(numbers: Integers, memory: Array) -> int:
     if changed:
         memory[at.CHANGED_T] = m.t
     if frozen or m.t - memory[at.CHANGED_T] > m.hold:
-        return _FROZEN
+        return Status.FROZEN.value
     return 0
 
 
@@ -260,7 +247,7 @@ def judge_parity(numbers: Integers, memory: Array) -> int:
             if m.anchor:
                 m.parity_shift[i] += rest - 0.5 * (m.parity_lower[i] + m.parity_upper[i])
             else:
-                status = _ZERO_SUSPECT
+                status = Status.ZERO_SUSPECT.value
     numbers[at.ANCHOR] = 0
     if status == 0:
         memory[at.PARITY_T] = m.t
@@ -283,7 +270,7 @@ def judge_slips(numbers: Integers, memory: Array) -> None:
         farthest = max(m.jump[i], m.reach[i] * steps)
         is_off = abs(m.sample[i] - m.last[i]) > SLIP_SHARE * farthest
         if m.spiked[i] and is_off and m.is_position_signal[i] and not m.was_stale:
-            numbers[at.SUSPECT] = _ZERO_SUSPECT
+            numbers[at.SUSPECT] = Status.ZERO_SUSPECT.value
     forget_spikes(numbers, memory)
 
 
@@ -300,7 +287,7 @@ def judge_rate(numbers: Integers, memory: Array) -> int:
         return 0
     if late:
         m.clock[0] = 0.0
-    return _TIME_JUMP
+    return Status.TIME_JUMP.value
 
 
 @compiled
@@ -315,7 +302,7 @@ def judge_features(numbers: Integers, memory: Array) -> int:
             inside & (value >= m.feature_lower[i]) & (value <= m.feature_upper[i])
         )  # NaN is not
         m.centred[i] = value - m.domain_mean[i]
-    status = 0 if inside else _OUT_OF_RANGE
+    status = 0 if inside else Status.OUT_OF_RANGE.value
     fill(white, m.n_white, 0.0)
     add_triangle(m.centred, m.whitening, white)
     square = 0.0
@@ -324,7 +311,7 @@ def judge_features(numbers: Integers, memory: Array) -> int:
             white[i + 2] * white[i + 2] + white[i + 3] * white[i + 3]
         )
     if not square <= m.square:
-        status |= _OUT_OF_DOMAIN
+        status |= Status.OUT_OF_DOMAIN.value
     return status
 
 
@@ -352,15 +339,6 @@ def acknowledge(numbers: Integers, memory: Array) -> None:
 
 
 @compiled
-def trust(numbers: Integers, memory: Array) -> None:
-    """Let the zero count as that of the training, and parity hold as it did there."""
-    numbers[at.SUSPECT] = 0
-    numbers[at.ANCHOR] = 0
-    m = unpack(numbers, memory)
-    fill(m.parity_shift, m.n_parity, 0.0)
-
-
-@compiled
 def tell_homing(numbers: Integers, memory: Array) -> int:
     """Take over what is told of the homing; the status bits that samples have from now on.
 
@@ -372,7 +350,7 @@ def tell_homing(numbers: Integers, memory: Array) -> int:
     if m.is_homed == 0:
         numbers[at.WAS_LOST] = 1
         numbers[at.HOMING_ID] = at.HOMING_UNKNOWN
-        numbers[at.HOMING] = _NOT_HOMED
+        numbers[at.HOMING] = Status.NOT_HOMED.value
     else:
         if m.told_id != at.HOMING_UNKNOWN:
             if m.own_id == at.HOMING_UNKNOWN:
@@ -381,12 +359,15 @@ def tell_homing(numbers: Integers, memory: Array) -> int:
             fits = m.told_id < 0 or m.told_id == numbers[at.OWN_ID] or is_rezeroed
             numbers[at.WAS_LOST] = 0 if fits else 1
             numbers[at.HOMING_ID] = m.told_id
-        numbers[at.HOMING] = _HOMED_AGAIN if numbers[at.WAS_LOST] else 0
+        numbers[at.HOMING] = Status.HOMED_AGAIN.value if numbers[at.WAS_LOST] else 0
     if numbers[at.HOMING] != homing or numbers[at.HOMING_ID] != homing_id:
         numbers[at.REZEROED] = 0
         fill(m.offset, m.n_joints, 0.0)
         forget(numbers, memory)
-        trust(numbers, memory)
+        # The zero counts as that of the training, and parity holds as it did there.
+        numbers[at.SUSPECT] = 0
+        numbers[at.ANCHOR] = 0
+        fill(m.parity_shift, m.n_parity, 0.0)
     if m.zeroed and numbers[at.HOMING] == 0:
         numbers[at.REZEROED] = 1
     return int(numbers[at.HOMING])
@@ -395,7 +376,7 @@ def tell_homing(numbers: Integers, memory: Array) -> int:
 @compiled
 def accept_offset(numbers: Integers, memory: Array) -> int:
     """Let the offset be that of the present homing; status bits as of `tell_homing`."""
-    if numbers[at.HOMING] != _NOT_HOMED:
+    if numbers[at.HOMING] != Status.NOT_HOMED.value:
         numbers[at.WAS_LOST] = 0
         numbers[at.REZEROED] = 1
         numbers[at.HOMING] = 0

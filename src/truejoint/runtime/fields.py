@@ -147,11 +147,10 @@ def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
     for path in set(family.beside(data.fitted.params).values()):
         own_part = model.part(*path)
         own_part.memory[own_part.layout.fields["beside_deviations"].index] = deviations
-    n_white = len(limits.whitening)
     shift = np.pad(data.signal_shift, (0, n_signals - len(data.signals)))
     # Parity is that of the signals as they come, whatever is added to them for the model.
     moved = (limits.parity * shift[limits.parity_terms]).sum(axis=1)
-    per_signal = ("sample", "last", "stood", "partner_low", "partner_high", "spiked")
+    nothing = np.full(n_joints, np.nan)
     return LAYOUT.pack(
         {"row": family.row},
         **(vars(limits) | {"parity_intercept": limits.parity_intercept - moved}),
@@ -159,16 +158,11 @@ def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
         zeroed=data.zero is not None, homing=int(Status.NOT_HOMED),
         own_id=HOMING_OF_CALIBRATION if data.origin.homing_ids else HOMING_UNKNOWN,
         n_shifted=len(data.signals) if shift.any() else 0,
-        parity_shift=np.zeros(len(moved)),
         is_position=data.target == "position", row=family.row_address(),
-        growth=growth, **dict.fromkeys(per_signal, np.zeros(n_signals)),
-        **dict.fromkeys(("centred", "white"), np.zeros(n_white)), features=np.zeros(k),
-        **dict.fromkeys(("position", "correction"), np.full(n_joints, np.nan)),
+        growth=growth, position=nothing, correction=nothing,
         half_width=np.full(n_joints, np.inf), base_width=base,
-        **dict.fromkeys(("offset", "predicted", "predicted_width"), np.zeros(n_joints)),
         shift=shift, added=data.output_shift,
-        feature_memory=np.zeros(data.feature_set.memory_size), clock=np.zeros(2),
-        operation=operation,
+        feature_memory=np.zeros(data.feature_set.memory_size), operation=operation,
         source=source, parameter=parameter, slot=slot, trained_lower=data.lower,
         trained_upper=data.upper, per_span=inverse_span(data.lower, data.upper), model=model,
         measured=[signals.index(f"measured/{joint}") for joint in data.joints],

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any, Final
 
 import numpy as np
 
-from truejoint.array_types import Array, Integers
+from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
@@ -65,44 +65,16 @@ RATE_STEPS: Final = 32.0
 """Over how many samples it is judged whether a loop is slower than such a model knows: most of them
 come later than `MAX_RATE_RATIO` times the training time step, as in a recording that is refused."""
 
+Limits = SimpleNamespace
 _ROUNDING: Final = 1e-9
-
-
-@dataclass(frozen=True, eq=False)
-class Limits:
-    """Thresholds of the corrector in SI units, each a field of its memory (`runtime.fields`)."""
-
-    shortest: float
-    slowest: float  # infinite where nothing counts samples
-    longest: float
-    training_dt: float
-    hold: float
-    square: float
-    reach: Array  # (n_signals,), as what follows
-    jump: Array  # change that takes no time
-    flicker: Array
-    signal_lower: Array  # infinite for signals that never changed and are no position
-    signal_upper: Array
-    partner: Integers  # see `partners`; itself where there is none
-    travel: Array  # infinite where there is no partner, or a signal or its partner never changed
-    moves: Integers
-    is_position_signal: Integers  # 1 for measured positions
-    parity: Array  # (n_equations, n_terms), weight of the signals `parity_terms`; 0 of any at last
-    parity_terms: Integers  # (n_equations, n_terms)
-    parity_intercept: Array  # (n_equations,)
-    parity_lower: Array
-    parity_upper: Array
-    patience: float
-    domain_mean: Array  # (k,)
-    whitening: Array  # lower triangle (n_white, n_white)
-    feature_lower: Array  # (k,), infinite for features that never changed
-    feature_upper: Array
-    correction_lower: Array  # (n_joints,)
-    correction_upper: Array
 
 
 def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     """Thresholds for samples of a calibration; `range_margin` (0 to 1) is for `RANGE_MARGIN`.
+
+    They are fields of a corrector's memory (`runtime.fields`), in SI units. A threshold is infinite
+    where a sample cannot break it: `travel` for a signal without a partner that changes with it,
+    ``signal_lower`` for one that is no position and never changed.
 
     Raises CalibrationError if it is out of range, and ModelFileError if the calibration was made
     without the training domain.
@@ -179,26 +151,23 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
 def _parity(data: Calibration, domain: TrainingDomain) -> dict[str, Any]:
     """Parity equations with their bounds; one that says nothing where there are none."""
     equations = data.parity
-    if equations is None:
-        nothing, far = np.zeros(1), np.full(1, np.inf)
-        matrix, intercept, lower, upper = np.zeros((1, len(data.loop_signals))), nothing, -far, far
-    else:
+    matrix, intercept = np.zeros((1, len(data.loop_signals))), np.zeros(1)
+    middle, half = np.zeros(1), np.full(1, np.inf)
+    if equations is not None:
         matrix, intercept = equations.matrix, equations.intercept
-        floor = (
-            PARITY_FLOOR * (domain.error_upper - domain.error_lower)[equations.joint.astype(int)]
-        )
+        errors = (domain.error_upper - domain.error_lower)[equations.joint.astype(int)]
         middle = 0.5 * (equations.lower + equations.upper)
         setpoints = [column.startswith("setpoint/") for column in data.loop_signals]
         late = (matrix[:, setpoints] != 0.0).any(axis=1)
         margin = np.where(late, SETPOINT_MARGIN, PARITY_MARGIN)
-        half = margin * (equations.upper - middle) + floor
-        lower, upper = middle - half, middle + half
+        half = margin * (equations.upper - middle) + PARITY_FLOOR * errors
     used = matrix != 0.0
     n_terms = max(int(used.sum(axis=1).max()), 1)
     terms = np.argsort(~used, axis=1, kind="stable")[:, :n_terms]
     return {
         "parity": np.take_along_axis(matrix, terms, axis=1), "parity_terms": terms,
-        "parity_intercept": intercept, "parity_lower": lower, "parity_upper": upper,
+        "parity_intercept": intercept, "parity_lower": middle - half,
+        "parity_upper": middle + half,
     }  # fmt: skip
 
 

@@ -199,14 +199,11 @@ class Monitor:
         travel[ANCHOR] = np.nan
         share = np.where(baseline.monitored, 0.0, np.nan)
         self._packed = LAYOUT.pack(
-            gap_limit=calibration.gap_limit, working_time=working_time,
-            terms=np.zeros(baseline.coef.shape[1]), position=np.zeros(len(joints)),
-            travel=travel, mean=np.zeros((2, len(joints))), shifts=share, frictions=share,
-            measures=np.zeros(N_MEASURES), levels=np.zeros(N_MEASURES),
+            gap_limit=calibration.gap_limit, working_time=working_time, travel=travel,
+            shifts=share, frictions=share,
             measured=[signals.index(f"measured/{joint}") for joint in joints],
             effort=[signals.index(name) if name in signals else -1 for name in efforts],
             operation=operation, source=source, parameter=parameter, slot=slot,
-            features=np.zeros(len(operation)), clock=np.zeros(2),
             feature_memory=np.zeros(calibration.feature_set.memory_size),
             trained_lower=calibration.lower, trained_upper=calibration.upper,
             per_span=inverse_span(calibration.lower, calibration.upper),

@@ -6,7 +6,6 @@ import math
 import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, Final, Self
 
 import numpy as np
@@ -35,14 +34,6 @@ _ADVICE: Final = {
     "--metadata homing_id=if its positions refer to the same one",
     Status.ZERO_SUSPECT: "a measured position has jumped: home the robot again",
 }
-
-
-@dataclass
-class _Tally:
-    """What has happened since the last report."""
-
-    messages: int = 0
-    bits: int = 0
 
 
 class CorrectorNode:
@@ -110,7 +101,7 @@ class CorrectorNode:
         self._told: bool | None = None  # as the corrector was told
         self._status: Status | None = None
         self._heard = -math.inf
-        self._tally = _Tally()
+        self._recent = self._bits = 0  # messages since the last report, and their status bits
         self._said = ""
         self._over = threading.Event()
         self._endings: list[Callable[[], None]] = []
@@ -165,7 +156,7 @@ class CorrectorNode:
     def _correct(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
         self._heard = time.monotonic()
         self.received += 1
-        self._tally.messages += 1
+        self._recent += 1
         choices = self._choices if self._corrector is None else (self._corrector,)
         corrector = next((c for c in choices if columns.keys() >= set(c.signals)), None)
         if corrector is None:
@@ -181,7 +172,7 @@ class CorrectorNode:
             self._tell_homing(corrector)
         sample = [columns[signal][0] for signal in corrector.signals]
         status = corrector.step(t, np.array(sample, dtype=np.float64))
-        self._tally.bits |= status
+        self._bits |= status
         position, half_width = corrector.position, corrector.half_width
         if status & Status.OTHER_THREAD:  # those are of another sample
             position = np.array([columns[f"measured/{joint}"][0] for joint in corrector.joints])
@@ -237,8 +228,9 @@ class CorrectorNode:
 
     def _report(self) -> None:
         """Say how it goes: to a person what has changed, to ``/diagnostics`` all."""
-        tally, self._tally = self._tally, _Tally()
-        level, message = self._judge(tally)
+        recent, bits = self._recent, Status(self._bits)
+        self._recent = self._bits = 0
+        level, message = self._judge(bits)
         if message != self._said:
             self._said = message
             self._say(message)
@@ -252,8 +244,8 @@ class CorrectorNode:
             "messages received": self.received,
             "messages corrected": self.corrected,
             "messages with an invalid stamp": self._stream.invalid,
-            "messages in the last second": tally.messages,
-            "status": Status(tally.bits).name if tally.messages else "none",
+            "messages in the last second": recent,
+            "status": bits.name if recent else "none",
         }
         if self._corrector is not None:
             width = self._corrector.half_width
@@ -266,7 +258,7 @@ class CorrectorNode:
         array.status.append(status)
         self._diagnostics.publish(array)
 
-    def _judge(self, tally: _Tally) -> tuple[int, str]:
+    def _judge(self, bits: Status) -> tuple[int, str]:
         """Level of diagnostic_msgs and a line on how the last second went."""
         if self._stream.refusal:
             return _ERROR, self._stream.refusal
@@ -274,9 +266,8 @@ class CorrectorNode:
             return _STALE, f"waiting for {self.topic}{self._why_waiting()}"
         if time.monotonic() - self._heard > SILENCE:
             return _STALE, f"{self.topic} is silent: does the robot still run? Waiting for it"
-        if not tally.bits:
+        if not bits:
             return _OK, f"correcting {self.topic}"
-        bits = Status(tally.bits)
         if self._is_homed is None:
             name = self._stream.name("operating_state")
             return _WARN, f"waiting for {name}, which says whether the robot is homed"
