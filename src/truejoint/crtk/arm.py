@@ -33,13 +33,11 @@ from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import (
     CommandRefused,
     MotionStopped,
-    RobotError,
     TruejointError,
     other_kind,
 )
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows, checked_vector
-from truejoint.robots.parts import Kinematics
 
 MAX_AGE: Final = 0.1
 """A state message older than this [s] is no measurement of now."""
@@ -237,12 +235,12 @@ class Arm:
 
         Raises RobotError if the robot's kinematics are not known.
         """
-        kinematics = self._kinematics("measured_cp")
+        kinematics = self.robot.known_kinematics("measured_cp")
         return cartesian.pose(kinematics, self.measured_js(age).position)
 
     def setpoint_cp(self, age: float = MAX_AGE) -> Array:
         """Tool pose (4, 4) [m] of `setpoint_js`; as `measured_cp`."""
-        kinematics = self._kinematics("setpoint_cp")
+        kinematics = self.robot.known_kinematics("setpoint_cp")
         return cartesian.pose(kinematics, self.setpoint_js(age).position)
 
     def measured_cv(self, age: float = MAX_AGE) -> Array:
@@ -250,7 +248,7 @@ class Arm:
 
         The velocity is that of the tool's origin; both are in the frame of the CRTK topics.
         """
-        kinematics, now = self._kinematics("measured_cv"), self.measured_js(age)
+        kinematics, now = self.robot.known_kinematics("measured_cv"), self.measured_js(age)
         return np.asarray(cartesian.jacobian(kinematics, now.position) @ now.velocity)
 
     def servo_jp(self, position: ArrayLike) -> None:
@@ -278,7 +276,7 @@ class Arm:
         The pose is in the frame of the CRTK topics. Raises RobotError if it is out of reach or
         the robot's kinematics are not known.
         """
-        kinematics, start = self._kinematics("servo_cp"), self._start_of("servo_cp")
+        kinematics, start = self.robot.known_kinematics("servo_cp"), self._start_of("servo_cp")
         self._servo(cartesian.joints_at(kinematics, pose, start)[None], "servo_cp")
 
     def servo_cr(self, increment: ArrayLike) -> None:
@@ -286,7 +284,7 @@ class Arm:
 
         Shift and turn are about the axes of the CRTK topics' frame, the turn about the tool.
         """
-        kinematics, start = self._kinematics("servo_cr"), self._start_of("servo_cr")
+        kinematics, start = self.robot.known_kinematics("servo_cr"), self._start_of("servo_cr")
         target = cartesian.moved(cartesian.pose(kinematics, start), increment)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
 
@@ -320,7 +318,7 @@ class Arm:
         The pose is in the frame of the CRTK topics, `speed` of the joints. The whole way is checked
         before the arm moves; raises RobotError if some of it is out of reach.
         """
-        kinematics, start = self._kinematics("move_cp"), self._start_of("move_cp")
+        kinematics, start = self.robot.known_kinematics("move_cp"), self._start_of("move_cp")
         return self._move(cartesian.straight_line(kinematics, start, pose), speed, "move_cp")
 
     def stream(self, pieces: Iterable[Array], duration: float, command: str) -> Motion:
@@ -444,11 +442,6 @@ class Arm:
             raise CommandRefused(
                 f"{command} refused: this program looks on; make the Arm to control"
             )
-
-    def _kinematics(self, command: str) -> Kinematics:
-        if self.robot.kinematics is None:
-            raise RobotError(f"{command}: the kinematics of {self.robot.title} are not known")
-        return self.robot.kinematics
 
     def _start_of(self, command: str) -> Array:
         """Set-point (n_joints,) that a relative command or a move starts at."""

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, fields
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,28 @@ GRAIN: Final = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class StateBlock:
+class Block:
+    """Consecutive rows of several things over time."""
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Block]) -> Self:
+        """Put blocks of the same channels, one or more, one after the other."""
+        parts = {each.name: [getattr(b, each.name) for b in blocks] for each in fields(cls)}
+        return cls(**{name: _joined(values) for name, values in parts.items()})
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """Join arrays, mappings of them and blocks; names are those of the first."""
+    first = parts[0]
+    if isinstance(first, Block):
+        return type(first).joined(parts)
+    if isinstance(first, Mapping):
+        return {key: np.concatenate([part[key] for part in parts]) for key in first}
+    return first if isinstance(first, tuple) else np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class StateBlock(Block):
     """Consecutive state messages of an arm; every array is (n, n_channels) unless said.
 
     Attributes
@@ -64,16 +85,6 @@ class StateBlock:
         }
         return {**by_name, **self.extra}
 
-    @staticmethod
-    def joined(blocks: Sequence[StateBlock]) -> StateBlock:
-        """Put blocks of the same channels, one or more, one after the other."""
-        first = blocks[0]
-        return StateBlock(
-            name=first.name,
-            extra={name: np.concatenate([b.extra[name] for b in blocks]) for name in first.extra},
-            **{n: np.concatenate([getattr(b, n) for b in blocks]) for n in ("t", *QUANTITIES)},
-        )
-
     def rows(self, selection: slice | NDArray[np.bool_]) -> StateBlock:
         """Copy of some rows, which keeps no other row alive."""
         return StateBlock(
@@ -84,7 +95,7 @@ class StateBlock:
 
 
 @dataclass(frozen=True, eq=False)
-class TruthBlock:
+class TruthBlock(Block):
     """Consecutive readings of temporary joint encoders, with stamps of their own.
 
     Attributes
@@ -105,15 +116,6 @@ class TruthBlock:
     t: Array
     name: tuple[str, ...]
     position: Array
-
-    @staticmethod
-    def joined(blocks: Sequence[TruthBlock]) -> TruthBlock:
-        """Put blocks of the same joints, one or more, one after the other."""
-        return TruthBlock(
-            np.concatenate([block.t for block in blocks]),
-            blocks[0].name,
-            np.concatenate([block.position for block in blocks]),
-        )
 
 
 def in_grains(rows: Array, size: int = round(GRAIN / SETPOINT_DT)) -> Iterator[Array]:

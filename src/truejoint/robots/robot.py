@@ -401,6 +401,15 @@ class Robot(Summarised):
         """Joint positions (n_joints,) [rad or m] after homing."""
         return np.array([joint.home for joint in self.joints])
 
+    def known_kinematics(self, what: str) -> Kinematics:
+        """Kinematics; raises RobotError, saying `what` needs them, where they are not known."""
+        if self.kinematics is None:
+            raise RobotError(
+                f"{what}: the kinematics of {self.title} are not known; give its robot file a "
+                "table [kinematics]"
+            )
+        return self.kinematics
+
     def joint(self, name: str) -> Joint:
         """Return the joint called `name`; raises RobotError when there is none."""
         return self.joints[self.index([name])[0]]

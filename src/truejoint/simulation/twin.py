@@ -38,16 +38,6 @@ class TwinOutput(StateBlock):
     truth: TruthBlock
     joint: Array
 
-    @staticmethod
-    def whole(parts: Sequence[TwinOutput]) -> TwinOutput:
-        """Put consecutive stretches of time, one or more, one after the other."""
-        states = StateBlock.joined(parts)
-        return TwinOutput(
-            **vars(states),
-            truth=TruthBlock.joined([part.truth for part in parts]),
-            joint=np.concatenate([part.joint for part in parts]),
-        )
-
     def every(self, ticks: int) -> TwinOutput:
         """Keep of `ticks` rows the last one, and all that the joint encoders read."""
         states = self.rows(slice(ticks - 1, None, ticks))
@@ -121,7 +111,7 @@ class Twin:
 
     def home(self) -> TwinOutput:
         """Give all of `homing` in one piece."""
-        return TwinOutput.whole(list(self.homing()))
+        return TwinOutput.joined(list(self.homing()))
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
         """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
