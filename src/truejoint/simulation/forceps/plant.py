@@ -48,118 +48,65 @@ def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[
 
 
 @inlined
-def drive_stretch(
-    distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
+def stretched(
+    distance: float, yielded: float, share: float, cable: CableConstants
 ) -> tuple[float, float, float]:
-    """Stretch of the drive cable [m], tension [N] and share of motion that stretches it.
+    """Stretch of a cable behind its gear [m], tension [N] and share of motion that stretches it.
 
-    The gear's torsion (`compliance` [m/N] at the cable) is in series with the cable and takes up a
-    few per cent of `distance`; damping and mass forces, a thousand times smaller than the tension,
-    do not twist it. One Newton step from the linear solution leaves less than 1e-7 of the stretch.
+    Both are as if the whole cable were strained like its piece, a `share` of its length. The gear's
+    torsion is in series with the cable and takes up a few per cent of `distance` [m]; damping and
+    mass forces, a thousand times smaller than the tension, do not twist it. One Newton step from
+    the linear solution leaves less than 1e-7 of the stretch.
     """
-    stretch = distance / (1.0 + compliance * cable.stiffness)
+    stretch, compliance = distance, cable.compliance / share
+    if compliance > 0.0:
+        stretch = distance / (1.0 + compliance * cable.stiffness)
+        force, slope = cable_force(stretch, yielded, cable)
+        stretch -= (stretch + compliance * force - distance) / (1.0 + compliance * slope)
     force, slope = cable_force(stretch, yielded, cable)
-    stretch -= (stretch + compliance * force - distance) / (1.0 + compliance * slope)
-    force, slope = cable_force(stretch, yielded, cable)
-    if force < -pretension:  # slack: the gear is unloaded and the cable follows freely
-        return distance + compliance * pretension, 0.0, 1.0
-    return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
+    if force < -cable.pretension:  # slack: the gear is unloaded and the cable follows freely
+        return distance + compliance * cable.pretension, 0.0, 1.0
+    return stretch, cable.pretension + force, 1.0 / (1.0 + compliance * slope)
 
 
 @inlined
-def slide(
-    before: float, slope: float, stretch_behind: float, yielded: float, cable: CableConstants,
-    pretension: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Tensions [N] before and behind a cable's guide, and by how much it slides over it [m].
-
-    `before` is the tension of the piece before the guide where nothing slides, and `slope` [N/m] by
-    how much sliding lowers it; the piece behind is strained as if the whole were by
-    `stretch_behind` [m].
-    """
-    behind, stiffness = cable_force(stretch_behind, yielded, cable)
-    behind = max(behind + pretension, 0.0)
-    stiffness = stiffness / (1.0 - cable.before_guide) if behind > 0.0 else 0.0
-    slid = guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
-    return max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0), slid
-
-
-@inlined
-def drive_cable(
-    wheel: float,
-    turned: float,
+def pull_cable(
+    start: float,
+    end: float,
     bent: float,
     yielded: float,
-    c: PlantConstants,
+    cable: CableConstants,
     dt: float,
     history: Array,
     keep: bool,
-) -> tuple[float, float, float]:
-    """``x1`` [m] of the drive cable, its tension at the jaw [N] and share of motion as below.
+) -> tuple[float, float, float, float]:
+    """``x1`` [m] of a cable, tensions before and behind its guide [N], share of motion as above.
 
-    `wheel` [m] is what a rigid gear winds up, `turned` + `bent` what the jaw's pulley lets go; gear
-    and share are those of `drive_stretch`, before a guide if there is one.
+    `start` [m] is what is wound up at the end towards the motor, `end` + `bent` what is let go at
+    the other. A Kelvin-Voigt element behind the cable's spring makes it creep.
     """
-    cable, pretension, crept = c.drive, c.assembly.pretension, history[CREEP]
+    travel, creep = TRAVEL + cable.number, CREEP + cable.number
+    crept = history[creep]
     if cable.guide_ratio > 1.0:
-        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[TRAVEL]
-        stretch, before, share = drive_stretch(
-            (wheel - held) / first - crept, yielded, cable, c.gear_compliance / first, pretension
-        )
+        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[travel]
+        stretch, before, share = stretched((start - held) / first - crept, yielded, first, cable)
         slope = share * cable_force(stretch, yielded, cable)[1] / first if before > 0.0 else 0.0
-        behind = (held - turned - bent) / last - crept
-        before, pull, slid = slide(before, slope, behind, yielded, cable, pretension)
+        behind, stiffness = cable_force((held - end - bent) / last - crept, yielded, cable)
+        behind = max(behind + cable.pretension, 0.0)
+        stiffness = stiffness / last if behind > 0.0 else 0.0
+        slid = guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
+        before, behind = max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0)
         x1 = held + first * (stretch + crept) + (1.0 - share) * slid
         share /= share + first * (1.0 - share)  # of the whole cable
         if keep:
-            history[TRAVEL] += slid
+            history[travel] += slid
     else:
-        stretch, pull, share = drive_stretch(
-            wheel - turned - bent - crept, yielded, cable, c.gear_compliance, pretension
-        )
-        x1, before = stretch + crept + turned + bent, pull
+        stretch, before, share = stretched(start - end - bent - crept, yielded, 1.0, cable)
+        x1, behind = stretch + crept + end + bent, before
     if keep:
-        history[CREEP] += creep(before - pretension, crept, cable, dt)
-    return x1, pull, share
-
-
-@inlined
-def reset_cable(
-    start: float,
-    end: float,
-    yielded: float,
-    c: PlantConstants,
-    dt: float,
-    history: Array,
-    keep: bool,
-) -> tuple[float, float]:
-    """Tension of the reset cable at the jaw [N], and what of it its guide keeps from the slider.
-
-    `start` and `end` [m] are what the jaw's pulley winds up and ``x2``; both cables run from the
-    motor on, so that the jaw stands before this one's guide.
-    """
-    cable, pretension, crept = c.reset, c.assembly.pretension, history[CREEP + 1]
-    if cable.guide_ratio > 1.0:
-        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[TRAVEL + 1]
-        before, slope = cable_force((start - held) / first - crept, yielded, cable)
-        before = max(before + pretension, 0.0)
-        slope = slope / first if before > 0.0 else 0.0
-        behind = (held - end) / last - crept
-        pull, behind, slid = slide(before, slope, behind, yielded, cable, pretension)
-        drag = pull - behind
-        if keep:
-            history[TRAVEL + 1] += slid
-    else:
-        pull, drag = pretension + cable_force(start - end - crept, yielded, cable)[0], 0.0
-    if keep:
-        history[CREEP + 1] += creep(pull - pretension, crept, cable, dt)
-    return pull, drag
-
-
-@inlined
-def creep(force: float, crept: float, cable: CableConstants, dt: float) -> float:
-    """By how much a cable creeps [m] in a step: a Kelvin-Voigt element behind its spring."""
-    return cable.creep_rate * dt * (cable.creep * force - crept)
+        force = before - cable.pretension
+        history[creep] += cable.creep_rate * dt * (cable.creep * force - crept)
+    return x1, before, behind, share
 
 
 @inlined
@@ -272,10 +219,16 @@ def plant_rates(
 
     # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
     turned, dt = c.jaw_radius * angle, 1.0 / max_rate
-    x1, drive_pull, share = drive_cable(wheel[0], turned, offset, state[6], c, dt, history, keep)
+    x1, _, drive_pull, share = pull_cable(
+        wheel[0], turned, offset, state[6], c.drive, dt, history, keep
+    )
     drive_rate = share * (wheel[1] - arm_drive * speed)
     reset_rate = arm_reset * speed - slider_speed
-    reset_pull, guide_drag = reset_cable(turned - offset, slider, state[7], c, dt, history, keep)
+    # Both cables run from the motor on, so that the jaw stands before this one's guide.
+    _, reset_pull, end_pull, _ = pull_cable(
+        turned - offset, slider, 0.0, state[7], c.reset, dt, history, keep
+    )
+    guide_drag = reset_pull - end_pull
     if drive_pull > 0.0:
         drive_pull = max(drive_pull + c.drive.damping * drive_rate, 0.0)
     if reset_pull > 0.0:
