@@ -14,17 +14,13 @@ from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Axis
 
 DVRK, RAVEN = get_robot("dvrk_psm"), get_robot("raven2", "left")
-INSIDE = {
-    "raven2": RAVEN.home,
-    "dvrk_psm": np.array([0.2, -0.1, 0.12, 0.3, 0.2, -0.3, 0.0]),
-}
+INSIDE = {"raven2": RAVEN.home, "dvrk_psm": np.array([0.2, -0.1, 0.12, 0.3, 0.2, -0.3, 0.0])}
 SPREAD = np.array([0.1, 0.1, 0.01, 0.3, 0.2, 0.2, 0.2])
 
 
 @settings(max_examples=30)
 @given(
-    robot=st.sampled_from([DVRK, RAVEN]),
-    shift=st.lists(st.floats(-1, 1), min_size=7, max_size=7),
+    robot=st.sampled_from([DVRK, RAVEN]), shift=st.lists(st.floats(-1, 1), min_size=7, max_size=7)
 )
 def test_the_inverse_of_any_chain_finds_the_joints(robot, shift):
     start, kinematics = INSIDE[robot.name], robot.kinematics

@@ -30,12 +30,7 @@ from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.topics import joint_efforts
-from truejoint.errors import (
-    CommandRefused,
-    MotionStopped,
-    TruejointError,
-    other_kind,
-)
+from truejoint.errors import CommandRefused, MotionStopped, TruejointError, other_kind
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows, checked_vector
 

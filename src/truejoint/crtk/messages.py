@@ -302,11 +302,7 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
 
 
 def joint_state_columns(
-    robot: Robot,
-    quantity: str,
-    names: Sequence[str],
-    fields: Mapping[str, Array],
-    profile: Profile,
+    robot: Robot, quantity: str, names: Sequence[str], fields: Mapping[str, Array], profile: Profile
 ) -> dict[str, Array]:
     """Columns of a recording that joint states with the same names hold.
 
@@ -372,11 +368,7 @@ def joint_state_columns(
 
 
 def joint_state_fields(
-    robot: Robot,
-    quantity: str,
-    topic: str,
-    columns: Mapping[str, Array],
-    profile: Profile,
+    robot: Robot, quantity: str, topic: str, columns: Mapping[str, Array], profile: Profile
 ) -> tuple[tuple[str, ...], dict[str, Array]]:
     """Names and fields of joint states that hold an arm's columns: inverse of the one above.
 

@@ -12,10 +12,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.errors import TruejointError
+from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock, checked_rows
 from truejoint.simulation.parameter_file import Parameters
+from truejoint.units import shown, shown_range
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -56,7 +57,7 @@ class Twin:
 
     A class of twins is made as ``kind(parameters, arm=..., seed=..., load=...)``, with
     ``parameters`` of its `PARAMETERS`; `truejoint.simulation.catalogue` lists them. It has
-    `homing` and `run`, calls this constructor first, and counts its set-points in `_ticks`.
+    `homing` and `_follow`, calls this constructor first, and counts its set-points in `_ticks`.
 
     Raises TruejointError unless `seed` is a whole number of 63 bits.
 
@@ -81,6 +82,7 @@ class Twin:
         self.load = load
         self._ticks: int = 0
         self._streams: Sequence[np.random.Generator] = ()  # of the sensors
+        self._reach: tuple[Array, Array] | None = None  # lowest and highest set-points (n_joints,)
 
     @property
     def load(self) -> float:
@@ -114,7 +116,29 @@ class Twin:
         return TwinOutput.joined(list(self.homing()))
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
+        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each.
+
+        Raises CommandRefused if the shape is wrong, or a value is not finite or beyond what the
+        twin reaches, and TruejointError if the plant leaves the finite numbers.
+        """
+        return self._follow(self._checked(setpoint, "run"))
+
+    def _checked(self, setpoint: ArrayLike, command: str) -> Array:
+        rows = checked_rows(self.robot, setpoint, command)
+        if self._reach is not None:
+            lower, upper = self._reach
+            beyond = (rows < lower) | (rows > upper)
+            if beyond.any():
+                row, k = np.argwhere(beyond)[0]
+                joint = self.robot.joints[k]
+                raise CommandRefused(
+                    f"the set-point of {joint.name} reaches {shown(rows[row, k], joint.unit)}, "
+                    f"beyond {shown_range(lower[k], upper[k], joint.unit)}: scale it down"
+                )
+        return rows
+
+    def _follow(self, rows: Array) -> TwinOutput:
+        """Follow checked set-points (n, n_joints) [rad or m]; gives a row for each."""
         raise NotImplementedError
 
     def idle(self, duration: float) -> None:
@@ -165,6 +189,11 @@ def glide(start: Array, end: Array, duration: float) -> Array:
     steps = round(duration / SETPOINT_DT)
     blend = 0.5 * (1.0 - np.cos(np.pi * np.arange(1, steps + 1) / steps))
     return np.asarray(start + blend[:, None] * (end - start))
+
+
+def glide_at(speed: float, start: Array, end: Array) -> Array:
+    """Set-points of `glide` in which no joint is faster than `speed` [rad/s or m/s]."""
+    return glide(start, end, 0.1 + math.pi / 2 * float(abs(end - start).max()) / speed)
 
 
 def hold(position: Array, duration: float) -> Array:

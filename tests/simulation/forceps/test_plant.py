@@ -450,9 +450,7 @@ def test_cable_hysteresis_loses_energy_over_a_cycle():
 
 @settings(max_examples=50)
 @given(
-    speed=st.floats(1e-3, 1e3),
-    ratio=st.floats(1.0, 2.0),
-    direction=st.sampled_from([-1.0, 1.0]),
+    speed=st.floats(1e-3, 1e3), ratio=st.floats(1.0, 2.0), direction=st.sampled_from([-1.0, 1.0])
 )
 def test_steady_sliding_has_coulomb_stribeck_and_viscous_friction(speed, ratio, direction):
     parameters = NOMINAL.with_values({"jaw_friction.stribeck_ratio": ratio})

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, Literal, cast
+from typing import Final
 
 import numpy as np
 
@@ -45,14 +45,13 @@ def state_message(
     encoder_zero : ndarray, shape (7,)
         Zeros of the motor encoders after the homing [rad].
     """
-    side = cast("Literal['left', 'right']", robot.arm)
     names = robot.joint_names
 
     def of(quantity: str) -> Array:
         return np.column_stack([recorded[f"{quantity}/{name}"] for name in names])
 
     assert robot.transmission is not None and robot.kinematics is not None  # noqa: S101, PT018
-    arm_drives = drives(side)
+    arm_drives = drives(robot.arm)
     steps = np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives])
     offset = np.rint(np.asarray(encoder_zero) / _COUNT)
     measured, setpoint = of("measured"), of("setpoint")

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
-
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.chain import SerialChain
+from truejoint.robots.raven2.arm import kinematics
 from truejoint.robots.raven2.hardware import (
     ENCODER_COUNTS_PER_REV,
     GRAVITY,
@@ -30,8 +28,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     Raises TruejointError if a motor is too light for its friction, cable or gains at the step.
     """
     p = parameters
-    side = cast("Literal['left', 'right']", robot.arm)
-    arm_drives = drives(side)
+    arm_drives = drives(robot.arm)
     ratio = np.array([drive.transmission_ratio for drive in arm_drives])
     gear = np.array([drive.gear_ratio for drive in arm_drives])
     radius = np.array([drive.capstan_radius for drive in arm_drives])
@@ -153,14 +150,13 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
 
     Found from the robot's own link frames: 24 poses give 12 coefficients, exactly.
     """
-    kinematics = cast("SerialChain", robot.kinematics)
-    arm_links = links(cast("Literal['left', 'right']", robot.arm))
+    chain, arm_links = kinematics(robot.arm), links(robot.arm)
     poses = np.tile(robot.home, (24, 1))
     steps = np.arange(24)
     poses[:, :POSITIONING] = np.column_stack(
         [np.cos(steps), 2.0 * np.sin(1.7 * steps), 0.3 + 0.1 * np.cos(2.3 * steps)]
     )
-    frames = kinematics.link_frames(poses)
+    frames = chain.link_frames(poses)
     masses = [link.mass for link in arm_links]
     # The carriage holds the instrument, whose weight the published link leaves out.
     masses[2] += instrument
@@ -168,7 +164,7 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
     for k, (mass, link) in enumerate(zip(masses, arm_links, strict=True)):
         place = frames[:, k, :3, 3] + frames[:, k, :3, :3] @ np.array(link.centre_of_mass)
         height[:, 0] -= mass * (place @ np.array(GRAVITY))
-    height[:, 1] = -(kinematics.forward(poses)[:, :3, 3] @ np.array(GRAVITY))
+    height[:, 1] = -(chain.forward(poses)[:, :3, 3] @ np.array(GRAVITY))
     q1, q2, d = poses[:, :POSITIONING].T
     ones = np.ones_like(d)
     basis = np.column_stack(

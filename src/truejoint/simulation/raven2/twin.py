@@ -7,12 +7,12 @@ from collections.abc import Generator, Iterator
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import get_robot
-from truejoint.robots.blocks import QUANTITIES, TruthBlock, checked_rows, in_grains
+from truejoint.robots.blocks import QUANTITIES, TruthBlock, in_grains
 from truejoint.robots.raven2.arm import CHANNELS
 from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
@@ -74,7 +74,7 @@ class Raven2Twin(Twin):
     ) -> None:
         self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
         super().__init__(get_robot("raven2", arm), seed, load)
-        self._drives = drives("right" if self.robot.arm == "right" else "left")
+        self._drives = drives(self.robot.arm)
         self._plant = build_plant(self.parameters, self.robot)
         streams = (np.random.default_rng([seed, part]) for part in range(3))
         self._rng, self._tool_rng, self._stamp_rng = streams
@@ -90,14 +90,6 @@ class Raven2Twin(Twin):
     def encoder_zero(self) -> Array:
         """Angles (7,) of the motor shafts that the last homing counts from [rad]."""
         return self._state.encoder_zero.copy()
-
-    def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow joint positions (n, 7) [rad, insertion m], one row a millisecond.
-
-        In the robot's joint order and the coordinates of `TwinOutput.measured`; raises
-        CommandRefused if the shape is wrong or a value is not finite.
-        """
-        return self._advance(checked_rows(self.robot, setpoint, "run"))
 
     def homing(self) -> Generator[TwinOutput]:
         """Find the hard stops, register both kinds of encoder there, go to the home pose.
@@ -126,7 +118,7 @@ class Raven2Twin(Twin):
         home = self.robot.home
         self.homing_count += 1
         path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
-        yield from map(self._advance, in_grains(np.vstack(path)))
+        yield from map(self._follow, in_grains(np.vstack(path)))
 
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on: cables hardly creep, grease cools; no rows.
@@ -160,7 +152,7 @@ class Raven2Twin(Twin):
             # is tried, and run again with a joint held from where it arrives.
             back = self.saved()
             piece = self._ramp(start, stop_row, steps)[done : done + _SEARCH_PIECE]
-            output = self._advance(piece)
+            output = self._follow(piece)
             above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (stop_row == steps)
             after = self._stamp_rng.bit_generator.state
             back()
@@ -169,7 +161,7 @@ class Raven2Twin(Twin):
                 stop_row[np.argmax(above[row])] = done + row
                 self._stamp_rng.bit_generator.state = after
             else:
-                yield from map(self._advance, in_grains(piece))
+                yield from map(self._follow, in_grains(piece))
                 done += len(piece)
         if (stop_row == steps).any():
             names = [self.robot.joint_names[k] for k in range(POSITIONING) if stop_row[k] == steps]
@@ -179,7 +171,7 @@ class Raven2Twin(Twin):
             )
         last = int(stop_row.max()) + round(HOMING_SETTLE / kernel.DT)
         rest = self._ramp(start, stop_row, steps + _SEARCH_PIECE)[done:last]
-        yield from map(self._advance, in_grains(rest))
+        yield from map(self._follow, in_grains(rest))
 
     def _ramp(self, start: Array, stop_row: NDArray[np.int64], steps: int) -> Array:
         """Setpoints (steps, 7) towards the stops, each joint held from `stop_row` on."""
@@ -196,8 +188,7 @@ class Raven2Twin(Twin):
             path[:, k] += self._drives[k].homing_speed * way
         return path
 
-    def _advance(self, goal: Array) -> TwinOutput:
-        """One compiled call over the rows of `goal` (n, 7)."""
+    def _follow(self, goal: Array) -> TwinOutput:
         n = len(goal)
         self._state.slow[kernel.LOAD] = self._load
         # The shortest time between two readings is a tenth of their period (see the kernel).
