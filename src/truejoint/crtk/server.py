@@ -101,27 +101,23 @@ class ArmServer:
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
         self._publishers: dict[str, Publisher] = {}
-        self._reading, self._writing = ExitStack(), ExitStack()
 
     def __enter__(self) -> Self:
         subscribe = self._transport.subscribe
-        try:
+        with ExitStack() as writing, ExitStack() as reading:  # closed where something fails
             for name, kind in self._kinds.items():
                 topic = {"ravenstate": RAVEN_TOPIC, "truth": TRUTH_TOPIC}.get(name)
                 made = self._transport.publisher(topic or self._name(name), kind)
                 self._publishers[name] = made
-                self._writing.callback(made.close)
+                writing.callback(made.close)
             for name in _COMMANDS:
                 kind = self._pose_kind if name.endswith(("_cp", "_cr")) else JOINT_STATE
                 kind = "std_msgs/Empty" if name == "hold" else kind
                 receive = partial(self._receive, name)
-                self._reading.callback(subscribe(self._name(name), kind, receive))
+                reading.callback(subscribe(self._name(name), kind, receive))
             topic = self._name("state_command")
-            self._reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
-        except BaseException:
-            self._reading.close()
-            self._writing.close()
-            raise
+            reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
+            self._reading, self._writing = reading.pop_all(), writing.pop_all()
         self._arm.subscribe(self._report)
         thread = threading.Thread(target=self._report_idle, name="idle reports", daemon=True)
         self._threads.append(thread)

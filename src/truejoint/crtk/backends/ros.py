@@ -6,6 +6,7 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +22,7 @@ from truejoint.crtk.messages import (
 from truejoint.crtk.protocol import SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
-from truejoint.crtk.states import OperatingState, StateCommand
+from truejoint.crtk.states import LEADS_TO, OperatingState, StateCommand
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import GRAIN, QUANTITIES, SETPOINT_DT, StateBlock, TruthBlock
@@ -33,9 +34,6 @@ _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home s
 _ARRIVAL: Final = 0.2  # [s] that the robot may take to report the last set-point
 _ARRIVED: Final = 1e-6  # [rad or m]
 _log = logging.getLogger(__name__)
-_LEADS_TO: Final = {
-    "enable": "ENABLED", "resume": "ENABLED", "pause": "PAUSED", "disable": "DISABLED",
-}  # fmt: skip
 
 
 class RosBackend:
@@ -107,7 +105,7 @@ class RosBackend:
         self._setpoint: Array | None = None
         self._velocity: tuple[float, Array] | None = None
         self._delivering = threading.Lock()
-        self._closing: list[Callable[[], None]] = []
+        self._topics = ExitStack()
         self._servo: Publisher
         self._command: Publisher
         self._due = 0.0
@@ -156,14 +154,13 @@ class RosBackend:
         """Take up the topics; returns once the robot reports its state, and its joints if homed."""
         name, transport = self._stream.name, self._transport
         self._servo = transport.publisher(name("servo_jp"), JOINT_STATE)
-        self._closing.append(self._servo.close)
+        self._topics.callback(self._servo.close)
         self._command = transport.publisher(name("state_command"), STRING_STAMPED)
-        self._closing.append(self._command.close)
-        self._closing.append(
-            transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
-        )
+        self._topics.callback(self._command.close)
+        close = transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
+        self._topics.callback(close)
         if self._truth:
-            self._closing.append(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
+            self._topics.callback(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
         with self._changed:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
@@ -176,8 +173,7 @@ class RosBackend:
         self._listener = None
         self._closed.set()
         self._stream.close()
-        while self._closing:
-            self._closing.pop()()
+        self._topics.close()
         self._state = None
 
     def operating_state(self) -> OperatingState:
@@ -208,8 +204,8 @@ class RosBackend:
             now = self.operating_state()
             if now.state == "FAULT" and before.state != "FAULT":
                 raise CommandRefused(f"{command!r} stopped: the robot reports FAULT; see its log")
-            if command in _LEADS_TO:
-                return now.state == _LEADS_TO[command]
+            if command in LEADS_TO:
+                return now.state == LEADS_TO[command][1]
             if command == "unhome":
                 return not now.is_homed
             homing["begun"] = homing["begun"] or now.is_busy or not now.is_homed
