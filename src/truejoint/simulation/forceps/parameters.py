@@ -249,8 +249,6 @@ class PlantConstants(NamedTuple):
     slider_friction: SliderFriction
     jaw_law: ContactLaw
     slider_law: ContactLaw
-    jaw_damping: float  # [Nm s/rad] of the bristle
-    slider_damping: float  # [N s/m]
     assembly: Assembly
     jaw: Jaw
     motor: MotorLoop
@@ -273,10 +271,8 @@ def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
         reset=_cable(1, p.reset_cable, pretension, 0.0),
         jaw_friction=p.jaw_friction,
         slider_friction=p.slider_friction,
-        jaw_law=ContactLaw(*p.jaw_friction[2:6]),
-        slider_law=ContactLaw(*p.slider_friction[2:6]),
-        jaw_damping=_bristle_damping(p.jaw_friction, jaw_level, p.jaw.inertia),
-        slider_damping=_bristle_damping(p.slider_friction, slider_level, p.slider.mass),
+        jaw_law=_contact_law(p.jaw_friction, jaw_level, p.jaw.inertia),
+        slider_law=_contact_law(p.slider_friction, slider_level, p.slider.mass),
         assembly=p.assembly,
         jaw=p.jaw,
         motor=p.motor_loop,
@@ -312,5 +308,8 @@ def _cable(number: int, cable: Cable, pretension: float, compliance: float) -> C
     )
 
 
-def _bristle_damping(friction: JawFriction | SliderFriction, level: float, inertia: float) -> float:
-    return 2.0 * friction.bristle_damping * math.sqrt(level / friction.presliding * inertia)
+def _contact_law(
+    friction: JawFriction | SliderFriction, level: float, inertia: float
+) -> ContactLaw:
+    damping = 2.0 * friction.bristle_damping * math.sqrt(level / friction.presliding * inertia)
+    return ContactLaw(*friction[2:6], damping)

@@ -117,16 +117,16 @@ def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
 
 @inlined
 def friction_force(
-    speed: float, bristle: float, level: float, f: ContactLaw, damping: float, max_rate: float
+    speed: float, bristle: float, level: float, f: ContactLaw, max_rate: float
 ) -> tuple[float, float]:
     """LuGre friction [N or Nm] at Coulomb level `level`, and the rate of its bristle.
 
-    `damping` [N s/m or Nm s/rad] is that of the bristle. It relaxes at most at `max_rate` [1/s],
-    which only binds in a fast run-away where the fixed step could not follow it.
+    The bristle relaxes at most at `max_rate` [1/s], which only binds in a fast run-away where the
+    fixed step could not follow it.
     """
     limit = f.presliding * stribeck_peak(speed, f)
     rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
-    force = level / f.presliding * bristle + damping * rate + f.viscous * speed
+    force = level / f.presliding * bristle + f.damping * rate + f.viscous * speed
     return force, rate
 
 
@@ -241,19 +241,14 @@ def plant_rates(
     slider_level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
     if c.is_maxwell_slip:
         rates[4], rates[5] = 0.0, 0.0
-        jaw_drag = maxwell_slip(
-            angle, speed, level, c.jaw_law, c.jaw_damping, history, JAW_STUCK, keep
-        )
+        jaw_drag = maxwell_slip(angle, speed, level, c.jaw_law, history, JAW_STUCK, keep)
         drag = maxwell_slip(
-            slider, slider_speed, slider_level, c.slider_law, c.slider_damping,
-            history, SLIDER_STUCK, keep,
-        )  # fmt: skip
-    else:
-        jaw_drag, rates[4] = friction_force(
-            speed, state[4], level, c.jaw_law, c.jaw_damping, max_rate
+            slider, slider_speed, slider_level, c.slider_law, history, SLIDER_STUCK, keep
         )
+    else:
+        jaw_drag, rates[4] = friction_force(speed, state[4], level, c.jaw_law, max_rate)
         drag, rates[5] = friction_force(
-            slider_speed, state[5], slider_level, c.slider_law, c.slider_damping, max_rate
+            slider_speed, state[5], slider_level, c.slider_law, max_rate
         )
     free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
     beyond = max(angle - c.jaw.stop_upper, 0.0) + min(angle - c.jaw.stop_lower, 0.0)

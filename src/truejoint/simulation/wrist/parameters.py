@@ -219,7 +219,7 @@ def plant_constants(
         per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
         presliding=f.presliding,
         is_maxwell_slip=f.law == MAXWELL_SLIP,
-        law=ContactLaw(0.0, f.presliding, 1.0, 1.0),
+        law=ContactLaw(0.0, f.presliding, 1.0, 1.0, 0.0),
         opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
         lowest=lower - p.stops.beyond,
         highest=upper + p.stops.beyond,

@@ -230,9 +230,9 @@ def add_friction(j: int, c: PlantConstants, s: State, w: Work) -> None:
     w.level[j] = level = c.friction[j] + c.per_tension[j] * w.level[j]
     if c.is_maxwell_slip:
         at, q = j * N_ELEMENTS, s.joint[j]
-        drag = maxwell_slip(q, 0.0, level, c.law, 0.0, s.stuck, at, False)
+        drag = maxwell_slip(q, 0.0, level, c.law, s.stuck, at, False)
         ahead = q + math.copysign(_NUDGE, s.speed[j])
-        slope = maxwell_slip(ahead, 0.0, level, c.law, 0.0, s.stuck, at, False)
+        slope = maxwell_slip(ahead, 0.0, level, c.law, s.stuck, at, False)
         slope = abs(slope - drag) / _NUDGE
     else:
         drag = s.friction[j]
@@ -256,7 +256,7 @@ def move_joints(c: PlantConstants, s: State, w: Work) -> None:
         way, level = h * s.speed[j], w.level[j]
         s.joint[j] += way
         if c.is_maxwell_slip:
-            maxwell_slip(s.joint[j], 0.0, level, c.law, 0.0, s.stuck, j * N_ELEMENTS, True)
+            maxwell_slip(s.joint[j], 0.0, level, c.law, s.stuck, j * N_ELEMENTS, True)
         else:
             s.friction[j] = dahl(s.friction[j], level, level / c.presliding, way)
 
