@@ -16,16 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk import cartesian
+from truejoint.crtk import cartesian, limits
 from truejoint.crtk.handle import Motion, Subscription
-from truejoint.crtk.limits import (
-    JITTER,
-    check_range,
-    check_steps,
-    checked_backend,
-    jump_of,
-    move_speed,
-)
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
@@ -95,7 +87,7 @@ class Arm:
     def __init__(self, backend: Backend, *, controls: bool = True) -> None:
         self._backend = backend
         self._controls = controls
-        self.rate, self.grain = checked_backend(backend)
+        self.rate, self.grain = limits.checked_backend(backend)
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = self.robot.joint_channels
         self._subscriptions: list[Subscription] = []
@@ -401,8 +393,9 @@ class Arm:
             if self._motion is not None and before is not None:
                 rows = np.vstack([before.measured[-1:], block.measured])
                 rows = rows[:, self._joint_channels]
-                self._jump_reported = self._jump_reported or jump_of(self.robot, self.rate, t, rows)
-            self._stamps = t[-JITTER:]
+                jump = limits.jump_of(self.robot, self.rate, t, rows)
+                self._jump_reported = self._jump_reported or jump
+            self._stamps = t[-limits.JITTER :]
             # In this order: who reads the one before first never gets the same one twice.
             self._latest, self._before, self._unreported_s = block, before, 0.0
         broken: BaseException | None = None
@@ -450,8 +443,8 @@ class Arm:
         return self._last_setpoints
 
     def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
-        caps = move_speed(self.robot, speed, command)
-        check_range(self.robot, knots, command)
+        caps = limits.move_speed(self.robot, speed, command)
+        limits.check_range(self.robot, knots, command)
         law = time_law(np.vstack([self._start_of(command), knots]), caps)
         return self.stream(law.blocks(self.rate), law.duration, command)
 
@@ -463,8 +456,8 @@ class Arm:
 
     def _checked(self, pieces: Iterable[Array], command: str) -> Iterator[Array]:
         for rows in pieces:
-            check_range(self.robot, rows, command)
-            check_steps(self.robot, self.rate, self._latest_setpoints()[-1], rows, command)
+            limits.check_range(self.robot, rows, command)
+            limits.check_steps(self.robot, self.rate, self._latest_setpoints()[-1], rows, command)
             yield rows
 
     def _begin(self, command: str, duration: float) -> Motion:

@@ -14,19 +14,9 @@ import numpy as np
 from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, other_kind, unknown
+from truejoint.robots import parts
 from truejoint.robots.cable_mechanism import CableMechanism, Forceps
-from truejoint.robots.parts import (
-    UNITS,
-    Axis,
-    Effort,
-    Joint,
-    JointEncoder,
-    Kind,
-    Kinematics,
-    Number,
-    Transmission,
-    Workspace,
-)
+from truejoint.robots.parts import Joint, JointEncoder, Kinematics, Number, Transmission, Workspace
 from truejoint.schema import Bounds, Length, Name, Shape
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
@@ -42,7 +32,7 @@ class _JointTable:
     """A joint, whose limits are in the unit that it states."""
 
     name: Name
-    kind: Kind = "revolute"
+    kind: parts.Kind = "revolute"
     unit: str = ""
     lower: Number = -math.inf
     upper: Number = math.inf
@@ -50,8 +40,8 @@ class _JointTable:
     max_speed: Number = math.inf
 
     def __post_init__(self) -> None:
-        if self.unit and self.unit not in UNITS[self.kind]:
-            units = " or ".join(UNITS[self.kind])
+        if self.unit and self.unit not in parts.UNITS[self.kind]:
+            units = " or ".join(parts.UNITS[self.kind])
             raise RobotError(
                 f"unit {self.unit!r:.40} does not fit a {self.kind} joint; want {units}"
             )
@@ -59,7 +49,7 @@ class _JointTable:
     @property
     def factor(self) -> float:
         """Factor from the unit of the table to SI."""
-        return UNITS[self.kind][self.unit] if self.unit else 1.0
+        return parts.UNITS[self.kind][self.unit] if self.unit else 1.0
 
     def joint(self) -> Joint:
         """Joint in SI units."""
@@ -86,7 +76,7 @@ class _KinematicsTable:
     Lengths are in m.
     """
 
-    axes: Annotated[tuple[Axis, ...], Length(1, MAX_JOINTS)] = ()
+    axes: Annotated[tuple[parts.Axis, ...], Length(1, MAX_JOINTS)] = ()
     unit: Literal["rad", "deg"] = "rad"
     axis_from_joint: _Matrix | None = None
     crtk_from_base: _Matrix | None = None
@@ -130,7 +120,7 @@ class _KinematicsTable:
                 f"kinematics: axes {', '.join(moving)} do not fit the joints "
                 f"{', '.join(kinds)}; say what moves each by axis_from_joint"
             )
-        turn = UNITS["revolute"][self.unit]
+        turn = parts.UNITS["revolute"][self.unit]
         axes = (replace(x, alpha=x.alpha * turn, theta=x.theta * turn) for x in self.axes)
         return SerialChain(tuple(axes), *matrices)
 
@@ -143,7 +133,7 @@ class _RobotTable(NamedTuple):
     arm: Literal[""] | Name = ""
     channels: _Names = ()
     positioning: _Names = ()
-    effort: Effort = "joint"
+    effort: parts.Effort = "joint"
     transmission: _Matrix | None = None
     gear: Annotated[tuple[Number, ...], Length(0, MAX_JOINTS)] = ()
     kinematics: _KinematicsTable | None = None
@@ -246,7 +236,7 @@ class Robot(Summarised):
     positioning: tuple[str, ...] = ()
     transmission: Transmission | None = None
     kinematics: Kinematics | None = None
-    effort: Effort = "joint"
+    effort: parts.Effort = "joint"
     workspace: Workspace | None = None
     mechanism: CableMechanism | None = None
     grasper: tuple[str, ...] = ()

@@ -49,13 +49,7 @@ def stribeck_peak(speed: float, f: ContactLaw) -> float:
 
 @inlined
 def maxwell_slip(
-    position: float,
-    speed: float,
-    level: float,
-    f: ContactLaw,
-    stuck: Array,
-    first: int,
-    keep: bool,
+    position: float, speed: float, level: float, f: ContactLaw, stuck: Array, first: int, keep: bool
 ) -> float:
     """Friction [N or Nm] of `N_ELEMENTS` springs in parallel, each with a slip of its own.
 

@@ -12,13 +12,7 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import (
-    JOINT_STATE,
-    OPERATING_STATE,
-    STRING_STAMPED,
-    Profile,
-    profile_of,
-)
+from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED, profile_of
 from truejoint.crtk.protocol import SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
@@ -91,7 +85,7 @@ class RosBackend:
         self.robot: Final = robot
         self.rate: Final = float(rate)
         self._transport = transport
-        self._profile: Profile = profile_of(robot, profile)
+        self._profile = profile_of(robot, profile)
         self._truth = truth
         self._stream = StateStream(
             transport, robot, self._profile, self._on_state, namespace=namespace

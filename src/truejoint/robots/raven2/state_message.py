@@ -34,16 +34,9 @@ def state_message(
     robot makes of its Jacobian, run levels, sequence number and time. As on the robot,
     ``jacobian_force`` repeats the velocity, and what is of the unused channel is zero.
 
-    Parameters
-    ----------
-    robot : Robot
-        One arm of a RAVEN-II.
-    t : ndarray, shape (n,)
-        Since the robot was switched on [s].
-    recorded : mapping of str to ndarray, shape (n,)
-        ``measured``, ``velocity``, ``effort``, ``setpoint`` and ``motor`` of every joint, in SI.
-    encoder_zero : ndarray, shape (7,)
-        Zeros of the motor encoders after the homing [rad].
+    The robot is an arm of a RAVEN-II, `t` (n,) the time since it was switched on [s], and
+    `encoder_zero` (7,) has the zeros of the motor encoders after the homing [rad]. `recorded` has
+    ``measured``, ``velocity``, ``effort``, ``setpoint`` and ``motor`` of every joint (n,) in SI.
     """
     names = robot.joint_names
 

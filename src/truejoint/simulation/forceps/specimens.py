@@ -41,22 +41,12 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
 
     The same seed gives the same instruments, and a larger population begins with the smaller one.
 
-    Parameters
-    ----------
-    count : int
-        1 to 100000.
-    seed : int
-        Seed of all draws.
-    prior : str
-        ``"lugre"``: the friction law of the paper's twin, mechanism of Table 1. ``"capstan"``:
-        capstan friction at the cables' guides, Maxwell slip at the contacts, creep, backlash,
-        some stick-slip, radii and spring off by up to a fifth. ``"between"``: anywhere between the
-        two, with either law at the contacts. ``"mixed"``: one of the three, evenly.
+    The prior ``"lugre"`` has the friction law of the paper's twin and the mechanism of Table 1.
+    ``"capstan"`` has capstan friction at the cables' guides, Maxwell slip at the contacts, creep,
+    backlash, some stick-slip, radii and spring off by up to a fifth. ``"between"`` is anywhere
+    between the two, with either law at the contacts. ``"mixed"`` is one of the three, evenly.
 
-    Raises
-    ------
-    TruejointError
-        If the count is out of range, or the prior unknown.
+    Raises TruejointError if the count is not 1 to 100000, or there is no such prior.
     """
     streams = random_streams(count, seed)
     if prior not in PRIORS:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
+from truejoint.robots.raven2 import hardware
 from truejoint.robots.raven2.arm import kinematics
-from truejoint.robots.raven2.hardware import (
-    ENCODER_COUNTS_PER_REV,
-    GRAVITY,
-    JOINT_ENCODERS,
-    Drive,
-    drives,
-    links,
-)
+from truejoint.robots.raven2.hardware import Drive
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 
@@ -28,7 +24,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     Raises TruejointError if a motor is too light for its friction, cable or gains at the step.
     """
     p = parameters
-    arm_drives = drives(robot.arm)
+    arm_drives = hardware.drives(robot.arm)
     ratio = np.array([drive.transmission_ratio for drive in arm_drives])
     gear = np.array([drive.gear_ratio for drive in arm_drives])
     radius = np.array([drive.capstan_radius for drive in arm_drives])
@@ -48,7 +44,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     # Viscous friction is taken at the end of the step, so that it never overshoots.
     keep = 1.0 / (1.0 + kernel.DT * viscous / inertia)
     _check_step(p, arm_drives, inertia)
-    truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
+    truth_stop = np.array([encoder.hard_stop for encoder in robot.encoders])
     # One stop is where homing looks for it, the other 5 % beyond the soft limit.
     margin = 0.05 * (robot.upper - robot.lower)
     stops = np.column_stack([robot.lower - margin, robot.upper + margin])[:POSITIONING]
@@ -90,18 +86,18 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         stops=stops,
         gravity=gravity_potential(robot, p.mass.instrument),
         creep=np.column_stack([p.creep.final, p.creep.travel]),
-        truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
+        truth_step=np.array([encoder.resolution for encoder in robot.encoders]),
         motor_friction=p.motor_friction,
         aging=p.creep,
         tool_wander=np.array([p.tool.wander, p.tool.wander_effort]),
         tool_wander_time=p.tool.wander_time,
         encoders=p.external_encoders,
         truth_period=1.0 / p.external_encoders.rate,
-        counts=float(ENCODER_COUNTS_PER_REV),
+        counts=float(hardware.ENCODER_COUNTS_PER_REV),
     )
 
 
-def _check_step(p: Raven2Parameters, arm_drives: tuple[Drive, ...], inertia: Array) -> None:
+def _check_step(p: Raven2Parameters, arm_drives: Iterable[Drive], inertia: Array) -> None:
     """Refuse what the step of 1 ms cannot resolve: a mode may turn one radian in a step."""
     coulomb = p.motor_friction.coulomb + p.tool.coulomb
     presliding = p.motor_friction.presliding + p.tool.presliding
@@ -124,7 +120,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int) -> kernel.State:
     """State of a cold robot at rest in `pose` (3,), its encoders not registered."""
     motor = np.zeros(7)
     motor[:POSITIONING] = (plant.motor_from_joint[:POSITIONING, :POSITIONING] @ pose).ravel()
-    count = kernel.TURN / ENCODER_COUNTS_PER_REV
+    count = kernel.TURN / hardware.ENCODER_COUNTS_PER_REV
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
     random = np.array([seed, ~np.uint64(seed)], dtype=np.uint64)
@@ -150,7 +146,7 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
 
     Found from the robot's own link frames: 24 poses give 12 coefficients, exactly.
     """
-    chain, arm_links = kinematics(robot.arm), links(robot.arm)
+    chain, arm_links = kinematics(robot.arm), hardware.links(robot.arm)
     poses = np.tile(robot.home, (24, 1))
     steps = np.arange(24)
     poses[:, :POSITIONING] = np.column_stack(
@@ -163,8 +159,8 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
     height = np.zeros((24, 2))
     for k, (mass, link) in enumerate(zip(masses, arm_links, strict=True)):
         place = frames[:, k, :3, 3] + frames[:, k, :3, :3] @ np.array(link.centre_of_mass)
-        height[:, 0] -= mass * (place @ np.array(GRAVITY))
-    height[:, 1] = -(chain.forward(poses)[:, :3, 3] @ np.array(GRAVITY))
+        height[:, 0] -= mass * (place @ np.array(hardware.GRAVITY))
+    height[:, 1] = -(chain.forward(poses)[:, :3, 3] @ np.array(hardware.GRAVITY))
     q1, q2, d = poses[:, :POSITIONING].T
     ones = np.ones_like(d)
     basis = np.column_stack(

@@ -308,22 +308,10 @@ def advance(
 ) -> None:
     """Run along motor angles; fills a row of `log` at the end of each set-point's period.
 
-    Parameters
-    ----------
-    constants : PlantConstants
-    state : State
-        Changed in place.
-    work : Work
-        Scratch, of `new_work`.
-    goal : ndarray, shape (n + 1, M)
-        Motor angles [rad] wanted, each reached in a straight line from the one before.
-    torque : ndarray, shape (n + 1, J)
-        Torques [Nm] on the joints from outside, straight between rows.
-    held : ndarray, shape (n + 1,)
-        Opening [rad] at which the jaws meet each other or what they hold.
-    substeps : int
-        Steps of the constants' `dt` in a period.
-    log : Log
+    The state is changed in place, `work` is scratch. `goal` (n + 1, M) are the motor angles wanted
+    [rad], each reached in a straight line from the one before, `torque` (n + 1, J) those on the
+    joints from outside [Nm], straight between rows, `held` (n + 1,) the opening [rad] at which the
+    jaws meet each other or what they hold; a period has `substeps` of the constants' `dt`.
     """
     c, s, w = lend(constants), lend(state), lend(work)
     n = s.joint.shape[0]
