@@ -96,8 +96,6 @@ def joint_efforts(robot: Robot, block: StateBlock) -> Array:
 
 def state_columns(state: OperatingState) -> dict[str, Array]:
     """Fields of one operating state, (1,) each: its number in `STATES`, and 0 or 1."""
-    values = STATES.index(state.state), state.is_homed, state.is_busy
-    return {
-        name: np.array([float(value)])
-        for name, value in zip(("state", "is_homed", "is_busy"), values, strict=True)
-    }
+    homed, busy = float(state.is_homed), float(state.is_busy)
+    values = {"state": float(STATES.index(state.state)), "is_homed": homed, "is_busy": busy}
+    return {name: np.array([value]) for name, value in values.items()}

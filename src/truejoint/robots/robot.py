@@ -23,6 +23,7 @@ from truejoint.toml_file import read_toml
 
 MAX_JOINTS: Final = 64
 _MATRICES: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
+_PLAIN: Final = ("name", "arm", "joints", "effort", "channels", "positioning", "grasper")
 _Names = Annotated[tuple[Name, ...], Length(0, MAX_JOINTS)]
 _Matrix = Annotated[Array, Shape((None, None)), Bounds(-1e9, 1e9)]
 
@@ -79,8 +80,8 @@ class _KinematicsTable:
     axes: Annotated[tuple[parts.Axis, ...], Length(1, MAX_JOINTS)] = ()
     unit: Literal["rad", "deg"] = "rad"
     axis_from_joint: _Matrix | None = None
-    crtk_from_base: _Matrix | None = None
-    tool_rotation: _Matrix | None = None
+    crtk_from_base: Annotated[Array, Shape((4, 4)), Bounds(-1e9, 1e9)] | None = None
+    tool_rotation: Annotated[Array, Shape((3, 3)), Bounds(-1e9, 1e9)] | None = None
     urdf: str = ""
     base: str = ""
     tip: str = ""
@@ -106,23 +107,19 @@ class _KinematicsTable:
             return read_urdf(folder / self.urdf, by_name, self.base, self.tip)
         from truejoint.robots.chain import SerialChain  # noqa: PLC0415  # brings the compiler
 
-        matrices = [np.eye(len(self.axes), len(joints)), np.eye(4), np.eye(3)]
-        for k, key in enumerate(_MATRICES):
-            matrix = getattr(self, key)
-            if matrix is not None and matrix.shape != matrices[k].shape:
-                raise RobotError(
-                    f"kinematics: {key} is of shape {matrix.shape}, expected {matrices[k].shape}"
-                )
-            matrices[k] = matrices[k] if matrix is None else matrix
-        moving = [axis.kind for axis in self.axes]
+        moving, shape = [axis.kind for axis in self.axes], (len(self.axes), len(joints))
         if self.axis_from_joint is None and moving != kinds[: len(moving)]:
             raise RobotError(
                 f"kinematics: axes {', '.join(moving)} do not fit the joints "
                 f"{', '.join(kinds)}; say what moves each by axis_from_joint"
             )
+        stated = {key: getattr(self, key) for key in _MATRICES if getattr(self, key) is not None}
+        matrices = {"axis_from_joint": np.eye(*shape), **stated}
+        if matrices["axis_from_joint"].shape != shape:
+            raise RobotError(f"kinematics: axis_from_joint must be {shape[0]} x {shape[1]} numbers")
         turn = parts.UNITS["revolute"][self.unit]
         axes = (replace(x, alpha=x.alpha * turn, theta=x.theta * turn) for x in self.axes)
-        return SerialChain(tuple(axes), *matrices)
+        return SerialChain(tuple(axes), **matrices)
 
 
 class _RobotTable(NamedTuple):
@@ -147,9 +144,8 @@ class _RobotTable(NamedTuple):
         joints = tuple(row.joint() for row in self.joints)
         factors = {row.name: row.factor for row in self.joints}
         matrix = self.transmission
-        plain = ("name", "arm", "channels", "positioning", "effort", "grasper")
         return {
-            **{key: getattr(self, key) for key in plain},
+            **{key: getattr(self, key) for key in _PLAIN},
             "joints": joints,
             "transmission": None if matrix is None else Transmission(matrix, self.gear),
             "kinematics": self.kinematics and self.kinematics.chain(joints, folder),
@@ -318,16 +314,14 @@ class Robot(Summarised):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
-        plain = ("name", "arm", "joints", "effort", "channels", "positioning", "grasper")
-        values = {key: schema.plain(getattr(self, key)) for key in plain}
+        values = {key: schema.plain(getattr(self, key)) for key in _PLAIN}
         if self.transmission is not None:
             values["transmission"] = self.transmission.matrix.tolist()
             if self.transmission.gear:
                 values["gear"] = list(self.transmission.gear)
-        if self.encoders:
-            values["encoders"] = schema.plain(self.encoders)
-        if self.mechanism is not None:
-            values["mechanism"] = schema.plain(self.mechanism)
+        for key in ("encoders", "mechanism"):
+            if getattr(self, key):
+                values[key] = schema.plain(getattr(self, key))
         space = self.workspace
         if space is not None:
             rows = {key: getattr(space, key) for key in _BoxTable._fields}

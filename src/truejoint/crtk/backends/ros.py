@@ -95,7 +95,7 @@ class RosBackend:
         self._state: OperatingState | None = None
         self._heard = -np.inf  # when, by this computer's clock
         self._ahead = 0.0  # of the robot's clock [s]
-        self._homings: list[float] = []
+        self._homing = ""
         self._setpoint: Array | None = None
         self._velocity: tuple[float, Array] | None = None
         self._delivering = threading.Lock()
@@ -121,7 +121,7 @@ class RosBackend:
     @property
     def homing_id(self) -> str:
         """Stamp of the homing that was seen; empty where the robot was homed before."""
-        return f"homed at {self._homings[-1]:.3f}" if self._homings else ""
+        return self._homing
 
     def connect(self, listener: Listener) -> None:
         """Deliver all blocks from now on to `listener`, once the robot reports its state.
@@ -134,8 +134,7 @@ class RosBackend:
             )
         # Forget what an earlier listener saw: the robot may have been homed meanwhile.
         self._state = self._setpoint = self._velocity = self._sent = self._failure = None
-        self._homings.clear()
-        self._has_commanded = False
+        self._homing, self._has_commanded = "", False
         self._closed.clear()
         self._listener = listener
         try:
@@ -307,7 +306,7 @@ class RosBackend:
             )
             self._tell_time(t)
             if was is not None and self._state.is_homed and not was.is_homed:
-                self._homings.append(t)
+                self._homing = f"homed at {t:.3f}"
             if not self._state.is_homed:
                 self._setpoint = None
             self._changed.notify_all()
@@ -316,8 +315,7 @@ class RosBackend:
         self._heard = time.monotonic()
         self._ahead = t - self._heard
 
-    def _on_state(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
-        del message
+    def _on_state(self, _: Any, t: float, columns: Mapping[str, Array]) -> None:
         state, listener = self._state, self._listener
         if state is None or listener is None or not state.is_homed:
             return  # before the registration positions mean nothing

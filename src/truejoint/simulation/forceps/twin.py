@@ -195,24 +195,24 @@ class ForcepsTwin(Twin):
         motor, drive, reset, reference = self._sensors.read(exact, self._zero)
         cables = {"cable/drive": (p.drive_encoder, drive), "cable/reset": (p.reset_encoder, reset)}
         exact_names = ("truth_load/jaw", "truth_tension/drive", "truth_tension/reset")
-        ratio, column = p.mechanism.motor_per_jaw, (slice(None), None)
-        speed = np.diff(motor, prepend=self._reading) / dt
+        motor, ratio = motor[:, None], p.mechanism.motor_per_jaw
+        speed = np.diff(motor, axis=0, prepend=self._reading) / dt
         return TwinOutput(
             t=t,
             name=self.robot.channels,
-            measured=motor[column] / ratio,
-            velocity=speed[column] / ratio,
+            measured=motor / ratio,
+            velocity=speed / ratio,
             effort=np.empty((len(t), 0)),
-            setpoint=setpoint[column],
-            motor=motor[column],
-            motor_velocity=speed[column],
+            setpoint=setpoint[:, None],
+            motor=motor,
+            motor_velocity=speed,
             extra={
                 **{name: reads for name, (encoder, reads) in cables.items() if encoder.installed},
                 "truth_exact/jaw": exact[3],
                 **{name: log[:, 4 + k].copy() for k, name in enumerate(exact_names)},
             },
-            truth=TruthBlock(t, self.robot.positioning, reference[column]),
-            joint=exact[3][column],
+            truth=TruthBlock(t, self.robot.positioning, reference[:, None]),
+            joint=exact[3][:, None],
         )
 
 
