@@ -27,10 +27,8 @@ Number = Annotated[float, Bounds(-1e9, 1e9)]
 class Joint:
     """One joint; positions are in rad (revolute) or m (prismatic).
 
-    Raises
-    ------
-    RobotError
-        If its limits are upside down, its home lies outside of them or its speed is not positive.
+    Raises RobotError if its limits are upside down, its home lies outside of them or its speed is
+    not positive.
 
     Examples
     --------

@@ -62,11 +62,8 @@ class Parameters:
 
     The comments of the shipped files give the meaning, unit and source of every number.
 
-    Raises
-    ------
-    TruejointError
-        From `read` and `with_values`: if the file cannot be read, a section or key is
-        unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
+    Raises TruejointError, from `read` and `with_values`, if the file cannot be read, a section or
+    key is unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
     """
 
     SPECIMENS: ClassVar[Mapping[str, str]]

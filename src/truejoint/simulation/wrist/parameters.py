@@ -156,9 +156,7 @@ class PlantConstants(NamedTuple):
     n_motors: int
     motor_step: Array  # (2, 2): how far angle and speed are off, a step later
     motor_lag: float  # [s] by which a motor follows a ramp
-    coulomb: float  # [Nm] of every motor
-    motor_viscous: float  # [Nm s/rad]
-    motor_presliding: float  # [rad]
+    motor: Motor  # friction of every motor
 
 
 class Drawn(NamedTuple):
@@ -229,9 +227,7 @@ def plant_constants(
         # Over `dt` of e'' = -w**2 e - 2 z w e', exact.
         motor_step=np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]) * dt)),
         motor_lag=p.motor.lag,
-        coulomb=p.motor.coulomb,
-        motor_viscous=p.motor.viscous,
-        motor_presliding=p.motor.presliding,
+        motor=p.motor,
     )
     return constants, drawn
 

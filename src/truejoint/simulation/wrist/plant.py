@@ -177,8 +177,8 @@ def move_motor(m: int, start: float, end: float, share: float, c: PlantConstants
     way = angle - s.motor[m]
     s.motor[m] = angle
     s.motor_speed[m] = rate + c.motor_step[1, 0] * off + c.motor_step[1, 1] * drift
-    stiffness = c.coulomb / c.motor_presliding
-    s.motor_friction[m] = dahl(s.motor_friction[m], c.coulomb, stiffness, way)
+    stiffness = c.motor.coulomb / c.motor.presliding
+    s.motor_friction[m] = dahl(s.motor_friction[m], c.motor.coulomb, stiffness, way)
 
 
 @inlined
@@ -266,7 +266,7 @@ def write_row(row: int, grip: float, c: PlantConstants, s: State, w: Work, log: 
     """Write down where everything is."""
     for m in range(c.n_motors):
         log.motor[row, m] = s.motor[m]
-        log.effort[row, m] = s.motor_friction[m] + c.motor_viscous * s.motor_speed[m]
+        log.effort[row, m] = s.motor_friction[m] + c.motor.viscous * s.motor_speed[m]
     for n in range(c.motor_of.shape[0]):
         log.tension[row, n] = w.first[n]
         if c.motor_of[n] >= 0:
