@@ -254,11 +254,9 @@ class PlantConstants(NamedTuple):
     motor: MotorLoop
     motor_frequency: float  # [rad/s]
     is_maxwell_slip: bool  # law of both contacts; else LuGre
+    mechanism: Forceps
     wheel_per_motor: float  # [rad/rad]
-    wheel_radius: float
-    jaw_radius: float
     slider_mass: float
-    spring_stiffness: float
 
 
 def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
@@ -278,11 +276,9 @@ def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
         motor=p.motor_loop,
         motor_frequency=2.0 * math.pi * p.motor_loop.bandwidth,
         is_maxwell_slip=p.contact.law == MAXWELL_SLIP,
+        mechanism=mechanism,
         wheel_per_motor=1.0 / mechanism.gear_ratio,
-        wheel_radius=mechanism.wheel_radius,
-        jaw_radius=mechanism.jaw_radius,
         slider_mass=p.slider.mass,
-        spring_stiffness=mechanism.spring_stiffness,
     )
 
 

@@ -159,7 +159,7 @@ def accelerations(
     The cables' mass in (4) and (5) couples the two. Where it would make a cable push, the cable is
     slack and they are solved again without it.
     """
-    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    arm_drive, arm_reset = c.mechanism.jaw_radius + slope, c.mechanism.jaw_radius - slope
     jaw_acceleration, slider_acceleration = 0.0, 0.0
     drive_tension, reset_tension = drive_pull, reset_pull
     for _ in range(3):
@@ -214,11 +214,12 @@ def plant_rates(
     centre = eccentricity * math.cos(angle + phase)
     slope = -eccentricity * math.sin(angle + phase)
     offset = centre - eccentricity * math.cos(phase)
-    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    radius = c.mechanism.jaw_radius
+    arm_drive, arm_reset = radius + slope, radius - slope
     bend = -centre * speed * speed  # what of the second derivative of D is no angular acceleration
 
     # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
-    turned, dt = c.jaw_radius * angle, 1.0 / max_rate
+    turned, dt = radius * angle, 1.0 / max_rate
     x1, _, drive_pull, share = pull_cable(
         wheel[0], turned, offset, state[6], c.drive, dt, history, keep
     )
@@ -235,7 +236,7 @@ def plant_rates(
         reset_pull += c.reset.damping * reset_rate
     reset_pull = max(reset_pull, 0.0)
 
-    level = c.jaw_friction.constant + c.jaw_friction.tension_share * c.jaw_radius * (
+    level = c.jaw_friction.constant + c.jaw_friction.tension_share * radius * (
         drive_pull + reset_pull
     )
     slider_level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
@@ -255,7 +256,7 @@ def plant_rates(
     if beyond != 0.0:  # the mechanical stops push and never pull
         stop = -c.jaw.stop_stiffness * beyond - c.jaw.stop_damping * speed
         free_torque += min(stop, 0.0) if beyond > 0.0 else max(stop, 0.0)
-    free_force = -c.spring_stiffness * slider - drag - c.assembly.pretension - guide_drag
+    free_force = -c.mechanism.spring_stiffness * slider - drag - c.assembly.pretension - guide_drag
 
     rates[1], rates[3], drive_tension, reset_tension = accelerations(
         drive_pull, reset_pull, share, wheel[2], bend, slope, free_torque, free_force, c
@@ -317,8 +318,8 @@ def wheel_motion(
             history[WHEEL] = angle
     eccentricity, phase = c.assembly.wheel_eccentricity, c.assembly.wheel_phase
     sine = eccentricity * math.sin(angle + phase)
-    radius = c.wheel_radius + eccentricity * math.cos(angle + phase)
-    wheel[0] = c.wheel_radius * angle + sine - eccentricity * math.sin(phase)
+    radius = c.mechanism.wheel_radius + eccentricity * math.cos(angle + phase)
+    wheel[0] = c.mechanism.wheel_radius * angle + sine - eccentricity * math.sin(phase)
     wheel[1] = radius * speed
     wheel[2] = radius * acceleration - sine * speed * speed
 
