@@ -8,9 +8,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import truejoint
-from truejoint.crtk.limits import JITTER, check_range, check_steps, checked_backend, jump_of
+from truejoint.crtk.limits import JITTER, check_steps, checked_backend, jump_of
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
+from truejoint.robots.blocks import check_range
 
 ROBOT = get_robot("raven2", "left")
 HOME = ROBOT.home

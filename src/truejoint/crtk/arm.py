@@ -23,8 +23,8 @@ from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.topics import joint_efforts
 from truejoint.errors import CommandRefused, MotionStopped, TruejointError, other_kind
-from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows, checked_vector
+from truejoint.robots import Robot, blocks
+from truejoint.robots.blocks import StateBlock, TruthBlock
 
 MAX_AGE: Final = 0.1
 """A state message older than this [s] is no measurement of now."""
@@ -244,17 +244,17 @@ class Arm:
         Raises CommandRefused if not ready, or on NaN, wrong shape, a joint limit or too large a
         step.
         """
-        target = checked_vector(self.robot, position, "servo_jp")
+        target = blocks.checked_vector(self.robot, position, "servo_jp")
         self._servo(target[None], "servo_jp")
 
     def servo_jr(self, increment: ArrayLike) -> None:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
-        step = checked_vector(self.robot, increment, "servo_jr")
+        step = blocks.checked_vector(self.robot, increment, "servo_jr")
         self._servo((self._start_of("servo_jr") + step)[None], "servo_jr")
 
     def servo_jv(self, velocity: ArrayLike) -> None:
         """Go on at `velocity` (n_joints,) [rad/s or m/s] for one servo period; as `servo_jp`."""
-        step = checked_vector(self.robot, velocity, "servo_jv") / self.rate
+        step = blocks.checked_vector(self.robot, velocity, "servo_jv") / self.rate
         self._servo((self._start_of("servo_jv") + step)[None], "servo_jv")
 
     def servo_cp(self, pose: ArrayLike) -> None:
@@ -280,7 +280,7 @@ class Arm:
 
         The whole stream is checked before its first sample is sent; raises as `servo_jp`.
         """
-        rows = checked_rows(self.robot, positions, "servo_jp_stream")
+        rows = blocks.checked_rows(self.robot, positions, "servo_jp_stream")
         self._servo(rows, "servo_jp_stream")
 
     def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> Motion:
@@ -291,12 +291,12 @@ class Arm:
         deg/s for the others. Raises CommandRefused as `servo_jp`, or if a speed is not positive or
         above the joint's top speed.
         """
-        target = checked_vector(self.robot, goal, "move_jp")
+        target = blocks.checked_vector(self.robot, goal, "move_jp")
         return self._move(target[None], speed, "move_jp")
 
     def move_jr(self, increment: ArrayLike, speed: ArrayLike | None = None) -> Motion:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `move_jp`."""
-        step = checked_vector(self.robot, increment, "move_jr")
+        step = blocks.checked_vector(self.robot, increment, "move_jr")
         return self._move((self._start_of("move_jr") + step)[None], speed, "move_jr")
 
     def move_cp(self, pose: ArrayLike, speed: ArrayLike | None = None) -> Motion:
@@ -444,7 +444,7 @@ class Arm:
 
     def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
         caps = limits.move_speed(self.robot, speed, command)
-        limits.check_range(self.robot, knots, command)
+        blocks.check_range(self.robot, knots, command)
         law = time_law(np.vstack([self._start_of(command), knots]), caps)
         return self.stream(law.blocks(self.rate), law.duration, command)
 
@@ -456,7 +456,7 @@ class Arm:
 
     def _checked(self, pieces: Iterable[Array], command: str) -> Iterator[Array]:
         for rows in pieces:
-            limits.check_range(self.robot, rows, command)
+            blocks.check_range(self.robot, rows, command)
             limits.check_steps(self.robot, self.rate, self._latest_setpoints()[-1], rows, command)
             yield rows
 

@@ -12,10 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused
 from truejoint.robots.robot import Robot
+from truejoint.units import shown, shown_range
 
 QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
 """Quantities of every channel in a state message, as far as the arm measures them."""
 SETPOINT_DT: Final = 1e-3  # [s] between set-points: RAVEN's servo period (peng2024 IV-A)
+ROUNDING: Final = 1e-9
+"""Of a planned set-point that lies on a limit [rad or m]; far below any encoder's step."""
 GRAIN: Final = 0.01
 """Longest piece of a motion [s]: what is asked meanwhile takes effect after it."""
 
@@ -144,6 +147,25 @@ def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:
             f"{at_sample(row, rows)}; send finite values in rad and m"
         )
     return rows
+
+
+def check_range(
+    robot: Robot, rows: Array, command: str, reach: tuple[Array, Array] | None = None
+) -> None:
+    """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range.
+
+    `reach` are the lower and upper ends of the ranges (n_joints,), by default the robot's limits.
+    """
+    lower, upper = (robot.lower, robot.upper) if reach is None else reach
+    outside = (rows < lower - ROUNDING) | (rows > upper + ROUNDING)
+    if outside.any():
+        row, column = np.argwhere(outside)[0]
+        joint = robot.joints[column]
+        raise CommandRefused(
+            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
+            f"{at_sample(row, rows)} is outside its range "
+            f"{shown_range(lower[column], upper[column], joint.unit)}; stay inside, in rad and m"
+        )
 
 
 def at_sample(row: int, rows: Array) -> str:

@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.errors import CommandRefused, TruejointError
+from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock, checked_rows
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock, check_range, checked_rows
 from truejoint.simulation.parameter_file import Parameters
-from truejoint.units import shown, shown_range
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -126,15 +125,7 @@ class Twin:
     def _checked(self, setpoint: ArrayLike, command: str) -> Array:
         rows = checked_rows(self.robot, setpoint, command)
         if self._reach is not None:
-            lower, upper = self._reach
-            beyond = (rows < lower) | (rows > upper)
-            if beyond.any():
-                row, k = np.argwhere(beyond)[0]
-                joint = self.robot.joints[k]
-                raise CommandRefused(
-                    f"the set-point of {joint.name} reaches {shown(rows[row, k], joint.unit)}, "
-                    f"beyond {shown_range(lower[k], upper[k], joint.unit)}: scale it down"
-                )
+            check_range(self.robot, rows, command, self._reach)
         return rows
 
     def _follow(self, rows: Array) -> TwinOutput:
