@@ -5,9 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.conftest import LaggingBackend
 
-from truejoint.crtk import Arm, cartesian, simulated_arm
+from truejoint.crtk import cartesian, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
@@ -114,10 +113,3 @@ def test_the_effort_is_that_on_the_joints():
     turned = transmission.motor_from_joint(small) / np.array(transmission.gear)
     assert np.abs(capstan).max() > 1e-3
     assert arm.measured_js().effort @ small == pytest.approx(capstan @ turned)
-
-
-def test_an_arm_that_is_left_is_paused():
-    backend = LaggingBackend(0.02)
-    with Arm(backend) as arm:
-        arm.enable()
-    assert backend.state.state == "PAUSED"
