@@ -39,7 +39,7 @@ class InstantTwin:
         )  # fmt: skip
 
     def home(self):
-        return TwinOutput.whole(list(self.homing()))
+        return TwinOutput.joined(list(self.homing()))
 
     def idle(self, duration):
         self.ticks += round(duration * 1e3)

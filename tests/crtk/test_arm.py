@@ -41,8 +41,7 @@ def test_a_new_arm_reports_nothing_until_homed(lagging_backend):
 
 
 @pytest.mark.parametrize(
-    ("stop", "advice"),
-    [("pause", "resume"), ("disable", "enable"), ("unhome", "home")],
+    ("stop", "advice"), [("pause", "resume"), ("disable", "enable"), ("unhome", "home")]
 )
 @pytest.mark.parametrize("motion", ["servo_jp", "servo_jr", "servo_jp_stream", "move_jp"])
 def test_motion_needs_a_ready_arm(lagging_arm, lagging_backend, motion, stop, advice):

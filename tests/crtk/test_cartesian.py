@@ -5,26 +5,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from tests.conftest import LaggingBackend
 
-from truejoint.crtk import Arm, cartesian, simulated_arm
+from truejoint.crtk import cartesian, simulated_arm
 from truejoint.errors import CommandRefused, RobotError
 from truejoint.robots import get_robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Axis
 
 DVRK, RAVEN = get_robot("dvrk_psm"), get_robot("raven2", "left")
-INSIDE = {
-    "raven2": RAVEN.home,
-    "dvrk_psm": np.array([0.2, -0.1, 0.12, 0.3, 0.2, -0.3, 0.0]),
-}
+INSIDE = {"raven2": RAVEN.home, "dvrk_psm": np.array([0.2, -0.1, 0.12, 0.3, 0.2, -0.3, 0.0])}
 SPREAD = np.array([0.1, 0.1, 0.01, 0.3, 0.2, 0.2, 0.2])
 
 
 @settings(max_examples=30)
 @given(
-    robot=st.sampled_from([DVRK, RAVEN]),
-    shift=st.lists(st.floats(-1, 1), min_size=7, max_size=7),
+    robot=st.sampled_from([DVRK, RAVEN]), shift=st.lists(st.floats(-1, 1), min_size=7, max_size=7)
 )
 def test_the_inverse_of_any_chain_finds_the_joints(robot, shift):
     start, kinematics = INSIDE[robot.name], robot.kinematics
@@ -118,10 +113,3 @@ def test_the_effort_is_that_on_the_joints():
     turned = transmission.motor_from_joint(small) / np.array(transmission.gear)
     assert np.abs(capstan).max() > 1e-3
     assert arm.measured_js().effort @ small == pytest.approx(capstan @ turned)
-
-
-def test_an_arm_that_is_left_is_paused():
-    backend = LaggingBackend(0.02)
-    with Arm(backend) as arm:
-        arm.enable()
-    assert backend.state.state == "PAUSED"

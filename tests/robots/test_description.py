@@ -134,11 +134,8 @@ def test_a_file_that_changed_is_read_anew_and_takes_no_built_in_name(tool: Path)
         ("lower = -40", "lower = -1" + 400 * "0", "lower is -10*; want a number from"),
         ("lower = -40", "lower = -1" + 5000 * "0", "is not TOML"),
         ("a = 0.02", "b = 0.02", r"kinematics.axes\[1\]: no key called 'b'"),
-        (
-            "[kinematics]",
-            "[kinematics]\ntool_rotation = [[1]]",
-            r"shape \(1, 1\), expected \(3, 3\)",
-        ),
+        ("[kinematics]", "[kinematics]\ntool_rotation = [[1]]", "want 3 x 3 numbers"),
+        ("[kinematics]", "[kinematics]\naxis_from_joint = [[1]]", "must be 2 x 2 numbers"),
         ('name = "tool"', 'name = "my tool"', "name is 'my tool'; want up to 60 letters"),
         ('name = "tool"', "", "'name' is missing; add it"),
         ("[kinematics]", "[kinematics", "is not TOML"),

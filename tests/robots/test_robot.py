@@ -51,11 +51,7 @@ def test_transmission_that_cannot_be_inverted_is_refused(matrix: np.ndarray) -> 
         Transmission(matrix)
 
 
-@given(
-    st.lists(st.floats(-10, 10), min_size=6, max_size=6),
-    st.floats(0.1, 2000),
-    st.floats(-5, 5),
-)
+@given(st.lists(st.floats(-10, 10), min_size=6, max_size=6), st.floats(0.1, 2000), st.floats(-5, 5))
 def test_motor_angles_are_the_matrix_times_the_joints(
     joints: list[float], ratio: float, coupling: float
 ) -> None:

@@ -21,7 +21,7 @@ def moved(name, seed=3, cuts=(0, 2000)):
         twin.tip_force = np.sin
     t = np.arange(2000)[:, None] / 2000
     goal = twin.robot.home + np.sin(7.0 * t) * np.array(SIZES[name])
-    return twin, TwinOutput.whole([twin.run(goal[a:b]) for a, b in pairwise(cuts)])
+    return twin, TwinOutput.joined([twin.run(goal[a:b]) for a, b in pairwise(cuts)])
 
 
 def arrays(output):

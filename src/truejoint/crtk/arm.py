@@ -16,30 +16,15 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.crtk import cartesian
+from truejoint.crtk import cartesian, limits
 from truejoint.crtk.handle import Motion, Subscription
-from truejoint.crtk.limits import (
-    JITTER,
-    check_range,
-    check_steps,
-    checked_backend,
-    jump_of,
-    move_speed,
-)
 from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.topics import joint_efforts
-from truejoint.errors import (
-    CommandRefused,
-    MotionStopped,
-    RobotError,
-    TruejointError,
-    other_kind,
-)
-from truejoint.robots import Robot
-from truejoint.robots.blocks import StateBlock, TruthBlock, checked_rows, checked_vector
-from truejoint.robots.parts import Kinematics
+from truejoint.errors import CommandRefused, MotionStopped, TruejointError, other_kind
+from truejoint.robots import Robot, blocks
+from truejoint.robots.blocks import StateBlock, TruthBlock
 
 MAX_AGE: Final = 0.1
 """A state message older than this [s] is no measurement of now."""
@@ -102,7 +87,7 @@ class Arm:
     def __init__(self, backend: Backend, *, controls: bool = True) -> None:
         self._backend = backend
         self._controls = controls
-        self.rate, self.grain = checked_backend(backend)
+        self.rate, self.grain = limits.checked_backend(backend)
         self.robot: Final[Robot] = backend.robot
         self._joint_channels = self.robot.joint_channels
         self._subscriptions: list[Subscription] = []
@@ -237,12 +222,12 @@ class Arm:
 
         Raises RobotError if the robot's kinematics are not known.
         """
-        kinematics = self._kinematics("measured_cp")
+        kinematics = self.robot.known_kinematics("measured_cp")
         return cartesian.pose(kinematics, self.measured_js(age).position)
 
     def setpoint_cp(self, age: float = MAX_AGE) -> Array:
         """Tool pose (4, 4) [m] of `setpoint_js`; as `measured_cp`."""
-        kinematics = self._kinematics("setpoint_cp")
+        kinematics = self.robot.known_kinematics("setpoint_cp")
         return cartesian.pose(kinematics, self.setpoint_js(age).position)
 
     def measured_cv(self, age: float = MAX_AGE) -> Array:
@@ -250,7 +235,7 @@ class Arm:
 
         The velocity is that of the tool's origin; both are in the frame of the CRTK topics.
         """
-        kinematics, now = self._kinematics("measured_cv"), self.measured_js(age)
+        kinematics, now = self.robot.known_kinematics("measured_cv"), self.measured_js(age)
         return np.asarray(cartesian.jacobian(kinematics, now.position) @ now.velocity)
 
     def servo_jp(self, position: ArrayLike) -> None:
@@ -259,17 +244,17 @@ class Arm:
         Raises CommandRefused if not ready, or on NaN, wrong shape, a joint limit or too large a
         step.
         """
-        target = checked_vector(self.robot, position, "servo_jp")
+        target = blocks.checked_vector(self.robot, position, "servo_jp")
         self._servo(target[None], "servo_jp")
 
     def servo_jr(self, increment: ArrayLike) -> None:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
-        step = checked_vector(self.robot, increment, "servo_jr")
+        step = blocks.checked_vector(self.robot, increment, "servo_jr")
         self._servo((self._start_of("servo_jr") + step)[None], "servo_jr")
 
     def servo_jv(self, velocity: ArrayLike) -> None:
         """Go on at `velocity` (n_joints,) [rad/s or m/s] for one servo period; as `servo_jp`."""
-        step = checked_vector(self.robot, velocity, "servo_jv") / self.rate
+        step = blocks.checked_vector(self.robot, velocity, "servo_jv") / self.rate
         self._servo((self._start_of("servo_jv") + step)[None], "servo_jv")
 
     def servo_cp(self, pose: ArrayLike) -> None:
@@ -278,7 +263,7 @@ class Arm:
         The pose is in the frame of the CRTK topics. Raises RobotError if it is out of reach or
         the robot's kinematics are not known.
         """
-        kinematics, start = self._kinematics("servo_cp"), self._start_of("servo_cp")
+        kinematics, start = self.robot.known_kinematics("servo_cp"), self._start_of("servo_cp")
         self._servo(cartesian.joints_at(kinematics, pose, start)[None], "servo_cp")
 
     def servo_cr(self, increment: ArrayLike) -> None:
@@ -286,7 +271,7 @@ class Arm:
 
         Shift and turn are about the axes of the CRTK topics' frame, the turn about the tool.
         """
-        kinematics, start = self._kinematics("servo_cr"), self._start_of("servo_cr")
+        kinematics, start = self.robot.known_kinematics("servo_cr"), self._start_of("servo_cr")
         target = cartesian.moved(cartesian.pose(kinematics, start), increment)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
 
@@ -295,7 +280,7 @@ class Arm:
 
         The whole stream is checked before its first sample is sent; raises as `servo_jp`.
         """
-        rows = checked_rows(self.robot, positions, "servo_jp_stream")
+        rows = blocks.checked_rows(self.robot, positions, "servo_jp_stream")
         self._servo(rows, "servo_jp_stream")
 
     def move_jp(self, goal: ArrayLike, speed: ArrayLike | None = None) -> Motion:
@@ -306,12 +291,12 @@ class Arm:
         deg/s for the others. Raises CommandRefused as `servo_jp`, or if a speed is not positive or
         above the joint's top speed.
         """
-        target = checked_vector(self.robot, goal, "move_jp")
+        target = blocks.checked_vector(self.robot, goal, "move_jp")
         return self._move(target[None], speed, "move_jp")
 
     def move_jr(self, increment: ArrayLike, speed: ArrayLike | None = None) -> Motion:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `move_jp`."""
-        step = checked_vector(self.robot, increment, "move_jr")
+        step = blocks.checked_vector(self.robot, increment, "move_jr")
         return self._move((self._start_of("move_jr") + step)[None], speed, "move_jr")
 
     def move_cp(self, pose: ArrayLike, speed: ArrayLike | None = None) -> Motion:
@@ -320,7 +305,7 @@ class Arm:
         The pose is in the frame of the CRTK topics, `speed` of the joints. The whole way is checked
         before the arm moves; raises RobotError if some of it is out of reach.
         """
-        kinematics, start = self._kinematics("move_cp"), self._start_of("move_cp")
+        kinematics, start = self.robot.known_kinematics("move_cp"), self._start_of("move_cp")
         return self._move(cartesian.straight_line(kinematics, start, pose), speed, "move_cp")
 
     def stream(self, pieces: Iterable[Array], duration: float, command: str) -> Motion:
@@ -408,8 +393,9 @@ class Arm:
             if self._motion is not None and before is not None:
                 rows = np.vstack([before.measured[-1:], block.measured])
                 rows = rows[:, self._joint_channels]
-                self._jump_reported = self._jump_reported or jump_of(self.robot, self.rate, t, rows)
-            self._stamps = t[-JITTER:]
+                jump = limits.jump_of(self.robot, self.rate, t, rows)
+                self._jump_reported = self._jump_reported or jump
+            self._stamps = t[-limits.JITTER :]
             # In this order: who reads the one before first never gets the same one twice.
             self._latest, self._before, self._unreported_s = block, before, 0.0
         broken: BaseException | None = None
@@ -445,11 +431,6 @@ class Arm:
                 f"{command} refused: this program looks on; make the Arm to control"
             )
 
-    def _kinematics(self, command: str) -> Kinematics:
-        if self.robot.kinematics is None:
-            raise RobotError(f"{command}: the kinematics of {self.robot.title} are not known")
-        return self.robot.kinematics
-
     def _start_of(self, command: str) -> Array:
         """Set-point (n_joints,) that a relative command or a move starts at."""
         check_ready(self.operating_state(), command)
@@ -462,8 +443,8 @@ class Arm:
         return self._last_setpoints
 
     def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
-        caps = move_speed(self.robot, speed, command)
-        check_range(self.robot, knots, command)
+        caps = limits.move_speed(self.robot, speed, command)
+        blocks.check_range(self.robot, knots, command)
         law = time_law(np.vstack([self._start_of(command), knots]), caps)
         return self.stream(law.blocks(self.rate), law.duration, command)
 
@@ -475,8 +456,8 @@ class Arm:
 
     def _checked(self, pieces: Iterable[Array], command: str) -> Iterator[Array]:
         for rows in pieces:
-            check_range(self.robot, rows, command)
-            check_steps(self.robot, self.rate, self._latest_setpoints()[-1], rows, command)
+            blocks.check_range(self.robot, rows, command)
+            limits.check_steps(self.robot, self.rate, self._latest_setpoints()[-1], rows, command)
             yield rows
 
     def _begin(self, command: str, duration: float) -> Motion:

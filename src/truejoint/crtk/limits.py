@@ -1,4 +1,4 @@
-"""Limits of a robot: ranges, steps and speeds that commands are checked against."""
+"""Limits of a robot: steps and speeds that commands are checked against."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from truejoint.array_types import Array
 from truejoint.crtk.protocol import Backend
 from truejoint.errors import CommandRefused, RobotError, other_kind
 from truejoint.robots import Robot
-from truejoint.robots.blocks import at_sample, checked_vector
-from truejoint.units import shown, shown_range
+from truejoint.robots.blocks import ROUNDING, at_sample, checked_vector
+from truejoint.units import shown
 
 # Default speeds of a move, as uw-biorobotics/raven2_CRTK_Python_controller goes to a pose
 # (python_controller/raven_py_controller.py: positioning joints) and turns the tool
@@ -22,8 +22,6 @@ from truejoint.units import shown, shown_range
 _MOVE_POSITIONING: Final = np.deg2rad(3.0)
 _MOVE_TOOL: Final = np.deg2rad(10.0)
 _MOVE_PRISMATIC: Final = 0.01
-# Rounding of a planned set-point that lies on a limit [rad or m]; far below any encoder's step.
-_ROUNDING: Final = 1e-9
 _OF_A_BACKEND: Final = tuple(name for name in vars(Backend) if not name.startswith("_"))
 JITTER: Final = 20
 """Messages over which the jitter of their stamps evens out."""
@@ -59,19 +57,6 @@ def _shown(value: object, scale: float = 1.0) -> str:
     return f"{scale * float(value):g}" if isinstance(value, Real) else f"{value!s:.40}"
 
 
-def check_range(robot: Robot, rows: Array, command: str) -> None:
-    """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range."""
-    outside = (rows < robot.lower - _ROUNDING) | (rows > robot.upper + _ROUNDING)
-    if outside.any():
-        row, column = np.argwhere(outside)[0]
-        joint = robot.joints[column]
-        raise CommandRefused(
-            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
-            f"{at_sample(row, rows)} is outside its range "
-            f"{shown_range(joint.lower, joint.upper, joint.unit)}; stay inside, in rad and m"
-        )
-
-
 def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: str) -> None:
     """Raise CommandRefused if a joint would step faster than its top speed.
 
@@ -79,7 +64,7 @@ def check_steps(robot: Robot, rate: float, start: Array, rows: Array, command: s
     """
     limit = np.array([joint.max_speed for joint in robot.joints]) / rate
     step = np.abs(np.diff(rows, axis=0, prepend=start[None]))
-    excess = step > limit + _ROUNDING
+    excess = step > limit + ROUNDING
     if excess.any():
         row, column = np.argwhere(excess)[0]
         joint = robot.joints[column]

@@ -122,24 +122,6 @@ RUN_LEVELS: Final[Mapping[str, int]] = {"stopped": 0, "homing": 1, "pedal up": 2
 class Profile:
     """How a robot's topics and messages differ from what CRTK says of them.
 
-    Attributes
-    ----------
-    name, summary : str
-    arms : mapping of str to str
-        Namespace of a topic to the arm it is for, where the robot does not name arms that way.
-    swapped : tuple of str
-        CRTK names that the robot publishes in the other arm's namespace.
-    joints : mapping of str to str
-        Name in a message to the joint's, where they differ, after `prefixes` are taken off.
-    prefixes : mapping of str to str
-        Namespace of a topic to what stands before each joint's name in its messages.
-    no_effort : bool
-        The effort of ``measured_js`` is always 0 and says nothing.
-    no_setpoint : bool
-        ``setpoint_js`` is no position to go to.
-    truth_offsets : mapping of str to float
-        Offsets added to readings of joint sensors that count from another zero [rad or m].
-
     Examples
     --------
     >>> from truejoint.crtk.messages import PROFILES
@@ -149,12 +131,16 @@ class Profile:
 
     name: str
     summary: str
+    # Namespace of a topic to the arm it is for, where the robot does not name arms that way.
     arms: Mapping[str, str] = field(default_factory=dict)
-    swapped: tuple[str, ...] = ()
+    swapped: tuple[str, ...] = ()  # CRTK names that stand in the other arm's namespace
+    # Name in a message to the joint's, where they differ, after `prefixes` are taken off.
     joints: Mapping[str, str] = field(default_factory=dict)
+    # Namespace of a topic to what stands before each joint's name in its messages.
     prefixes: Mapping[str, str] = field(default_factory=dict)
-    no_effort: bool = False
-    no_setpoint: bool = False
+    no_effort: bool = False  # the effort of ``measured_js`` is always 0 and says nothing
+    no_setpoint: bool = False  # ``setpoint_js`` is no position to go to
+    # Offsets added to readings of joint sensors that count from another zero [rad or m].
     truth_offsets: Mapping[str, float] = field(default_factory=dict)
 
     def arm_of(self, topic: str) -> str:
@@ -302,36 +288,21 @@ def joint_order(robot: Robot, names: Sequence[str], count: int, profile: Profile
 
 
 def joint_state_columns(
-    robot: Robot,
-    quantity: str,
-    names: Sequence[str],
-    fields: Mapping[str, Array],
-    profile: Profile,
+    robot: Robot, quantity: str, names: Sequence[str], fields: Mapping[str, Array], profile: Profile
 ) -> dict[str, Array]:
     """Columns of a recording that joint states with the same names hold.
 
-    Parameters
-    ----------
-    robot : Robot
-    quantity : {"measured", "setpoint", "truth"}
-        Quantity of the topic. Velocity and effort are kept of measured joints alone.
-    names : sequence of str
-        Field ``name``; empty where the robot gives none.
-    fields : mapping of str to ndarray, shape (n, k) or (n, 0)
-        ``position``, ``velocity`` and ``effort``, n messages of k joints [SI].
-    profile : Profile
+    `quantity` is that of the topic, ``"measured"``, ``"setpoint"`` or ``"truth"``, and `names` the
+    field ``name``, empty where the robot gives none. `fields` has ``position``, ``velocity`` and
+    ``effort`` of n messages of k joints [SI], (n, k) or (n, 0).
 
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        ``measured/<joint>`` [rad or m], ``velocity/<joint>``, ``effort/<joint>``, which is at the
-        motor where the robot states it there (`Robot.effort`) and all joints are in the message;
-        or ``setpoint/<joint>``, or ``truth/<joint>``.
+    Gives ``measured/<joint>`` (n,) [rad or m], ``velocity/<joint>`` and ``effort/<joint>``, which
+    is at the motor where the robot states it there (`Robot.effort`) and all joints are in the
+    message; or ``setpoint/<joint>``, or ``truth/<joint>``. Velocity and effort are kept of measured
+    joints alone.
 
-    Raises
-    ------
-    RobotError
-        As `joint_order`, or if position, velocity and effort are not of the same number of joints.
+    Raises RobotError as `joint_order`, or if position, velocity and effort are not of the same
+    number of joints.
 
     Examples
     --------
@@ -372,11 +343,7 @@ def joint_state_columns(
 
 
 def joint_state_fields(
-    robot: Robot,
-    quantity: str,
-    topic: str,
-    columns: Mapping[str, Array],
-    profile: Profile,
+    robot: Robot, quantity: str, topic: str, columns: Mapping[str, Array], profile: Profile
 ) -> tuple[tuple[str, ...], dict[str, Array]]:
     """Names and fields of joint states that hold an arm's columns: inverse of the one above.
 
@@ -420,19 +387,9 @@ def raven_state_columns(
 ) -> dict[str, Array]:
     """Columns of a recording of one arm that messages ``raven_state`` hold.
 
-    Parameters
-    ----------
-    robot : Robot
-        RAVEN-II, either arm.
-    fields : mapping of str to ndarray, shape (n, 16)
-        As in the messages, of any variant; those of `RAVEN_FIELDS` that are asked for.
-    quantities : collection of str
-        Of `RAVEN_FIELDS`.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        ``<quantity>/<channel>`` [SI], the channels of `Robot.channels`.
+    The robot is a RAVEN-II, either arm. `fields` (n, 16) are as in the messages, of any variant;
+    those of `RAVEN_FIELDS` that the `quantities` ask for. Gives ``<quantity>/<channel>`` (n,) [SI],
+    the channels of `Robot.channels`.
 
     Examples
     --------

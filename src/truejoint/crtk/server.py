@@ -14,20 +14,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
+from truejoint.crtk import messages
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.messages import (
-    JOINT_STATE,
-    OPERATING_STATE,
-    RAVEN_STATE,
-    RAVEN_TOPIC,
-    RUN_LEVELS,
-    STRING_STAMPED,
-    TRUTH_TOPIC,
-    joint_state_fields,
-    profile_of,
-    raven_state_fields,
-)
+from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, RAVEN_STATE, STRING_STAMPED
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.topics import topic_columns
 from truejoint.errors import CommandRefused, MotionStopped, TruejointError
@@ -39,6 +29,7 @@ _COMMANDS: Final = (
     "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "move_jp", "move_jr", "move_cp",
     "hold",
 )  # fmt: skip
+_TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
 _IDLE: Final = 0.01  # [s] between reports of an arm that does not work
 _DRIFT: Final = 0.1  # [s] by which its clock may be off ROS's
 
@@ -54,22 +45,11 @@ class ArmServer:
     ``move_jr`` and ``move_cp``. What is refused is said in the log. An arm that stands
     paused goes on to report.
 
-    Parameters
-    ----------
-    arm : Arm
-        In real time.
-    transport : Transport
-    profile : str
-        How its messages differ from CRTK, by name (`truejoint.crtk.messages.PROFILES`).
-    namespace : str
-        Namespace of the topics; by default the profile's.
-    rate : float
-        Most state messages a second [Hz].
+    The arm runs in real time. `profile` names how its messages differ from CRTK
+    (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
+    profile's, and `rate` the most state messages a second [Hz].
 
-    Raises
-    ------
-    RobotError
-        If there is no such profile.
+    Raises RobotError if there is no such profile.
     """
 
     def __init__(
@@ -82,7 +62,7 @@ class ArmServer:
         rate: float = 1000.0,
     ) -> None:
         self._arm, self._transport = arm, transport
-        self._profile = profile_of(arm.robot, profile)
+        self._profile = messages.profile_of(arm.robot, profile)
         self._namespace = namespace
         self._every = max(1, math.ceil(arm.rate / rate - 1e-9))
         self._rows = 0
@@ -101,27 +81,22 @@ class ArmServer:
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
         self._publishers: dict[str, Publisher] = {}
-        self._reading, self._writing = ExitStack(), ExitStack()
 
     def __enter__(self) -> Self:
         subscribe = self._transport.subscribe
-        try:
+        with ExitStack() as writing, ExitStack() as reading:  # closed where something fails
             for name, kind in self._kinds.items():
-                topic = {"ravenstate": RAVEN_TOPIC, "truth": TRUTH_TOPIC}.get(name)
-                made = self._transport.publisher(topic or self._name(name), kind)
+                made = self._transport.publisher(_TOPICS.get(name) or self._name(name), kind)
                 self._publishers[name] = made
-                self._writing.callback(made.close)
+                writing.callback(made.close)
             for name in _COMMANDS:
                 kind = self._pose_kind if name.endswith(("_cp", "_cr")) else JOINT_STATE
                 kind = "std_msgs/Empty" if name == "hold" else kind
                 receive = partial(self._receive, name)
-                self._reading.callback(subscribe(self._name(name), kind, receive))
+                reading.callback(subscribe(self._name(name), kind, receive))
             topic = self._name("state_command")
-            self._reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
-        except BaseException:
-            self._reading.close()
-            self._writing.close()
-            raise
+            reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
+            self._reading, self._writing = reading.pop_all(), writing.pop_all()
         self._arm.subscribe(self._report)
         thread = threading.Thread(target=self._report_idle, name="idle reports", daemon=True)
         self._threads.append(thread)
@@ -226,16 +201,16 @@ class ArmServer:
             levels = "stopped", "pedal up", "pedal down"
             state = self._arm.operating_state()
             level = levels[0 if state.state in ("DISABLED", "FAULT") else 1 + state.is_ready]
-            fields = raven_state_fields(robot, columns)
+            fields = messages.raven_state_fields(robot, columns)
             values = {name: array[0] for name, array in fields.items()}
-            self._publish("ravenstate", t, runlevel=RUN_LEVELS[level], **values)
+            self._publish("ravenstate", t, runlevel=messages.RUN_LEVELS[level], **values)
 
     def _publish_joints(
         self, crtk: str, t: float, quantity: str, columns: Mapping[str, Array]
     ) -> None:
         topic = self._publishers[crtk].topic
         robot, profile = self._arm.robot, self._profile
-        names, fields = joint_state_fields(robot, quantity, topic, columns, profile)
+        names, fields = messages.joint_state_fields(robot, quantity, topic, columns, profile)
         values = {name: array[0].tolist() for name, array in fields.items()}
         self._publish(crtk, t, name=list(names), **values)
 

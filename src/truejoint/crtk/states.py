@@ -15,7 +15,7 @@ STATE_COMMANDS: Final[tuple[StateCommand, ...]] = get_args(StateCommand)
 # Commands that change `state`: the states they are allowed in, and the state they lead to.
 # Repeating a command that already took effect is allowed and changes nothing. A fault is the
 # robot's to raise; `disable` is the one way out of it that an application has.
-_LEADS_TO: Final[dict[str, tuple[frozenset[State], State]]] = {
+LEADS_TO: Final[dict[str, tuple[frozenset[State], State]]] = {
     "enable": (frozenset({"DISABLED", "ENABLED"}), "ENABLED"),
     "disable": (frozenset({"DISABLED", "ENABLED", "PAUSED", "FAULT"}), "DISABLED"),
     "pause": (frozenset({"ENABLED", "PAUSED"}), "PAUSED"),
@@ -95,8 +95,8 @@ def next_state(now: OperatingState, command: str) -> OperatingState:
     Raises CommandRefused if the command is unknown or not allowed now, saying what to send first;
     as in collaborative-robotics/documentation:docs/pages/api-operating-state.rst.
     """
-    if command in _LEADS_TO:
-        allowed, target = _LEADS_TO[command]
+    if command in LEADS_TO:
+        allowed, target = LEADS_TO[command]
         _check(now, f"{command!r}", allowed)
         return replace(now, state=target)
     if command not in STATE_COMMANDS:

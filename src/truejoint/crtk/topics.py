@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 from truejoint.array_types import Array
 from truejoint.crtk import cartesian
 from truejoint.crtk.states import OperatingState, State
-from truejoint.errors import CommandRefused, RobotError, unknown
+from truejoint.errors import CommandRefused, unknown
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock
 
@@ -42,8 +42,8 @@ def check_topics(robot: Robot, rates: Mapping[str, float]) -> None:
             raise CommandRefused(unknown("topic", topic, TOPICS))
         if not rate > 0.0:
             raise CommandRefused(f"topic {topic}: rate {rate} Hz; give one above 0 Hz")
-        if topic.endswith(("_cp", "_cv")) and robot.kinematics is None:
-            raise RobotError(f"topic {topic}: the kinematics of {robot.title} are not known")
+        if topic.endswith(("_cp", "_cv")):
+            robot.known_kinematics(f"topic {topic}")
 
 
 def topic_columns(robot: Robot, topic: str, block: StateBlock) -> dict[str, Array]:
@@ -74,13 +74,12 @@ def topic_columns(robot: Robot, topic: str, block: StateBlock) -> dict[str, Arra
             if values.shape[1]
             for k, name in enumerate(robot.joint_names)
         }
-    if robot.kinematics is None:
-        raise RobotError(f"topic {topic}: the kinematics of {robot.title} are not known")
+    kinematics = robot.known_kinematics(f"topic {topic}")
     if kind == "cv":
-        rows = cartesian.jacobian(robot.kinematics, position)
+        rows = cartesian.jacobian(kinematics, position)
         twist = (rows @ block.velocity[:, joints, None])[..., 0]
         return dict(zip(_TWIST, twist.T, strict=True))
-    poses = cartesian.pose(robot.kinematics, position)
+    poses = cartesian.pose(kinematics, position)
     turns = Rotation.from_matrix(poses[:, :3, :3]).as_quat()
     return dict(zip(_POSE, np.column_stack([poses[:, :3, 3], turns]).T, strict=True))
 
@@ -97,8 +96,6 @@ def joint_efforts(robot: Robot, block: StateBlock) -> Array:
 
 def state_columns(state: OperatingState) -> dict[str, Array]:
     """Fields of one operating state, (1,) each: its number in `STATES`, and 0 or 1."""
-    values = STATES.index(state.state), state.is_homed, state.is_busy
-    return {
-        name: np.array([float(value)])
-        for name, value in zip(("state", "is_homed", "is_busy"), values, strict=True)
-    }
+    homed, busy = float(state.is_homed), float(state.is_busy)
+    values = {"state": float(STATES.index(state.state)), "is_homed": homed, "is_busy": busy}
+    return {name: np.array([value]) for name, value in values.items()}

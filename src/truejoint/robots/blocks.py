@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Final
+from dataclasses import dataclass, field, fields
+from typing import Any, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,16 +12,40 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.array_types import Array
 from truejoint.errors import CommandRefused
 from truejoint.robots.robot import Robot
+from truejoint.units import shown, shown_range
 
 QUANTITIES: Final = ("measured", "velocity", "effort", "setpoint", "motor", "motor_velocity")
 """Quantities of every channel in a state message, as far as the arm measures them."""
 SETPOINT_DT: Final = 1e-3  # [s] between set-points: RAVEN's servo period (peng2024 IV-A)
+ROUNDING: Final = 1e-9
+"""Of a planned set-point that lies on a limit [rad or m]; far below any encoder's step."""
 GRAIN: Final = 0.01
 """Longest piece of a motion [s]: what is asked meanwhile takes effect after it."""
 
 
 @dataclass(frozen=True, eq=False)
-class StateBlock:
+class Block:
+    """Consecutive rows of several things over time."""
+
+    @classmethod
+    def joined(cls, blocks: Sequence[Block]) -> Self:
+        """Put blocks of the same channels, one or more, one after the other."""
+        parts = {each.name: [getattr(b, each.name) for b in blocks] for each in fields(cls)}
+        return cls(**{name: _joined(values) for name, values in parts.items()})
+
+
+def _joined(parts: Sequence[Any]) -> Any:
+    """Join arrays, mappings of them and blocks; names are those of the first."""
+    first = parts[0]
+    if isinstance(first, Block):
+        return type(first).joined(parts)
+    if isinstance(first, Mapping):
+        return {key: np.concatenate([part[key] for part in parts]) for key in first}
+    return first if isinstance(first, tuple) else np.concatenate(parts)
+
+
+@dataclass(frozen=True, eq=False)
+class StateBlock(Block):
     """Consecutive state messages of an arm; every array is (n, n_channels) unless said.
 
     Attributes
@@ -64,16 +88,6 @@ class StateBlock:
         }
         return {**by_name, **self.extra}
 
-    @staticmethod
-    def joined(blocks: Sequence[StateBlock]) -> StateBlock:
-        """Put blocks of the same channels, one or more, one after the other."""
-        first = blocks[0]
-        return StateBlock(
-            name=first.name,
-            extra={name: np.concatenate([b.extra[name] for b in blocks]) for name in first.extra},
-            **{n: np.concatenate([getattr(b, n) for b in blocks]) for n in ("t", *QUANTITIES)},
-        )
-
     def rows(self, selection: slice | NDArray[np.bool_]) -> StateBlock:
         """Copy of some rows, which keeps no other row alive."""
         return StateBlock(
@@ -84,7 +98,7 @@ class StateBlock:
 
 
 @dataclass(frozen=True, eq=False)
-class TruthBlock:
+class TruthBlock(Block):
     """Consecutive readings of temporary joint encoders, with stamps of their own.
 
     Attributes
@@ -105,15 +119,6 @@ class TruthBlock:
     t: Array
     name: tuple[str, ...]
     position: Array
-
-    @staticmethod
-    def joined(blocks: Sequence[TruthBlock]) -> TruthBlock:
-        """Put blocks of the same joints, one or more, one after the other."""
-        return TruthBlock(
-            np.concatenate([block.t for block in blocks]),
-            blocks[0].name,
-            np.concatenate([block.position for block in blocks]),
-        )
 
 
 def in_grains(rows: Array, size: int = round(GRAIN / SETPOINT_DT)) -> Iterator[Array]:
@@ -142,6 +147,25 @@ def checked_rows(robot: Robot, value: ArrayLike, command: str) -> Array:
             f"{at_sample(row, rows)}; send finite values in rad and m"
         )
     return rows
+
+
+def check_range(
+    robot: Robot, rows: Array, command: str, reach: tuple[Array, Array] | None = None
+) -> None:
+    """Raise CommandRefused if a position in `rows` (n, n_joints) is outside its joint's range.
+
+    `reach` are the lower and upper ends of the ranges (n_joints,), by default the robot's limits.
+    """
+    lower, upper = (robot.lower, robot.upper) if reach is None else reach
+    outside = (rows < lower - ROUNDING) | (rows > upper + ROUNDING)
+    if outside.any():
+        row, column = np.argwhere(outside)[0]
+        joint = robot.joints[column]
+        raise CommandRefused(
+            f"{command} refused: {joint.name} at {shown(rows[row, column], joint.unit)}"
+            f"{at_sample(row, rows)} is outside its range "
+            f"{shown_range(lower[column], upper[column], joint.unit)}; stay inside, in rad and m"
+        )
 
 
 def at_sample(row: int, rows: Array) -> str:

@@ -52,30 +52,15 @@ class Node:
 
 @dataclass(frozen=True)
 class Cable:
-    """One cable, from its end at a motor's capstan, or a spring, to the link that it pulls.
-
-    Attributes
-    ----------
-    name : str
-    moments : mapping of str to float
-        By how much each joint's angle lets the cable's end go [m/rad].
-    motor : str
-        Whose capstan winds it up; empty if it ends at a spring.
-    sign : int
-        1 or -1: which way the motor turns to wind it up.
-    spring : float
-        Stiffness [N/m] of the spring at its end; 0 if it ends at a motor.
-    segments : tuple of float
-        Shares of the cable's compliance before, between and behind its nodes; their sum is 1.
-    nodes : tuple of Node
-        From the motor on, one fewer than the segments.
-    """
+    """One cable, from its end at a motor's capstan, or a spring, to the link that it pulls."""
 
     name: str
-    moments: _ByJoint
-    motor: str = ""
-    sign: Literal[1, -1] = 1
-    spring: NotNegative = 0.0
+    moments: _ByJoint  # by how much each joint's angle lets the cable's end go [m/rad]
+    motor: str = ""  # whose capstan winds it up; empty if it ends at a spring
+    sign: Literal[1, -1] = 1  # which way the motor turns to wind it up
+    spring: NotNegative = 0.0  # stiffness [N/m] of the spring at its end; 0 if it ends at a motor
+    # Shares of the cable's compliance before, between and behind its nodes, from the motor on;
+    # their sum is 1, and there is one more than nodes.
     segments: tuple[Positive, ...] = (1.0,)
     nodes: tuple[Node, ...] = ()
 
@@ -93,23 +78,8 @@ class Contact:
 class CableMechanism:
     """Joints, motors and the cables between them; everything in SI.
 
-    Attributes
-    ----------
-    pins : mapping of str to Pin
-        By joint, in the order of every joint vector.
-    motors : mapping of str to Motor
-        In the order of every motor vector.
-    cables : tuple of Cable
-    contact : Contact, optional
-        Contact of two jaws; None without jaws.
-    arms : mapping of str to mapping
-        By the name of a force at the tip, the moment arm [m] about each joint that it turns.
-
-    Raises
-    ------
-    RobotError
-        If a cable ends nowhere, a name is not one of the joints or motors, or the coupling cannot
-        be inverted.
+    Raises RobotError if a cable ends nowhere, a name is not one of the joints or motors, or the
+    coupling cannot be inverted.
 
     Examples
     --------
@@ -118,10 +88,11 @@ class CableMechanism:
     (('pitch', 'jaw1', 'jaw2'), 6)
     """
 
-    pins: Annotated[Mapping[str, Pin], Ordered()]
-    motors: Annotated[Mapping[str, Motor], Ordered()]
+    pins: Annotated[Mapping[str, Pin], Ordered()]  # by joint, in the order of every joint vector
+    motors: Annotated[Mapping[str, Motor], Ordered()]  # in the order of every motor vector
     cables: Annotated[tuple[Cable, ...], Length(1, MAX_CABLES)]
-    contact: Contact | None = None
+    contact: Contact | None = None  # of two jaws; None without jaws
+    # By the name of a force at the tip, the moment arm [m] about each joint that it turns.
     arms: Annotated[Mapping[str, _ByJoint], Ordered()] = field(default_factory=dict)
 
     def __repr__(self) -> str:

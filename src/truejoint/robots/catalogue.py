@@ -119,10 +119,7 @@ def robot_of(values: Mapping[str, Any], source: str) -> Robot:
     A robot of `robot_names` is the one that `get_robot` gives, whose kinematics may be code, with
     the cables that the file states.
 
-    Raises
-    ------
-    RobotError
-        If the description breaks a rule.
+    Raises RobotError if the description breaks a rule.
 
     Examples
     --------

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from truejoint.array_types import Array, Mask
 from truejoint.compiled import compiled, local_matrix
 from truejoint.errors import RobotError
+from truejoint.mechanics import solve
 from truejoint.robots.parts import Axis
 
 if TYPE_CHECKING:
@@ -71,11 +72,10 @@ class SerialChain:
         target, (rows, _) = rigid(pose), self._rows(seed)
         if not np.isfinite(rows).all():
             raise RobotError(f"seed {rows[0].tolist()} must be finite joint positions")
-
-        tool, joints = np.ascontiguousarray(self.tool_rotation, dtype=float), rows.copy()
+        last, joints = target.copy(), rows.copy()  # the last axis' pose, without the tool
+        last[:3, :3] = target[:3, :3] @ self.tool_rotation.T
         frames, by_axis = np.empty((1, 1, 4, 4)), np.empty((1, 6, len(self.axes)))
-        slope = np.empty((6, rows.shape[1]))
-        _search(*self._arrays, tool, target, joints, frames, by_axis, slope)
+        _search(*self._arrays, last, joints, frames, by_axis, np.empty((6, rows.shape[1])))
         joint: Array = joints[0]
         if np.abs(self.forward(joint) - target).max() < 10.0 * _THERE:
             return joint
@@ -131,12 +131,10 @@ def reach(
     shortest way where they are more than three; the others stay. Says as well which points (m,)
     are reached, within any range of the joints. Raises RobotError if the kinematics are not known.
     """
-    if robot.kinematics is None:
-        raise RobotError(
-            f"the kinematics of {robot.title} are not known; give its robot file a table "
-            "[kinematics]"
-        )
-    chain, columns = robot.kinematics, robot.index(joints or robot.positioning)
+    chain, columns = (
+        robot.known_kinematics("points of the tool"),
+        robot.index(joints or robot.positioning),
+    )
     goal = np.asarray(points, dtype=np.float64)
     joint = np.tile(np.asarray(seed, dtype=np.float64), (len(goal), 1))
     for _ in range(_STEPS):
@@ -171,7 +169,7 @@ def rigid(pose: ArrayLike) -> Array:
 
 
 @compiled
-def advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
+def _advance(frame: Array, row: Array, value: float, prismatic: bool) -> None:
     """Move `frame` (3, 4) in place from one axis to the next: Rx(alpha) Tx(a) Rz(theta) Tz(d).
 
     Turning the columns of the frame takes a third of the products of a matrix multiplication.
@@ -203,7 +201,7 @@ def _axis_value(mapping: Array, axis: int, joint: Array) -> float:
 
 
 @compiled
-def to_base(frame: Array) -> None:
+def _to_base(frame: Array) -> None:
     """Make `frame` (3, 4) that of the base."""
     for i in range(3):
         for j in range(4):
@@ -217,9 +215,9 @@ def _link_frames(
     """Fill `frames` (n, m, 4, 4) with those of the last m axes."""
     first, frame = table.shape[0] - frames.shape[1], local_matrix(3, 4)
     for n in range(joints.shape[0]):
-        to_base(frame)
+        _to_base(frame)
         for k in range(table.shape[0]):
-            advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
+            _advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
             if k >= first:
                 for j in range(4):
                     for i in range(3):
@@ -233,9 +231,9 @@ def _jacobian(
 ) -> None:
     n_axes, frame = table.shape[0], local_matrix(3, 4)
     for n in range(joints.shape[0]):
-        to_base(frame)
+        _to_base(frame)
         for k in range(n_axes):
-            advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
+            _advance(frame, table[k], _axis_value(mapping, k, joints[n]), prismatic[k])
             for i in range(3):  # each axis' place and direction, until the tool's place is known
                 out[n, i, k], out[n, 3 + i, k] = frame[i, 3], frame[i, 2]
         for k in range(n_axes):
@@ -252,20 +250,15 @@ def _jacobian(
 
 
 @compiled
-def _miss(frame: Array, tool: Array, goal: Array, error: Array) -> float:
-    """Fill `error` (1, 6) with way [m] and turn [rad] from a last frame (4, 4); the largest."""
-    now, turn = local_matrix(3, 3), local_matrix(3, 3)
+def _miss(frame: Array, goal: Array, error: Array) -> float:
+    """Fill `error` (1, 6) with the way [m] and turn [rad] from a frame to `goal`; the largest."""
+    turn = local_matrix(3, 3)
     for i in range(3):
         error[0, i] = goal[i, 3] - frame[i, 3]
         for j in range(3):
-            now[i, j] = 0.0
-            for k in range(3):
-                now[i, j] += frame[i, k] * tool[k, j]
-    for i in range(3):
-        for j in range(3):
             turn[i, j] = 0.0
             for k in range(3):
-                turn[i, j] += goal[i, k] * now[j, k]
+                turn[i, j] += goal[i, k] * frame[j, k]
     error[0, 3] = 0.5 * (turn[2, 1] - turn[1, 2])
     error[0, 4] = 0.5 * (turn[0, 2] - turn[2, 0])
     error[0, 5] = 0.5 * (turn[1, 0] - turn[0, 1])
@@ -277,29 +270,6 @@ def _miss(frame: Array, tool: Array, goal: Array, error: Array) -> float:
             error[0, i] *= angle / sine
         largest = max(largest, abs(error[0, i]))
     return float(largest)
-
-
-@compiled
-def _solve(matrix: Array, right: Array) -> None:
-    """Replace `right` (1, n) by the solution of `matrix` (n, n), which is overwritten."""
-    n = right.shape[1]
-    for i in range(n):
-        pivot = i
-        for j in range(i + 1, n):
-            if abs(matrix[j, i]) > abs(matrix[pivot, i]):
-                pivot = j
-        for k in range(n):
-            matrix[i, k], matrix[pivot, k] = matrix[pivot, k], matrix[i, k]
-        right[0, i], right[0, pivot] = right[0, pivot], right[0, i]
-        for j in range(i + 1, n):
-            share = matrix[j, i] / matrix[i, i]
-            for k in range(i, n):
-                matrix[j, k] -= share * matrix[i, k]
-            right[0, j] -= share * right[0, i]
-    for i in range(n - 1, -1, -1):
-        for k in range(i + 1, n):
-            right[0, i] -= matrix[i, k] * right[0, k]
-        right[0, i] /= matrix[i, i]
 
 
 @compiled
@@ -317,7 +287,7 @@ def _newton_step(by_axis: Array, mapping: Array, slope: Array, error: Array) -> 
             gram[i, j] = _DAMPING * trace if i == j else 0.0
             for k in range(n_joints):
                 gram[i, j] += slope[i, k] * slope[j, k]
-    _solve(gram, error)
+    solve(gram, error[0])
     largest = 1e-12
     for j in range(n_joints):
         step = 0.0
@@ -333,21 +303,20 @@ def _search(
     table: Array,
     prismatic: NDArray[np.bool_],
     mapping: Array,
-    tool: Array,
     goal: Array,
     joint: Array,
     frames: Array,
     by_axis: Array,
     slope: Array,
 ) -> None:
-    """Take Newton's steps from `joint` (1, n_joints) towards a pose (4, 4), in place.
+    """Take Newton's steps from `joint` (1, n_joints) to the last axis' pose `goal` (4, 4).
 
     `frames` (1, 1, 4, 4), `by_axis` (1, 6, n_axes) and `slope` (6, n_joints) are scratch.
     """
     error = local_matrix(1, 6)
     for _ in range(_STEPS):
         _link_frames(table, prismatic, mapping, joint, frames)
-        if _miss(frames[0, 0], tool, goal, error) < _THERE:
+        if _miss(frames[0, 0], goal, error) < _THERE:
             break
         _jacobian(table, prismatic, mapping, joint, by_axis)
         largest = _newton_step(by_axis[0], mapping, slope, error)

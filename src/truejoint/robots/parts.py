@@ -27,10 +27,8 @@ Number = Annotated[float, Bounds(-1e9, 1e9)]
 class Joint:
     """One joint; positions are in rad (revolute) or m (prismatic).
 
-    Raises
-    ------
-    RobotError
-        If its limits are upside down, its home lies outside of them or its speed is not positive.
+    Raises RobotError if its limits are upside down, its home lies outside of them or its speed is
+    not positive.
 
     Examples
     --------
@@ -238,20 +236,8 @@ class Workspace:
 class JointEncoder:
     """Encoder that counts from where it was switched on, registered at the joint's hard stop.
 
-    Attributes
-    ----------
-    joint : str
-    resolution : float
-        Joint motion per count [rad or m].
-    hard_stop : float
-        Position that is assigned to the hard stop [rad or m]; it may be another than the robot's
-        own homing assigns, which makes a constant offset between the two.
-    end : {"lower", "upper"}
-        End of the joint's range at which the stop is.
-    direction : int
-        +1 where counts rise with the joint's position, -1 where they fall.
-    tolerance : int
-        Counts from the extreme that still belong to the stop.
+    The position that is assigned to the stop may be another than the robot's own homing assigns,
+    which makes a constant offset between the two.
 
     Examples
     --------
@@ -260,11 +246,11 @@ class JointEncoder:
     """
 
     joint: str
-    resolution: Positive
-    hard_stop: float
-    end: End = "upper"
-    direction: Literal[1, -1] = 1
-    tolerance: Annotated[int, Bounds(0)] = 20
+    resolution: Positive  # joint motion per count [rad or m]
+    hard_stop: float  # position that is assigned to the stop [rad or m]
+    end: End = "upper"  # of the joint's range, at which the stop is
+    direction: Literal[1, -1] = 1  # 1 where counts rise with the joint's position
+    tolerance: Annotated[int, Bounds(0)] = 20  # counts from the extreme that belong to the stop
 
 
 @dataclass(frozen=True)

@@ -14,25 +14,16 @@ import numpy as np
 from truejoint import schema
 from truejoint.array_types import Array
 from truejoint.errors import RobotError, other_kind, unknown
+from truejoint.robots import parts
 from truejoint.robots.cable_mechanism import CableMechanism, Forceps
-from truejoint.robots.parts import (
-    UNITS,
-    Axis,
-    Effort,
-    Joint,
-    JointEncoder,
-    Kind,
-    Kinematics,
-    Number,
-    Transmission,
-    Workspace,
-)
+from truejoint.robots.parts import Joint, JointEncoder, Kinematics, Number, Transmission, Workspace
 from truejoint.schema import Bounds, Length, Name, Shape
 from truejoint.summary import Summarised
 from truejoint.toml_file import read_toml
 
 MAX_JOINTS: Final = 64
 _MATRICES: Final = ("axis_from_joint", "crtk_from_base", "tool_rotation")
+_PLAIN: Final = ("name", "arm", "joints", "effort", "channels", "positioning", "grasper")
 _Names = Annotated[tuple[Name, ...], Length(0, MAX_JOINTS)]
 _Matrix = Annotated[Array, Shape((None, None)), Bounds(-1e9, 1e9)]
 
@@ -42,7 +33,7 @@ class _JointTable:
     """A joint, whose limits are in the unit that it states."""
 
     name: Name
-    kind: Kind = "revolute"
+    kind: parts.Kind = "revolute"
     unit: str = ""
     lower: Number = -math.inf
     upper: Number = math.inf
@@ -50,8 +41,8 @@ class _JointTable:
     max_speed: Number = math.inf
 
     def __post_init__(self) -> None:
-        if self.unit and self.unit not in UNITS[self.kind]:
-            units = " or ".join(UNITS[self.kind])
+        if self.unit and self.unit not in parts.UNITS[self.kind]:
+            units = " or ".join(parts.UNITS[self.kind])
             raise RobotError(
                 f"unit {self.unit!r:.40} does not fit a {self.kind} joint; want {units}"
             )
@@ -59,7 +50,7 @@ class _JointTable:
     @property
     def factor(self) -> float:
         """Factor from the unit of the table to SI."""
-        return UNITS[self.kind][self.unit] if self.unit else 1.0
+        return parts.UNITS[self.kind][self.unit] if self.unit else 1.0
 
     def joint(self) -> Joint:
         """Joint in SI units."""
@@ -86,11 +77,11 @@ class _KinematicsTable:
     Lengths are in m.
     """
 
-    axes: Annotated[tuple[Axis, ...], Length(1, MAX_JOINTS)] = ()
+    axes: Annotated[tuple[parts.Axis, ...], Length(1, MAX_JOINTS)] = ()
     unit: Literal["rad", "deg"] = "rad"
     axis_from_joint: _Matrix | None = None
-    crtk_from_base: _Matrix | None = None
-    tool_rotation: _Matrix | None = None
+    crtk_from_base: Annotated[Array, Shape((4, 4)), Bounds(-1e9, 1e9)] | None = None
+    tool_rotation: Annotated[Array, Shape((3, 3)), Bounds(-1e9, 1e9)] | None = None
     urdf: str = ""
     base: str = ""
     tip: str = ""
@@ -116,23 +107,19 @@ class _KinematicsTable:
             return read_urdf(folder / self.urdf, by_name, self.base, self.tip)
         from truejoint.robots.chain import SerialChain  # noqa: PLC0415  # brings the compiler
 
-        matrices = [np.eye(len(self.axes), len(joints)), np.eye(4), np.eye(3)]
-        for k, key in enumerate(_MATRICES):
-            matrix = getattr(self, key)
-            if matrix is not None and matrix.shape != matrices[k].shape:
-                raise RobotError(
-                    f"kinematics: {key} is of shape {matrix.shape}, expected {matrices[k].shape}"
-                )
-            matrices[k] = matrices[k] if matrix is None else matrix
-        moving = [axis.kind for axis in self.axes]
+        moving, shape = [axis.kind for axis in self.axes], (len(self.axes), len(joints))
         if self.axis_from_joint is None and moving != kinds[: len(moving)]:
             raise RobotError(
                 f"kinematics: axes {', '.join(moving)} do not fit the joints "
                 f"{', '.join(kinds)}; say what moves each by axis_from_joint"
             )
-        turn = UNITS["revolute"][self.unit]
+        stated = {key: getattr(self, key) for key in _MATRICES if getattr(self, key) is not None}
+        matrices = {"axis_from_joint": np.eye(*shape), **stated}
+        if matrices["axis_from_joint"].shape != shape:
+            raise RobotError(f"kinematics: axis_from_joint must be {shape[0]} x {shape[1]} numbers")
+        turn = parts.UNITS["revolute"][self.unit]
         axes = (replace(x, alpha=x.alpha * turn, theta=x.theta * turn) for x in self.axes)
-        return SerialChain(tuple(axes), *matrices)
+        return SerialChain(tuple(axes), **matrices)
 
 
 class _RobotTable(NamedTuple):
@@ -143,7 +130,7 @@ class _RobotTable(NamedTuple):
     arm: Literal[""] | Name = ""
     channels: _Names = ()
     positioning: _Names = ()
-    effort: Effort = "joint"
+    effort: parts.Effort = "joint"
     transmission: _Matrix | None = None
     gear: Annotated[tuple[Number, ...], Length(0, MAX_JOINTS)] = ()
     kinematics: _KinematicsTable | None = None
@@ -157,9 +144,8 @@ class _RobotTable(NamedTuple):
         joints = tuple(row.joint() for row in self.joints)
         factors = {row.name: row.factor for row in self.joints}
         matrix = self.transmission
-        plain = ("name", "arm", "channels", "positioning", "effort", "grasper")
         return {
-            **{key: getattr(self, key) for key in plain},
+            **{key: getattr(self, key) for key in _PLAIN},
             "joints": joints,
             "transmission": None if matrix is None else Transmission(matrix, self.gear),
             "kinematics": self.kinematics and self.kinematics.chain(joints, folder),
@@ -246,7 +232,7 @@ class Robot(Summarised):
     positioning: tuple[str, ...] = ()
     transmission: Transmission | None = None
     kinematics: Kinematics | None = None
-    effort: Effort = "joint"
+    effort: parts.Effort = "joint"
     workspace: Workspace | None = None
     mechanism: CableMechanism | None = None
     grasper: tuple[str, ...] = ()
@@ -328,16 +314,14 @@ class Robot(Summarised):
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON, SI; of kinematics that are code only the chain of axes."""
-        plain = ("name", "arm", "joints", "effort", "channels", "positioning", "grasper")
-        values = {key: schema.plain(getattr(self, key)) for key in plain}
+        values = {key: schema.plain(getattr(self, key)) for key in _PLAIN}
         if self.transmission is not None:
             values["transmission"] = self.transmission.matrix.tolist()
             if self.transmission.gear:
                 values["gear"] = list(self.transmission.gear)
-        if self.encoders:
-            values["encoders"] = schema.plain(self.encoders)
-        if self.mechanism is not None:
-            values["mechanism"] = schema.plain(self.mechanism)
+        for key in ("encoders", "mechanism"):
+            if getattr(self, key):
+                values[key] = schema.plain(getattr(self, key))
         space = self.workspace
         if space is not None:
             rows = {key: getattr(space, key) for key in _BoxTable._fields}
@@ -400,6 +384,15 @@ class Robot(Summarised):
     def home(self) -> Array:
         """Joint positions (n_joints,) [rad or m] after homing."""
         return np.array([joint.home for joint in self.joints])
+
+    def known_kinematics(self, what: str) -> Kinematics:
+        """Kinematics; raises RobotError, saying `what` needs them, where they are not known."""
+        if self.kinematics is None:
+            raise RobotError(
+                f"{what}: the kinematics of {self.title} are not known; give its robot file a "
+                "table [kinematics]"
+            )
+        return self.kinematics
 
     def joint(self, name: str) -> Joint:
         """Return the joint called `name`; raises RobotError when there is none."""

@@ -19,6 +19,7 @@ class ContactLaw(NamedTuple):
     presliding: float  # way in which friction builds up [m or rad]
     stribeck_ratio: float  # of friction at rest over that of sliding
     stribeck_velocity: float  # speed within which the one becomes the other [m/s or rad/s]
+    damping: float  # of what sticks [N s/m or Nm s/rad]
 
 
 @inlined
@@ -48,20 +49,13 @@ def stribeck_peak(speed: float, f: ContactLaw) -> float:
 
 @inlined
 def maxwell_slip(
-    position: float,
-    speed: float,
-    level: float,
-    f: ContactLaw,
-    damping: float,
-    stuck: Array,
-    first: int,
-    keep: bool,
+    position: float, speed: float, level: float, f: ContactLaw, stuck: Array, first: int, keep: bool
 ) -> float:
     """Friction [N or Nm] of `N_ELEMENTS` springs in parallel, each with a slip of its own.
 
     They share the Coulomb `level` evenly and slip at distances like 1 : 2 : 3 : 4, such that
     together they begin as stiff as a bristle of LuGre. ``stuck[first:]`` is where each would be
-    without force, which `keep` moves; `damping` is that of a bristle, by what still sticks.
+    without force, which `keep` moves.
     """
     peak = stribeck_peak(speed, f)
     pull, sticking = 0.0, 0.0
@@ -76,4 +70,4 @@ def maxwell_slip(
         if keep:
             stuck[first + i] = position - strain * distance
         pull += strain
-    return level / N_ELEMENTS * pull + (damping * sticking + f.viscous) * speed
+    return level / N_ELEMENTS * pull + (f.damping * sticking + f.viscous) * speed

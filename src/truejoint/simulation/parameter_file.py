@@ -6,6 +6,7 @@ import math
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 from importlib import resources
 from pathlib import Path
 from typing import Any, ClassVar, Final, NamedTuple, Self
@@ -49,6 +50,7 @@ def shipped_sections(name: str) -> Sections:
     return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
 
 
+@cache
 def shipped_spreads(name: str) -> dict[str, Spread]:
     """Ranges of the TOML file `name` that comes with the package, in the order of the draws."""
     return {key: Spread(**values) for key, values in shipped_sections(name).items()}
@@ -60,11 +62,8 @@ class Parameters:
 
     The comments of the shipped files give the meaning, unit and source of every number.
 
-    Raises
-    ------
-    TruejointError
-        From `read` and `with_values`: if the file cannot be read, a section or key is
-        unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
+    Raises TruejointError, from `read` and `with_values`, if the file cannot be read, a section or
+    key is unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
     """
 
     SPECIMENS: ClassVar[Mapping[str, str]]

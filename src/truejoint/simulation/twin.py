@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock
+from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock, check_range, checked_rows
 from truejoint.simulation.parameter_file import Parameters
 
 
@@ -38,16 +38,6 @@ class TwinOutput(StateBlock):
     truth: TruthBlock
     joint: Array
 
-    @staticmethod
-    def whole(parts: Sequence[TwinOutput]) -> TwinOutput:
-        """Put consecutive stretches of time, one or more, one after the other."""
-        states = StateBlock.joined(parts)
-        return TwinOutput(
-            **vars(states),
-            truth=TruthBlock.joined([part.truth for part in parts]),
-            joint=np.concatenate([part.joint for part in parts]),
-        )
-
     def every(self, ticks: int) -> TwinOutput:
         """Keep of `ticks` rows the last one, and all that the joint encoders read."""
         states = self.rows(slice(ticks - 1, None, ticks))
@@ -66,7 +56,7 @@ class Twin:
 
     A class of twins is made as ``kind(parameters, arm=..., seed=..., load=...)``, with
     ``parameters`` of its `PARAMETERS`; `truejoint.simulation.catalogue` lists them. It has
-    `homing` and `run`, calls this constructor first, and counts its set-points in `_ticks`.
+    `homing` and `_follow`, calls this constructor first, and counts its set-points in `_ticks`.
 
     Raises TruejointError unless `seed` is a whole number of 63 bits.
 
@@ -91,6 +81,7 @@ class Twin:
         self.load = load
         self._ticks: int = 0
         self._streams: Sequence[np.random.Generator] = ()  # of the sensors
+        self._reach: tuple[Array, Array] | None = None  # lowest and highest set-points (n_joints,)
 
     @property
     def load(self) -> float:
@@ -121,10 +112,24 @@ class Twin:
 
     def home(self) -> TwinOutput:
         """Give all of `homing` in one piece."""
-        return TwinOutput.whole(list(self.homing()))
+        return TwinOutput.joined(list(self.homing()))
 
     def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each."""
+        """Follow set-points (n, n_joints) [rad or m], one every `SETPOINT_DT`; a row for each.
+
+        Raises CommandRefused if the shape is wrong, or a value is not finite or beyond what the
+        twin reaches, and TruejointError if the plant leaves the finite numbers.
+        """
+        return self._follow(self._checked(setpoint, "run"))
+
+    def _checked(self, setpoint: ArrayLike, command: str) -> Array:
+        rows = checked_rows(self.robot, setpoint, command)
+        if self._reach is not None:
+            check_range(self.robot, rows, command, self._reach)
+        return rows
+
+    def _follow(self, rows: Array) -> TwinOutput:
+        """Follow checked set-points (n, n_joints) [rad or m]; gives a row for each."""
         raise NotImplementedError
 
     def idle(self, duration: float) -> None:
@@ -175,6 +180,11 @@ def glide(start: Array, end: Array, duration: float) -> Array:
     steps = round(duration / SETPOINT_DT)
     blend = 0.5 * (1.0 - np.cos(np.pi * np.arange(1, steps + 1) / steps))
     return np.asarray(start + blend[:, None] * (end - start))
+
+
+def glide_at(speed: float, start: Array, end: Array) -> Array:
+    """Set-points of `glide` in which no joint is faster than `speed` [rad/s or m/s]."""
+    return glide(start, end, 0.1 + math.pi / 2 * float(abs(end - start).max()) / speed)
 
 
 def hold(position: Array, duration: float) -> Array:

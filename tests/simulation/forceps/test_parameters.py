@@ -1,13 +1,9 @@
-import numpy as np
 import pytest
-from scipy import linalg
 
 from truejoint.errors import TruejointError
 from truejoint.robots.cable_mechanism import Forceps
 from truejoint.simulation.forceps.parameters import (
     ForcepsParameters,
-    eigenfrequencies,
-    friction_at_pretension,
 )
 
 NOMINAL = ForcepsParameters.read()
@@ -28,22 +24,3 @@ def test_modes_faster_than_the_integrator_are_refused():
     stiff = {"jaw.inertia": 1e-7, "jaw_friction.constant": 0.05, "jaw_friction.presliding": 1e-4}
     with pytest.raises(TruejointError, match=r"mode has \d+ Hz, .* presliding distance"):
         NOMINAL.with_values(stiff)
-
-
-def test_eigenfrequencies_are_those_of_the_model_matrices():
-    m = np.diag([1e-6, 0.05])
-    r, k, spring = 4e-3, 14e3, 656.6
-    stiffness = np.array([[2 * k * r * r, -k * r], [-k * r, k + spring]])
-    sliding = np.sqrt(linalg.eigh(stiffness, m, eigvals_only=True)) / (2 * np.pi)
-    np.testing.assert_allclose(eigenfrequencies(NOMINAL, stuck=False), sliding, rtol=1e-12)
-    np.testing.assert_allclose(sliding, [52.4, 126.6], atol=0.05)
-    held = stiffness + np.diag([1.56e-3 / 8.727e-4, 0.2 / 10e-6])
-    stuck = np.sqrt(linalg.eigh(held, m, eigvals_only=True)) / (2 * np.pi)
-    np.testing.assert_allclose(eigenfrequencies(NOMINAL, stuck=True), stuck, rtol=1e-12)
-    np.testing.assert_allclose(stuck, [128.7, 240.1], atol=0.05)
-
-
-def test_friction_at_pretension_adds_the_share_of_the_tensions():
-    jaw, slider = friction_at_pretension(NOMINAL)
-    assert jaw == pytest.approx(0.6e-3 + 0.015 * 2 * 8.0 * 4e-3)
-    assert slider == pytest.approx(0.1 + 0.0125 * 8.0)

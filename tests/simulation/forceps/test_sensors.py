@@ -7,12 +7,7 @@ from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import (
-    Sensors,
-    ZeroShift,
-    quantised,
-    reference_error,
-)
+from truejoint.simulation.forceps.twin import Sensors, ZeroShift, quantised, reference_error
 
 NOMINAL = specimen()
 N = 20_000

@@ -90,7 +90,7 @@ def test_what_a_mechanism_lacks_is_not_ignored(tmp_path):
 
 def test_what_cannot_be_is_refused():
     twin = WristTwin()
-    with pytest.raises(CommandRefused, match=r"pitch reaches 114\.6 deg; its limits are -70\.0"):
+    with pytest.raises(CommandRefused, match=r"pitch at 114\.6 deg is outside its range \[-81"):
         twin.run(np.array([[2.0, 0.0, 0.0]]))
     twin.held = lambda t: np.zeros(3)
     with pytest.raises(TruejointError, match=r"held gave shape \(3,\); want \(11,\)"):

@@ -170,7 +170,6 @@ class PacedBackend(SimulatedBackend):
             self._starts[self._passes % _KEPT] = time.perf_counter()
             self._passes += 1
             try:
-                self._let_others_in()
                 with self._advancing_twin():
                     if self._state.is_busy:
                         continue  # homing lets the time pass itself

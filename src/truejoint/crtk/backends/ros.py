@@ -6,22 +6,17 @@ import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import ExitStack
 from typing import Any, Final
 
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import (
-    JOINT_STATE,
-    OPERATING_STATE,
-    STRING_STAMPED,
-    Profile,
-    profile_of,
-)
+from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED, profile_of
 from truejoint.crtk.protocol import SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
-from truejoint.crtk.states import OperatingState, StateCommand
+from truejoint.crtk.states import LEADS_TO, OperatingState, StateCommand
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import GRAIN, QUANTITIES, SETPOINT_DT, StateBlock, TruthBlock
@@ -33,9 +28,6 @@ _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home s
 _ARRIVAL: Final = 0.2  # [s] that the robot may take to report the last set-point
 _ARRIVED: Final = 1e-6  # [rad or m]
 _log = logging.getLogger(__name__)
-_LEADS_TO: Final = {
-    "enable": "ENABLED", "resume": "ENABLED", "pause": "PAUSED", "disable": "DISABLED",
-}  # fmt: skip
 
 
 class RosBackend:
@@ -93,7 +85,7 @@ class RosBackend:
         self.robot: Final = robot
         self.rate: Final = float(rate)
         self._transport = transport
-        self._profile: Profile = profile_of(robot, profile)
+        self._profile = profile_of(robot, profile)
         self._truth = truth
         self._stream = StateStream(
             transport, robot, self._profile, self._on_state, namespace=namespace
@@ -103,11 +95,11 @@ class RosBackend:
         self._state: OperatingState | None = None
         self._heard = -np.inf  # when, by this computer's clock
         self._ahead = 0.0  # of the robot's clock [s]
-        self._homings: list[float] = []
+        self._homing = ""
         self._setpoint: Array | None = None
         self._velocity: tuple[float, Array] | None = None
         self._delivering = threading.Lock()
-        self._closing: list[Callable[[], None]] = []
+        self._topics = ExitStack()
         self._servo: Publisher
         self._command: Publisher
         self._due = 0.0
@@ -129,7 +121,7 @@ class RosBackend:
     @property
     def homing_id(self) -> str:
         """Stamp of the homing that was seen; empty where the robot was homed before."""
-        return f"homed at {self._homings[-1]:.3f}" if self._homings else ""
+        return self._homing
 
     def connect(self, listener: Listener) -> None:
         """Deliver all blocks from now on to `listener`, once the robot reports its state.
@@ -142,8 +134,7 @@ class RosBackend:
             )
         # Forget what an earlier listener saw: the robot may have been homed meanwhile.
         self._state = self._setpoint = self._velocity = self._sent = self._failure = None
-        self._homings.clear()
-        self._has_commanded = False
+        self._homing, self._has_commanded = "", False
         self._closed.clear()
         self._listener = listener
         try:
@@ -156,14 +147,13 @@ class RosBackend:
         """Take up the topics; returns once the robot reports its state, and its joints if homed."""
         name, transport = self._stream.name, self._transport
         self._servo = transport.publisher(name("servo_jp"), JOINT_STATE)
-        self._closing.append(self._servo.close)
+        self._topics.callback(self._servo.close)
         self._command = transport.publisher(name("state_command"), STRING_STAMPED)
-        self._closing.append(self._command.close)
-        self._closing.append(
-            transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
-        )
+        self._topics.callback(self._command.close)
+        close = transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
+        self._topics.callback(close)
         if self._truth:
-            self._closing.append(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
+            self._topics.callback(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
         with self._changed:
             if not self._changed.wait_for(lambda: self._state is not None, CONNECT_TIMEOUT):
                 raise RosError(self._nobody(name("operating_state")))
@@ -176,8 +166,7 @@ class RosBackend:
         self._listener = None
         self._closed.set()
         self._stream.close()
-        while self._closing:
-            self._closing.pop()()
+        self._topics.close()
         self._state = None
 
     def operating_state(self) -> OperatingState:
@@ -208,8 +197,8 @@ class RosBackend:
             now = self.operating_state()
             if now.state == "FAULT" and before.state != "FAULT":
                 raise CommandRefused(f"{command!r} stopped: the robot reports FAULT; see its log")
-            if command in _LEADS_TO:
-                return now.state == _LEADS_TO[command]
+            if command in LEADS_TO:
+                return now.state == LEADS_TO[command][1]
             if command == "unhome":
                 return not now.is_homed
             homing["begun"] = homing["begun"] or now.is_busy or not now.is_homed
@@ -317,7 +306,7 @@ class RosBackend:
             )
             self._tell_time(t)
             if was is not None and self._state.is_homed and not was.is_homed:
-                self._homings.append(t)
+                self._homing = f"homed at {t:.3f}"
             if not self._state.is_homed:
                 self._setpoint = None
             self._changed.notify_all()
@@ -326,8 +315,7 @@ class RosBackend:
         self._heard = time.monotonic()
         self._ahead = t - self._heard
 
-    def _on_state(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
-        del message
+    def _on_state(self, _: Any, t: float, columns: Mapping[str, Array]) -> None:
         state, listener = self._state, self._listener
         if state is None or listener is None or not state.is_homed:
             return  # before the registration positions mean nothing

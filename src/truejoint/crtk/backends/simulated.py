@@ -121,7 +121,6 @@ class SimulatedBackend:
         For others the clock leaps. A leap that is stopped in the middle is taken back: the arm
         stands when who stopped it read the clock.
         """
-        self._let_others_in()
         with self._advancing_twin():
             if not go_on():
                 return 0
@@ -163,7 +162,6 @@ class SimulatedBackend:
         start, last, pieces = self.twin.time, None, self.twin.homing()
         try:
             while True:
-                self._let_others_in()
                 with self._advancing_twin():
                     state = self._state.state
                     if state != "ENABLED":
@@ -189,17 +187,14 @@ class SimulatedBackend:
 
     @contextmanager
     def _advancing_twin(self) -> Iterator[None]:
-        """Let time of the twin pass, and no other thread meanwhile."""
+        """Let time of the twin pass, after those who wait for it; no other thread meanwhile."""
+        with self._entry_lock:  # a lock that is free again would not let them in
+            pass
         with self._twin_lock:
             try:
                 yield
             finally:
                 self._now = self.twin.time
-
-    def _let_others_in(self) -> None:
-        """Let those in who wait for the twin; a lock that is free again would not."""
-        with self._entry_lock:
-            pass
 
     def _passed(self, piece: TwinOutput) -> None:
         """Note that a piece of the homing is over; it takes no longer than to compute it."""

@@ -31,15 +31,7 @@ class Ros1:
     """A node of ROS 1; there is one in a process, whose topics each `Ros1` has for itself.
 
     A master that is started anew is told all topics again: connections that stand outlive it.
-
-    Parameters
-    ----------
-    node : str
-
-    Raises
-    ------
-    RosError
-        If rospy is not there, or no master answers.
+    Raises RosError if rospy is not there, or no master answers.
     """
 
     name = "ROS 1"

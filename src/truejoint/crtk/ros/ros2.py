@@ -20,14 +20,7 @@ _log = logging.getLogger(__name__)
 class Ros2:
     """A node of ROS 2; as `Ros1`, but that nobody needs a master.
 
-    Parameters
-    ----------
-    node : str
-
-    Raises
-    ------
-    RosError
-        If rclpy is not there.
+    Raises RosError if rclpy is not there.
     """
 
     name = "ROS 2"

@@ -11,15 +11,8 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import (
-    JOINT_STATE,
-    RAVEN_FIELDS,
-    RAVEN_STATE,
-    RAVEN_TOPIC,
-    Profile,
-    joint_state_columns,
-    raven_state_columns,
-)
+from truejoint.crtk import messages
+from truejoint.crtk.messages import JOINT_STATE, RAVEN_STATE, RAVEN_TOPIC, Profile
 from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros.transport import Transport
 from truejoint.errors import RobotError
@@ -27,7 +20,7 @@ from truejoint.robots import Robot
 from truejoint.robots.blocks import QUANTITIES
 
 _FIELDS: Final = ("position", "velocity", "effort")
-_RAVEN_FIELDS: Final = tuple(RAVEN_FIELDS[name][0] for name in QUANTITIES)
+_RAVEN_FIELDS: Final = tuple(messages.RAVEN_FIELDS[name][0] for name in QUANTITIES)
 
 _log = logging.getLogger(__name__)
 
@@ -39,18 +32,10 @@ class StateStream:
 
     They are read from ``measured_js``, with the newest ``setpoint_js`` beside it unless that is
     `SILENCE` older; of a robot whose profile says that CRTK's messages lack effort and
-    set-point, from its ``ravenstate``.
-
-    Parameters
-    ----------
-    transport : Transport
-    robot : Robot
-    profile : Profile
-    namespace : str
-        Namespace of the arm's topics, for instance ``"/PSM1"``; by default the profile's.
-    receive : callable
-        Called with a state message, its stamp [s] and its columns, (1,) each. Messages with an
-        invalid stamp are left out, and counted in `invalid`.
+    set-point, from its ``ravenstate``. The arm's topics are in `namespace`, for instance
+    ``"/PSM1"``, by default the profile's. `receive` is called with a state message, its stamp [s]
+    and its columns, (1,) each. Messages with an invalid stamp are left out, and counted in
+    `invalid`.
 
     Attributes
     ----------
@@ -112,7 +97,7 @@ class StateStream:
 
     def _raven(self, message: Any, _: float) -> Mapping[str, Array]:
         fields = {name: np.array([getattr(message, name)]) for name in _RAVEN_FIELDS}
-        return raven_state_columns(self._robot, fields, QUANTITIES)
+        return messages.raven_state_columns(self._robot, fields, QUANTITIES)
 
     def _on_setpoint(self, message: Any) -> None:
         t = self._transport.seconds(message)
@@ -136,7 +121,9 @@ class StateStream:
     def columns_of(self, message: Any, quantity: str) -> dict[str, Array]:
         """Columns of a joint state; raises RobotError as `joint_state_columns`."""
         fields = {name: np.array([getattr(message, name)], dtype=float) for name in _FIELDS}
-        return joint_state_columns(self._robot, quantity, message.name, fields, self._profile)
+        return messages.joint_state_columns(
+            self._robot, quantity, message.name, fields, self._profile
+        )
 
     def _take(self, columns: Callable[[Any, float], Mapping[str, Array]], message: Any) -> None:
         t = self._transport.seconds(message)

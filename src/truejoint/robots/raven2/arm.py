@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from functools import cache
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from truejoint.robots.parts import Axis, Joint, Transmission, Workspace
 from truejoint.robots.raven2 import hardware
 from truejoint.robots.robot import Robot
 
-Side = Literal["left", "right"]
 # Order within the arm's half of a ``ravenstate`` message
 # (uw-biorobotics/raven2:include/raven/defines.h).
 CHANNELS: Final = ("shoulder", "elbow", "insertion", "unused", "roll", "wrist", "jaw1", "jaw2")
@@ -75,7 +74,7 @@ _AXIS_FROM_JOINT: Final = np.vstack([np.eye(5, 7), [0, 0, 0, 0, 0, -0.5, 0.5]])
 
 
 @cache
-def build(side: Side) -> Robot:
+def build(side: str) -> Robot:
     """Give the arm of a side."""
     arm = side, CHANNELS, POSITIONING, _transmission(side), kinematics(side)
     return Robot(
@@ -84,7 +83,7 @@ def build(side: Side) -> Robot:
     )  # fmt: skip
 
 
-def _transmission(arm: Side) -> Transmission:
+def _transmission(arm: str) -> Transmission:
     """Cables of an arm, coupled; its state message has the torques behind the gearboxes.
 
     Source: uw-biorobotics/raven2:src/raven/inv_cable_coupling.cpp, for the 10 mm RAVEN grasper
@@ -105,7 +104,7 @@ def _transmission(arm: Side) -> Transmission:
     return Transmission(motor, tuple(drive.gear_ratio for drive in drives))
 
 
-def kinematics(arm: Side) -> SerialChain:
+def kinematics(arm: str) -> SerialChain:
     """Kinematics of the left (gold) or the right (green) arm.
 
     Joint vectors are shoulder, elbow, insertion, roll, wrist, jaw1, jaw2 [rad, insertion m]; poses

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final
 
 from truejoint.robots.parts import JointEncoder
 
@@ -98,7 +98,7 @@ INSERTION_PER_ELBOW: Final = 0.008077387  # m/rad
 TOOL_MOTOR_PER_INSERTION_MOTOR: Final = (_GEAR_SMALL / _CAPSTAN_SMALL) / INSERTION_RATIO
 
 
-def drives(arm: Literal["left", "right"]) -> tuple[Drive, ...]:
+def drives(arm: str) -> tuple[Drive, ...]:
     """Drives of the seven joints of an arm, in the robot's joint order.
 
     Sources: include/raven/defines.h and motor.h, src/raven/init.cpp, homing.cpp and tools.cpp,
@@ -128,7 +128,7 @@ class Link:
     centre_of_mass: tuple[float, float, float]
 
 
-def links(arm: Literal["left", "right"]) -> tuple[Link, Link, Link]:
+def links(arm: str) -> tuple[Link, Link, Link]:
     """Links that shoulder, elbow and insertion move (src/raven/grav_comp.cpp)."""
     side = 1.0 if arm == "left" else -1.0
     return (

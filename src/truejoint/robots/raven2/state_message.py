@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Final, Literal, cast
+from typing import Final
 
 import numpy as np
 
@@ -34,25 +34,17 @@ def state_message(
     robot makes of its Jacobian, run levels, sequence number and time. As on the robot,
     ``jacobian_force`` repeats the velocity, and what is of the unused channel is zero.
 
-    Parameters
-    ----------
-    robot : Robot
-        One arm of a RAVEN-II.
-    t : ndarray, shape (n,)
-        Since the robot was switched on [s].
-    recorded : mapping of str to ndarray, shape (n,)
-        ``measured``, ``velocity``, ``effort``, ``setpoint`` and ``motor`` of every joint, in SI.
-    encoder_zero : ndarray, shape (7,)
-        Zeros of the motor encoders after the homing [rad].
+    The robot is an arm of a RAVEN-II, `t` (n,) the time since it was switched on [s], and
+    `encoder_zero` (7,) has the zeros of the motor encoders after the homing [rad]. `recorded` has
+    ``measured``, ``velocity``, ``effort``, ``setpoint`` and ``motor`` of every joint (n,) in SI.
     """
-    side = cast("Literal['left', 'right']", robot.arm)
     names = robot.joint_names
 
     def of(quantity: str) -> Array:
         return np.column_stack([recorded[f"{quantity}/{name}"] for name in names])
 
     assert robot.transmission is not None and robot.kinematics is not None  # noqa: S101, PT018
-    arm_drives = drives(side)
+    arm_drives = drives(robot.arm)
     steps = np.array([drive.torque_per_amp / drive.dac_per_amp for drive in arm_drives])
     offset = np.rint(np.asarray(encoder_zero) / _COUNT)
     measured, setpoint = of("measured"), of("setpoint")

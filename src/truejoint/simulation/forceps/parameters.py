@@ -224,6 +224,9 @@ def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[n
 class CableConstants(NamedTuple):
     """One cable: ``K`` [N/m], ``B`` [N s/m], ``m`` [kg] and its nonlinear parts."""
 
+    number: int  # 0 for the drive cable, 1 for the reset cable
+    pretension: float  # [N]
+    compliance: float  # [m/N] of the gear's torsion, seen at the cable
     stiffness: float
     damping: float
     mass: float
@@ -246,53 +249,47 @@ class PlantConstants(NamedTuple):
     slider_friction: SliderFriction
     jaw_law: ContactLaw
     slider_law: ContactLaw
-    jaw_damping: float  # [Nm s/rad] of the bristle
-    slider_damping: float  # [N s/m]
     assembly: Assembly
     jaw: Jaw
     motor: MotorLoop
     motor_frequency: float  # [rad/s]
     is_maxwell_slip: bool  # law of both contacts; else LuGre
-    gear_compliance: float  # [m/N] of the gear's torsion, seen at the drive cable
+    mechanism: Forceps
     wheel_per_motor: float  # [rad/rad]
-    wheel_radius: float
-    jaw_radius: float
     slider_mass: float
-    spring_stiffness: float
 
 
 def plant_constants(parameters: ForcepsParameters) -> PlantConstants:
     """Flatten `parameters` into what the compiled dynamics read."""
     p, mechanism = parameters, parameters.mechanism
+    pretension, gear_stiffness = p.assembly[:2]
     jaw_level, slider_level = friction_at_pretension(p)
     return PlantConstants(
-        drive=_cable(p.drive_cable, p.assembly.pretension),
-        reset=_cable(p.reset_cable, p.assembly.pretension),
+        drive=_cable(0, p.drive_cable, pretension, mechanism.wheel_radius**2 / gear_stiffness),
+        reset=_cable(1, p.reset_cable, pretension, 0.0),
         jaw_friction=p.jaw_friction,
         slider_friction=p.slider_friction,
-        jaw_law=ContactLaw(*p.jaw_friction[2:6]),
-        slider_law=ContactLaw(*p.slider_friction[2:6]),
-        jaw_damping=_bristle_damping(p.jaw_friction, jaw_level, p.jaw.inertia),
-        slider_damping=_bristle_damping(p.slider_friction, slider_level, p.slider.mass),
+        jaw_law=_contact_law(p.jaw_friction, jaw_level, p.jaw.inertia),
+        slider_law=_contact_law(p.slider_friction, slider_level, p.slider.mass),
         assembly=p.assembly,
         jaw=p.jaw,
         motor=p.motor_loop,
         motor_frequency=2.0 * math.pi * p.motor_loop.bandwidth,
         is_maxwell_slip=p.contact.law == MAXWELL_SLIP,
-        gear_compliance=mechanism.wheel_radius**2 / p.assembly.gear_stiffness,
+        mechanism=mechanism,
         wheel_per_motor=1.0 / mechanism.gear_ratio,
-        wheel_radius=mechanism.wheel_radius,
-        jaw_radius=mechanism.jaw_radius,
         slider_mass=p.slider.mass,
-        spring_stiffness=mechanism.spring_stiffness,
     )
 
 
-def _cable(cable: Cable, pretension: float) -> CableConstants:
+def _cable(number: int, cable: Cable, pretension: float, compliance: float) -> CableConstants:
     # dK/K = stiffening * dF/F_pre integrates to an exponential; without stiffening a rate of 1e-6
     # of a stretch at the pretension keeps the same formula and is linear to 1e-6.
     stiffening = max(cable.stiffening, 1e-6)
     return CableConstants(
+        number=number,
+        pretension=pretension,
+        compliance=compliance,
         stiffness=cable.stiffness,
         damping=cable.damping,
         mass=cable.mass,
@@ -307,5 +304,8 @@ def _cable(cable: Cable, pretension: float) -> CableConstants:
     )
 
 
-def _bristle_damping(friction: JawFriction | SliderFriction, level: float, inertia: float) -> float:
-    return 2.0 * friction.bristle_damping * math.sqrt(level / friction.presliding * inertia)
+def _contact_law(
+    friction: JawFriction | SliderFriction, level: float, inertia: float
+) -> ContactLaw:
+    damping = 2.0 * friction.bristle_damping * math.sqrt(level / friction.presliding * inertia)
+    return ContactLaw(*friction[2:6], damping)

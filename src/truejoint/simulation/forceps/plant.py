@@ -48,118 +48,65 @@ def cable_force(stretch: float, yielded: float, cable: CableConstants) -> tuple[
 
 
 @inlined
-def drive_stretch(
-    distance: float, yielded: float, cable: CableConstants, compliance: float, pretension: float
+def stretched(
+    distance: float, yielded: float, share: float, cable: CableConstants
 ) -> tuple[float, float, float]:
-    """Stretch of the drive cable [m], tension [N] and share of motion that stretches it.
+    """Stretch of a cable behind its gear [m], tension [N] and share of motion that stretches it.
 
-    The gear's torsion (`compliance` [m/N] at the cable) is in series with the cable and takes up a
-    few per cent of `distance`; damping and mass forces, a thousand times smaller than the tension,
-    do not twist it. One Newton step from the linear solution leaves less than 1e-7 of the stretch.
+    Both are as if the whole cable were strained like its piece, a `share` of its length. The gear's
+    torsion is in series with the cable and takes up a few per cent of `distance` [m]; damping and
+    mass forces, a thousand times smaller than the tension, do not twist it. One Newton step from
+    the linear solution leaves less than 1e-7 of the stretch.
     """
-    stretch = distance / (1.0 + compliance * cable.stiffness)
+    stretch, compliance = distance, cable.compliance / share
+    if compliance > 0.0:
+        stretch = distance / (1.0 + compliance * cable.stiffness)
+        force, slope = cable_force(stretch, yielded, cable)
+        stretch -= (stretch + compliance * force - distance) / (1.0 + compliance * slope)
     force, slope = cable_force(stretch, yielded, cable)
-    stretch -= (stretch + compliance * force - distance) / (1.0 + compliance * slope)
-    force, slope = cable_force(stretch, yielded, cable)
-    if force < -pretension:  # slack: the gear is unloaded and the cable follows freely
-        return distance + compliance * pretension, 0.0, 1.0
-    return stretch, pretension + force, 1.0 / (1.0 + compliance * slope)
+    if force < -cable.pretension:  # slack: the gear is unloaded and the cable follows freely
+        return distance + compliance * cable.pretension, 0.0, 1.0
+    return stretch, cable.pretension + force, 1.0 / (1.0 + compliance * slope)
 
 
 @inlined
-def slide(
-    before: float, slope: float, stretch_behind: float, yielded: float, cable: CableConstants,
-    pretension: float,
-) -> tuple[float, float, float]:  # fmt: skip
-    """Tensions [N] before and behind a cable's guide, and by how much it slides over it [m].
-
-    `before` is the tension of the piece before the guide where nothing slides, and `slope` [N/m] by
-    how much sliding lowers it; the piece behind is strained as if the whole were by
-    `stretch_behind` [m].
-    """
-    behind, stiffness = cable_force(stretch_behind, yielded, cable)
-    behind = max(behind + pretension, 0.0)
-    stiffness = stiffness / (1.0 - cable.before_guide) if behind > 0.0 else 0.0
-    slid = guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
-    return max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0), slid
-
-
-@inlined
-def drive_cable(
-    wheel: float,
-    turned: float,
+def pull_cable(
+    start: float,
+    end: float,
     bent: float,
     yielded: float,
-    c: PlantConstants,
+    cable: CableConstants,
     dt: float,
     history: Array,
     keep: bool,
-) -> tuple[float, float, float]:
-    """``x1`` [m] of the drive cable, its tension at the jaw [N] and share of motion as below.
+) -> tuple[float, float, float, float]:
+    """``x1`` [m] of a cable, tensions before and behind its guide [N], share of motion as above.
 
-    `wheel` [m] is what a rigid gear winds up, `turned` + `bent` what the jaw's pulley lets go; gear
-    and share are those of `drive_stretch`, before a guide if there is one.
+    `start` [m] is what is wound up at the end towards the motor, `end` + `bent` what is let go at
+    the other. A Kelvin-Voigt element behind the cable's spring makes it creep.
     """
-    cable, pretension, crept = c.drive, c.assembly.pretension, history[CREEP]
+    travel, creep = TRAVEL + cable.number, CREEP + cable.number
+    crept = history[creep]
     if cable.guide_ratio > 1.0:
-        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[TRAVEL]
-        stretch, before, share = drive_stretch(
-            (wheel - held) / first - crept, yielded, cable, c.gear_compliance / first, pretension
-        )
+        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[travel]
+        stretch, before, share = stretched((start - held) / first - crept, yielded, first, cable)
         slope = share * cable_force(stretch, yielded, cable)[1] / first if before > 0.0 else 0.0
-        behind = (held - turned - bent) / last - crept
-        before, pull, slid = slide(before, slope, behind, yielded, cable, pretension)
+        behind, stiffness = cable_force((held - end - bent) / last - crept, yielded, cable)
+        behind = max(behind + cable.pretension, 0.0)
+        stiffness = stiffness / last if behind > 0.0 else 0.0
+        slid = guide_travel(before, behind, cable.guide_ratio, slope, stiffness)
+        before, behind = max(before - slope * slid, 0.0), max(behind + stiffness * slid, 0.0)
         x1 = held + first * (stretch + crept) + (1.0 - share) * slid
         share /= share + first * (1.0 - share)  # of the whole cable
         if keep:
-            history[TRAVEL] += slid
+            history[travel] += slid
     else:
-        stretch, pull, share = drive_stretch(
-            wheel - turned - bent - crept, yielded, cable, c.gear_compliance, pretension
-        )
-        x1, before = stretch + crept + turned + bent, pull
+        stretch, before, share = stretched(start - end - bent - crept, yielded, 1.0, cable)
+        x1, behind = stretch + crept + end + bent, before
     if keep:
-        history[CREEP] += creep(before - pretension, crept, cable, dt)
-    return x1, pull, share
-
-
-@inlined
-def reset_cable(
-    start: float,
-    end: float,
-    yielded: float,
-    c: PlantConstants,
-    dt: float,
-    history: Array,
-    keep: bool,
-) -> tuple[float, float]:
-    """Tension of the reset cable at the jaw [N], and what of it its guide keeps from the slider.
-
-    `start` and `end` [m] are what the jaw's pulley winds up and ``x2``; both cables run from the
-    motor on, so that the jaw stands before this one's guide.
-    """
-    cable, pretension, crept = c.reset, c.assembly.pretension, history[CREEP + 1]
-    if cable.guide_ratio > 1.0:
-        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[TRAVEL + 1]
-        before, slope = cable_force((start - held) / first - crept, yielded, cable)
-        before = max(before + pretension, 0.0)
-        slope = slope / first if before > 0.0 else 0.0
-        behind = (held - end) / last - crept
-        pull, behind, slid = slide(before, slope, behind, yielded, cable, pretension)
-        drag = pull - behind
-        if keep:
-            history[TRAVEL + 1] += slid
-    else:
-        pull, drag = pretension + cable_force(start - end - crept, yielded, cable)[0], 0.0
-    if keep:
-        history[CREEP + 1] += creep(pull - pretension, crept, cable, dt)
-    return pull, drag
-
-
-@inlined
-def creep(force: float, crept: float, cable: CableConstants, dt: float) -> float:
-    """By how much a cable creeps [m] in a step: a Kelvin-Voigt element behind its spring."""
-    return cable.creep_rate * dt * (cable.creep * force - crept)
+        force = before - cable.pretension
+        history[creep] += cable.creep_rate * dt * (cable.creep * force - crept)
+    return x1, before, behind, share
 
 
 @inlined
@@ -170,16 +117,16 @@ def bouc_wen_rate(speed: float, yielded: float, distance: float) -> float:
 
 @inlined
 def friction_force(
-    speed: float, bristle: float, level: float, f: ContactLaw, damping: float, max_rate: float
+    speed: float, bristle: float, level: float, f: ContactLaw, max_rate: float
 ) -> tuple[float, float]:
     """LuGre friction [N or Nm] at Coulomb level `level`, and the rate of its bristle.
 
-    `damping` [N s/m or Nm s/rad] is that of the bristle. It relaxes at most at `max_rate` [1/s],
-    which only binds in a fast run-away where the fixed step could not follow it.
+    The bristle relaxes at most at `max_rate` [1/s], which only binds in a fast run-away where the
+    fixed step could not follow it.
     """
     limit = f.presliding * stribeck_peak(speed, f)
     rate = min(abs(speed) / limit, max_rate) * (math.copysign(limit, speed) - bristle)
-    force = level / f.presliding * bristle + damping * rate + f.viscous * speed
+    force = level / f.presliding * bristle + f.damping * rate + f.viscous * speed
     return force, rate
 
 
@@ -212,7 +159,7 @@ def accelerations(
     The cables' mass in (4) and (5) couples the two. Where it would make a cable push, the cable is
     slack and they are solved again without it.
     """
-    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    arm_drive, arm_reset = c.mechanism.jaw_radius + slope, c.mechanism.jaw_radius - slope
     jaw_acceleration, slider_acceleration = 0.0, 0.0
     drive_tension, reset_tension = drive_pull, reset_pull
     for _ in range(3):
@@ -267,47 +214,49 @@ def plant_rates(
     centre = eccentricity * math.cos(angle + phase)
     slope = -eccentricity * math.sin(angle + phase)
     offset = centre - eccentricity * math.cos(phase)
-    arm_drive, arm_reset = c.jaw_radius + slope, c.jaw_radius - slope
+    radius = c.mechanism.jaw_radius
+    arm_drive, arm_reset = radius + slope, radius - slope
     bend = -centre * speed * speed  # what of the second derivative of D is no angular acceleration
 
     # (4) and (5) without the mass terms; a slack cable neither pulls nor weighs.
-    turned, dt = c.jaw_radius * angle, 1.0 / max_rate
-    x1, drive_pull, share = drive_cable(wheel[0], turned, offset, state[6], c, dt, history, keep)
+    turned, dt = radius * angle, 1.0 / max_rate
+    x1, _, drive_pull, share = pull_cable(
+        wheel[0], turned, offset, state[6], c.drive, dt, history, keep
+    )
     drive_rate = share * (wheel[1] - arm_drive * speed)
     reset_rate = arm_reset * speed - slider_speed
-    reset_pull, guide_drag = reset_cable(turned - offset, slider, state[7], c, dt, history, keep)
+    # Both cables run from the motor on, so that the jaw stands before this one's guide.
+    _, reset_pull, end_pull, _ = pull_cable(
+        turned - offset, slider, 0.0, state[7], c.reset, dt, history, keep
+    )
+    guide_drag = reset_pull - end_pull
     if drive_pull > 0.0:
         drive_pull = max(drive_pull + c.drive.damping * drive_rate, 0.0)
     if reset_pull > 0.0:
         reset_pull += c.reset.damping * reset_rate
     reset_pull = max(reset_pull, 0.0)
 
-    level = c.jaw_friction.constant + c.jaw_friction.tension_share * c.jaw_radius * (
+    level = c.jaw_friction.constant + c.jaw_friction.tension_share * radius * (
         drive_pull + reset_pull
     )
     slider_level = c.slider_friction.constant + c.slider_friction.tension_share * reset_pull
     if c.is_maxwell_slip:
         rates[4], rates[5] = 0.0, 0.0
-        jaw_drag = maxwell_slip(
-            angle, speed, level, c.jaw_law, c.jaw_damping, history, JAW_STUCK, keep
-        )
+        jaw_drag = maxwell_slip(angle, speed, level, c.jaw_law, history, JAW_STUCK, keep)
         drag = maxwell_slip(
-            slider, slider_speed, slider_level, c.slider_law, c.slider_damping,
-            history, SLIDER_STUCK, keep,
-        )  # fmt: skip
-    else:
-        jaw_drag, rates[4] = friction_force(
-            speed, state[4], level, c.jaw_law, c.jaw_damping, max_rate
+            slider, slider_speed, slider_level, c.slider_law, history, SLIDER_STUCK, keep
         )
+    else:
+        jaw_drag, rates[4] = friction_force(speed, state[4], level, c.jaw_law, max_rate)
         drag, rates[5] = friction_force(
-            slider_speed, state[5], slider_level, c.slider_law, c.slider_damping, max_rate
+            slider_speed, state[5], slider_level, c.slider_law, max_rate
         )
     free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
     beyond = max(angle - c.jaw.stop_upper, 0.0) + min(angle - c.jaw.stop_lower, 0.0)
     if beyond != 0.0:  # the mechanical stops push and never pull
         stop = -c.jaw.stop_stiffness * beyond - c.jaw.stop_damping * speed
         free_torque += min(stop, 0.0) if beyond > 0.0 else max(stop, 0.0)
-    free_force = -c.spring_stiffness * slider - drag - c.assembly.pretension - guide_drag
+    free_force = -c.mechanism.spring_stiffness * slider - drag - c.assembly.pretension - guide_drag
 
     rates[1], rates[3], drive_tension, reset_tension = accelerations(
         drive_pull, reset_pull, share, wheel[2], bend, slope, free_torque, free_force, c
@@ -369,8 +318,8 @@ def wheel_motion(
             history[WHEEL] = angle
     eccentricity, phase = c.assembly.wheel_eccentricity, c.assembly.wheel_phase
     sine = eccentricity * math.sin(angle + phase)
-    radius = c.wheel_radius + eccentricity * math.cos(angle + phase)
-    wheel[0] = c.wheel_radius * angle + sine - eccentricity * math.sin(phase)
+    radius = c.mechanism.wheel_radius + eccentricity * math.cos(angle + phase)
+    wheel[0] = c.mechanism.wheel_radius * angle + sine - eccentricity * math.sin(phase)
     wheel[1] = radius * speed
     wheel[2] = radius * acceleration - sine * speed * speed
 

@@ -7,13 +7,12 @@ many of them.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from functools import cache
+from operator import attrgetter
 from typing import Final
 
 import numpy as np
 
-from truejoint.array_types import Array
 from truejoint.errors import TruejointError, unknown
 from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.parameter_file import Spread, random_streams, shipped_spreads
@@ -22,22 +21,19 @@ SPECIMENS: Final = tuple(ForcepsParameters.SPECIMENS)
 PRIORS: Final = ("lugre", "capstan", "between", "mixed")
 
 
+@cache
 def specimen(name: str = "nominal") -> ForcepsParameters:
     """Parameters of ``"nominal"``, ``"A"`` or ``"B"``; raises TruejointError for another name."""
-    if name not in SPECIMENS:
-        raise TruejointError(f"no forceps specimen {name!r}; known: {', '.join(SPECIMENS)}")
     return ForcepsParameters.read(name)
 
 
-@cache
 def prior(law: str = "lugre") -> dict[str, Spread]:
     """Ranges that a population is drawn from, by parameter, in the order of the draws.
 
     A name without a dot is a property that several parameters are made of. ``"capstan"`` has what
     differs under that law, and is laid over ``"lugre"``.
     """
-    file = {"lugre": "prior.toml", "capstan": "capstan_prior.toml"}[law]
-    return shipped_spreads(f"forceps/{file}")
+    return shipped_spreads(f"forceps/{law}_prior.toml")
 
 
 def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsParameters]:
@@ -45,22 +41,12 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
 
     The same seed gives the same instruments, and a larger population begins with the smaller one.
 
-    Parameters
-    ----------
-    count : int
-        1 to 100000.
-    seed : int
-        Seed of all draws.
-    prior : str
-        ``"lugre"``: the friction law of the paper's twin, mechanism of Table 1. ``"capstan"``:
-        capstan friction at the cables' guides, Maxwell slip at the contacts, creep, backlash,
-        some stick-slip, radii and spring off by up to a fifth. ``"between"``: anywhere between the
-        two, with either law at the contacts. ``"mixed"``: one of the three, evenly.
+    The prior ``"lugre"`` has the friction law of the paper's twin and the mechanism of Table 1.
+    ``"capstan"`` has capstan friction at the cables' guides, Maxwell slip at the contacts, creep,
+    backlash, some stick-slip, radii and spring off by up to a fifth. ``"between"`` is anywhere
+    between the two, with either law at the contacts. ``"mixed"`` is one of the three, evenly.
 
-    Raises
-    ------
-    TruejointError
-        If the count is out of range, or the prior unknown.
+    Raises TruejointError if the count is not 1 to 100000, or there is no such prior.
     """
     streams = random_streams(count, seed)
     if prior not in PRIORS:
@@ -69,34 +55,21 @@ def population(count: int, seed: int = 0, prior: str = "lugre") -> list[ForcepsP
 
 
 def _drawn(rng: np.random.Generator, prior_name: str) -> ForcepsParameters:
-    spreads = prior()
+    spreads, nominal = prior(), specimen()
     v = {name: spread.draw(rng) for name, spread in spreads.items()}
     second_tolerance = spreads["cable_tolerance"].draw(rng)
     phases = rng.uniform(-math.pi, math.pi, 4)
     if prior_name == "mixed":
         prior_name = str(rng.choice(PRIORS[:-1]))
-    if prior_name == "lugre":
-        return _assembled(v, second_tolerance, phases)
-    second = {name: spread.draw(rng) for name, spread in prior("capstan").items()}
-    share, law = 1.0, "maxwell_slip"
-    if prior_name == "between":
-        share, law = rng.uniform(), str(rng.choice(["lugre", "maxwell_slip"]))
-    nominal = _nominal().to_dict()
-    for name, value in second.items():
-        section, _, key = name.partition(".")
-        first = v[name] if name in v else nominal[section][key]
-        v[name] = (1.0 - share) * first + share * value
-    return _assembled(v, second_tolerance, phases).with_values({"contact.law": law})
-
-
-@cache
-def _nominal() -> ForcepsParameters:
-    return specimen()
-
-
-def _assembled(v: Mapping[str, float], second_tolerance: float, phases: Array) -> ForcepsParameters:
-    """Instrument of drawn properties."""
-    nominal = _nominal()
+    law = "lugre"
+    if prior_name != "lugre":
+        second = {name: spread.draw(rng) for name, spread in prior("capstan").items()}
+        share, law = 1.0, "maxwell_slip"
+        if prior_name == "between":
+            share, law = rng.uniform(), str(rng.choice(["lugre", "maxwell_slip"]))
+        for name, value in second.items():
+            first = v[name] if name in v else attrgetter(name)(nominal)
+            v[name] = (1.0 - share) * first + share * value
     r = v.get("mechanism.jaw_radius", nominal.mechanism.jaw_radius)
     jaw_level, jaw_share = v["jaw_friction"], v["jaw_friction_from_tension"]
     slider_level, slider_share = v["slider_friction"], v["slider_friction_from_tension"]
@@ -117,4 +90,5 @@ def _assembled(v: Mapping[str, float], second_tolerance: float, phases: Array) -
     for cable in ("drive_cable", "reset_cable"):
         for key in ("stiffening", "elastic_share", "hysteresis_distance", "damping"):
             values[f"{cable}.{key}"] = v[f"cable_{key}"]
-    return nominal.with_values({name: float(value) for name, value in values.items()})
+    numbers = {name: float(value) for name, value in values.items()}
+    return nominal.with_values({**numbers, "contact.law": law})

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.errors import CommandRefused, TruejointError
+from truejoint.errors import TruejointError
 from truejoint.robots import get_robot
-from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, checked_rows, in_grains
+from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, in_grains
 from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import (
     DT,
@@ -22,7 +22,8 @@ from truejoint.simulation.forceps.parameters import (
     plant_constants,
 )
 from truejoint.simulation.forceps.plant import advance, settled
-from truejoint.simulation.twin import Twin, TwinOutput, glide, hold, shaped
+from truejoint.simulation.parameter_file import random_streams
+from truejoint.simulation.twin import Twin, TwinOutput, glide_at, hold, shaped
 from truejoint.units import GRAVITY
 
 SETTLING: Final = 0.5  # [s] at rest before the first row
@@ -81,8 +82,7 @@ class Sensors:
     def __init__(self, parameters: ForcepsParameters, seed: int) -> None:
         p, turn = parameters, 2.0 * math.pi
         self._jaw = p.reference_encoder
-        spawned = np.random.SeedSequence(seed).spawn(4)
-        self.streams = [np.random.default_rng(child) for child in spawned]  # of noise
+        self.streams = random_streams(4, seed)  # of noise
         self._noise_and_step = (
             (p.motor_encoder.noise, turn / p.motor_encoder.counts),
             (p.drive_encoder.noise, p.drive_encoder.resolution),
@@ -139,6 +139,8 @@ class ForcepsTwin(Twin):
         super().__init__(robot, seed, load)
         self.tip_force: Callable[[Array], Array] | None = None
         self.line_angle = 0.0
+        jaw = self.parameters.jaw
+        self._reach = np.array([jaw.stop_lower]), np.array([jaw.stop_upper])
         self._constants = plant_constants(self.parameters)
         self._state, self._motor = settled(self._constants, _PER_SETPOINT, SETTLING)
         self._sensors = Sensors(self.parameters, seed)
@@ -156,8 +158,8 @@ class ForcepsTwin(Twin):
         Friction leaves the jaw a little elsewhere each time, and the zeros have an error of
         their own (``homing.registration_sd``); the motor's zero is the switch's.
         """
-        start, zero = np.array([self._command]), np.zeros(1)
-        way = glide(start, zero, 0.1 + math.pi / 2 * abs(self._command) / _HOMING_SPEED)
+        zero = np.zeros(1)
+        way = glide_at(_HOMING_SPEED, np.array([self._command]), zero)
         settling = hold(zero, SETTLING)
         yield from map(self.run, in_grains(np.vstack([way, settling])))
         self.homing_count += 1
@@ -166,14 +168,8 @@ class ForcepsTwin(Twin):
         self._zero = ZeroShift.drawn(deviation, (self.seed, self.homing_count))
         yield from map(self.run, in_grains(settling))
 
-    def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow jaw angles (n, 1) [rad], one row a millisecond; each is reached at its end.
-
-        Raises CommandRefused if the shape is wrong, or a value is not finite or beyond a stop of
-        the jaw, and TruejointError if the plant leaves the finite numbers.
-        """
-        angles = checked_rows(self.robot, setpoint, "run")[:, 0]
-        _check_stops(self.parameters, angles)
+    def _follow(self, rows: Array) -> TwinOutput:
+        angles = rows[:, 0]
         t = self._times(len(angles))
         force = np.full(t.shape, -GRAVITY * self._load)
         if self.tip_force is not None:
@@ -199,24 +195,24 @@ class ForcepsTwin(Twin):
         motor, drive, reset, reference = self._sensors.read(exact, self._zero)
         cables = {"cable/drive": (p.drive_encoder, drive), "cable/reset": (p.reset_encoder, reset)}
         exact_names = ("truth_load/jaw", "truth_tension/drive", "truth_tension/reset")
-        ratio, column = p.mechanism.motor_per_jaw, (slice(None), None)
-        speed = np.diff(motor, prepend=self._reading) / dt
+        motor, ratio = motor[:, None], p.mechanism.motor_per_jaw
+        speed = np.diff(motor, axis=0, prepend=self._reading) / dt
         return TwinOutput(
             t=t,
             name=self.robot.channels,
-            measured=motor[column] / ratio,
-            velocity=speed[column] / ratio,
+            measured=motor / ratio,
+            velocity=speed / ratio,
             effort=np.empty((len(t), 0)),
-            setpoint=setpoint[column],
-            motor=motor[column],
-            motor_velocity=speed[column],
+            setpoint=setpoint[:, None],
+            motor=motor,
+            motor_velocity=speed,
             extra={
                 **{name: reads for name, (encoder, reads) in cables.items() if encoder.installed},
                 "truth_exact/jaw": exact[3],
                 **{name: log[:, 4 + k].copy() for k, name in enumerate(exact_names)},
             },
-            truth=TruthBlock(t, self.robot.positioning, reference[column]),
-            joint=exact[3][column],
+            truth=TruthBlock(t, self.robot.positioning, reference[:, None]),
+            joint=exact[3][:, None],
         )
 
 
@@ -250,8 +246,7 @@ def simulate_forceps(
             f"setpoint has shape {angles.shape}; it must be (n,) at 1 kHz with 2 <= n <= "
             f"{MAX_SAMPLES}"
         )
-    checked_rows(twin.robot, angles[:, None], "setpoint")
-    _check_stops(parameters, angles)
+    twin._checked(angles[:, None], "setpoint")
     per_row = 1.0 / (DT * log_rate) if log_rate > 0.0 else math.nan
     if not (per_row >= 1.0 and abs(per_row - round(per_row)) < 1e-9):
         raise TruejointError(f"a log rate of {log_rate} Hz; it must divide {1 / DT:.0f} Hz")
@@ -259,14 +254,3 @@ def simulate_forceps(
     t = np.arange(len(log)) / log_rate
     wanted = np.interp(t, np.arange(angles.size) * SETPOINT_DT, angles)
     return twin._output(log, t, wanted, 1.0 / log_rate)
-
-
-def _check_stops(parameters: ForcepsParameters, angles: Array) -> None:
-    lower, upper = parameters.jaw.stop_lower, parameters.jaw.stop_upper
-    beyond = (angles < lower) | (angles > upper)
-    if beyond.any():
-        worst = max(angles[beyond], key=abs)
-        raise CommandRefused(
-            f"the setpoint reaches {math.degrees(worst):.1f} deg; the jaw's stops are at "
-            f"{math.degrees(lower):.1f} and {math.degrees(upper):.1f} deg: scale it down"
-        )

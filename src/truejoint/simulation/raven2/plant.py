@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Literal, cast
+from collections.abc import Iterable
 
 import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import Robot
-from truejoint.robots.chain import SerialChain
-from truejoint.robots.raven2.hardware import (
-    ENCODER_COUNTS_PER_REV,
-    GRAVITY,
-    JOINT_ENCODERS,
-    Drive,
-    drives,
-    links,
-)
+from truejoint.robots.raven2 import hardware
+from truejoint.robots.raven2.arm import kinematics
+from truejoint.robots.raven2.hardware import Drive
 from truejoint.simulation.raven2 import kernel
 from truejoint.simulation.raven2.parameters import Raven2Parameters
 
@@ -30,8 +24,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     Raises TruejointError if a motor is too light for its friction, cable or gains at the step.
     """
     p = parameters
-    side = cast("Literal['left', 'right']", robot.arm)
-    arm_drives = drives(side)
+    arm_drives = hardware.drives(robot.arm)
     ratio = np.array([drive.transmission_ratio for drive in arm_drives])
     gear = np.array([drive.gear_ratio for drive in arm_drives])
     radius = np.array([drive.capstan_radius for drive in arm_drives])
@@ -51,7 +44,7 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
     # Viscous friction is taken at the end of the step, so that it never overshoots.
     keep = 1.0 / (1.0 + kernel.DT * viscous / inertia)
     _check_step(p, arm_drives, inertia)
-    truth_stop = np.array([encoder.hard_stop for encoder in JOINT_ENCODERS])
+    truth_stop = np.array([encoder.hard_stop for encoder in robot.encoders])
     # One stop is where homing looks for it, the other 5 % beyond the soft limit.
     margin = 0.05 * (robot.upper - robot.lower)
     stops = np.column_stack([robot.lower - margin, robot.upper + margin])[:POSITIONING]
@@ -93,18 +86,18 @@ def build_plant(parameters: Raven2Parameters, robot: Robot) -> kernel.Plant:
         stops=stops,
         gravity=gravity_potential(robot, p.mass.instrument),
         creep=np.column_stack([p.creep.final, p.creep.travel]),
-        truth_step=np.array([encoder.resolution for encoder in JOINT_ENCODERS]),
+        truth_step=np.array([encoder.resolution for encoder in robot.encoders]),
         motor_friction=p.motor_friction,
         aging=p.creep,
         tool_wander=np.array([p.tool.wander, p.tool.wander_effort]),
         tool_wander_time=p.tool.wander_time,
         encoders=p.external_encoders,
         truth_period=1.0 / p.external_encoders.rate,
-        counts=float(ENCODER_COUNTS_PER_REV),
+        counts=float(hardware.ENCODER_COUNTS_PER_REV),
     )
 
 
-def _check_step(p: Raven2Parameters, arm_drives: tuple[Drive, ...], inertia: Array) -> None:
+def _check_step(p: Raven2Parameters, arm_drives: Iterable[Drive], inertia: Array) -> None:
     """Refuse what the step of 1 ms cannot resolve: a mode may turn one radian in a step."""
     coulomb = p.motor_friction.coulomb + p.tool.coulomb
     presliding = p.motor_friction.presliding + p.tool.presliding
@@ -127,7 +120,7 @@ def build_state(plant: kernel.Plant, pose: Array, seed: int) -> kernel.State:
     """State of a cold robot at rest in `pose` (3,), its encoders not registered."""
     motor = np.zeros(7)
     motor[:POSITIONING] = (plant.motor_from_joint[:POSITIONING, :POSITIONING] @ pose).ravel()
-    count = kernel.TURN / ENCODER_COUNTS_PER_REV
+    count = kernel.TURN / hardware.ENCODER_COUNTS_PER_REV
     zeros = {"speed": 7, "bristle": 7, "encoder_zero": 7, "integral": 7, "lag": 3, "carried": 3}
     zeros |= {"creep": 3, "odometer": 3}
     random = np.array([seed, ~np.uint64(seed)], dtype=np.uint64)
@@ -153,22 +146,21 @@ def gravity_potential(robot: Robot, instrument: float) -> Array:
 
     Found from the robot's own link frames: 24 poses give 12 coefficients, exactly.
     """
-    kinematics = cast("SerialChain", robot.kinematics)
-    arm_links = links(cast("Literal['left', 'right']", robot.arm))
+    chain, arm_links = kinematics(robot.arm), hardware.links(robot.arm)
     poses = np.tile(robot.home, (24, 1))
     steps = np.arange(24)
     poses[:, :POSITIONING] = np.column_stack(
         [np.cos(steps), 2.0 * np.sin(1.7 * steps), 0.3 + 0.1 * np.cos(2.3 * steps)]
     )
-    frames = kinematics.link_frames(poses)
+    frames = chain.link_frames(poses)
     masses = [link.mass for link in arm_links]
     # The carriage holds the instrument, whose weight the published link leaves out.
     masses[2] += instrument
     height = np.zeros((24, 2))
     for k, (mass, link) in enumerate(zip(masses, arm_links, strict=True)):
         place = frames[:, k, :3, 3] + frames[:, k, :3, :3] @ np.array(link.centre_of_mass)
-        height[:, 0] -= mass * (place @ np.array(GRAVITY))
-    height[:, 1] = -(kinematics.forward(poses)[:, :3, 3] @ np.array(GRAVITY))
+        height[:, 0] -= mass * (place @ np.array(hardware.GRAVITY))
+    height[:, 1] = -(chain.forward(poses)[:, :3, 3] @ np.array(hardware.GRAVITY))
     q1, q2, d = poses[:, :POSITIONING].T
     ones = np.ones_like(d)
     basis = np.column_stack(

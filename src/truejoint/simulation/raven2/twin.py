@@ -7,12 +7,11 @@ from collections.abc import Generator, Iterator
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
 from truejoint.robots import get_robot
-from truejoint.robots.blocks import QUANTITIES, TruthBlock, checked_rows, in_grains
+from truejoint.robots.blocks import QUANTITIES, TruthBlock, in_grains
 from truejoint.robots.raven2.arm import CHANNELS
 from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
@@ -35,23 +34,11 @@ class Raven2Twin(Twin):
     State arrays have one column per channel of the robot's state message (shoulder, elbow,
     insertion, unused, roll, wrist, jaw1, jaw2).
 
-    Parameters
-    ----------
-    parameters : Raven2Parameters, optional
-        Physics; the shipped one by default.
-    arm : str
-        As in `truejoint.robots.get_robot`.
-    seed : int
-        Seed of homing, friction and clocks.
-    load : float
-        Mass that hangs on the tool [kg], up to `MAX_LOAD`.
+    `arm` is as in `truejoint.robots.get_robot`; `load` [kg] hangs on the tool. The seed is that of
+    homing, friction and clocks.
 
-    Raises
-    ------
-    TruejointError
-        If the seed or the load is out of range, or the parameters cannot be simulated at 1 kHz.
-    RobotError
-        If the arm is unknown.
+    Raises TruejointError if the seed or the load is out of range, or the parameters cannot be
+    simulated at 1 kHz, and RobotError if the arm is unknown.
 
     Examples
     --------
@@ -74,7 +61,7 @@ class Raven2Twin(Twin):
     ) -> None:
         self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
         super().__init__(get_robot("raven2", arm), seed, load)
-        self._drives = drives("right" if self.robot.arm == "right" else "left")
+        self._drives = drives(self.robot.arm)
         self._plant = build_plant(self.parameters, self.robot)
         streams = (np.random.default_rng([seed, part]) for part in range(3))
         self._rng, self._tool_rng, self._stamp_rng = streams
@@ -90,14 +77,6 @@ class Raven2Twin(Twin):
     def encoder_zero(self) -> Array:
         """Angles (7,) of the motor shafts that the last homing counts from [rad]."""
         return self._state.encoder_zero.copy()
-
-    def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow joint positions (n, 7) [rad, insertion m], one row a millisecond.
-
-        In the robot's joint order and the coordinates of `TwinOutput.measured`; raises
-        CommandRefused if the shape is wrong or a value is not finite.
-        """
-        return self._advance(checked_rows(self.robot, setpoint, "run"))
 
     def homing(self) -> Generator[TwinOutput]:
         """Find the hard stops, register both kinds of encoder there, go to the home pose.
@@ -126,7 +105,7 @@ class Raven2Twin(Twin):
         home = self.robot.home
         self.homing_count += 1
         path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
-        yield from map(self._advance, in_grains(np.vstack(path)))
+        yield from map(self._follow, in_grains(np.vstack(path)))
 
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on: cables hardly creep, grease cools; no rows.
@@ -152,15 +131,30 @@ class Raven2Twin(Twin):
         start = self._plant.joint_from_motor @ angle
         self._state.command[:] = self._plant.motor_from_joint @ start
         limits = [drive.homing_effort for drive in self._drives[:POSITIONING]]
+        speed = np.array([drive.homing_speed for drive in self._drives[:POSITIONING]])
         steps = round(_SEARCH_LIMIT / kernel.DT)
         stop_row = np.full(POSITIONING, steps)
+        # The speed builds up along a quarter of a sine within HOMING_RAMP.
+        t = np.arange(1, steps + _SEARCH_PIECE + 1) * kernel.DT
+        slow = (1.0 - np.cos(np.pi / HOMING_RAMP * np.minimum(t, HOMING_RAMP) / 2)) * (
+            2.0 * HOMING_RAMP / np.pi
+        )
+        travelled = slow + np.maximum(0.0, t - HOMING_RAMP)
+
+        def path(first: int, last: int) -> Array:
+            """Set-points of rows towards the stops, each joint held from `stop_row` on."""
+            rows = np.tile(start, (last - first, 1))
+            way = travelled[np.minimum(np.arange(first, last)[:, None], stop_row)]
+            rows[:, :POSITIONING] += speed * way
+            return rows
+
         done = 0
         while (stop_row == steps).any() and done < steps:
             # A joint that stands at its stop loads the others through the cables: a piece of time
             # is tried, and run again with a joint held from where it arrives.
             back = self.saved()
-            piece = self._ramp(start, stop_row, steps)[done : done + _SEARCH_PIECE]
-            output = self._advance(piece)
+            piece = path(done, min(done + _SEARCH_PIECE, steps))
+            output = self._follow(piece)
             above = (np.abs(output.effort[:, :POSITIONING]) >= limits) & (stop_row == steps)
             after = self._stamp_rng.bit_generator.state
             back()
@@ -169,7 +163,7 @@ class Raven2Twin(Twin):
                 stop_row[np.argmax(above[row])] = done + row
                 self._stamp_rng.bit_generator.state = after
             else:
-                yield from map(self._advance, in_grains(piece))
+                yield from map(self._follow, in_grains(piece))
                 done += len(piece)
         if (stop_row == steps).any():
             names = [self.robot.joint_names[k] for k in range(POSITIONING) if stop_row[k] == steps]
@@ -178,26 +172,9 @@ class Raven2Twin(Twin):
                 "the parameters make friction too strong for the motor"
             )
         last = int(stop_row.max()) + round(HOMING_SETTLE / kernel.DT)
-        rest = self._ramp(start, stop_row, steps + _SEARCH_PIECE)[done:last]
-        yield from map(self._advance, in_grains(rest))
+        yield from map(self._follow, in_grains(path(done, last)))
 
-    def _ramp(self, start: Array, stop_row: NDArray[np.int64], steps: int) -> Array:
-        """Setpoints (steps, 7) towards the stops, each joint held from `stop_row` on."""
-        t = np.arange(1, steps + 1) * kernel.DT
-        # The speed builds up along a quarter of a sine within HOMING_RAMP.
-        slow = (1.0 - np.cos(np.pi / HOMING_RAMP * np.minimum(t, HOMING_RAMP) / 2)) * (
-            2.0 * HOMING_RAMP / np.pi
-        )
-        travelled = slow + np.maximum(0.0, t - HOMING_RAMP)
-        path = np.tile(start, (steps, 1))
-        for k in range(POSITIONING):
-            way = travelled.copy()
-            way[stop_row[k] :] = travelled[min(stop_row[k], steps - 1)]
-            path[:, k] += self._drives[k].homing_speed * way
-        return path
-
-    def _advance(self, goal: Array) -> TwinOutput:
-        """One compiled call over the rows of `goal` (n, 7)."""
+    def _follow(self, goal: Array) -> TwinOutput:
         n = len(goal)
         self._state.slow[kernel.LOAD] = self._load
         # The shortest time between two readings is a tenth of their period (see the kernel).

@@ -11,7 +11,7 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.robots.blocks import SETPOINT_DT
-from truejoint.robots.cable_mechanism import CableMechanism
+from truejoint.robots.cable_mechanism import CableMechanism, Node
 from truejoint.schema import Bounds
 from truejoint.simulation.friction import ContactLaw
 from truejoint.simulation.parameter_file import Parameters
@@ -156,9 +156,7 @@ class PlantConstants(NamedTuple):
     n_motors: int
     motor_step: Array  # (2, 2): how far angle and speed are off, a step later
     motor_lag: float  # [s] by which a motor follows a ramp
-    coulomb: float  # [Nm] of every motor
-    motor_viscous: float  # [Nm s/rad]
-    motor_presliding: float  # [rad]
+    motor: Motor  # friction of every motor
 
 
 class Drawn(NamedTuple):
@@ -219,7 +217,7 @@ def plant_constants(
         per_tension=f.tension_share * np.array([pin.radius for pin in pins]),
         presliding=f.presliding,
         is_maxwell_slip=f.law == MAXWELL_SLIP,
-        law=ContactLaw(0.0, f.presliding, 1.0, 1.0),
+        law=ContactLaw(0.0, f.presliding, 1.0, 1.0, 0.0),
         opening=np.zeros(len(pins)) if met is None else mechanism.row(met.opening),
         lowest=lower - p.stops.beyond,
         highest=upper + p.stops.beyond,
@@ -229,9 +227,7 @@ def plant_constants(
         # Over `dt` of e'' = -w**2 e - 2 z w e', exact.
         motor_step=np.ascontiguousarray(expm(np.array([[0.0, 1.0], [-w * w, -2.0 * z * w]]) * dt)),
         motor_lag=p.motor.lag,
-        coulomb=p.motor.coulomb,
-        motor_viscous=p.motor.viscous,
-        motor_presliding=p.motor.presliding,
+        motor=p.motor,
     )
     return constants, drawn
 
@@ -279,15 +275,13 @@ def _stiffness(p: WristParameters, mechanism: CableMechanism, whole: Array) -> A
 
 def _wraps(p: WristParameters, mechanism: CableMechanism) -> tuple[Integers, Array, Array]:
     """Joint at each node of each cable (C, N), -1 for none, its mu times wrap, and mu as signed."""
-    cables, joints = mechanism.cables, mechanism.joint_names
-    side = np.sign(mechanism.moments)
-    shape = len(cables), max(len(cable.nodes) for cable in cables)
-    joint_of, wrap, slope = np.full(shape, -1), np.zeros(shape), np.zeros(shape)
-    for c, cable in enumerate(cables):
-        for n, node in enumerate(cable.nodes):
-            mu = p.cables.wrist_friction if node.joint else p.cables.guide_friction
-            wrap[c, n] = mu * node.wrap
-            if node.joint:
-                joint_of[c, n] = joints.index(node.joint)
-                slope[c, n] = -mu * side[c, joint_of[c, n]]
-    return joint_of, wrap, slope
+    n_nodes = max(len(cable.nodes) for cable in mechanism.cables)
+    missing = Node(0.0)
+    nodes = [[*c.nodes, *[missing] * (n_nodes - len(c.nodes))] for c in mechanism.cables]
+    joints = ("", *mechanism.joint_names)
+    joint_of = np.array([[joints.index(n.joint) - 1 for n in row] for row in nodes], np.int64)
+    is_turned = joint_of >= 0
+    mu = np.where(is_turned, p.cables.wrist_friction, p.cables.guide_friction)
+    side = np.take_along_axis(np.sign(mechanism.moments), joint_of, 1)
+    wrap = mu * np.array([[node.wrap for node in row] for row in nodes], np.float64)
+    return joint_of, wrap, np.where(is_turned, -mu * side, 0.0)

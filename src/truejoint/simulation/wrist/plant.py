@@ -177,8 +177,8 @@ def move_motor(m: int, start: float, end: float, share: float, c: PlantConstants
     way = angle - s.motor[m]
     s.motor[m] = angle
     s.motor_speed[m] = rate + c.motor_step[1, 0] * off + c.motor_step[1, 1] * drift
-    stiffness = c.coulomb / c.motor_presliding
-    s.motor_friction[m] = dahl(s.motor_friction[m], c.coulomb, stiffness, way)
+    stiffness = c.motor.coulomb / c.motor.presliding
+    s.motor_friction[m] = dahl(s.motor_friction[m], c.motor.coulomb, stiffness, way)
 
 
 @inlined
@@ -230,9 +230,9 @@ def add_friction(j: int, c: PlantConstants, s: State, w: Work) -> None:
     w.level[j] = level = c.friction[j] + c.per_tension[j] * w.level[j]
     if c.is_maxwell_slip:
         at, q = j * N_ELEMENTS, s.joint[j]
-        drag = maxwell_slip(q, 0.0, level, c.law, 0.0, s.stuck, at, False)
+        drag = maxwell_slip(q, 0.0, level, c.law, s.stuck, at, False)
         ahead = q + math.copysign(_NUDGE, s.speed[j])
-        slope = maxwell_slip(ahead, 0.0, level, c.law, 0.0, s.stuck, at, False)
+        slope = maxwell_slip(ahead, 0.0, level, c.law, s.stuck, at, False)
         slope = abs(slope - drag) / _NUDGE
     else:
         drag = s.friction[j]
@@ -256,7 +256,7 @@ def move_joints(c: PlantConstants, s: State, w: Work) -> None:
         way, level = h * s.speed[j], w.level[j]
         s.joint[j] += way
         if c.is_maxwell_slip:
-            maxwell_slip(s.joint[j], 0.0, level, c.law, 0.0, s.stuck, j * N_ELEMENTS, True)
+            maxwell_slip(s.joint[j], 0.0, level, c.law, s.stuck, j * N_ELEMENTS, True)
         else:
             s.friction[j] = dahl(s.friction[j], level, level / c.presliding, way)
 
@@ -266,7 +266,7 @@ def write_row(row: int, grip: float, c: PlantConstants, s: State, w: Work, log: 
     """Write down where everything is."""
     for m in range(c.n_motors):
         log.motor[row, m] = s.motor[m]
-        log.effort[row, m] = s.motor_friction[m] + c.motor_viscous * s.motor_speed[m]
+        log.effort[row, m] = s.motor_friction[m] + c.motor.viscous * s.motor_speed[m]
     for n in range(c.motor_of.shape[0]):
         log.tension[row, n] = w.first[n]
         if c.motor_of[n] >= 0:
@@ -308,22 +308,10 @@ def advance(
 ) -> None:
     """Run along motor angles; fills a row of `log` at the end of each set-point's period.
 
-    Parameters
-    ----------
-    constants : PlantConstants
-    state : State
-        Changed in place.
-    work : Work
-        Scratch, of `new_work`.
-    goal : ndarray, shape (n + 1, M)
-        Motor angles [rad] wanted, each reached in a straight line from the one before.
-    torque : ndarray, shape (n + 1, J)
-        Torques [Nm] on the joints from outside, straight between rows.
-    held : ndarray, shape (n + 1,)
-        Opening [rad] at which the jaws meet each other or what they hold.
-    substeps : int
-        Steps of the constants' `dt` in a period.
-    log : Log
+    The state is changed in place, `work` is scratch. `goal` (n + 1, M) are the motor angles wanted
+    [rad], each reached in a straight line from the one before, `torque` (n + 1, J) those on the
+    joints from outside [Nm], straight between rows, `held` (n + 1,) the opening [rad] at which the
+    jaws meet each other or what they hold; a period has `substeps` of the constants' `dt`.
     """
     c, s, w = lend(constants), lend(state), lend(work)
     n = s.joint.shape[0]

@@ -7,13 +7,13 @@ from collections.abc import Callable, Generator
 from typing import ClassVar, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.errors import CommandRefused, RobotError
+from truejoint.errors import RobotError
 from truejoint.robots import Robot, get_robot
-from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, checked_rows, in_grains
-from truejoint.simulation.twin import Twin, TwinOutput, glide, hold, shaped
+from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, in_grains
+from truejoint.simulation.parameter_file import random_streams
+from truejoint.simulation.twin import Twin, TwinOutput, glide_at, hold, shaped
 from truejoint.simulation.wrist.parameters import SUBSTEPS, WristParameters, plant_constants
 from truejoint.simulation.wrist.plant import advance, at_rest, empty_log, new_work
 from truejoint.units import GRAVITY
@@ -75,15 +75,14 @@ class WristTwin(Twin):
         super().__init__(model, seed, load)
         self.tip_force: Callable[[Array], Array] | None = None
         self.held: Callable[[Array], Array] | None = None
-        self._constants, self._drawn = plant_constants(
-            self.parameters, mechanism, limits=(self.robot.lower, self.robot.upper)
-        )
+        limits = self.robot.lower, self.robot.upper
+        self._reach = limits[0] - _BEYOND, limits[1] + _BEYOND
+        self._constants, self._drawn = plant_constants(self.parameters, mechanism, limits=limits)
         self._state, self._work = at_rest(self._constants), new_work(self._constants)
         # A stream each, so that changing one sensor leaves the others alone.
         names = ("motor", "effort", "tension", "truth")
-        streams = np.random.SeedSequence(seed).spawn(len(names))
-        self._noise = {n: np.random.default_rng(s) for n, s in zip(names, streams, strict=True)}
-        self._streams = tuple(self._noise.values())
+        self._streams = random_streams(len(names), seed)
+        self._noise = dict(zip(names, self._streams, strict=True))
         self._zero = self._registered()
         self._command = np.zeros(len(self.robot.joints))
         self._goal = self._zero.copy()  # of the motors, where they stand
@@ -108,32 +107,16 @@ class WristTwin(Twin):
         Each engagement leaves other zeros of the motors (``homing.registration``).
         """
         zero, home = np.zeros_like(self._command), self.robot.home
-        way = self._way(self._command, zero)
+        way = glide_at(_HOMING_SPEED, self._command, zero)
         yield from map(self.run, in_grains(np.vstack([way, hold(zero, _SETTLING)])))
         self.homing_count += 1
         before, self._zero = self._zero, self._registered()
         # The motors stand still while their zeros change.
         self._reading = self._reading + before - self._zero
-        way = self._way(zero, home)
+        way = glide_at(_HOMING_SPEED, zero, home)
         yield from map(self.run, in_grains(np.vstack([way, hold(home, _SETTLING)])))
 
-    def run(self, setpoint: ArrayLike) -> TwinOutput:
-        """Follow joint angles (n, n_joints) [rad], one row a millisecond; reached at its end.
-
-        Raises CommandRefused if the shape is wrong, or a value is not finite or far beyond a
-        joint's limit, TruejointError if the plant leaves the finite numbers, and RobotError if
-        something is held where no jaws meet.
-        """
-        joints = checked_rows(self.robot, setpoint, "run")
-        beyond = (joints < self.robot.lower - _BEYOND) | (joints > self.robot.upper + _BEYOND)
-        if beyond.any():
-            row, k = np.argwhere(beyond)[0]
-            joint = self.robot.joints[k]
-            raise CommandRefused(
-                f"the setpoint of {joint.name} reaches {math.degrees(joints[row, k]):.1f} deg; its "
-                f"limits are {math.degrees(joint.lower):.1f} and {math.degrees(joint.upper):.1f} "
-                "deg: scale it down"
-            )
+    def _follow(self, joints: Array) -> TwinOutput:
         t = self._times(len(joints))
         goal = self._transmission.motor_from_joint(joints) + self._zero
         goal = np.ascontiguousarray(np.vstack([self._goal, goal]))
@@ -183,10 +166,6 @@ class WristTwin(Twin):
         return np.asarray(
             self._drawn.motor_zero + spread * rng.standard_normal(len(self._drawn.motor_zero))
         )
-
-    def _way(self, start: Array, end: Array) -> Array:
-        """Set-points (n, n_joints) from one pose to the other."""
-        return glide(start, end, 0.1 + math.pi / 2 * float(abs(end - start).max()) / _HOMING_SPEED)
 
     def _acting(self, t: Array) -> tuple[Array, Array]:
         """Give forces at the tip (n, n_arms) [N] and the opening at which jaws meet (n,) [rad]."""
