@@ -102,7 +102,23 @@ def test_nothing_is_corrected_until_the_robot_is_homed_nor_after_another_homing(
     assert line.ros.last["/arm1/corrected/status"].string == "HOMED_AGAIN"
     measured = recording.columns("measured", ROBOT.joint_names)
     assert line.out[0].position == measured[0].tolist()
-    assert line.out[-1].position == measured[14].tolist()
+    held = np.array(line.out[9].position) - measured[9]
+    assert np.abs(held).max() > 1e-3
+    np.testing.assert_allclose(line.out[-1].position, measured[14] + held, rtol=0, atol=1e-12)
+
+
+def test_its_status_alone_tells_that_the_robot_is_silent(model, recording):
+    line = Line(model)
+    with line.node:
+        line.home()
+        line.feed(recording, range(3))
+        heard = line.node._heard
+        line.node._watch(heard + 0.35)
+        assert line.ros.last["/arm1/corrected/status"].string == "OK"
+        line.node._watch(heard + 0.45)
+        assert line.ros.last["/arm1/corrected/status"].string == "SILENT"
+        line.feed(recording, [3])
+        assert line.ros.last["/arm1/corrected/status"].string == "OK"
 
 
 def test_it_says_what_it_waits_for_what_is_lacking_and_when_a_topic_stops(
