@@ -146,7 +146,8 @@ def robot(ros, simulator, package) -> Iterator[Arm]:
         patience.setattr(ros_backend, name, LONG)
     patience.setattr("truejoint.crtk.arm.SILENCE", LONG)
     patience.setattr(Arm, "_valid", lambda arm, name, age: valid(arm, name, max(age, LONG)))
-    with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC)) as arm:
+    near = {"rad": np.radians(1.0), "m": 1e-3}  # its friction keeps the twin's motors off
+    with Arm(RosBackend(ros, ROBOT, PROFILE, truth=TRUTH_TOPIC, tolerance=near)) as arm:
         yield arm
     patience.undo()
 

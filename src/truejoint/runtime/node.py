@@ -15,7 +15,6 @@ from truejoint.array_types import Array
 from truejoint.crtk.messages import (
     CORRECTED,
     JOINT_STATE,
-    OPERATING_STATE,
     STRING_STAMPED,
     profile_of,
 )
@@ -129,7 +128,9 @@ class CorrectorNode:
             self._diagnostics = self._made("/diagnostics", DIAGNOSTICS)
             topic = self._stream.name("operating_state")
             self._endings.append(
-                self._transport.subscribe(topic, OPERATING_STATE, self._on_operating_state)
+                self._transport.subscribe(
+                    topic, self._profile.operating_state, self._on_operating_state
+                )
             )
             self._stream.start()
         except BaseException:
