@@ -286,7 +286,7 @@ def test_a_move_ends_when_the_joint_is_there_or_says_how_far_off_it_is(served, a
         return replace(output, measured=output.measured - 0.004 * np.eye(8)[0])
 
     monkeypatch.setattr(served.twin, "run", stuck)
-    monkeypatch.setattr(arm._backend, "flush", lambda: flush(0.2))
+    monkeypatch.setattr(arm._backend, "flush", lambda _=0.0: flush(0.2))
     with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 0.22\d* deg away"):
         arm.move_jp(ROBOT.home).wait()
     assert arm.operating_state().state == "ENABLED"
