@@ -30,10 +30,15 @@ def model(recording):
 class Line:
     """A node, what it puts out, and what it says."""
 
-    def __init__(self, model, profile="raven2_mended", **options):
+    def __init__(self, model, profile="raven2_mended", on_fault="hold", **options):
         self.ros, self.said, self.out = LocalRos(), [], []
         self.node = CorrectorNode(
-            self.ros, [Corrector(model)], ROBOT, profile, say=self.said.append, **options
+            self.ros,
+            [Corrector(model, on_fault=on_fault)],
+            ROBOT,
+            profile,
+            say=self.said.append,
+            **options,
         )
         self.ros.subscribe(OUT, "sensor_msgs/JointState", self.out.append)
 
@@ -105,6 +110,16 @@ def test_nothing_is_corrected_until_the_robot_is_homed_nor_after_another_homing(
     held = np.array(line.out[9].position) - measured[9]
     assert np.abs(held).max() > 1e-3
     np.testing.assert_allclose(line.out[-1].position, measured[14] + held, rtol=0, atol=1e-12)
+
+
+def test_a_silent_one_publishes_no_position_in_doubt(model, recording):
+    line = Line(model, on_fault="silent")
+    with line.node:
+        line.feed(recording, range(5))
+        line.home()
+        line.feed(recording, range(5, 8))
+    assert len(line.out) == 3
+    assert line.ros.last["/arm1/corrected/status"].string == "OK"
 
 
 def test_its_status_alone_tells_that_the_robot_is_silent(model, recording):

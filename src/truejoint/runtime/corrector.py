@@ -101,6 +101,8 @@ class Corrector(Summarised):
     ----------
     made_for : tuple of str
         Robot and arm that the model is of.
+    on_fault : OnFault
+        What `position` is where the status is not OK.
     joints, signals : tuple of str
         What comes out, and the columns that a sample must hold, in order: those of the model, then
         those that are redundant to the measured positions.
@@ -151,7 +153,7 @@ class Corrector(Summarised):
     __slots__ = (
         "_commands", "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample",
         "_statuses", "_taking", "_thread", "beside", "correction", "features", "half_width",
-        "joints", "made_for", "offset", "position", "signals",
+        "joints", "made_for", "offset", "on_fault", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -164,10 +166,11 @@ class Corrector(Summarised):
     ) -> None:
         data = _read(model)
         self.made_for = data.robot, data.arm
+        self.on_fault = on_fault if isinstance(on_fault, OnFault) else OnFault(on_fault)
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
         # Packed memory holds on to the compiled functions whose addresses it contains.
-        self._packed = packed = at.pack(data, limits_of(data, range_margin), level, on_fault)
+        self._packed = packed = at.pack(data, limits_of(data, range_margin), level, self.on_fault)
         self._numbers, self._memory = packed.numbers, packed.memory
         self._sample = packed.view("sample")
         self.position = packed.view("position")

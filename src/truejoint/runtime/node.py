@@ -205,7 +205,8 @@ class CorrectorNode:
         if status & Status.OTHER_THREAD:  # those are of another sample
             position = np.array([columns[f"measured/{joint}"][0] for joint in corrector.joints])
             half_width = np.full_like(position, np.inf)
-        self._publish(message, columns, corrector.joints, position, half_width)
+        if not (status and corrector.on_fault.reaction == "silent"):
+            self._publish(message, columns, corrector.joints, position, half_width)
         if status is not self._status:
             self._status = status
             text = self._transport.message(STRING_STAMPED)
