@@ -337,7 +337,7 @@ class RosBackend:
             joint = self.robot.joints[worst]
             return (
                 f"{joint.name} is {shown(float(off[worst]), joint.unit)} away from where it was "
-                f"sent, after {timeout:g} s"
+                f"sent, after {timeout:g} s; does friction hold it? RosBackend takes a tolerance"
             )
 
     def wait(self, duration: float) -> None:
