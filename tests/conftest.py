@@ -102,8 +102,8 @@ class LaggingBackend:
         self._run(position)
         return len(position)
 
-    def flush(self) -> None:
-        pass
+    def flush(self, timeout: float = 0.0) -> str:
+        return ""
 
     def wait(self, duration: float) -> None:
         self.time += duration

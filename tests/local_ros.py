@@ -22,7 +22,15 @@ def _pose(place: str, turn: str) -> dict[str, Any]:
 _FIELDS: dict[str, dict[str, Any]] = {
     "sensor_msgs/JointState": {"name": [], "position": [], "velocity": [], "effort": []},
     "crtk_msgs/OperatingState": {"state": "", "is_homed": False, "is_busy": False},
+    "crtk_msgs/operating_state": {"state": "", "is_homed": False, "is_busy": False},
     "crtk_msgs/StringStamped": {"string": ""},
+    "geometry_msgs/TwistStamped": {
+        "twist": SimpleNamespace(
+            linear=SimpleNamespace(x=0.0, y=0.0, z=0.0),
+            angular=SimpleNamespace(x=0.0, y=0.0, z=0.0),
+        )
+    },
+    "geometry_msgs/WrenchStamped": {},
     "geometry_msgs/PoseStamped": {"pose": SimpleNamespace(**_pose("position", "orientation"))},
     "geometry_msgs/TransformStamped": {
         "transform": SimpleNamespace(**_pose("translation", "rotation"))
@@ -67,7 +75,9 @@ class LocalRos:
         self.kinds[topic] = kind
         return _Publisher(self, topic)
 
-    def subscribe(self, topic: str, kind: str, callback: Callable[[Any], None]) -> Any:
+    def subscribe(
+        self, topic: str, kind: str, callback: Callable[[Any], None], *, newest: bool = False
+    ) -> Any:
         assert self.kinds.get(topic, kind) == kind, f"{topic} is {self.kinds[topic]}, not {kind}"
         self.readers.setdefault(topic, []).append(callback)
         return lambda: self.readers[topic].remove(callback)

@@ -100,6 +100,16 @@ class CommandRefused(TruejointError):
     """
 
 
+class NotArrived(CommandRefused):
+    """A motion that is over, with a joint that is not where it was sent; the message says how far.
+
+    Examples
+    --------
+    >>> str(NotArrived("move_jp is over, but elbow is 0.3 deg away from where it was sent"))[:18]
+    'move_jp is over, b'
+    """
+
+
 class MotionStopped(CommandRefused):
     """A motion that was stopped before its end; the message says when, and how far along.
 

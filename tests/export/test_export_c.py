@@ -115,7 +115,7 @@ def test_single_precision_is_as_far_off_as_its_header_says(tmp_path, estimator, 
     ctypes.CDLL(None).fflush(None)
     measured = float(re.search(r"largest difference (\S+)", capfd.readouterr().out)[1])
     stated = float(re.search(r"within (\S+) \(rad", (tmp_path / "m.h").read_text())[1])
-    assert 1e-10 < measured <= stated < 1e-5
+    assert 1e-10 < measured <= stated < 2e-5
 
 
 @needs_compiler
@@ -148,7 +148,7 @@ def test_check_notices_a_changed_number(tmp_path):
 @pytest.mark.parametrize(
     ("errors", "precision", "said"),
     [((-1e-9, 1e-9), "float", "in float, shoulder would be off by up to"),
-     ((1.0, 2.0), "double", "only 0 of 1092 samples would be corrected")],
+     ((1.0, 2.0), "double", "only 0 of 1112 samples would be corrected")],
 )  # fmt: skip
 def test_a_source_whose_check_would_show_nothing_is_refused(tmp_path, errors, precision, said):
     model = calibration(Polynomial(0), PLAIN)

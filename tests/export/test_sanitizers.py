@@ -44,7 +44,7 @@ def why_not(compiler: str) -> str:
 def test_nothing_leads_the_source_astray(tmp_path, compiler, name, precision):
     if reason := why_not(compiler):
         pytest.skip(reason)
-    export_c(model(name), tmp_path, prefix="m", precision=precision)
+    export_c(model(name), tmp_path, prefix="m", precision=precision, on_fault="raw")
     program = tmp_path / "fuzz"
     flags = ("-std=c99", "-O1", *STRICT, *SANITIZE, f"-DREAL={precision}", f"-I{tmp_path}")
     command = [compiler, *flags, str(tmp_path / "m.c"), str(HARNESS), "-lm", "-o", str(program)]

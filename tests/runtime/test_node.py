@@ -30,10 +30,15 @@ def model(recording):
 class Line:
     """A node, what it puts out, and what it says."""
 
-    def __init__(self, model, profile="raven2_mended", **options):
+    def __init__(self, model, profile="raven2_mended", on_fault="hold", **options):
         self.ros, self.said, self.out = LocalRos(), [], []
         self.node = CorrectorNode(
-            self.ros, [Corrector(model)], ROBOT, profile, say=self.said.append, **options
+            self.ros,
+            [Corrector(model, on_fault=on_fault)],
+            ROBOT,
+            profile,
+            say=self.said.append,
+            **options,
         )
         self.ros.subscribe(OUT, "sensor_msgs/JointState", self.out.append)
 
@@ -102,7 +107,33 @@ def test_nothing_is_corrected_until_the_robot_is_homed_nor_after_another_homing(
     assert line.ros.last["/arm1/corrected/status"].string == "HOMED_AGAIN"
     measured = recording.columns("measured", ROBOT.joint_names)
     assert line.out[0].position == measured[0].tolist()
-    assert line.out[-1].position == measured[14].tolist()
+    held = np.array(line.out[9].position) - measured[9]
+    assert np.abs(held).max() > 1e-3
+    np.testing.assert_allclose(line.out[-1].position, measured[14] + held, rtol=0, atol=1e-12)
+
+
+def test_a_silent_one_publishes_no_position_in_doubt(model, recording):
+    line = Line(model, on_fault="silent")
+    with line.node:
+        line.feed(recording, range(5))
+        line.home()
+        line.feed(recording, range(5, 8))
+    assert len(line.out) == 3
+    assert line.ros.last["/arm1/corrected/status"].string == "OK"
+
+
+def test_its_status_alone_tells_that_the_robot_is_silent(model, recording):
+    line = Line(model)
+    with line.node:
+        line.home()
+        line.feed(recording, range(3))
+        heard = line.node._heard
+        line.node._watch(heard + 0.35)
+        assert line.ros.last["/arm1/corrected/status"].string == "OK"
+        line.node._watch(heard + 0.45)
+        assert line.ros.last["/arm1/corrected/status"].string == "SILENT"
+        line.feed(recording, [3])
+        assert line.ros.last["/arm1/corrected/status"].string == "OK"
 
 
 def test_it_says_what_it_waits_for_what_is_lacking_and_when_a_topic_stops(

@@ -22,7 +22,7 @@ from truejoint.crtk.planning import time_law
 from truejoint.crtk.protocol import SILENCE, Backend, Listener
 from truejoint.crtk.states import JointState, OperatingState, StateCommand, check_ready, next_state
 from truejoint.crtk.topics import joint_efforts
-from truejoint.errors import CommandRefused, MotionStopped, TruejointError, other_kind
+from truejoint.errors import CommandRefused, MotionStopped, NotArrived, TruejointError, other_kind
 from truejoint.robots import Robot, blocks
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
@@ -250,12 +250,12 @@ class Arm:
     def servo_jr(self, increment: ArrayLike) -> None:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `servo_jp`."""
         step = blocks.checked_vector(self.robot, increment, "servo_jr")
-        self._servo((self._start_of("servo_jr") + step)[None], "servo_jr")
+        self._servo((self.latest_setpoint("servo_jr") + step)[None], "servo_jr")
 
     def servo_jv(self, velocity: ArrayLike) -> None:
         """Go on at `velocity` (n_joints,) [rad/s or m/s] for one servo period; as `servo_jp`."""
         step = blocks.checked_vector(self.robot, velocity, "servo_jv") / self.rate
-        self._servo((self._start_of("servo_jv") + step)[None], "servo_jv")
+        self._servo((self.latest_setpoint("servo_jv") + step)[None], "servo_jv")
 
     def servo_cp(self, pose: ArrayLike) -> None:
         """Go to a tool pose (4, 4) [m] within one servo period; as `servo_jp`.
@@ -263,7 +263,10 @@ class Arm:
         The pose is in the frame of the CRTK topics. Raises RobotError if it is out of reach or
         the robot's kinematics are not known.
         """
-        kinematics, start = self.robot.known_kinematics("servo_cp"), self._start_of("servo_cp")
+        kinematics, start = (
+            self.robot.known_kinematics("servo_cp"),
+            self.latest_setpoint("servo_cp"),
+        )
         self._servo(cartesian.joints_at(kinematics, pose, start)[None], "servo_cp")
 
     def servo_cr(self, increment: ArrayLike) -> None:
@@ -271,7 +274,10 @@ class Arm:
 
         Shift and turn are about the axes of the CRTK topics' frame, the turn about the tool.
         """
-        kinematics, start = self.robot.known_kinematics("servo_cr"), self._start_of("servo_cr")
+        kinematics, start = (
+            self.robot.known_kinematics("servo_cr"),
+            self.latest_setpoint("servo_cr"),
+        )
         target = cartesian.moved(cartesian.pose(kinematics, start), increment)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
 
@@ -297,7 +303,7 @@ class Arm:
     def move_jr(self, increment: ArrayLike, speed: ArrayLike | None = None) -> Motion:
         """Go by `increment` (n_joints,) [rad or m] from the latest set-point; as `move_jp`."""
         step = blocks.checked_vector(self.robot, increment, "move_jr")
-        return self._move((self._start_of("move_jr") + step)[None], speed, "move_jr")
+        return self._move((self.latest_setpoint("move_jr") + step)[None], speed, "move_jr")
 
     def move_cp(self, pose: ArrayLike, speed: ArrayLike | None = None) -> Motion:
         """Take the tool to a pose (4, 4) [m] along a straight line in space; as `move_jp`.
@@ -305,7 +311,7 @@ class Arm:
         The pose is in the frame of the CRTK topics, `speed` of the joints. The whole way is checked
         before the arm moves; raises RobotError if some of it is out of reach.
         """
-        kinematics, start = self.robot.known_kinematics("move_cp"), self._start_of("move_cp")
+        kinematics, start = self.robot.known_kinematics("move_cp"), self.latest_setpoint("move_cp")
         return self._move(cartesian.straight_line(kinematics, start, pose), speed, "move_cp")
 
     def stream(self, pieces: Iterable[Array], duration: float, command: str) -> Motion:
@@ -343,7 +349,7 @@ class Arm:
         if not self.operating_state().is_ready:
             self._backend.wait(rest_s)
             return
-        hold = self._start_of("wait")
+        hold = self.latest_setpoint("wait")
         rows = np.broadcast_to(hold, (round(rest_s * self.rate), len(hold)))
         self._run(self._begin("wait", rest_s), iter([rows]))
 
@@ -431,8 +437,11 @@ class Arm:
                 f"{command} refused: this program looks on; make the Arm to control"
             )
 
-    def _start_of(self, command: str) -> Array:
-        """Set-point (n_joints,) that a relative command or a move starts at."""
+    def latest_setpoint(self, command: str) -> Array:
+        """Set-point (n_joints,) [rad or m] that a relative `command` or a move starts at.
+
+        Raises CommandRefused unless the arm is ready.
+        """
         check_ready(self.operating_state(), command)
         return np.asarray(self._latest_setpoints()[-1])
 
@@ -445,7 +454,10 @@ class Arm:
     def _move(self, knots: Array, speed: ArrayLike | None, command: str) -> Motion:
         caps = limits.move_speed(self.robot, speed, command)
         blocks.check_range(self.robot, knots, command)
-        law = time_law(np.vstack([self._start_of(command), knots]), caps)
+        start = self.latest_setpoint(command)
+        if self._last_setpoints is None:  # what is planned from is what steps are checked against
+            self._last_setpoints = np.tile(start, (2, 1))
+        law = time_law(np.vstack([start, knots]), caps)
         return self.stream(law.blocks(self.rate), law.duration, command)
 
     def _servo(self, rows: Array, command: str) -> None:
@@ -489,8 +501,8 @@ class Arm:
                 self._send(motion, rows)
                 if self._stop_command:
                     break
-            if waits and not self._stop_command:
-                self._backend.flush()
+            if waits and not self._stop_command and (missing := self._backend.flush()):
+                error = NotArrived(f"{motion.command} is over, but {missing}")
         except BaseException as caught:  # noqa: BLE001  # whatever it is, the arm stops
             error = caught
             self._stop_command = self._stop_command or "pause"
@@ -559,7 +571,7 @@ class Arm:
         rows = start + np.cumsum(share)[:, None] * step
         rows = np.clip(rows, self.robot.lower, self.robot.upper)
         self._backend.servo_jp(rows, lambda: True)
-        self._backend.flush()
+        self._backend.flush(BRAKING)
         self._last_setpoints = rows[-1:].repeat(2, axis=0)
 
     def _ask(self, motion: Motion | None, command: str) -> bool:

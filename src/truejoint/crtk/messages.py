@@ -140,6 +140,14 @@ class Profile:
     prefixes: Mapping[str, str] = field(default_factory=dict)
     no_effort: bool = False  # the effort of ``measured_js`` is always 0 and says nothing
     no_setpoint: bool = False  # ``setpoint_js`` is no position to go to
+    operating_state: str = OPERATING_STATE  # message type of that topic
+    repeats_state: bool = False  # with every state message, not on change and ten times a second
+    # ``servo_jr`` may hold more values than there are joints, of which the first count; it and
+    # ``servo_jp`` may hold a single one, which is the first joint's.
+    longer_increments: bool = False
+    # Namespace of an arm's topics to that of its grasper, whose ``measured_js`` has the opening and
+    # the two jaws.
+    grasper: Mapping[str, str] = field(default_factory=dict)
     # Offsets added to readings of joint sensors that count from another zero [rad or m].
     truth_offsets: Mapping[str, float] = field(default_factory=dict)
 
@@ -162,6 +170,18 @@ class Profile:
             if self.arm_of(f"{space}/{name}") == arm:
                 return f"/{space}/{name}"
         return f"/{arm}/{name}" if arm else f"/{name}"
+
+    def joint_values(self, robot: Robot, name: str, values: Array, rest: Array) -> Array:
+        """Value (n_joints,) for each joint that a message of the command `name` holds.
+
+        `rest` (n_joints,) are those of joints that it says nothing of.
+        """
+        count = len(robot.joint_names)
+        if self.longer_increments and name in ("servo_jr", "servo_jp") and values.shape == (1,):
+            return np.append(values, rest[1:])
+        if self.longer_increments and name == "servo_jr":
+            return values[:count]
+        return values
 
     def joint(self, name: str) -> str:
         """Joint that is called `name` in a message."""
@@ -204,6 +224,11 @@ PROFILES: Final[Mapping[str, Profile]] = {
             prefixes={"arm1": "gold_", "arm2": "green_"},
             no_effort=True,
             no_setpoint=True,
+            # raven2:src/raven/crtk_motion.cpp takes 7 values or more of servo_jr, or one.
+            operating_state="crtk_msgs/operating_state",
+            repeats_state=True,
+            longer_increments=True,
+            grasper={"arm1": "grasp1", "arm2": "grasp2"},
             truth_offsets={"elbow": 7.5 * _DEG, "insertion": 0.562 - 0.572467},
         ),
         Profile(

@@ -14,6 +14,8 @@ from truejoint.robots.blocks import TruthBlock as TruthBlock  # noqa: PLC0414
 BLOCK_DURATION: Final = 10.0
 """Longest stretch that a back end executes or reports in one block [s]."""
 
+ARRIVAL: Final = 2.0
+"""Time that joints may take to come to the last set-point [s]."""
 SILENCE: Final = 1.0
 """Time without a message [s] after which an arm, or a topic, counts as silent."""
 
@@ -83,8 +85,11 @@ class Backend(Protocol):
         how many set-points were taken until then. Without more the arm holds the last one.
         """
 
-    def flush(self) -> None:
-        """Return once the last set-point has been executed."""
+    def flush(self, timeout: float = ARRIVAL) -> str:
+        """Return once the last set-point has been executed, or after `timeout` [s].
+
+        Gives in words what has not arrived by then; empty where all has.
+        """
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on; the arm holds its position."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import threading
 from collections.abc import Mapping
 from contextlib import ExitStack, suppress
@@ -14,22 +15,35 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from truejoint.array_types import Array
-from truejoint.crtk import messages
+from truejoint.crtk import cartesian, messages
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, RAVEN_STATE, STRING_STAMPED
+from truejoint.crtk.messages import JOINT_STATE, RAVEN_STATE, STRING_STAMPED
 from truejoint.crtk.ros.transport import Publisher, Transport
+from truejoint.crtk.setpoint_follower import SetpointFollower
 from truejoint.crtk.topics import topic_columns
 from truejoint.errors import CommandRefused, MotionStopped, TruejointError
-from truejoint.robots.blocks import StateBlock, TruthBlock
+from truejoint.robots.blocks import StateBlock, TruthBlock, checked_vector
 
+_TWIST: Final = "geometry_msgs/TwistStamped"
 _POSE: Final = "geometry_msgs/PoseStamped"
 _TRANSFORM: Final = "geometry_msgs/TransformStamped"
 _COMMANDS: Final = (
-    "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "move_jp", "move_jr", "move_cp",
-    "hold",
+    "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "interpolate_jp", "interpolate_cp",
+    "move_jp", "move_jr", "move_cp", "hold", "free", "servo_jf", "servo_cf",
 )  # fmt: skip
 _TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
+_OF_GRASPER: Final = ("servo_jp", "servo_jr", "servo_jv")
+_JAWS: Final = ("jaw1", "jaw2")
+_RELATIVE: Final = ("servo_jr", "servo_jv", "servo_cr")  # none of which may be left out
+_NOT_OFFERED: Final = ("free", "servo_jf", "servo_cf")  # no twin is moved by efforts
+_KINDS: Final = {
+    "hold": "std_msgs/Empty", "free": "std_msgs/Empty", "servo_cf": "geometry_msgs/WrenchStamped",
+}  # fmt: skip
+_LATE: Final = 0.5  # [s] after its stamp a set-point is no longer one
+_LOG: Final = 1.0  # [s] between two equal lines of the log
+_STATE: Final = 0.1  # [s] between two operating states that are the same
+_VELOCITY: Final = 0.05  # [s] for which a velocity holds at most
 _IDLE: Final = 0.01  # [s] between reports of an arm that does not work
 _DRIFT: Final = 0.1  # [s] by which its clock may be off ROS's
 
@@ -40,10 +54,11 @@ class ArmServer:
     """Publishes what an arm reports, and carries out what is asked of it, from entering to leaving.
 
     Written are ``measured_js``, ``setpoint_js``, ``measured_cp``, ``operating_state``, of RAVEN-II
-    also ``/ravenstate``, of an arm with joint sensors ``/ext_jpos``; read are ``state_command``,
-    ``hold``, ``servo_jp``, ``servo_jr``, ``servo_jv``, ``servo_cp``, ``servo_cr``, ``move_jp``,
-    ``move_jr`` and ``move_cp``. What is refused is said in the log. An arm that stands
-    paused goes on to report.
+    also ``/ravenstate``, of an arm with joint sensors ``/ext_jpos``. With kinematics there are also
+    ``setpoint_cp`` and ``measured_cv``. Read are ``state_command``, ``hold``, ``servo_jp``,
+    ``servo_jr``, ``servo_jv``, ``servo_cp``, ``servo_cr``, ``interpolate_jp``, ``interpolate_cp``,
+    ``move_jp``, ``move_jr`` and ``move_cp``; the newest of them pre-empts the others. The log says
+    what is refused. An arm that stands paused goes on to report.
 
     The arm runs in real time. `profile` names how its messages differ from CRTK
     (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
@@ -70,30 +85,46 @@ class ArmServer:
         self._spoken = threading.Event()
         self._closed = threading.Event()
         self._move: Motion | None = None
+        self._follower = SetpointFollower(arm, partial(self._warn, "servo"))
+        self._newest: dict[str, float] = {}  # stamp of the newest set-point by command [s]
+        self._warned: dict[str, float] = {}  # when, by line without numbers [s]
+        self._velocity_t = -math.inf
+        self._state_said: tuple[float, tuple[Any, ...]] = (-math.inf, ())
         self._threads: list[threading.Thread] = []
         self._pose_kind = _TRANSFORM if self._profile.swapped else _POSE
         self._kinds = {
             "measured_js": JOINT_STATE, "setpoint_js": JOINT_STATE,
-            "operating_state": OPERATING_STATE, "truth": JOINT_STATE,
+            "operating_state": self._profile.operating_state, "truth": JOINT_STATE,
         }  # fmt: skip
         if arm.robot.kinematics is not None:
-            self._kinds["measured_cp"] = self._pose_kind
+            poses = dict.fromkeys(("measured_cp", "setpoint_cp"), self._pose_kind)
+            self._kinds |= poses | {"measured_cv": _TWIST}
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
+        spaces = [space for space, of in self._profile.arms.items() if of == arm.robot.arm]
+        self._grasper = "".join(self._profile.grasper.get(space, "") for space in spaces)
+        if self._grasper:
+            self._kinds["grasper"] = JOINT_STATE
         self._publishers: dict[str, Publisher] = {}
 
     def __enter__(self) -> Self:
         subscribe = self._transport.subscribe
         with ExitStack() as writing, ExitStack() as reading:  # closed where something fails
             for name, kind in self._kinds.items():
-                made = self._transport.publisher(_TOPICS.get(name) or self._name(name), kind)
+                topics = {**_TOPICS, "grasper": f"/{self._grasper}/measured_js"}
+                made = self._transport.publisher(topics.get(name) or self._name(name), kind)
                 self._publishers[name] = made
                 writing.callback(made.close)
             for name in _COMMANDS:
                 kind = self._pose_kind if name.endswith(("_cp", "_cr")) else JOINT_STATE
-                kind = "std_msgs/Empty" if name == "hold" else kind
-                receive = partial(self._receive, name)
-                reading.callback(subscribe(self._name(name), kind, receive))
+                kind, receive = _KINDS.get(name, kind), partial(self._receive, name)
+                newest = name.startswith(("servo", "interpolate")) and name not in _RELATIVE
+                stop = subscribe(self._name(name), kind, receive, newest=newest)
+                reading.callback(stop)
+            for name in _OF_GRASPER if self._grasper else ():
+                receive = partial(self._receive, name, of_grasper=True)
+                topic = f"/{self._grasper}/{name}"
+                reading.callback(subscribe(topic, JOINT_STATE, receive))
             topic = self._name("state_command")
             reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
             self._reading, self._writing = reading.pop_all(), writing.pop_all()
@@ -123,20 +154,76 @@ class ArmServer:
 
     # Commands.
 
-    def _receive(self, name: str, message: Any) -> None:
-        """Carry out a message of a topic of `_COMMANDS`."""
-        act = getattr(self._arm, name)
+    def _receive(self, name: str, message: Any, *, of_grasper: bool = False) -> None:
+        """Carry out a message of a topic of `_COMMANDS`; each pre-empts what goes on."""
         try:
+            if name in _NOT_OFFERED:
+                raise CommandRefused(f"{name} refused: a simulated arm does not offer it")
+            if name.startswith(("servo", "interpolate")):
+                self._follow(name, message, of_grasper)
+                return
+            self._follower.stop()
             if name == "hold":
-                motion = act()
-            elif name.endswith(("_cp", "_cr")):
-                motion = act(matrix_of(message))
-            else:
-                motion = act(np.array(message.velocity if name == "servo_jv" else message.position))
+                self._arm.hold()
+                return
+            self._end_move()
+            act, cartesian_ = getattr(self._arm, name), name.endswith("_cp")
+            self._move = act(matrix_of(message) if cartesian_ else np.array(message.position))
         except (TruejointError, ValueError) as refusal:
-            _log.warning("%s: %s", self._name(name), refusal)
+            self._warn(name, str(refusal))
+
+    def _end_move(self) -> None:
+        if self._move is not None and self._move.is_busy():
+            self._move.cancel()
+
+    def _follow(self, name: str, message: Any, of_grasper: bool) -> None:
+        """Follow a set-point, unless a newer one has come."""
+        t = self._transport.seconds(message)
+        is_old = name not in _RELATIVE and t < self._newest.get(name, 0.0)
+        if t and (is_old or self._transport.now() - t > _LATE):
+            self._warn(name, "a set-point is older than another, or too late; it is passed over")
             return
-        self._move = motion or self._move
+        self._newest[name] = t
+        self._end_move()
+        goal = self._follower.goal(name)
+        if name.endswith(("_cp", "_cr")):
+            kinematics, pose = self._arm.robot.known_kinematics(name), matrix_of(message)
+            if name.endswith("_cr"):
+                pose = cartesian.moved(cartesian.pose(kinematics, goal), pose)
+            target = cartesian.joints_at(kinematics, pose, goal)
+        else:
+            target = self._joint_target(name, message, goal, of_grasper)
+        self._follower.ask(target, name)
+
+    def _joint_target(self, name: str, message: Any, goal: Array, of_grasper: bool) -> Array:
+        """Set-point (n_joints,) [rad or m] that a message asks for, from that before it."""
+        robot = self._arm.robot
+        values = np.array(message.velocity if name == "servo_jv" else message.position)
+        rest = np.zeros_like(goal) if name in _RELATIVE else goal.copy()
+        if of_grasper:  # the opening, which is the sum of what its jaws turn by
+            if values.shape != (1,):
+                raise CommandRefused(f"{name} refused: {len(values)} values; want the opening")
+            rest[robot.index(_JAWS)] = 0.5 * values[0]
+            values = rest
+        values = self._profile.joint_values(robot, name, values, rest)
+        target = checked_vector(robot, values, name)
+        if name == "servo_jv":
+            top = np.array([joint.max_speed for joint in robot.joints])
+            target = np.clip(target, -top, top) * self._velocity_time()
+        return goal + target if name in _RELATIVE else target
+
+    def _velocity_time(self) -> float:
+        """Time [s] that has passed since the last velocity, for which it held."""
+        now, last = self._arm.time, self._velocity_t
+        self._velocity_t = now
+        return now - last if 0.0 < now - last < _VELOCITY else 1.0 / self._arm.rate
+
+    def _warn(self, name: str, text: str) -> None:
+        """Say a line in the log, unless the same but for its numbers was said just before."""
+        now, line = self._transport.now(), re.sub(r"[-+.e\d]+", "", f"{name}{text}")
+        if not 0.0 <= now - self._warned.get(line, -math.inf) < _LOG:
+            self._warned[line] = now
+            _log.warning("%s: %s", self._name(name), text)
 
     def _on_command(self, message: Any) -> None:
         """Carry a state command out in a thread of its own, so that a homing can be paused."""
@@ -190,13 +277,23 @@ class ArmServer:
             )
         if self._is_read("measured_js"):
             self._publish_joints("measured_js", t, "measured", columns)
-        if self._is_read("measured_cp"):
-            pose = topic_columns(robot, "measured_cp", block)
-            message = self._transport.stamped(self._pose_kind, self._stamp(t))
-            place, turn = _parts(message)
-            place.x, place.y, place.z = (float(pose[axis][0]) for axis in "xyz")
-            turn.x, turn.y, turn.z, turn.w = (float(pose[f"q{axis}"][0]) for axis in "xyzw")
-            self._publishers["measured_cp"].publish(message)
+        if self._is_read("grasper"):
+            jaws = [float(columns[f"measured/{jaw}"][0]) for jaw in _JAWS]
+            self._publish("grasper", t, position=[sum(jaws), *jaws])
+        for name in ("measured_cp", "setpoint_cp"):
+            if self._is_read(name):
+                pose = topic_columns(robot, name, block)
+                message = self._transport.stamped(self._pose_kind, self._stamp(t))
+                place, turn = _parts(message)
+                place.x, place.y, place.z = (float(pose[axis][0]) for axis in "xyz")
+                turn.x, turn.y, turn.z, turn.w = (float(pose[f"q{axis}"][0]) for axis in "xyzw")
+                self._publishers[name].publish(message)
+        if self._is_read("measured_cv"):
+            twist = topic_columns(robot, "measured_cv", block)
+            message = self._transport.stamped(_TWIST, self._stamp(t))
+            for vector, letter in ((message.twist.linear, "v"), (message.twist.angular, "w")):
+                vector.x, vector.y, vector.z = (float(twist[letter + axis][0]) for axis in "xyz")
+            self._publishers["measured_cv"].publish(message)
         if self._is_read("ravenstate"):
             levels = "stopped", "pedal up", "pedal down"
             state = self._arm.operating_state()
@@ -219,7 +316,12 @@ class ArmServer:
         now = self._arm.operating_state()
         moves = self._move is not None and self._move.is_busy()
         busy = now.is_busy and (moves or not now.is_homed)
-        self._publish("operating_state", t, state=now.state, is_homed=now.is_homed, is_busy=busy)
+        values = now.state, now.is_homed, busy
+        last, said = self._state_said
+        if self._profile.repeats_state or values != said or not 0.0 <= t - last < _STATE:
+            self._state_said = t, values
+            state, is_homed, is_busy = values
+            self._publish("operating_state", t, state=state, is_homed=is_homed, is_busy=is_busy)
 
     def _is_read(self, name: str) -> bool:
         made = self._publishers.get(name)

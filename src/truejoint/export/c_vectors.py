@@ -13,9 +13,16 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.errors import ExportError
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import correct_rows, tell_homing
+from truejoint.runtime.correction import MANY_LATE, correct_rows, tell_homing
 from truejoint.runtime.corrector import Corrector
-from truejoint.runtime.fields import HOMING_OF_CALIBRATION, HOMING_UNKNOWN, IS_HOMED, TOLD_ID
+from truejoint.runtime.fields import (
+    HOMING_OF_CALIBRATION,
+    HOMING_UNKNOWN,
+    IS_HOMED,
+    TOLD_ID,
+    OnFault,
+    Reaction,
+)
 from truejoint.runtime.limits import Limits
 
 NOTHING, SET_HOMING, REZERO, ACKNOWLEDGE = 0, 1, 2, 3
@@ -60,12 +67,14 @@ def make_vectors(
     limits: Limits,
     level: float | None,
     range_margin: float,
+    on_fault: OnFault | Reaction,
     dtype: type,
     compensator: Compensator | None = None,
 ) -> tuple[Vectors, Answers, Array, Array, Array]:
     """Make samples like those of training, with every fault there is a status for, and answers.
 
-    `level` and `range_margin` are as `Corrector` takes them; samples are numbers of type `dtype`.
+    `level`, `range_margin` and `on_fault` are as `Corrector` takes them; samples are numbers of
+    type `dtype`.
     Gives the vectors, the answers, the offset (n_joints,) [rad or m] for `REZERO`, and how far
     positions and half-widths of each joint (n_joints,) [rad or m] move when all that the corrector
     keeps is rounded to `dtype` after every sample, and its largest position once more; then how far
@@ -76,7 +85,7 @@ def make_vectors(
     offset = (0.1 * span).astype(dtype).astype(float)
 
     def run(kind: type[Corrector], desired: Array | None = None) -> Answers:
-        corrector = kind(calibration, level=level, range_margin=range_margin)
+        corrector = kind(calibration, level=level, range_margin=range_margin, on_fault=on_fault)
         loop = None if compensator is None else compensator.around(corrector)
         return _answer(corrector, vectors, offset, loop, desired)
 
@@ -118,8 +127,8 @@ class _RoundedCorrector(Corrector):
 
     __slots__ = ("_rounded",)
 
-    def __init__(self, model: Calibration, *, level: float | None, range_margin: float) -> None:
-        super().__init__(model, level=level, range_margin=range_margin)
+    def __init__(self, model: Calibration, **options: Any) -> None:
+        super().__init__(model, **options)
         self._rounded = np.ones(len(self._memory), dtype=np.bool_)
         for f in self._packed.layout.fields.values():
             if f.is_time:
@@ -275,10 +284,9 @@ def _faulty_stamps(motion: _Motion) -> Iterator[None]:
     motion.each(np.array([0, n - 1, n // 2]), np.array([np.nan, np.inf, -np.inf]))
     motion.run(2).t[:] = np.nan, np.inf
     yield
-    part = motion.run(4)
-    for field in (part.t, part.sample):
-        field[1:3] = field[:2].copy()
-    part.t[3] = part.t[0]
+    part = motion.run(MANY_LATE + 4)
+    part.t[1:-2], part.sample[1:-2] = part.t[0], part.sample[0]
+    part.t[-2] = part.t[0]
     yield
     bridged, dt = motion.limits.longest, motion.limits.training_dt
     if np.isfinite(motion.limits.slowest):

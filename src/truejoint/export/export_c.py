@@ -31,10 +31,11 @@ from truejoint.runtime.compensator import Compensator
 from truejoint.runtime.correction import (
     accept_offset,
     acknowledge,
+    begin,
     correct_sample,
-    forget,
     tell_homing,
 )
+from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 
@@ -54,6 +55,12 @@ LARGEST_SHARE: Final = 0.01
 """Of a joint's largest correction, that a float source may be off by: its check must be able to
 fail."""
 
+_IN_DOUBT: Final = (
+    "the measured one with the correction believed last, held for a time and then taken back",
+    "the measured one",
+    "NaN",
+)
+"""Position where the status is not 0, by the number of the reaction."""
 _TEMPLATES: Final = {
     ".h": "corrector.h.j2",
     ".c": "corrector.c.j2",
@@ -85,6 +92,7 @@ def export_c(
     precision: Precision = "double",
     level: float | None = None,
     range_margin: float = RANGE_MARGIN,
+    on_fault: OnFault | Reaction = "hold",
     compensator: Compensator | None = None,
     overwrite: bool = False,
 ) -> tuple[Path, ...]:
@@ -100,6 +108,7 @@ def export_c(
     precision : {"double", "float"}
         Of the arithmetic; time stamps are double in either.
     level, range_margin : float
+    on_fault : {"hold", "raw", "silent"} or OnFault
         As `truejoint.runtime.Corrector` takes them.
     compensator : Compensator, optional
         Also write what it does, around this calibration without its redundant signals, which its
@@ -129,7 +138,7 @@ def export_c(
     """
     contents = source_files(
         calibration, prefix, precision, level=level, range_margin=range_margin,
-        compensator=compensator,
+        on_fault=on_fault, compensator=compensator,
     )  # fmt: skip
     return write_files(folder, contents, overwrite=overwrite)
 
@@ -141,6 +150,7 @@ def source_files(
     *,
     level: float | None = None,
     range_margin: float = RANGE_MARGIN,
+    on_fault: OnFault | Reaction = "hold",
     compensator: Compensator | None = None,
 ) -> dict[str, bytes]:
     """Give what `export_c` writes, by the name of each file.
@@ -163,22 +173,23 @@ def source_files(
             )
     try:
         limits = limits_of(calibration, range_margin)
-        memory = fields.pack(calibration, limits, level)
+        memory = fields.pack(calibration, limits, level, on_fault)
     except CalibrationError as refused:
         raise ExportError(str(refused)) from None
     guard = prefix.upper()
     program = print_kernels(
-        (correct_sample, forget, acknowledge, tell_homing, accept_offset), memory, "state",
+        (correct_sample, begin, acknowledge, tell_homing, accept_offset), memory, "state",
         f"{prefix}_state", single=precision == "float", inputs=_INPUTS,
         named={"homing": f"{guard}_NOT_HOMED"},
         enums={Status: f"{guard}_", FilterStatus: f"{guard}_FILTER_"},
     )  # fmt: skip
     dtype = np.float64 if precision == "double" else np.float32
     vectors, answers, offset, error, strayed = make_vectors(
-        calibration, limits, level, range_margin, dtype, compensator
+        calibration, limits, level, range_margin, on_fault, dtype, compensator
     )
     context: dict[str, Any] = {
         "program": program, "is_filter": f"{guard}_FILTER_" in program.functions,
+        "in_doubt": _IN_DOUBT[int(memory.numbers[memory.layout.fields["on_fault"].index])],
         "needs_rezero": bool(memory.numbers[fields.NEEDS_REZERO]),
         "prefix": prefix, "guard": guard, "level": LEVEL if level is None else level,
         "title": calibration.title, "estimator": calibration.estimator,
@@ -286,13 +297,18 @@ def _calibration_context(data: Calibration) -> dict[str, Any]:
         "homing_ids": list(data.origin.homing_ids),
         "signals": _named(data.loop_signals, {**data.units, **data.redundant}.__getitem__),
         "joints": _named(data.joints, lambda joint: data.units[f"measured/{joint}"]),
-        "statuses": _bits({bit: bit.words for bit in Status if bit not in _OF_PYTHON}),
+        "statuses": _statuses(),
         "filter_statuses": _bits(filter_meanings),
         "n_signals": len(data.loop_signals),
         "n_joints": len(data.joints),
         "n_features": len(data.feature_set),
         "has_interval": data.interval is not None,
     }
+
+
+def _statuses() -> list[dict[str, Any]]:
+    """Statuses that a source in C gives, with what they mean."""
+    return _bits({bit: bit.words for bit in Status if bit not in _OF_PYTHON})
 
 
 def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
@@ -449,6 +465,7 @@ def export_ros(
         "joint_names": robot.joint_names,
         "corrected": robot.index(list(calibration.joints)),
         "corrected_names": calibration.joints,
+        "statuses": _statuses(),
         # Takes efforts on the joints to those at the motors.
         "motor_effort": None
         if robot.transmission is None or "motor" not in reads

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Final, Protocol
@@ -23,7 +24,7 @@ from truejoint.crtk import (
 )  # fmt: skip
 from truejoint.crtk.arm import as_arm
 from truejoint.crtk.states import check_ready
-from truejoint.errors import CommandRefused, MotionStopped, TrajectoryError
+from truejoint.errors import CommandRefused, MotionStopped, NotArrived, TrajectoryError
 from truejoint.motion.trajectory import Trajectory, as_trajectory, workspace_of
 from truejoint.robots import Robot
 from truejoint.robots.robot import as_robot
@@ -221,7 +222,8 @@ class _Run:
     def approach(self, arm: Arm, pose: Array) -> None:
         """Go to where the trajectory is taken up."""
         if self._steering is None:
-            arm.move_jp(pose).wait()
+            with suppress(NotArrived):  # where it is at the end is in the report
+                arm.move_jp(pose).wait()
         else:
             self._steering.approach(arm, pose)
 
@@ -239,7 +241,8 @@ class _Run:
         try:
             motion = arm.stream(pieces, duration, "follow")
             try:
-                motion.wait()
+                with suppress(NotArrived):
+                    motion.wait()
                 self.is_over = True
             finally:
                 self._at = float(self._time(start, np.array([motion.elapsed]))[0])

@@ -6,6 +6,7 @@ And what a corrector is told between samples: the homing, an offset, that the ze
 from __future__ import annotations
 
 from math import inf, isfinite, isnan, nan
+from typing import Final
 
 from truejoint.array_types import Array, Integers
 from truejoint.calibration.interval import range_excess
@@ -16,8 +17,13 @@ from truejoint.features.feature_set import feature_row
 from truejoint.layout import part_memory, part_numbers
 from truejoint.runtime import fields as at
 from truejoint.runtime.fields import unpack
-from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SLIP_SHARE
+from truejoint.runtime.limits import BRIEFLY, RATE_STEPS, SHORTEST_STEP, SLIP_SHARE
 from truejoint.runtime.status import Status
+
+MANY_LATE: Final = 10
+"""Samples in a row with no newer stamp that a network is taken to have doubled or delayed."""
+LONGEST_MOVE: Final = 0.1
+"""Time for which the correction moves at most between two samples [s]: a gap is no leap either."""
 
 
 @compiled
@@ -25,13 +31,30 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     """Correct the sample that lies in the memory.
 
     A sample that cannot be believed (not finite, stale, spike, frozen, far out of range) enters no
-    history, so that what follows is as if it had never come.
+    history, so that what follows is as if it had never come. A message that comes twice or late is
+    normal on a network: it is put out with the last correction.
 
     Reads ``sample`` and ``t`` of `fields`, fills ``position``, ``half_width`` and ``correction``,
     and gives the bits of `Status`.
     """
     m = unpack(numbers, memory)
-    status = int(m.homing) | int(m.suspect) | pass_through(numbers, memory)
+    status = int(m.homing) | int(m.suspect) | take_in(numbers, memory)
+    if status == 0 and is_late(numbers, memory):
+        for j in range(m.n_joints):
+            m.position[j] = m.reported[j] + m.applied[j]
+            m.correction[j] = nan
+        return 0
+    status = judge(numbers, memory, status)
+    put_out(numbers, memory, status)
+    return status
+
+
+@compiled
+def judge(numbers: Integers, memory: Array, status: int) -> int:
+    """Judge the sample, and correct it into ``position`` where it can be used; all status bits."""
+    m = unpack(numbers, memory)
+    for j in range(m.n_joints):
+        m.correction[j] = nan
     if not isfinite(m.t):
         return status | Status.NOT_FINITE.value
     status |= judge_stamp(numbers, memory)
@@ -53,17 +76,15 @@ def correct_sample(numbers: Integers, memory: Array) -> int:
     )  # fmt: skip
     status |= judge_features(numbers, memory)
     predict(numbers, memory, 0.0 if fresh else float(step))
-    return put_out(numbers, memory, status)
+    return status | judge_correction(numbers, memory)
 
 
 @compiled
-def pass_through(numbers: Integers, memory: Array) -> int:
-    """Put out the measured position, of unknown accuracy; status bit if a signal is not finite."""
+def take_in(numbers: Integers, memory: Array) -> int:
+    """Keep the measured positions; status bit if a signal is not finite."""
     m = unpack(numbers, memory)
     for j in range(m.n_joints):
-        m.position[j] = m.sample[m.measured[j]]
-        m.half_width[j] = inf
-        m.correction[j] = nan
+        m.reported[j] = m.sample[m.measured[j]]
     for i in range(m.n_shifted):  # signals whose zero has moved since the training
         m.sample[i] += m.shift[i]
     status = 0
@@ -74,22 +95,77 @@ def pass_through(numbers: Integers, memory: Array) -> int:
 
 
 @compiled
-def put_out(numbers: Integers, memory: Array, status: int) -> int:
-    """Judge the correction, and put it out where all is well; all status bits."""
+def is_late(numbers: Integers, memory: Array) -> bool:
+    """Whether a sample has come again, or after a newer one, as messages of a network may.
+
+    Several in a row are a clock that stands still, and one unlike the last sample is a fault: they
+    are `judge`'s to name.
+    """
     m = unpack(numbers, memory)
+    step = m.t - m.stamp
+    if m.has_stamp == 0 or m.is_doubted or not (-m.longest <= step < SHORTEST_STEP * m.training_dt):
+        return False
+    count = m.n_late + 1
+    numbers[at.N_LATE] = count
+    numbers[at.WAS_STALE] = 1
+    return bool(count < MANY_LATE and not is_unlikely(numbers, memory))
+
+
+@compiled
+def judge_correction(numbers: Integers, memory: Array) -> int:
+    """Put the corrected position into ``position``; status bits of the correction."""
+    m = unpack(numbers, memory)
+    status = 0
     for j in range(m.n_joints):
-        m.correction[j] = m.predicted[j] - (m.position[j] if m.is_position else 0.0)
+        base = 0.0 if m.is_position else m.reported[j]
+        m.correction[j] = m.predicted[j] - (m.reported[j] if m.is_position else 0.0)
+        m.position[j] = base + m.predicted[j] + m.offset[j]
         # `not (a <= b)` holds for NaN too.
         if not (m.correction_lower[j] <= m.correction[j] <= m.correction_upper[j]):
             status |= Status.IMPLAUSIBLE.value
         if isnan(m.predicted_width[j]):
             status |= Status.OUT_OF_DOMAIN.value
-    if status == 0:
-        for j in range(m.n_joints):
-            base = 0.0 if m.is_position else m.position[j]
-            m.position[j] = base + m.predicted[j] + m.offset[j]
-            m.half_width[j] = m.predicted_width[j]
     return status
+
+
+@compiled
+def put_out(numbers: Integers, memory: Array, status: int) -> None:
+    """Put out the corrected position or, in doubt, what `fields` says under ``on_fault``.
+
+    The correction that was believed last is held for a time in doubt, and then taken back; it moves
+    there, and to the next one that is believed, no faster than ``return_speed``. The position never
+    leaps, then, but where the measured one does.
+    """
+    m = unpack(numbers, memory)
+    elapsed = m.t - m.output_t if m.has_output and m.t > m.output_t else 0.0
+    if isfinite(m.t):
+        numbers[at.HAS_OUTPUT] = 1
+        memory[at.OUTPUT_T] = m.t
+    believed, holds = status == 0, m.on_fault == at.HOLD
+    memory[at.DOUBTED_TIME] = m.doubted_time + elapsed if m.is_doubted and not believed else 0.0
+    moving_time = min(elapsed, max(LONGEST_MOVE, m.training_dt))
+    for j in range(m.n_joints):
+        reach = m.return_speed[j] * moving_time if holds else inf
+        if believed:
+            correction = m.position[j] - m.reported[j]
+            if m.is_doubted:
+                m.rest[j] = m.applied[j] - correction
+            m.rest[j] = nearer_zero(m.rest[j], reach)
+            m.applied[j] = correction + m.rest[j]
+            m.position[j] += m.rest[j]
+            m.half_width[j] = m.predicted_width[j] + abs(m.rest[j])
+        else:
+            if not (holds and memory[at.DOUBTED_TIME] <= m.hold_time):
+                m.applied[j] = nearer_zero(m.applied[j], reach)
+            m.position[j] = nan if m.on_fault == at.SILENT else m.reported[j] + m.applied[j]
+            m.half_width[j] = inf
+    numbers[at.IS_DOUBTED] = 0 if believed else 1
+
+
+@inlined
+def nearer_zero(value: float, reach: float) -> float:
+    """Move a value towards zero, by no more than `reach`."""
+    return value - min(max(value, -reach), reach)
 
 
 @compiled
@@ -135,10 +211,10 @@ def judge_stamp(numbers: Integers, memory: Array) -> int:
         numbers[at.WAS_STALE] = 1
         return Status.STALE.value
     elif step > m.longest:
-        status = Status.TIME_JUMP.value
-    if status:
         restart_standstill(numbers, memory)
+        status = Status.TIME_JUMP.value if m.remembers else 0
     numbers[at.HAS_STAMP] = 1
+    numbers[at.N_LATE] = 0
     memory[at.STAMP] = m.t
     return status
 
@@ -153,6 +229,18 @@ def forget(numbers: Integers, memory: Array) -> None:
     forget_spikes(numbers, memory)
     m.clock[0] = 0.0
     restart_standstill(numbers, memory)
+
+
+@compiled
+def begin(numbers: Integers, memory: Array) -> None:
+    """Let the next sample be the first, and the first position be put out as it is corrected."""
+    m = unpack(numbers, memory)
+    forget(numbers, memory)
+    numbers[at.HAS_OUTPUT] = 0
+    numbers[at.IS_DOUBTED] = 0
+    memory[at.DOUBTED_TIME] = 0.0
+    fill(m.applied, m.n_joints, 0.0)
+    fill(m.rest, m.n_joints, 0.0)
 
 
 @compiled
@@ -175,6 +263,14 @@ def forget_spikes(numbers: Integers, memory: Array) -> None:
 @compiled
 def judge_signals(numbers: Integers, memory: Array) -> int:
     """Status bits of signals that cannot be believed."""
+    if is_unlikely(numbers, memory):
+        return name_signals(numbers, memory)
+    return judge_standstill(numbers, memory)
+
+
+@inlined
+def is_unlikely(numbers: Integers, memory: Array) -> bool:
+    """Whether a signal is out of range or too far from the last one."""
     m = unpack(numbers, memory)
     steps = steps_passed(memory)
     # No branch for each signal here: a processor cannot guess what noise decides.
@@ -183,15 +279,13 @@ def judge_signals(numbers: Integers, memory: Array) -> int:
         outside = outside | (m.sample[i] < m.signal_lower[i]) | (m.sample[i] > m.signal_upper[i])
         change = abs(m.sample[i] - m.last[i])
         far = far | (change > max(m.jump[i], m.reach[i] * steps))
-    if outside or (far and m.has_last):
-        return name_signals(numbers, memory)
-    return judge_standstill(numbers, memory)
+    return bool(outside or (far and m.has_last))
 
 
 @inlined
 def steps_passed(memory: Array) -> float:
     """Training time steps since the last used sample: at least one, unless it was much less."""
-    elapsed = (memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT]
+    elapsed = abs(memory[at.T] - memory[at.LAST_T]) / memory[at.TRAINING_DT]
     return float(min(BRIEFLY * elapsed, max(elapsed, 1.0)))
 
 

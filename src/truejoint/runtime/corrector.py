@@ -27,11 +27,12 @@ from truejoint.runtime import fields as at
 from truejoint.runtime.correction import (
     accept_offset,
     acknowledge,
+    begin,
     correct_rows,
     correct_sample,
-    forget,
     tell_homing,
 )
+from truejoint.runtime.fields import OnFault, Reaction
 from truejoint.runtime.limits import RANGE_MARGIN, limits_of
 from truejoint.runtime.status import Status
 from truejoint.summary import Summarised
@@ -91,16 +92,23 @@ class Corrector(Summarised):
     range_margin : float
         Share of its trained range by which a feature may lie outside, 0 to 1; the interval is
         wider there.
+    on_fault : {"hold", "raw", "silent"} or OnFault
+        What `position` is where the status is not OK. By default the corrector holds the correction
+        that it believed last for 1 s. Then it takes the correction back at 2 deg/s and 2 mm/s. It
+        goes to the next correction that it believes at the same speed.
 
     Attributes
     ----------
     made_for : tuple of str
         Robot and arm that the model is of.
+    on_fault : OnFault
+        What `position` is where the status is not OK.
     joints, signals : tuple of str
         What comes out, and the columns that a sample must hold, in order: those of the model, then
         those that are redundant to the measured positions.
     position : ndarray, shape (n_joints,)
-        Corrected, or measured where the status is not OK [rad or m]; NaN where it is WRONG_SIZE.
+        Corrected position; where the status is not OK, as `on_fault` says [rad or m]. NaN where
+        the status is WRONG_SIZE.
     half_width : ndarray, shape (n_joints,)
         How far off `position` may be [rad or m]; infinite where that is not known.
     correction : ndarray, shape (n_joints,)
@@ -145,7 +153,7 @@ class Corrector(Summarised):
     __slots__ = (
         "_commands", "_homings", "_memory", "_n_signals", "_numbers", "_packed", "_sample",
         "_statuses", "_taking", "_thread", "beside", "correction", "features", "half_width",
-        "joints", "made_for", "offset", "position", "signals",
+        "joints", "made_for", "offset", "on_fault", "position", "signals",
     )  # fmt: skip
 
     def __init__(
@@ -154,13 +162,15 @@ class Corrector(Summarised):
         *,
         level: float | None = None,
         range_margin: float = RANGE_MARGIN,
+        on_fault: OnFault | Reaction = "hold",
     ) -> None:
         data = _read(model)
         self.made_for = data.robot, data.arm
+        self.on_fault = on_fault if isinstance(on_fault, OnFault) else OnFault(on_fault)
         self.joints, self.signals = data.joints, data.loop_signals
         self._n_signals = len(self.signals)
         # Packed memory holds on to the compiled functions whose addresses it contains.
-        self._packed = packed = at.pack(data, limits_of(data, range_margin), level)
+        self._packed = packed = at.pack(data, limits_of(data, range_margin), level, self.on_fault)
         self._numbers, self._memory = packed.numbers, packed.memory
         self._sample = packed.view("sample")
         self.position = packed.view("position")
@@ -180,7 +190,7 @@ class Corrector(Summarised):
         # One command at a time. Samples need no lock: a kernel holds the interpreter to its end.
         self._commands = Lock()
         # Compile what is not compiled yet; `step` finds everything ready.
-        for kernel in (forget, acknowledge, tell_homing, accept_offset, correct_sample):
+        for kernel in (begin, acknowledge, tell_homing, accept_offset, correct_sample):
             kernel(self._numbers.copy(), self._memory.copy())
 
     @property
@@ -202,7 +212,7 @@ class Corrector(Summarised):
         """Correct one `sample` (n_signals,), taken at `t` [s], into `position` and `half_width`.
 
         It holds the values of `signals`, in their order and units; fastest as an array of float64.
-        Returns OK (0), or why the measured position passed through.
+        Returns OK (0), or why the sample is not believed.
         """
         if self._thread != get_ident() and not self._take():
             return Status.OTHER_THREAD
@@ -282,7 +292,7 @@ class Corrector(Summarised):
         as_recorded(recording)
         if not self._take():
             raise CalibrationError("another thread has this corrector; make one for this thread")
-        forget(self._numbers, self._memory)
+        begin(self._numbers, self._memory)
         t = np.array(recording.t)
         samples = np.ascontiguousarray(np.column_stack([recording.column(s) for s in self.signals]))
         position, half_width = np.empty((2, len(t), len(self.joints)))

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Final
+from typing import Final, Literal, get_args
 
 import numpy as np
 
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.interval import LEVEL, check_level, inverse_span
+from truejoint.errors import CalibrationError, unknown
 from truejoint.layout import Layout, Memory
 from truejoint.runtime.limits import Limits
 from truejoint.runtime.status import Status
@@ -17,6 +20,52 @@ HOMING_UNKNOWN: Final = 0
 HOMING_OF_CALIBRATION: Final = -1
 """Numbers of homings: one without a name, the first of those of the training (which are negative);
 others are positive."""
+
+Reaction = Literal["hold", "raw", "silent"]
+HOLD, RAW, SILENT = range(3)
+"""Numbers of the reactions."""
+
+
+@dataclass(frozen=True)
+class OnFault:
+    """What a corrector puts out for a sample that it does not believe.
+
+    Attributes
+    ----------
+    reaction : {"hold", "raw", "silent"}
+        The measured position with the correction that was believed last; the measured position as
+        it is; or NaN.
+    hold_s : float
+        Time for which "hold" keeps the correction [s]. Then it takes the correction back.
+    speed_rad_s, speed_m_s : float
+        Speed at which "hold" takes the correction back, and at which it goes to the next one that
+        it believes [rad/s, m/s].
+
+    Raises
+    ------
+    CalibrationError
+        If there is no such reaction, or a number is negative or not finite.
+
+    Examples
+    --------
+    >>> Corrector(model, on_fault=OnFault(hold_s=0.5)).position
+    array([nan])
+    """
+
+    reaction: Reaction = "hold"
+    hold_s: float = 1.0
+    speed_rad_s: float = math.radians(2.0)
+    speed_m_s: float = 2e-3
+
+    def __post_init__(self) -> None:
+        reactions = get_args(Reaction)
+        if self.reaction not in reactions:
+            raise CalibrationError(unknown("on_fault", self.reaction, reactions))
+        for name in ("hold_s", "speed_rad_s", "speed_m_s"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise CalibrationError(f"{name} is {value!r:.60}; give a number of at least 0")
+
 
 LAYOUT: Final = Layout()
 LAYOUT.integer("n_signals", "in a sample")
@@ -40,6 +89,11 @@ HAS_STAMP: Final = LAYOUT.integer("has_stamp", "whether there was a sample")
 HAS_LAST: Final = LAYOUT.integer("has_last", "whether a sample was used")
 WAS_STALE: Final = LAYOUT.integer("was_stale", "whether stamps were since a sample was used")
 HAS_SPIKED: Final = LAYOUT.integer("has_spiked", "whether a signal jumped since then")
+LAYOUT.integer("remembers", "1: what follows a gap depends on what was before it")
+N_LATE: Final = LAYOUT.integer("n_late", "samples in a row whose stamp was no newer")
+LAYOUT.integer("on_fault", "put out in doubt: 0 holds the correction, 1 measured, 2 NaN")
+HAS_OUTPUT: Final = LAYOUT.integer("has_output", "whether a position was put out")
+IS_DOUBTED: Final = LAYOUT.integer("is_doubted", "1: the last sample was not believed")
 SUSPECT: Final = LAYOUT.integer("suspect", "status bit of a zero that may have moved")
 ANCHOR: Final = LAYOUT.integer("anchor", "1: parity as it is now counts as right")
 ROW: Final = LAYOUT.address("row", "the model's prediction")
@@ -50,6 +104,9 @@ LAST_T: Final = LAYOUT.scalar("last_t", "of the last sample that was used [s]", 
 PARITY_T: Final = LAYOUT.scalar("parity_t", "when parity last held [s]", is_time=True)
 LAYOUT.scalar("patience", "for parity that does not hold [s]", is_time=True)
 CHANGED_T: Final = LAYOUT.scalar("changed_t", "when a signal last changed [s]", is_time=True)
+OUTPUT_T: Final = LAYOUT.scalar("output_t", "when a position was put out [s]", is_time=True)
+DOUBTED_TIME: Final = LAYOUT.scalar("doubted_time", "since a sample was believed [s]", is_time=True)
+LAYOUT.scalar("hold_time", "that a correction is held in doubt [s]", is_time=True)
 LAYOUT.scalar("shortest", "time between two samples [s]", is_time=True)
 LAYOUT.scalar(
     "slowest", "time between two samples of a loop that is as fast as the training", is_time=True
@@ -72,7 +129,11 @@ LAYOUT.array("partner_high", "of the partner since the signal stands still", "n_
 LAYOUT.array("features", "of the last sample that was used", "n_features")
 LAYOUT.array("centred", "features less their mean", "n_white")
 LAYOUT.array("white", "features made uncorrelated", "n_white")
+LAYOUT.array("reported", "measured position of this sample [rad or m]", "n_joints")
 LAYOUT.array("position", "put out [rad or m]", "n_joints")
+LAYOUT.array("applied", "correction in what is put out [rad or m]", "n_joints")
+LAYOUT.array("rest", "of it, not yet that which is believed [rad or m]", "n_joints")
+LAYOUT.array("return_speed", "of a correction after doubt [rad/s or m/s]", "n_joints")
 LAYOUT.array("half_width", "put out [rad or m]", "n_joints")
 LAYOUT.array("correction", "what the model says [rad or m]", "n_joints")
 LAYOUT.array("offset", "added to the corrected positions [rad or m]", "n_joints")
@@ -119,7 +180,9 @@ unpack = LAYOUT.unpacker()
 """Give a kernel numbers and arrays of a corrector by name."""
 
 
-def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
+def pack(
+    data: Calibration, limits: Limits, level: float | None, on_fault: OnFault | Reaction = "hold"
+) -> Memory:
     """Memory of a corrector before its first sample, not homed.
 
     `level` says which half-widths of the interval to use; without one 0.9, where there is an
@@ -133,6 +196,8 @@ def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
         if not knows_deviation:
             data.required_interval()
     level = LEVEL if level is None else level
+    fault = on_fault if isinstance(on_fault, OnFault) else OnFault(on_fault)
+    speeds = {"rad": fault.speed_rad_s, "m": fault.speed_m_s}
     operation, source, parameter, slot = data.feature_set.program
     signals = data.loop_signals
     n_signals, k, n_joints = len(signals), len(data.feature_set), len(data.joints)
@@ -159,7 +224,10 @@ def pack(data: Calibration, limits: Limits, level: float | None) -> Memory:
         own_id=HOMING_OF_CALIBRATION if data.origin.homing_ids else HOMING_UNKNOWN,
         n_shifted=len(data.signals) if shift.any() else 0,
         is_position=data.target == "position", row=family.row_address(),
-        growth=growth, position=nothing, correction=nothing,
+        growth=growth, position=nothing, correction=nothing, reported=nothing,
+        remembers=data.looks_back, on_fault=get_args(Reaction).index(fault.reaction),
+        hold_time=fault.hold_s,
+        return_speed=[speeds[data.machine.joint(joint).unit] for joint in data.joints],
         half_width=np.full(n_joints, np.inf), base_width=base,
         shift=shift, added=data.output_shift,
         feature_memory=np.zeros(data.feature_set.memory_size), operation=operation,

@@ -14,7 +14,6 @@ from truejoint.array_types import Array
 from truejoint.crtk.messages import (
     CORRECTED,
     JOINT_STATE,
-    OPERATING_STATE,
     STRING_STAMPED,
     profile_of,
 )
@@ -28,6 +27,11 @@ from truejoint.runtime.status import Status
 
 DIAGNOSTICS: Final = "diagnostic_msgs/DiagnosticArray"
 _OK, _WARN, _ERROR, _STALE = range(4)  # levels of diagnostic_msgs/DiagnosticStatus
+QUIET: Final = 0.4
+"""Time without a message after which the status is `SILENT` [s], at least; it is three times that
+between the last two messages for a robot that says something less often."""
+SILENT: Final = "SILENT"
+_WATCH: Final = 0.05  # between looks for that [s]
 _ADVICE: Final = {
     Status.NOT_HOMED: "home the robot, or start the node that publishes operating_state",
     Status.HOMED_AGAIN: "re-zero the model after this homing (truejoint rezero), or state "
@@ -42,8 +46,8 @@ class CorrectorNode:
     Beside the arm's own topics, in ``<namespace>/corrected``: ``measured_js``, the input with the
     calibrated joints corrected and the stamp as it came; ``half_width``, a JointState of these
     joints whose position is how far off they may be, infinite where that is not known; ``status``,
-    a StringStamped of the stamp from which on it holds, sent when it changes. Once a second
-    ``/diagnostics`` says how all that goes.
+    a StringStamped of the stamp from which on it holds, sent when it changes, and ``SILENT`` where
+    no message comes. Once a second ``/diagnostics`` says how all that goes.
 
     Parameters
     ----------
@@ -100,7 +104,7 @@ class CorrectorNode:
         self._was_lost = False  # its homing, since the last sample
         self._told: bool | None = None  # as the corrector was told
         self._status: Status | None = None
-        self._heard = -math.inf
+        self._heard, self._interval = math.inf, 0.0  # of the last message [s]
         self._recent = self._bits = 0  # messages since the last report, and their status bits
         self._said = ""
         self._over = threading.Event()
@@ -115,7 +119,9 @@ class CorrectorNode:
             self._diagnostics = self._made("/diagnostics", DIAGNOSTICS)
             topic = self._stream.name("operating_state")
             self._endings.append(
-                self._transport.subscribe(topic, OPERATING_STATE, self._on_operating_state)
+                self._transport.subscribe(
+                    topic, self._profile.operating_state, self._on_operating_state
+                )
             )
             self._stream.start()
         except BaseException:
@@ -137,24 +143,37 @@ class CorrectorNode:
 
     def run(self, duration: float = math.inf) -> None:
         """Report once a second until `stop`, for `duration` [s] or until the node is shut down."""
-        end = time.monotonic() + duration
-        while not (self._over.is_set() or self._transport.is_over):
-            rest = end - time.monotonic()
-            if rest <= 0.0:
-                return
-            self._report()
-            self._over.wait(min(SILENCE, rest))
+        now = next_report = time.monotonic()
+        end = now + duration
+        while not (self._over.is_set() or self._transport.is_over or now >= end):
+            if now >= next_report:
+                self._report()
+                next_report = now + SILENCE
+            self._watch(now)
+            self._over.wait(min(_WATCH, end - now))
+            now = time.monotonic()
 
     def stop(self) -> None:
         """End `run`, from any thread."""
         self._over.set()
+
+    def _watch(self, now: float) -> None:
+        """Say in the status, once, that no message comes."""
+        is_quiet = now - self._heard > max(QUIET, 3.0 * self._interval)
+        if is_quiet and self._status is not None:
+            self._status = None  # that of the next message is news
+            text = self._transport.stamped(STRING_STAMPED, self._transport.now())
+            text.string = SILENT
+            self._status_out.publish(text)
 
     def _on_operating_state(self, message: Any) -> None:
         self._is_homed = bool(message.is_homed)
         self._was_lost |= not message.is_homed
 
     def _correct(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
-        self._heard = time.monotonic()
+        now = time.monotonic()
+        self._interval = max(now - self._heard, 0.0)
+        self._heard = now
         self.received += 1
         self._recent += 1
         choices = self._choices if self._corrector is None else (self._corrector,)
@@ -177,7 +196,8 @@ class CorrectorNode:
         if status & Status.OTHER_THREAD:  # those are of another sample
             position = np.array([columns[f"measured/{joint}"][0] for joint in corrector.joints])
             half_width = np.full_like(position, np.inf)
-        self._publish(message, columns, corrector.joints, position, half_width)
+        if not (status and corrector.on_fault.reaction == "silent"):
+            self._publish(message, columns, corrector.joints, position, half_width)
         if status is not self._status:
             self._status = status
             text = self._transport.message(STRING_STAMPED)
@@ -272,7 +292,7 @@ class CorrectorNode:
             name = self._stream.name("operating_state")
             return _WARN, f"waiting for {name}, which says whether the robot is homed"
         advice = "; ".join(text for bit, text in _ADVICE.items() if bits & bit)
-        return _WARN, f"passing through: {bits.name}: {advice or bits.words}"
+        return _WARN, f"in doubt: {bits.name}: {advice or bits.words}"
 
     def _why_waiting(self) -> str:
         if self._stream.invalid:

@@ -5,6 +5,7 @@ import logging
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from truejoint.crtk import Arm, PacedBackend, StateBlock
 from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
 from truejoint.crtk.server import ArmServer
-from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
+from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2")
@@ -236,7 +237,7 @@ def test_a_robot_without_joints_leaves_no_topic_open(served, arm, monkeypatch):
 
 @pytest.mark.parametrize(
     ("name", "field"),
-    [("servo_jp", "position"), ("servo_jr", "position"), ("servo_jv", "velocity")],
+    [("servo_jp", "position"), ("servo_jr", "position")],
 )
 def test_the_server_refuses_what_an_arm_refuses_and_says_so(served, arm, caplog, name, field):
     before = served.arm.setpoint_js(LONG).position
@@ -274,12 +275,167 @@ def test_it_answers_what_crtk_clients_ask(served, arm):
     assert arm.operating_state().state == "ENABLED"
 
 
+def test_a_move_ends_when_the_joint_is_there_or_says_how_far_off_it_is(served, arm, monkeypatch):
+    goal = ROBOT.home + 0.05 * SHOULDER
+    arm.move_jp(goal).wait()
+    assert arm.measured_js(LONG).position == pytest.approx(goal, abs=np.radians(0.15))
+    run, flush = served.twin.run, arm._backend.flush
+
+    def stuck(setpoints):
+        output = run(setpoints)
+        return replace(output, measured=output.measured - 0.004 * np.eye(8)[0])
+
+    monkeypatch.setattr(served.twin, "run", stuck)
+    monkeypatch.setattr(arm._backend, "flush", lambda _=0.0: flush(0.2))
+    with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 0.22\d* deg away"):
+        arm.move_jp(ROBOT.home).wait()
+    assert arm.operating_state().state == "ENABLED"
+
+
+def test_a_robot_that_refuses_set_points_is_noticed_soon(served, arm, monkeypatch):
+    monkeypatch.setattr(served.server._follower, "ask", lambda *_: None)
+    motion = arm.move_jp(ROBOT.home + 0.5 * SHOULDER, speed=np.full(7, 0.05) * np.sign(ROBOT.upper))
+    with pytest.raises(
+        CommandRefused, match="does not take the set-points that are sent: shoulder"
+    ):
+        motion.wait()
+    assert motion.elapsed < 1.0
+
+
+def at_rest(served, goal):
+    """Wait until the set-point is at `goal` (n_joints,), and stays there."""
+    served.ros.wait_for("/arm1/setpoint_js", lambda m: np.allclose(m.position, goal, atol=1e-9))
+    served.server._follower._stream.motion.wait(LONG)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
+
+
+def test_the_newest_set_point_wins_and_none_is_queued(served, arm):
+    for k in range(400):  # 30 s away at top speed, were they all gone to
+        served.say("servo_jp", position=(ROBOT.home + 0.2 * SHOULDER * (-1) ** k).tolist())
+    goal = ROBOT.home + 0.01 * SHOULDER
+    served.say("servo_jp", position=goal.tolist())
+    at_rest(served, goal)
+
+
+def test_a_set_point_that_is_far_is_gone_to_at_top_speed_and_that_is_said(served, arm, caplog):
+    steps = []
+    served.arm.subscribe(lambda block: steps.append(block.setpoint[:, 0]))
+    with caplog.at_level(logging.WARNING):
+        served.say("servo_jp", position=(ROBOT.home + 0.1 * SHOULDER).tolist())
+        at_rest(served, ROBOT.home + 0.1 * SHOULDER)
+    most = np.abs(np.diff(np.concatenate(steps))).max()
+    assert most == pytest.approx(ROBOT.joints[0].max_speed / served.arm.rate, rel=0.05)
+    assert "the arm goes there at top speed" in caplog.text
+    assert len(caplog.records) == 1
+
+
+def test_servo_and_move_pre_empt_each_other(served, arm):
+    served.say("move_jp", position=(ROBOT.home + 0.3 * SHOULDER).tolist())
+    served.ros.wait_for(STATE, lambda m: m.is_busy)
+    goal = served.arm.setpoint_js(LONG).position + 0.02 * SHOULDER
+    served.say("servo_jp", position=goal.tolist())
+    at_rest(served, goal)
+    with served.move() as busy:
+        served.say("servo_jp", position=(goal + 0.3 * SHOULDER).tolist())
+        served.say("move_jp", position=ROBOT.home.tolist())
+        served.ros.wait_for(STATE, lambda m: any(busy))
+        served.say("move_jp", position=(ROBOT.home + 0.01 * SHOULDER).tolist())
+    served.ros.wait_for(
+        "/arm1/setpoint_js", lambda m: np.allclose(m.position, ROBOT.home + 0.01 * SHOULDER)
+    )
+
+
+def test_set_points_of_the_past_are_passed_over(served, arm, caplog):
+    message = served.say("servo_jp", position=(ROBOT.home + 1e-3 * SHOULDER).tolist())
+    at_rest(served, ROBOT.home + 1e-3 * SHOULDER)
+    for late in (1e-3, 5.0):
+        old = copy.deepcopy(message)
+        old.header.stamp -= late
+        old.position = (ROBOT.home + 2e-3 * SHOULDER).tolist()
+        with caplog.at_level(logging.WARNING):
+            served.ros.send("/arm1/servo_jp", old)
+    assert "is older than another, or too late" in caplog.text
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(ROBOT.home + 1e-3 * SHOULDER)
+
+
+@pytest.mark.parametrize("name", ["free", "servo_jf"])
+def test_what_a_twin_cannot_do_is_refused_by_name(served, arm, caplog, name):
+    with caplog.at_level(logging.WARNING):
+        served.say(name, "std_msgs/Empty" if name == "free" else "sensor_msgs/JointState")
+    assert f"{name} refused: a simulated arm does not offer it" in caplog.text
+
+
+def test_velocities_hold_until_the_next_and_are_limited(served, arm):
+    served.say("servo_jv", velocity=(1e3 * SHOULDER).tolist())
+    most = ROBOT.joints[0].max_speed / served.arm.rate
+    at_rest(served, ROBOT.home + most * SHOULDER)
+
+
+def test_the_state_is_said_on_change_and_ten_times_a_second(served, arm):
+    stamps = []
+    end = served.ros.subscribe(STATE, "crtk_msgs/OperatingState", stamps.append)
+    served.ros.wait_for(STATE, lambda m: len(stamps) > 5)
+    end()
+    times = np.array([m.header.stamp for m in stamps])
+    assert np.diff(times).min() > 0.09
+
+
+def increments(served, values):
+    """What RAVEN's controller sends: an increment of fifteen values."""
+    served.say("servo_jr", position=list(values))
+
+
+@pytest.fixture
+def quirky():
+    made = Served("raven2")
+    with made.arm, made.server:
+        made.arm.enable()
+        made.arm.home()
+        yield made
+
+
+@pytest.mark.parametrize(
+    "values", [[1e-4, *[0.0] * 14], [1e-4], [1e-4, *[0.0] * 6, *[np.nan] * 8]], ids=str
+)
+def test_ravens_controller_sends_more_values_than_joints_or_one(quirky, values):
+    # uw-biorobotics/raven2_CRTK_Python_controller:python_controller/raven_py_controller.py sends
+    # fifteen; uw-biorobotics/raven2, branch crtk, takes seven or more, or one.
+    increments(quirky, values)
+    quirky.server._follower._stream.motion.wait(LONG)
+    setpoint = quirky.arm.setpoint_js(LONG).position
+    assert setpoint == pytest.approx(ROBOT.home + 1e-4 * SHOULDER, abs=1e-9)
+
+
+@pytest.mark.parametrize("values", [[1e-4] * 6, [np.nan, *[0.0] * 14], []], ids=str)
+def test_of_an_increment_that_is_none_one_line_tells_and_nothing_moves(quirky, caplog, values):
+    with caplog.at_level(logging.WARNING):
+        increments(quirky, values)
+    assert len(caplog.records) == 1
+    assert "servo_jr" in caplog.text
+    assert quirky.arm.setpoint_js(LONG).position == pytest.approx(ROBOT.home)
+    assert quirky.arm.operating_state().state == "ENABLED"
+
+
+def test_its_grasper_has_topics_of_its_own(quirky):
+    # measured_js has the opening and the jaws: uw-biorobotics/raven2, branch crtk.
+    end = quirky.ros.subscribe("/grasp1/measured_js", "sensor_msgs/JointState", lambda m: None)
+    message = quirky.ros.stamped("sensor_msgs/JointState", quirky.ros.now())
+    message.position = [0.02]
+    quirky.ros.send("/grasp1/servo_jr", message)
+    quirky.server._follower._stream.motion.wait(LONG)
+    opened = ROBOT.home + 0.01 * np.isin(JOINTS, ["jaw1", "jaw2"])
+    assert quirky.arm.setpoint_js(LONG).position == pytest.approx(opened, abs=1e-9)
+    said = quirky.ros.wait_for("/grasp1/measured_js", lambda m: True).position
+    assert said[0] == pytest.approx(said[1] + said[2])
+    end()
+
+
 def test_with_its_quirks_it_publishes_as_ravens_software_does():
     served = Served("raven2")
     with served.arm, served.server:
         assert served.ros.kinds["/arm2/measured_js"] == "sensor_msgs/JointState"  # the left arm's
         assert served.ros.kinds["/arm2/measured_cp"] == "geometry_msgs/TransformStamped"
-        assert "/arm1/operating_state" in served.ros.kinds
+        assert served.ros.kinds["/arm1/operating_state"] == "crtk_msgs/operating_state"
         served.arm.enable()
         served.arm.home()
         said = served.ros.wait_for("/arm2/measured_js", lambda m: True)

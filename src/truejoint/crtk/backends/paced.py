@@ -14,6 +14,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.backends.simulated import SimulatedBackend
+from truejoint.crtk.protocol import ARRIVAL
 from truejoint.crtk.states import OperatingState
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.robots.blocks import SETPOINT_DT, StateBlock
@@ -129,10 +130,12 @@ class PacedBackend(SimulatedBackend):
             self._waiting.extend(position)
             return len(position) - self._wait_for(self._most, go_on)
 
-    def flush(self) -> None:
+    def flush(self, timeout: float = ARRIVAL) -> str:
         """Return once all set-points are executed."""
+        del timeout  # they are, within some periods
         with self._moved:
             self._wait_for(0, lambda: True)
+        return ""
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] of the wall clock pass."""

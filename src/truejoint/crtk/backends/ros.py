@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
+from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Any, Final
@@ -12,21 +14,24 @@ from typing import Any, Final
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED, profile_of
-from truejoint.crtk.protocol import SILENCE, Listener
+from truejoint.crtk.messages import JOINT_STATE, STRING_STAMPED, profile_of
+from truejoint.crtk.protocol import ARRIVAL, SILENCE, Listener
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.states import LEADS_TO, OperatingState, StateCommand
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, RosError
 from truejoint.robots import Robot
 from truejoint.robots.blocks import GRAIN, QUANTITIES, SETPOINT_DT, StateBlock, TruthBlock
+from truejoint.units import shown
 
 CONNECT_TIMEOUT: Final = 5.0
 """How long a topic may take to say its first word [s]."""
 _HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
 _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home says so
-_ARRIVAL: Final = 0.2  # [s] that the robot may take to report the last set-point
-_ARRIVED: Final = 1e-6  # [rad or m]
+TOLERANCE: Final = {"rad": math.radians(0.15), "m": 1.5e-4}
+"""Distance of a joint from its set-point within which it has arrived [rad or m]."""
+_IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
+_ASTRAY: Final = 0.04  # [s] for which the robot's may be another
 _log = logging.getLogger(__name__)
 
 
@@ -52,6 +57,9 @@ class RosBackend:
     rate : float
         Set-points that the robot takes a second [Hz]; RAVEN-II's servo loop takes 1000 (peng2024
         IV-A).
+    tolerance : mapping of str to float
+        Distance from its set-point within which a joint has arrived, by unit [rad, m]. A motion
+        whose joints have not arrived 2 s after its end raises NotArrived.
 
     Raises
     ------
@@ -81,6 +89,7 @@ class RosBackend:
         namespace: str = "",
         truth: str = "",
         rate: float = 1.0 / SETPOINT_DT,
+        tolerance: Mapping[str, float] = TOLERANCE,
     ) -> None:
         self.robot: Final = robot
         self.rate: Final = float(rate)
@@ -104,6 +113,10 @@ class RosBackend:
         self._command: Publisher
         self._due = 0.0
         self._sent: Array | None = None
+        self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
+        self._astray = (math.inf, "")  # since when the robot's set-point is another, and which
+        self._measured: Array | None = None
+        self._tolerance = np.array([tolerance[joint.unit] for joint in robot.joints])
         self._has_commanded = False
         self._failure: BaseException | None = None
         self._closed = threading.Event()
@@ -134,6 +147,7 @@ class RosBackend:
             )
         # Forget what an earlier listener saw: the robot may have been homed meanwhile.
         self._state = self._setpoint = self._velocity = self._sent = self._failure = None
+        self._in_flight.clear()
         self._homing, self._has_commanded = "", False
         self._closed.clear()
         self._listener = listener
@@ -150,7 +164,8 @@ class RosBackend:
         self._topics.callback(self._servo.close)
         self._command = transport.publisher(name("state_command"), STRING_STAMPED)
         self._topics.callback(self._command.close)
-        close = transport.subscribe(name("operating_state"), OPERATING_STATE, self._on_operating)
+        kind = self._profile.operating_state
+        close = transport.subscribe(name("operating_state"), kind, self._on_operating)
         self._topics.callback(close)
         if self._truth:
             self._topics.callback(transport.subscribe(self._truth, JOINT_STATE, self._on_truth))
@@ -219,6 +234,7 @@ class RosBackend:
                         f"{self.operating_state().state}"
                     )
         self._sent = None
+        self._in_flight.clear()
         if command == "home":
             self._wait_for_joints()
 
@@ -234,6 +250,8 @@ class RosBackend:
             failure, self._failure = self._failure, None
             raise failure
         self._reach(self._servo)
+        if self._setpoint is not None and not self._in_flight:
+            self._in_flight.append((time.monotonic(), self._setpoint))
         for taken, row in enumerate(position):
             now = time.perf_counter()
             self._due = now if now - self._due > _HOPELESS else self._due + 1.0 / self.rate
@@ -244,26 +262,72 @@ class RosBackend:
             state = self.operating_state()
             if not state.is_ready:
                 raise CommandRefused(f"servo_jp stopped: the arm is {state.state}")
+            since, which = self._astray
+            if time.monotonic() - since > _ASTRAY:
+                self._astray = (math.inf, "")
+                self._in_flight.clear()
+                raise CommandRefused(
+                    f"servo_jp stopped: the robot does not take the set-points that are sent: "
+                    f"{which}; does it refuse them, or does another program command it?"
+                )
             message = self._transport.stamped(JOINT_STATE, self._transport.now())
             message.position = row.tolist()
             self._has_commanded = True
+            self._in_flight.append((time.monotonic(), row))
             self._servo.publish(message)
             self._sent = row
         return len(position)
 
-    def flush(self) -> None:
-        """Return once the robot reports the last set-point as its own, or soon after."""
+    def _compare(self, setpoint: Array) -> None:
+        """Keep in mind since when the robot's set-point is none of those on the way to it."""
+        now = time.monotonic()
+        while len(self._in_flight) > 1 and now - self._in_flight[1][0] > _IN_FLIGHT:
+            self._in_flight.popleft()
+        rows = np.array([row for _, row in tuple(self._in_flight)])
+        if not len(rows) or now - self._in_flight[-1][0] > _IN_FLIGHT or self._profile.no_setpoint:
+            self._astray = (math.inf, "")
+            return
+        nearest = np.clip(setpoint, rows.min(axis=0), rows.max(axis=0))
+        wrong = np.abs(setpoint - nearest) > self._tolerance
+        if not wrong.any():
+            self._astray = (math.inf, "")
+        elif self._astray[0] == math.inf:
+            joint = self.robot.joints[int(np.argmax(wrong))]
+            k = self.robot.joint_names.index(joint.name)
+            which = (
+                f"{joint.name} is to go to {shown(float(setpoint[k]), joint.unit)}, "
+                f"{shown(float(rows[-1, k]), joint.unit)} was sent"
+            )
+            self._astray = (now, which)
+
+    def flush(self, timeout: float = ARRIVAL) -> str:
+        """Return once the robot's set-point and its joints are where they were sent.
+
+        Gives in words what is not there after `timeout` [s]; empty where all is.
+        """
         sent = self._sent
         if sent is None:
-            return
+            return ""
 
-        def arrived() -> bool:
-            setpoint = self._setpoint
-            there = setpoint is not None and bool((np.abs(setpoint - sent) < _ARRIVED).all())
-            return there or not self.operating_state().is_ready
+        def missing() -> Array:
+            here = [row for row in (self._setpoint, self._measured) if row is not None]
+            return np.abs(np.array(here) - sent).max(axis=0) if here else np.full_like(sent, np.inf)
+
+        def is_over() -> bool:
+            return bool((missing() <= self._tolerance).all()) or not (
+                self.operating_state().is_ready
+            )
 
         with self._changed:
-            self._changed.wait_for(arrived, _ARRIVAL)
+            if self._changed.wait_for(is_over, timeout):
+                return ""
+            off = missing()
+            worst = int(np.argmax(off / self._tolerance))
+            joint = self.robot.joints[worst]
+            return (
+                f"{joint.name} is {shown(float(off[worst]), joint.unit)} away from where it was "
+                f"sent, after {timeout:g} s; does friction hold it? RosBackend takes a tolerance"
+            )
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass."""
@@ -323,6 +387,8 @@ class RosBackend:
         with self._changed:
             self._tell_time(t)
             self._setpoint = block.setpoint[-1, self.robot.joint_channels]
+            self._measured = block.measured[-1, self.robot.joint_channels]
+            self._compare(self._setpoint)
             self._changed.notify_all()
         self._deliver(listener, block)
 

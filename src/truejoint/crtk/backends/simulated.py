@@ -14,7 +14,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.crtk.arm import Arm
-from truejoint.crtk.protocol import Listener
+from truejoint.crtk.protocol import ARRIVAL, Listener
 from truejoint.crtk.states import OperatingState, StateCommand, next_state
 from truejoint.errors import CommandRefused, MotionStopped, RobotError, other_kind
 from truejoint.robots import Robot
@@ -133,8 +133,10 @@ class SimulatedBackend:
         self._deliver(output)
         return len(position)
 
-    def flush(self) -> None:
+    def flush(self, timeout: float = ARRIVAL) -> str:
         """Return at once: what is sent is executed."""
+        del timeout
+        return ""
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on, and report where they hold the motors."""

@@ -73,9 +73,9 @@ class Ros1:
         return Publisher(topic, made.publish, made.unregister, made.get_num_connections)
 
     def subscribe(
-        self, topic: str, kind: str, callback: Callable[[Any], None]
+        self, topic: str, kind: str, callback: Callable[[Any], None], *, newest: bool = False
     ) -> Callable[[], None]:
-        """Call `callback` with every message; gives what ends that.
+        """Call `callback` with every message, or the `newest` one alone; gives what ends that.
 
         A type of which there are variants is read by the definition that its writer sends.
         """
@@ -83,8 +83,9 @@ class Ros1:
         if kind in DEFINITIONS:
             message_class, receive = self._rospy.AnyMsg, _by_definition(kind, callback)
         made = self._rospy.Subscriber(
-            topic, message_class, receive, queue_size=None, buff_size=_BUFFER, tcp_nodelay=True
-        )
+            topic, message_class, receive, queue_size=1 if newest else None, buff_size=_BUFFER,
+            tcp_nodelay=True,
+        )  # fmt: skip
         self._open.append(made)
         return lambda: _close(made)
 

@@ -79,9 +79,9 @@ class Ros2:
         return Publisher(topic, made.publish, close, made.get_subscription_count)
 
     def subscribe(
-        self, topic: str, kind: str, callback: Callable[[Any], None]
+        self, topic: str, kind: str, callback: Callable[[Any], None], *, newest: bool = False
     ) -> Callable[[], None]:
-        """Call `callback` with every message; gives what ends that.
+        """Call `callback` with every message, or the `newest` one alone; gives what ends that.
 
         Its errors are logged, as rospy does: rclpy's thread would end by them, and with it every
         other subscription.
@@ -93,7 +93,9 @@ class Ros2:
             except Exception:  # noqa: BLE001  # whatever it is, others are to be heard
                 _log.exception("%s: a message could not be dealt with", topic)
 
-        made = self._node.create_subscription(_message_class(kind), topic, receive, QUEUE)
+        made = self._node.create_subscription(
+            _message_class(kind), topic, receive, 1 if newest else QUEUE
+        )
         return lambda: self._node.destroy_subscription(made)
 
     def topics(self) -> dict[str, str]:

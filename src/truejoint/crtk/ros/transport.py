@@ -55,9 +55,9 @@ class Transport(Protocol):
         """Begin to write a topic; one who comes late gets the last message if it is `latched`."""
 
     def subscribe(
-        self, topic: str, kind: str, callback: Callable[[Any], None]
+        self, topic: str, kind: str, callback: Callable[[Any], None], *, newest: bool = False
     ) -> Callable[[], None]:
-        """Call `callback` with every message; gives what ends that."""
+        """Call `callback` with every message, or the `newest` one alone; gives what ends that."""
 
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now."""

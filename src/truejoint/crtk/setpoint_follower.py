@@ -1,0 +1,134 @@
+"""An arm that follows set-points as they come from elsewhere, at any rate and with any delay."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from truejoint.array_types import Array
+from truejoint.crtk.arm import Arm
+from truejoint.crtk.handle import Motion
+from truejoint.errors import TruejointError
+from truejoint.robots.blocks import check_range
+
+LAPSE: Final = 0.02
+"""Time without a new set-point after which an arm that has reached the last one stands [s]."""
+_PIECE: Final = 2e-3  # [s] of set-points that are sent at once: the newest one has to wait for them
+
+
+@dataclass(eq=False)
+class _Stream:
+    """Newest set-point (n_joints,) [rad or m] of a motion that follows them."""
+
+    goal: Array
+    is_ended: bool = False
+    is_limited: bool = False
+    motion: Motion | None = None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether no newer set-point will be looked at."""
+        return self.is_ended or (self.motion is not None and not self.motion.is_busy())
+
+
+class SetpointFollower:
+    """Takes an arm to the newest set-point that was asked for, no joint faster than its top speed.
+
+    A set-point that is further away than one period allows is approached at top speed, along a
+    straight line of the joints. A newer one takes its place at once: none is queued. The motion
+    ends once the newest is reached and no other comes within `LAPSE`.
+
+    Parameters
+    ----------
+    arm : Arm
+    say : callable
+        Is given a line where the arm cannot keep up.
+    """
+
+    def __init__(self, arm: Arm, say: Callable[[str], None]) -> None:
+        self._arm, self._say = arm, say
+        self._step = np.array([joint.max_speed for joint in arm.robot.joints]) / arm.rate
+        self._asked = threading.Condition()  # of the stream
+        self._stream: _Stream | None = None
+
+    @property
+    def is_following(self) -> bool:
+        """Whether the arm is on its way to a set-point, or waits for the next one."""
+        stream = self._stream
+        return stream is not None and not stream.is_over
+
+    def goal(self, command: str) -> Array:
+        """Set-point (n_joints,) [rad or m] that a relative `command` starts at.
+
+        Raises CommandRefused where the arm is not ready.
+        """
+        stream = self._stream
+        if stream is not None and not stream.is_over:
+            return stream.goal
+        return self._arm.latest_setpoint(command)
+
+    def ask(self, target: Array, command: str) -> None:
+        """Go to `target` (n_joints,) [rad or m] in place of any other.
+
+        Raises CommandRefused if it is out of a joint's range, or the arm is not ready.
+        """
+        check_range(self._arm.robot, target[None], command)
+        with self._asked:
+            stream = self._stream
+            if stream is not None and not stream.is_over:
+                stream.goal = target
+                self._asked.notify()
+                return
+        if stream is not None and stream.motion is not None:
+            stream.motion.over.wait(LAPSE)  # it has reached its last one, and ends
+        start = self._arm.latest_setpoint(command)
+        self._stream = stream = _Stream(target)
+        try:
+            stream.motion = self._arm.stream(
+                self._pieces(stream, start, command), math.inf, command
+            )
+        except BaseException:
+            stream.is_ended = True
+            raise
+
+    def stop(self) -> None:
+        """Follow no more: the arm brakes, and takes other commands."""
+        stream = self._stream
+        if stream is not None and stream.motion is not None:
+            stream.is_ended = True
+            with suppress(TruejointError):
+                stream.motion.cancel()
+
+    def _pieces(self, stream: _Stream, here: Array, command: str) -> Iterator[Array]:
+        """Set-points (n, n_joints) from `here` (n_joints,), as long as new ones come."""
+        most = max(round(_PIECE * self._arm.rate), 1)
+
+        def is_news() -> bool:
+            return stream.is_over or not np.array_equal(stream.goal, here)
+
+        try:
+            while True:
+                with self._asked:
+                    if not self._asked.wait_for(is_news, LAPSE) or stream.is_over:
+                        stream.is_ended = True
+                        return
+                    goal = stream.goal
+                periods = max(math.ceil(float(np.max(np.abs(goal - here) / self._step)) - 1e-6), 1)
+                if periods > most and not stream.is_limited:
+                    stream.is_limited = True
+                    self._say(
+                        f"{command}: a set-point is further away than the joints can go in a "
+                        "period; the arm goes there at top speed"
+                    )
+                share = np.arange(1, min(periods, most) + 1)[:, None] / periods
+                rows = goal - (1.0 - share) * (goal - here)
+                here = rows[-1]
+                yield rows
+        finally:
+            stream.is_ended = True

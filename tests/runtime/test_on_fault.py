@@ -1,0 +1,193 @@
+"""What is put out in doubt: the correction believed last, and no leap on the way in or out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from truejoint.calibration import calibrate
+from truejoint.calibration.interval import Interval
+from truejoint.errors import CalibrationError
+from truejoint.runtime import Corrector, OnFault, Status
+
+from .streams import HISTORY, JOINTS, SIGNALS, recording, stream, trained
+
+RATE = 1000.0
+T = np.arange(0.0, 8.0, 1.0 / RATE)
+FAULT = 1500  # row at which a fault begins
+MEASURED = [0, 2]
+SPEED = np.array([np.radians(2.0), np.radians(2.0)])
+
+
+@pytest.fixture(scope="module")
+def calibration():
+    return trained(features=tuple(feature for feature in HISTORY if "lag" not in feature))
+
+
+def homed(calibration, **options):
+    made = Corrector(calibration, **options)
+    made.set_homing(True, "h1")
+    return made
+
+
+def run(corrector, t, samples, before=lambda row: None):
+    """Status bits, positions and half-widths of a stream; `before` is called with each row."""
+    bits, positions, widths = [], [], []
+    for row, (stamp, sample) in enumerate(zip(t.tolist(), samples, strict=True)):
+        before(row)
+        bits.append(int(corrector.step(stamp, sample)))
+        positions.append(corrector.position.copy())
+        widths.append(corrector.half_width.copy())
+    return np.array(bits), np.array(positions), np.array(widths)
+
+
+def nan(_t, samples):
+    samples[FAULT : FAULT + 400, 1] = np.nan
+
+
+def freeze(_t, samples):
+    samples[FAULT : FAULT + 3000] = samples[FAULT]
+
+
+def spike(_t, samples):
+    samples[FAULT : FAULT + 3, 0] += 0.2
+
+
+def far_out(_t, samples):
+    samples[FAULT : FAULT + 2500, 3] += 5.0
+
+
+def gap(t, samples):
+    t[FAULT:] += 2.0
+    samples[:] = stream(t)
+
+
+def test_nothing_is_held_of_a_healthy_stream(calibration):
+    bits, positions, _ = run(homed(calibration), T, stream(T))
+    assert not bits.any()
+    raw = run(homed(calibration, on_fault="raw"), T, stream(T))
+    np.testing.assert_array_equal(positions, raw[1])
+
+
+@pytest.mark.parametrize("put", [nan, freeze, spike, far_out, gap])
+def test_a_correction_never_leaps(calibration, put):
+    t, samples = T.copy(), stream(T)
+    put(t, samples)
+    bits, positions, widths = run(homed(calibration), t, samples)
+    assert bits.any()
+    assert not bits[-1]
+    applied = positions - samples[:, MEASURED]
+    bound = np.minimum(np.diff(t), 0.1)[:, None] * SPEED + 1e-12
+    doubted = bits != 0
+    assert (np.abs(np.diff(applied, axis=0))[doubted[1:]] <= bound[doubted[1:]]).all()
+    assert np.isinf(widths[doubted]).all()
+    # Beside what the model itself says anew, it goes back to it at that speed.
+    believed = run(homed(calibration, on_fault="raw"), t, samples)
+    rest = np.where(doubted[:, None], np.nan, positions - believed[1])
+    steps = np.nan_to_num(np.abs(np.diff(rest, axis=0)))
+    assert (steps <= bound).all()
+    np.testing.assert_array_equal(positions[-1], believed[1][-1])
+
+
+@pytest.mark.parametrize("action", ["other homing", "not homed"])
+def test_a_homing_that_does_not_fit_is_no_leap(calibration, action):
+    corrector = homed(calibration)
+
+    def before(row):
+        if row == FAULT:
+            corrector.set_homing(action == "other homing", "another")
+        elif row == FAULT + 3000:
+            corrector.set_homing(True, "h1")
+
+    bits, positions, _ = run(corrector, T, stream(T), before)
+    applied = positions - stream(T)[:, MEASURED]
+    steps = np.abs(np.diff(applied, axis=0))
+    doubted = bits != 0
+    assert (steps[doubted[1:]] <= SPEED / RATE + 1e-12).all()
+    held = np.flatnonzero(doubted)[: int(RATE)]
+    np.testing.assert_allclose(
+        applied[held], np.tile(applied[FAULT - 1], (len(held), 1)), rtol=0, atol=1e-12
+    )
+    assert doubted[FAULT]
+    assert not bits[-1]
+
+
+def test_while_it_returns_the_half_width_holds_what_is_missing():
+    recordings = [recording(np.arange(0.0, 20.0, 1 / 30) + 20.0 * k, seed=k) for k in range(10)]
+    model = calibrate(recordings, "linear", features=SIGNALS, joints=JOINTS)
+    widths = np.full((1, 2), 0.003)
+    model = replace(
+        model, interval=Interval(np.array([0.9]), widths, widths, widths, 2.0, 0.0, 12, 12)
+    )
+    t, samples = T.copy(), stream(T)
+    far_out(t, samples)
+    bits, positions, widths = run(homed(model), t, samples)
+    _, believed, stated = run(homed(model, on_fault="raw"), t, samples)
+    good = bits == 0
+    rest = np.abs(positions[good] - believed[good])
+    assert rest.max() > 1e-3
+    np.testing.assert_allclose(widths[good], stated[good] + rest, rtol=0, atol=1e-12)
+
+
+def test_a_correction_that_is_believed_again_soon_moves_on_at_the_stated_speed(calibration):
+    t, samples = T.copy(), stream(T)
+    nan(t, samples)
+    fast = OnFault(speed_rad_s=1e3)
+    _, positions, _ = run(homed(calibration, on_fault=fast), t, samples)
+    _, believed, _ = run(homed(calibration, on_fault="raw"), t, samples)
+    np.testing.assert_array_equal(positions[FAULT + 400 :], believed[FAULT + 400 :])
+
+
+def test_it_may_be_silent_or_give_what_is_measured(calibration):
+    t, samples = T.copy(), stream(T)
+    nan(t, samples)
+    bits, silent, _ = run(homed(calibration, on_fault="silent"), t, samples)
+    assert np.isnan(silent[bits != 0]).all()
+    _, raw, widths = run(homed(calibration, on_fault="raw"), t, samples)
+    np.testing.assert_array_equal(raw[bits != 0], samples[bits != 0][:, MEASURED])
+    np.testing.assert_array_equal(silent[bits == 0], raw[bits == 0])
+    assert np.isinf(widths[bits != 0]).all()
+
+
+def test_messages_that_come_again_or_late_are_no_event(calibration):
+    rng = np.random.default_rng(3)
+    samples = stream(T)
+    order = np.argsort(
+        np.arange(len(T)) + np.where(rng.random(len(T)) < 0.2, rng.uniform(0, 5, len(T)), 0)
+    )
+    order = np.repeat(order, 1 + (rng.random(len(T)) < 0.01))
+    bits, positions, _ = run(homed(calibration), T[order], samples[order])
+    assert not bits.any()
+    applied = positions - samples[order][:, MEASURED]
+    clean = run(homed(calibration), T, samples)[1] - samples[:, MEASURED]
+    assert np.abs(np.diff(applied, axis=0)).max() < 7 * np.abs(np.diff(clean, axis=0)).max()
+
+
+def test_a_clock_that_stands_still_is_named(calibration):
+    t = T.copy()
+    t[FAULT : FAULT + 50] = t[FAULT - 1]
+    bits, _, _ = run(homed(calibration), t, stream(T))
+    stale = np.flatnonzero(bits == Status.STALE)
+    assert FAULT < stale[0] < FAULT + 10  # sooner where the position has moved on
+    np.testing.assert_array_equal(stale, np.arange(stale[0], FAULT + 50))
+
+
+def test_a_gap_is_a_fault_for_a_model_that_remembers_alone(calibration):
+    t = np.concatenate([T[:FAULT], T[FAULT:] + 2.0])
+    forgetful = run(homed(trained()), t, stream(t))[0]
+    remembering = run(homed(calibration), t, stream(t))[0]
+    assert not forgetful.any()
+    np.testing.assert_array_equal(np.flatnonzero(remembering), [FAULT])
+    assert remembering[FAULT] == Status.TIME_JUMP
+
+
+@pytest.mark.parametrize(
+    ("wrong", "told"),
+    [({"on_fault": "keep"}, "hold, raw, silent"), ({"hold_s": -1.0}, "hold_s is -1.0"),
+     ({"speed_m_s": np.nan}, "speed_m_s is nan")],
+)  # fmt: skip
+def test_what_makes_no_sense_is_refused(calibration, wrong, told):
+    with pytest.raises(CalibrationError, match=told):
+        Corrector(calibration, **wrong) if "on_fault" in wrong else OnFault(**wrong)
