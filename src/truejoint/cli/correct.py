@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import truejoint
 from truejoint.cli import options
@@ -33,12 +33,13 @@ def correct(
     level_percent: float | None = None,
     rezero_s: float = 0.0,
     part: str | None = None,
+    on_fault: Literal["hold", "raw", "silent"] = "hold",
     force: bool = False,
 ) -> Result:
     """Correct recordings, which need no truth; exit code 1 when most of one could not be.
 
-    A row is corrected, or left as it was measured and flagged, just as in the robot's loop. With
-    --rezero-s, each recording begins with truth that sets its zero.
+    A row is corrected, or flagged where the corrector is in doubt, just as in the robot's loop.
+    With --rezero-s, each recording begins with truth that sets its zero.
     """
     if output.suffix not in {".csv", ".parquet"}:
         raise RecordingError(f"{output}: call it .csv or .parquet")
@@ -56,7 +57,7 @@ def correct(
             if rezero_s:
                 zero = truejoint.calibration.find_zero(calibration, recording, rezero_s)
                 at_zero = calibration.at(zero)
-            tables.append(correct_rows(at_zero, recording, level))
+            tables.append(correct_rows(at_zero, recording, level, on_fault))
             done(count / len(loaded))
     counts = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
     _write(names, tables, output, force)
@@ -75,7 +76,10 @@ def correct(
 
 
 def correct_rows(
-    calibration: truejoint.Calibration, recording: truejoint.Recording, level: float | None
+    calibration: truejoint.Calibration,
+    recording: truejoint.Recording,
+    level: float | None,
+    on_fault: Literal["hold", "raw", "silent"] = "hold",
 ) -> pd.DataFrame:
     """Time, corrected positions, half-widths and status of every row, by the loop's own kernel.
 
@@ -93,7 +97,7 @@ def correct_rows(
         table = calibration.correct_table(recording, level)
         return table.assign(t=t, status=_NOT_JUDGED)
     calibration.check_recording(recording)
-    corrector = corrector_for(calibration, [recording], level=level)
+    corrector = corrector_for(calibration, [recording], level=level, on_fault=on_fault)
     corrector.set_homing(True, recording.provenance.homing_id or None)
     trace = corrector.run(recording)
     columns = {"t": t}
@@ -116,7 +120,7 @@ def _names(loaded: list[truejoint.Recording]) -> list[str]:
 
 
 def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
-    """How many rows were corrected, and how many left as measured, by status."""
+    """How many rows were corrected, and how many were in doubt, by status."""
     counts = {str(status): int(n) for status, n in table["status"].value_counts().items()}
     corrected = sum(counts.pop(status, 0) for status in ("OK", _NOT_JUDGED))
     return {"recording": name, "rows": len(table), "corrected": corrected, "flagged": counts}
@@ -143,5 +147,5 @@ def _show(recordings: list[dict[str, Any]], output: Path) -> None:
         flagged = ", ".join(f"{n} {status}" for status, n in counts["flagged"].items()) or "-"
         share = f"{100 * counts['corrected'] / counts['rows']:.1f} %"
         rows.append((counts["recording"], f"{counts['rows']}", share, flagged))
-    header = ("recording", "rows", "corrected", "left as measured, why")
+    header = ("recording", "rows", "corrected", "in doubt, why")
     print_table(header, rows, title=str(output))

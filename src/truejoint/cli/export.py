@@ -23,6 +23,7 @@ def export(
     prefix: str | None = None,
     level_percent: float | None = None,
     range_margin: float | None = None,
+    on_fault: Literal["hold", "raw", "silent"] = "hold",
     compensate: bool = False,
     profile: str = "",
     force: bool = False,
@@ -35,6 +36,8 @@ def export(
     """
     stated = {"level": options.share(level_percent), "range_margin": range_margin}
     how: dict[str, Any] = {key: value for key, value in stated.items() if value is not None}
+    if on_fault != "hold":
+        how["on_fault"] = on_fault
     if kind == "bag":
         if how or compensate or prefix is not None or precision != "double":
             raise ExportError("--to bag takes --profile and metadata; leave other options out")
@@ -50,7 +53,9 @@ def export(
     if compensate and kind != "c":
         raise ExportError("--compensate works only with --to c")
     if kind == "onnx" and how:
-        raise ExportError("--level and --range-margin work only with --to c and --to ros")
+        raise ExportError(
+            "--level, --range-margin and --on-fault work only with --to c and --to ros"
+        )
     check_folder(output, error=ExportError)
     calibration = truejoint.read_calibration(name)
     if compensate:

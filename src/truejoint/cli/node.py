@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal
 
 import typer
 
@@ -66,6 +66,7 @@ def correct(
     profile: str = "",
     level_percent: float | None = None,
     homing_id: str | None = None,
+    on_fault: Literal["hold", "raw", "silent"] = "hold",
 ) -> None:
     """Correct an arm's joints as they come.
 
@@ -79,9 +80,13 @@ def correct(
         choices = [calibration]
         if calibration.redundant:
             choices.append(calibration.without_redundant())
+        correctors = [
+            truejoint.runtime.Corrector(choice, level=level, on_fault=on_fault)
+            for choice in choices
+        ]
         node = CorrectorNode(
-            transport, [truejoint.runtime.Corrector(choice, level=level) for choice in choices],
-            calibration.machine, profile, namespace=link.namespace, homing_id=homing_id, say=say,
+            transport, correctors, calibration.machine, profile,
+            namespace=link.namespace, homing_id=homing_id, say=say,
         )  # fmt: skip
         with node, suppress(KeyboardInterrupt):
             node.run(link.seconds)
