@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from truejoint.crtk.messages import PROFILES
 from truejoint.errors import RecordingError
 from truejoint.recordings import Provenance, Recording
 
@@ -58,13 +59,15 @@ def write_raven(tmp_path: Path) -> Callable[..., Path]:
         columns: int, rows: int = 40, name: str = "state.csv", change: Callable | None = None
     ) -> Path:
         table = np.arange(rows)[:, None] * 1e-3 + np.arange(columns)[None, :]
-        start = 12 if columns == 252 else 0
+        start = 12 if columns >= 252 else 0
         table[:, start] = 1.7e9 + np.arange(rows) / 30.0
         table[:, start + 17] = 3
-        if columns == 252:
+        if columns >= 252:
             # The sensor agrees with the joint but for a constant.
+            offsets = PROFILES["raven2"].truth_offsets
+            zero = [offsets.get(joint, 0.0) for joint in ("shoulder", "elbow", "insertion")]
             table[:, 1:4] = np.add(
-                np.deg2rad(table[:, start + 1 : start + 4]), [0.01, -0.02, 0.003]
+                np.deg2rad(table[:, start + 1 : start + 4]), np.subtract([0.01, -0.02, 0.003], zero)
             )
         if change is not None:
             change(table)

@@ -47,7 +47,7 @@ def robots() -> list[str]:
 
 def metadata() -> list[str]:
     """Keys of ``--metadata``, as ``KEY=``; readers as ``format=NAME``."""
-    keys = ("homing_id", "load_grams", "session", "rate_hz", "truth_unit")
+    keys = ("homing_id", "load_grams", "session", "rate_hz", "truth_unit", "truth_zero")
     formats = truejoint.recordings.format_names()
     return [*(f"{key}=" for key in keys), *(f"format={name}" for name in formats)]
 

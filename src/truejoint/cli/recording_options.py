@@ -22,7 +22,7 @@ Read: TypeAlias = "Callable[[], list[truejoint.Recording]]"
 
 _NUMBERS: Final = ("load_grams", "rate_hz")
 _OF_RECORDING: Final = ("homing_id", "load_grams", "session")
-_OF_FILE: Final = ("format", "rate_hz", "truth_unit")
+_OF_FILE: Final = ("format", "rate_hz", "truth_unit", "truth_zero")
 
 
 def parse_metadata(
@@ -188,6 +188,7 @@ class Files:
         stated = {
             "robot": robot, "arm": arm, "column_map": self.columns,
             "rate": self.overrides.get("rate_hz"), "truth_unit": self.overrides.get("truth_unit"),
+            "truth_zero": self.overrides.get("truth_zero"),
         }  # fmt: skip
         named = self.robot or (self.columns and sets.read_column_map(self.columns).robot)
         if model is not None and not named and kind in sets.FORMATS:

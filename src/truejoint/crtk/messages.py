@@ -151,6 +151,12 @@ class Profile:
     # Offsets added to readings of joint sensors that count from another zero [rad or m].
     truth_offsets: Mapping[str, float] = field(default_factory=dict)
 
+    @property
+    def truth_note(self) -> str:
+        """What is added to the truth, for a person; empty where nothing is."""
+        added = ", ".join(f"{shift:+.6g} to {j}" for j, shift in self.truth_offsets.items())
+        return added and f"added to the truth [rad or m]: {added}"
+
     def arm_of(self, topic: str) -> str:
         """Arm of which a topic tells; empty where its name does not say."""
         spaces = [space for space in topic.split("/") if space in self.arms]

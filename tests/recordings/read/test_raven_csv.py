@@ -41,17 +41,17 @@ CHANNELS = ("shoulder", "elbow", "insertion", "unused", "roll", "wrist", "jaw1",
 
 
 @pytest.mark.parametrize(("arm", "offset"), [("left", 0), ("gold", 0), ("right", 8), ("green", 8)])
-@pytest.mark.parametrize("columns", [240, 252])
+@pytest.mark.parametrize("columns", [240, 252, 256])
 def test_every_column_is_where_the_layout_has_it(write_raven, arm, offset, columns):
     def agree(table: np.ndarray) -> None:
-        if columns == 252:
+        if columns >= 252:
             table[:, 1:4] = np.deg2rad(table[:, 13 + offset : 16 + offset])
 
     path = write_raven(columns, change=agree)
     table = np.loadtxt(path, delimiter=",")
     recording = read_recording(path, arm=arm)
     assert recording.provenance.arm == ("left" if offset == 0 else "right")
-    start = 12 if columns == 252 else 0
+    start = 12 if columns >= 252 else 0
     for quantity, (first, degrees) in BLOCKS.items():
         for i, channel in enumerate(CHANNELS):
             expected = table[:, start + first + offset + i]
@@ -65,8 +65,8 @@ def test_every_column_is_where_the_layout_has_it(write_raven, arm, offset, colum
         np.testing.assert_allclose(found, expected, rtol=1e-12)
     assert recording.units["tool/x"] == recording.units["tool_setpoint/z"] == "m"
     assert recording.column("state/last_seq")[0] == table[0, start + 19]
-    assert recording.joints_of("crtk") == (recording.robot.joint_names if columns == 252 else ())
-    if columns == 252:
+    assert recording.joints_of("crtk") == (recording.robot.joint_names if columns >= 252 else ())
+    if columns >= 252:
         assert recording.column("crtk/shoulder")[0] == table[0, 5]
         assert recording.units["crtk/insertion"] == "m"
     assert recording.t[0] == 0.0
@@ -74,7 +74,7 @@ def test_every_column_is_where_the_layout_has_it(write_raven, arm, offset, colum
     assert recording.provenance.start == 1.7e9
     assert recording.units["measured/insertion"] == "m"
     assert recording.units["effort/insertion"] == "Nm"
-    assert recording.joints_of("truth") == (CHANNELS[:3] if columns == 252 else ())
+    assert recording.joints_of("truth") == (CHANNELS[:3] if columns >= 252 else ())
 
 
 @pytest.mark.parametrize("unit", list(TRUTH_UNITS))
@@ -85,6 +85,23 @@ def test_truth_in_any_stated_unit(write_raven, unit):
     recording = read_recording(write_raven(252, change=convert), truth_unit=unit)
     error = recording.error(("shoulder", "elbow", "insertion"))
     assert np.allclose(error, [0.01, -0.02, 0.003])
+
+
+def test_the_truth_of_a_file_and_of_the_bag_it_was_made_of_have_one_zero(write_raven):
+    # The driver's zero is 7.5 deg and 10.5 mm from the robot's: raven2_CRTK_Python_controller:
+    # joint_encoder/func_raven_joint_encodersIII.py has 130 deg and 0.572467 m at the hard stops,
+    # raven2:src/raven 137.5 deg and 0.562 m.
+    path = write_raven(252)
+    shifted, own = (read_recording(path, truth_zero=zero) for zero in ("encoders", "robot"))
+    joints = ("shoulder", "elbow", "insertion")
+    added = shifted.columns("truth", joints) - own.columns("truth", joints)
+    np.testing.assert_allclose(added, np.tile([0.0, np.deg2rad(7.5), -0.010467], (40, 1)))
+    assert "added to the truth [rad or m]: +0.1309 to elbow" in shifted.provenance.notes
+    assert own.provenance.notes == ""
+    with pytest.raises(
+        RecordingError, match="truth zero 'home' is not known; choose from encoders"
+    ):
+        read_recording(path, truth_zero="home")
 
 
 def test_truth_in_a_unit_that_cannot_be_is_refused(write_raven):
@@ -135,7 +152,7 @@ def test_rows_of_the_homing_are_left_out_and_counted(write_raven):
     assert recording.provenance.dropped == {"homing": 15}
 
 
-@pytest.mark.parametrize(("found", "asked"), [(239, 240), (241, 240), (256, 252), (240, 252)])
+@pytest.mark.parametrize(("found", "asked"), [(239, 240), (241, 240), (255, 252), (240, 252)])
 def test_another_column_count_is_named(write_raven, found, asked):
     path = write_raven(found)
     with pytest.raises(RecordingError, match=f"{found} columns, expected {asked}") as caught:

@@ -57,7 +57,7 @@ def test_matlab_files_tell_their_format(tmp_path):
     ("content", "found"),
     [
         ("a,b\n1,2\n", "a header without 't'"),
-        ("1,2,3\n", "3 columns without a header, expected 240, 252, 8, 10; give a column map"),
+        ("1,2,3\n", "3 columns without a header, expected 240, 252, 256, 8, 10; give a column map"),
         (b"\x00\x01\x02\x03", "not text and of no known binary layout"),
     ],
 )

@@ -1,7 +1,7 @@
-"""The RAVEN-II laboratory's CSV layouts, of 240 and 252 columns.
+"""The RAVEN-II laboratory's CSV layouts, of 240, 252 and 256 columns.
 
 The first is the robot's state; in the second the external joint encoders and CRTK's joint state
-stand before it.
+stand before it; in the third a force gauge's readings behind it, which are left out.
 
 Column ranges: uw-biorobotics/raven2_CRTK_Python_controller:bag_reader/func_raven_bag_reader.py
 and HaonanPeng/RAVEN-2-Feature-Ablation:README.md. The state message multiplies every position by
@@ -20,7 +20,7 @@ from typing import Final
 import numpy as np
 
 from truejoint.array_types import Array, Mask
-from truejoint.crtk.messages import RAVEN_FIELDS, RUN_LEVELS
+from truejoint.crtk.messages import PROFILES, RAVEN_FIELDS, RUN_LEVELS
 from truejoint.errors import RecordingError
 from truejoint.recordings.bounded_file import Head
 from truejoint.recordings.read.mapped import (
@@ -39,6 +39,9 @@ STATE_COLUMNS: Final = 240
 # First columns in the 252-column layout: external encoders of shoulder, elbow and insertion, the
 # seven joints of CRTK's measured_js, the robot's state.
 TRAINING_COLUMNS: Final = 252
+WITH_FORCE_COLUMNS: Final = 256
+FORMATS: Final = {240: "raven_csv_240", 252: "raven_csv_252", 256: "raven_csv_252"}
+"""Name of the format by the number of its columns."""
 EXTERNAL, CRTK, STATE_START = 1, 5, 12
 AMID: Final = "homing, after rows that are kept"
 
@@ -74,6 +77,9 @@ TRUTH_UNITS: Final[Mapping[str, tuple[float, float, float]]] = {
     "deg_mm": (_DEG, _DEG, 1e-3),
     "ravenstate": (_DEG, _DEG, _DEG),
 }
+ENCODER_ZERO: Final = "encoders"
+TRUTH_ZEROS: Final = (ENCODER_ZERO, "robot")
+"""Zeros that the external encoders may count from: that of their driver, or that of the robot."""
 # Truth further from measured than this is in another unit: the raw error of the arm is about
 # 8 deg and 12 mm (peng2024, Table I), a home-made zero a little more.
 _PLAUSIBLE: Final = (math.radians(25.0), math.radians(25.0), 0.06)
@@ -98,40 +104,53 @@ def read_240(path: Path, arm: str = "left", head: Head | None = None) -> list[Re
 
 
 def read_252(
-    path: Path, arm: str = "left", truth_unit: str = "rad_m", head: Head | None = None
+    path: Path,
+    arm: str = "left",
+    truth_unit: str = "rad_m",
+    truth_zero: str = ENCODER_ZERO,
+    head: Head | None = None,
 ) -> list[Recording]:
-    """Read a training file of the arm that carries external encoders, 252 columns.
+    """Read a training file of the arm that carries external encoders, 252 or 256 columns.
 
     As `read_240`, ``crtk``, the joint state that CRTK publishes [rad, m], and ``truth`` of
     shoulder, elbow and insertion [rad, rad, m], which the file has in one of `TRUTH_UNITS`; one
-    that cannot be right, by the measured positions, is refused. The
-    file repeats the nearest reading for every row, so a sensor that stopped shows as a truth that
-    stands still while the motors turn: such stretches become NaN and are counted.
+    that cannot be right, by the measured positions, is refused. It counts from one of
+    `TRUTH_ZEROS`; from that of the encoders' driver, what RAVEN-II's profile says is added, as it
+    is to the truth of bags and topics. The file repeats the nearest reading for every row, so a
+    sensor that stopped shows as a truth that stands still while the motors turn: such stretches
+    become NaN and are counted.
     """
-    if truth_unit not in TRUTH_UNITS:
-        raise RecordingError(
-            f"truth unit {truth_unit!r} is not known; choose from {', '.join(TRUTH_UNITS)}"
-        )
+    for name, value, choices in (
+        ("unit", truth_unit, TRUTH_UNITS), ("zero", truth_zero, TRUTH_ZEROS),
+    ):  # fmt: skip
+        if value not in choices:
+            raise RecordingError(
+                f"truth {name} {value!r:.60} is not known; choose from {', '.join(choices)}"
+            )
     robot = get_robot("raven2", arm)
     columns = _state(robot, STATE_START)
     for k, joint in enumerate(robot.joint_names):
         columns[f"crtk/{joint}"] = MappedColumn(CRTK + k, robot.joint(joint).unit)
     sensors = {f"truth/{j}": MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)}
-    table = _read(head or Head.of(path), robot, TRAINING_COLUMNS, columns | sensors)
+    head = head or Head.of(path)
+    table = _read(head, robot, TRAINING_COLUMNS, columns | sensors, WITH_FORCE_COLUMNS)
     raw = np.stack([table.columns[name] for name in sensors], axis=1)
     measured = np.stack([table.columns[f"measured/{j}"] for j in robot.positioning], axis=1)
     _check_truth_unit(path, robot, raw, measured, truth_unit)
     truth = raw * TRUTH_UNITS[truth_unit]
     frozen = frozen_rows(table.columns["t"], truth, measured)
     truth[frozen] = np.nan
-    return _recordings(
-        path,
-        replace(
-            table,
-            columns={**table.columns, **dict(zip(sensors, truth.T, strict=True))},
-            dropped={**table.dropped, "no truth: its sensor stands still": int(frozen.sum())},
-        ),
+    notes = ""
+    if truth_zero == ENCODER_ZERO:
+        profile = PROFILES[robot.name]
+        truth += [profile.truth_offsets.get(joint, 0.0) for joint in robot.positioning]
+        notes = profile.truth_note
+    table = replace(
+        table,
+        columns={**table.columns, **dict(zip(sensors, truth.T, strict=True))},
+        dropped={**table.dropped, "no truth: its sensor stands still": int(frozen.sum())},
     )
+    return _recordings(path, table, notes)
 
 
 def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
@@ -171,25 +190,30 @@ def _state(robot: Robot, start: int = 0) -> dict[str, MappedColumn]:
     return columns | {name: MappedColumn(start + k) for name, k in _OF_STATE.items()}
 
 
-def _read(head: Head, robot: Robot, count: int, columns: dict[str, MappedColumn]) -> Table:
-    """Columns of a file that has `count` of them, any of which may be empty."""
+def _read(
+    head: Head, robot: Robot, count: int, columns: dict[str, MappedColumn], *more: int
+) -> Table:
+    """Columns of a file that has `count` of them, or one of `more`, any of which may be empty."""
     layout = replace(text_layout(head, "", ",")[0], skip=0)
-    if layout.columns != count:
+    if layout.columns not in (count, *more):
         raise RecordingError(
             f"{head.path}: {layout.columns} columns, expected {count}; the RAVEN layouts have "
-            f"{STATE_COLUMNS} or {TRAINING_COLUMNS}: for another one give a column map"
+            f"{STATE_COLUMNS}, {TRAINING_COLUMNS} or {WITH_FORCE_COLUMNS}: for another one give a "
+            "column map"
         )
     positions = {name: int(mapped.column) for name, mapped in columns.items()}
     header = Header(head.path, ColumnMap(columns), positions, layout)
     return read_text(header, robot, may_miss=True)
 
 
-def _recordings(path: Path, table: Table) -> list[Recording]:
+def _recordings(path: Path, table: Table, notes: str = "") -> list[Recording]:
     keep, homing = without_homing(table.columns["state/run_level"])
     columns = {name: rows[keep] for name, rows in table.columns.items()}
     dropped = dict(table.dropped)
     cut_short = {CUT_SHORT: dropped.pop(CUT_SHORT)}
-    return replace(table, columns=columns, dropped=dropped | homing | cut_short).recordings(path)
+    return replace(table, columns=columns, dropped=dropped | homing | cut_short).recordings(
+        path, notes=notes
+    )
 
 
 def _check_truth_unit(

@@ -37,8 +37,8 @@ def read_recording(
         One of `format_names`; found out from the content by default, if it is truejoint's own.
     **context
         What the file does not say: ``robot``, ``arm``, ``column_map``, ``rate`` [Hz] of a file
-        without time stamps, and ``truth_unit``, for the formats that take them (see `FORMATS`);
-        ``load`` [kg], ``homing_id``, ``session`` and ``notes`` for any.
+        without time stamps, ``truth_unit`` and ``truth_zero``, for the formats that take them (see
+        `FORMATS`); ``load`` [kg], ``homing_id``, ``session`` and ``notes`` for any.
 
     Raises
     ------
@@ -202,8 +202,7 @@ def _detect_text(head: Head) -> tuple[str, str]:
         names = {field for d in ",;\t " for field in split_fields(line.replace('"', ""), d)}
         ours = "t" in names or any(name.startswith("measured/") for name in names)
         return "csv" if ours else "", f"a header without 't'; {mapped.MAP_ADVICE}"
-    ravens = (raven_csv.STATE_COLUMNS, raven_csv.TRAINING_COLUMNS)
-    by_count = {count: f"raven_csv_{count}" for count in ravens}
+    by_count = dict(raven_csv.FORMATS)
     for name, rows in layouts().items():
         by_count |= {row.fields: name for row in rows if row.fields and not row.mark}
     counts = f"{len(fields)} columns without a header, expected {', '.join(map(str, by_count))}"

@@ -322,7 +322,6 @@ def _notes(wiring: Wiring) -> str:
     notes = [topics + (f", truth of {wiring.truth}" if wiring.truth else "")]
     if profile.name != "crtk":
         notes.append(f"profile {profile.name}: {profile.summary}")
-    if wiring.truth and profile.truth_offsets:
-        added = ", ".join(f"{shift:+.6g} to {j}" for j, shift in profile.truth_offsets.items())
-        notes.append(f"added to the truth [rad or m]: {added}")
+    if wiring.truth and profile.truth_note:
+        notes.append(profile.truth_note)
     return "; ".join(notes)
