@@ -155,22 +155,9 @@ def read_column_map(source: MapSource) -> ColumnMap:
     return replace(mapping, robot=str(path.parent / mapping.robot))
 
 
-def read(
-    path: Path,
-    robot: str = "",
-    arm: str = "",
-    column_map: MapSource | None = None,
-    rate: float = 0.0,
-    head: Head | None = None,
-) -> list[Recording]:
-    """Read a text file of columns, or arrays: .npy with a row a sample, MATLAB with a signal a row.
-
-    Without a map the first line of a text must name columns, in SI units; arrays need a map. In a
-    MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
-    holds several signals; a star stands for any letters. Any file may be in gzip. `robot` and `arm`
-    overrule those of the column map, `rate` [Hz] stands in for time stamps.
-    """
-    return _read(path, robot, arm, column_map, rate, "measured", head).recordings(path)
+def read(path: Path, **context: Any) -> list[Recording]:
+    """Read the recordings of a file of columns; `context` as `read_table` takes it."""
+    return read_table(path, **context).recordings(path)
 
 
 def read_truth(
@@ -180,7 +167,7 @@ def read_truth(
     column_map: MapSource | None = None,
     rate: float = 0.0,
 ) -> Stream:
-    """Read the truth of a robot's joints, as `read` does, from a file that has nothing else of it.
+    """Read the truth of a robot's joints from a file that has nothing else of it.
 
     Stamps stay as the file has them. Raises RecordingError if no column is ``truth/<joint>``, or
     as `read_recording` does.
@@ -191,7 +178,8 @@ def read_truth(
     >>> list(read_truth("encoder.csv", robot="davinci_grasper").columns)
     ['truth/jaw']
     """
-    columns = dict(_read(Path(path), robot, arm, column_map, rate, "truth").columns)
+    table = read_table(Path(path), robot, arm, column_map, rate, needed="truth")
+    columns = dict(table.columns)
     t = columns.pop("t")
     return Stream(t, {name: v for name, v in columns.items() if name.startswith("truth/")})
 
@@ -212,16 +200,23 @@ class Table:
         return recordings_of_file(path, self.robot, self.columns, self.units, **about)
 
 
-def _read(
+def read_table(
     path: Path,
-    robot: str,
-    arm: str,
-    column_map: MapSource | None,
-    rate: float,
-    needed: str,
+    robot: str = "",
+    arm: str = "",
+    column_map: MapSource | None = None,
+    rate: float = 0.0,
     head: Head | None = None,
+    needed: str = "measured",
 ) -> Table:
-    """Columns of a file, of which one must be of the quantity `needed`."""
+    """Read a text file of columns, or arrays: .npy with a row a sample, MATLAB with a signal a row.
+
+    Without a map the first line of a text must name columns, in SI units; arrays need a map. In a
+    MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
+    holds several signals; a star stands for any letters. Any file may be in gzip. `robot` and `arm`
+    overrule those of the column map, `rate` [Hz] stands in for time stamps. One column must be of
+    the quantity `needed`.
+    """
     head = head or Head.of(path)
     if head.is_text:
         header = read_header(head, column_map, rate)

@@ -99,8 +99,7 @@ class Provenance:
 
     def to_dict(self) -> dict[str, Any]:
         """Plain values for JSON; NaN becomes None."""
-        values: dict[str, Any] = json_values(self)
-        return values
+        return dict(json_values(self))
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> Provenance:

@@ -102,7 +102,7 @@ def read_bag(
     topics = bag_topics(paths)
     machine = assembling.robot_of(paths[0], topics, robot, arm)
     wiring = assembling.find_wiring(paths[0], topics, machine, profile, state, truth)
-    return _read(paths, machine, wiring, topics, quantities, offset, near)
+    return _read(paths, machine, wiring, topics, quantities, offset=offset, near=near)
 
 
 def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
@@ -195,8 +195,7 @@ def _read(
     wiring: assembling.Wiring,
     topics: assembling.Topics,
     quantities: Collection[str],
-    offset: float | None = None,
-    near: float | None = None,
+    **clock: float | None,
 ) -> Recording:
     """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
@@ -222,4 +221,4 @@ def _read(
         session=paths[0].name.partition(".")[0],
     )
     lots, place = lots_of(paths, wanted, lost), str(paths[0])
-    return assembling.assemble(lots, robot, wiring, quantities, origin, lost, place, offset, near)
+    return assembling.assemble(lots, robot, wiring, quantities, origin, lost, place, **clock)

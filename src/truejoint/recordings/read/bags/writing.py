@@ -112,8 +112,8 @@ def _topics(recording: Recording, profile: messages.Profile) -> Iterator[_Messag
         is_truth = quantity == "truth"
         name = messages.TRUTH_TOPIC if is_truth else profile.topic(robot.arm, f"{quantity}_js")
         rows = ~np.isnan(recording.columns(quantity, joints)).any(axis=1)
-        known = {column: values[rows] for column, values in columns.items()}
-        names, fields = messages.joint_state_fields(robot, quantity, name, known, profile)
+        valid = {column: values[rows] for column, values in columns.items()}
+        names, fields = messages.joint_state_fields(robot, quantity, name, valid, profile)
         if names and not (quantity == "setpoint" and profile.no_setpoint):
             yield name, messages.JOINT_STATE, stamps[rows], {"name": list(names), **fields}
 
