@@ -123,9 +123,10 @@ def resting_features(
     measured = [name for name in units if name.startswith("measured/")]
     positions = ([recording.column(name) for recording in recordings] for name in measured)
     ways = np.array([np.ptp(np.concatenate(arrays)) for arrays in positions])
-    unit = np.array([units[name] for name in measured])
+    unit_of = np.array([units[name] for name in measured])
     channels = [name.partition("/")[2] for name in measured]
-    rests = [way < RESTING * ways[unit == own].max() for way, own in zip(ways, unit, strict=True)]
+    longest = np.array([ways[unit_of == unit].max() for unit in unit_of])
+    rests = ways < RESTING * longest
     resting = {c for c, is_resting in zip(channels, rests, strict=True) if is_resting} - set(joints)
     return np.array([f.signal.partition("/")[2] in resting for f in feature_set.features])
 
