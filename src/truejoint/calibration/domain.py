@@ -65,7 +65,8 @@ def fit_training_domain(
     Those have the features (n, k) and the `error` (n, n_joints) [rad or m], truth minus measured;
     no change is looked at across `gap_limit` [s] without a row. `resting` are `resting_features`.
     """
-    tables = [np.ascontiguousarray(r.table[list(signals)].to_numpy(float)) for r in recordings]
+    columns = ([recording.column(signal) for signal in signals] for recording in recordings)
+    tables = [np.ascontiguousarray(np.column_stack(arrays)) for arrays in columns]
     times = [np.array(recording.t) for recording in recordings]
     together = np.concatenate(tables)
     lower, upper = together.min(axis=0), together.max(axis=0)
@@ -120,10 +121,12 @@ def resting_features(
     `units` has that of each column that all of them have.
     """
     measured = [name for name in units if name.startswith("measured/")]
-    ways = np.ptp(np.concatenate([r.table[measured].to_numpy(float) for r in recordings]), axis=0)
-    unit = np.array([units[name] for name in measured])
+    positions = ([recording.column(name) for recording in recordings] for name in measured)
+    ways = np.array([np.ptp(np.concatenate(arrays)) for arrays in positions])
+    unit_of = np.array([units[name] for name in measured])
     channels = [name.partition("/")[2] for name in measured]
-    rests = [way < RESTING * ways[unit == own].max() for way, own in zip(ways, unit, strict=True)]
+    longest = np.array([ways[unit_of == unit].max() for unit in unit_of])
+    rests = ways < RESTING * longest
     resting = {c for c, is_resting in zip(channels, rests, strict=True) if is_resting} - set(joints)
     return np.array([f.signal.partition("/")[2] in resting for f in feature_set.features])
 

@@ -443,13 +443,13 @@ def _offsets(in_motion: Array, error: Array, weights: Array) -> Array:
     NaN for those that are too long for a joint.
     """
     offsets = np.full((len(BEGINNINGS), error.shape[1]), np.nan)
+    is_even = (weights == weights[0]).all(axis=0)
     for j, moving in enumerate(in_motion.T):
-        ends = np.searchsorted(moving, BEGINNINGS)
-        shown = (ends > 0) & (moving[-1] >= _NEARLY * np.array(BEGINNINGS))
-        shown[0] = ends[0] > 0
-        for row in np.flatnonzero(shown):
-            begun = slice(0, ends[row])
-            offsets[row, j] = weighted_median(error[begun, j], weights[begun, j])
+        for row, end in enumerate(np.searchsorted(moving, BEGINNINGS)):
+            if not end or (row and moving[-1] < _NEARLY * BEGINNINGS[row]):
+                continue
+            begun, w = error[:end, j], weights[:end, j]
+            offsets[row, j] = np.median(begun) if is_even[j] else weighted_median(begun, w)
     return offsets
 
 

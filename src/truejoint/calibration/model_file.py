@@ -198,7 +198,7 @@ def encode(calibration: Calibration) -> tuple[dict[str, Any], dict[str, Array]]:
     elif np.isnan(c.zero.deviation).any():
         del description["zero"]["deviation"]
     parts["zero"] = c.offsets
-    for name in _PARTS:
+    for name in ("training_domain", "effort_baseline", "parity"):
         parts[name] = _arrays_of(getattr(c, name))
     first = RezeroedFit(c.fitted, c.fitted_baselines, c.moves, c.interval)
     for key, fit in (("fit", first), (_REZEROED, c.rezeroed_fit)):
@@ -244,8 +244,8 @@ def _tuples(value: Any) -> Any:
 def decode(description: Mapping[str, Any], arrays: Mapping[str, Array]) -> Calibration:
     """Inverse of `encode`.
 
-    Raises ModelFileError if any part is not as it must be. Parameters and arrays of the estimators
-    are not looked into: that is up to `Family.check`.
+    Raises ModelFileError (RobotError for the robot) if any part is not as it must be. Parameters
+    and arrays of the estimators are not looked into: that is up to `Family.check`.
     """
     stated = schema.read(_Description, description, "the model description", ModelFileError)
     parts: _Parts = {}
