@@ -117,28 +117,6 @@ def test_parameters_and_features_are_as_many_as_it_has():
     replace(CLOCK, inputs=None).check_size(GOOD, 3)
 
 
-@pytest.mark.parametrize(
-    ("change", "said"),
-    [
-        ({"offset": None}, r"has arrays \['gain'\]; it needs \['gain', 'offset'\]"),
-        ({"extra": np.zeros(1)}, "has arrays"),
-        ({"gain": np.zeros((2, 3))}, r"'gain' is float64 \(2, 3\); it must be float64 \(2, 2\)"),
-        ({"gain": np.zeros((2, 2), np.float32)}, "'gain' is float32"),
-        ({"offset": np.array([0.0, np.inf])}, "'offset' is not finite"),
-    ],
-)
-def test_arrays_are_of_the_shapes_that_it_states(change, said):
-    arrays = {"gain": np.ones((2, 2)), "offset": np.zeros(2)}
-    CLOCK.check(EstimatorData("clock", GOOD, arrays), 2, 2)
-    edited = {name: a for name, a in {**arrays, **change}.items() if a is not None}
-    refused(said, CLOCK.check, EstimatorData("clock", GOOD, edited), 2, 2)
-
-
-def test_arrays_of_another_number_of_features_are_refused_by_that_number():
-    arrays = {"gain": np.ones((2, 3)), "offset": np.zeros(2)}
-    refused("takes 2 features", CLOCK.check, EstimatorData("clock", GOOD, arrays), 3, 2)
-
-
 def test_one_joint_is_not_two():
     assert families.only_joint("clock", {"offset": (1,)}, 1) == {"offset": (1,)}
     refused("clock estimates one joint, not 2", families.only_joint, "clock", {}, 2)

@@ -279,18 +279,18 @@ def standardisation(X: Array) -> tuple[Array, Array]:
     return X.mean(axis=0), inverse
 
 
-def scaling(X: Array, y: Array) -> Arrays:
-    """Give `standardisation` of features and targets, by the names under which models keep it."""
-    mean, inverse_scale = standardisation(X)
+def target_scaling(y: Array) -> tuple[Array, Array]:
+    """Mean and standard deviation (k,) of known targets `y` (n, k), 1 for those of constants."""
     parts = [y[rows, columns] for rows, columns in labelled_parts(y)]
-    target_mean, inverse = np.hstack([standardisation(part) for part in parts])
+    mean, inverse = np.hstack([standardisation(part) for part in parts])
     deviation = np.hstack([part.std(axis=0) for part in parts])
-    return {
-        "mean": mean,
-        "inverse_scale": inverse_scale,
-        "target_mean": target_mean,
-        "target_scale": np.where(inverse > 0, deviation, 1.0),
-    }
+    return mean, np.where(inverse > 0, deviation, 1.0)
+
+
+def scaling(X: Array, y: Array) -> Arrays:
+    """Give what scales features and targets, by the names under which models keep it."""
+    features = zip(("mean", "inverse_scale"), standardisation(X), strict=True)
+    return dict([*features, *zip(("target_mean", "target_scale"), target_scaling(y), strict=True)])
 
 
 def constant_columns(X: Array) -> Flags:

@@ -14,7 +14,7 @@ from sklearn.neural_network import MLPRegressor
 
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError, unknown
-from truejoint.estimators.base import Arrays, JointRegressor, Progress, scaling
+from truejoint.estimators.base import Arrays, JointRegressor, Progress, target_scaling
 from truejoint.estimators.family import EstimatorData, Family, Params, find_family
 from truejoint.estimators.registry import OWN, PRESETS, estimator_names, plugged_in, registered
 from truejoint.estimators.trees.learn import convert
@@ -141,8 +141,7 @@ class WrappedRegressor(JointRegressor):
         return super().data
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
-        scales = scaling(X, y)
-        mean, scale = scales["target_mean"], scales["target_scale"]
+        mean, scale = target_scaling(y)
         self._fit_parts(X, (y - mean) / scale, progress)
         rows = np.ascontiguousarray(X[:: -(-len(X) // _COMPARED)])
         answers, shape = self._predict(rows), (X.shape[1], len(mean))

@@ -19,9 +19,9 @@ from truejoint.estimators.base import (
     JointRegressor,
     Progress,
     labelled_parts,
-    scaling,
     share_of,
     standardisation,
+    target_scaling,
     untold,
 )
 from truejoint.estimators.family import Family, Params, Rule, number, one_of, optional
@@ -171,14 +171,12 @@ class Polynomial(JointRegressor):
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         factors = factors_of(self.model_params(), X.shape[1])
-        scales = scaling(X, y)
-        mean, inverse_scale = scales["mean"], scales["inverse_scale"]
+        mean, inverse_scale = standardisation(X)
         scaled = (X - mean) * inverse_scale
         if self.ridge:
-            targets = (y - scales["target_mean"]) / scales["target_scale"]
-            table = self._penalised(scaled, targets, dt, factors, progress)
-            table *= scales["target_scale"]
-            coef, intercept = table[1:], table[0] + scales["target_mean"]
+            centre, scale = target_scaling(y)
+            table = scale * self._penalised(scaled, (y - centre) / scale, dt, factors, progress)
+            coef, intercept = table[1:], table[0] + centre
         else:
             parts = labelled_parts(y)
             n = len(parts)
@@ -261,7 +259,8 @@ def least_squares(
     factor = np.zeros((0, 1 + m + y.shape[1]))
     done = 0
     for table in _tables(scaled, y, factors, _BLOCK):
-        factor = np.asarray(np.linalg.qr(np.vstack([factor, table]), mode="r"))
+        stack = np.vstack([factor, table])
+        factor = np.asarray(np.linalg.qr(stack, mode="r"))
         done += len(table)
         progress(done / n_rows)
     centred = factor[1 : m + 1, 1 : m + 1]
