@@ -131,12 +131,6 @@ def friction_force(
 
 
 @inlined
-def external_torque(force: float, angle: float, line_angle: float, c: PlantConstants) -> float:
-    """Torque [Nm] of a force at the tip [N] along a line of fixed direction."""
-    return force * c.jaw.load_arm * math.cos(angle - line_angle)
-
-
-@inlined
 def accelerations(
     drive_pull: float,
     reset_pull: float,
@@ -251,7 +245,7 @@ def plant_rates(
         drag, rates[5] = friction_force(
             slider_speed, state[5], slider_level, c.slider_law, max_rate
         )
-    free_torque = external_torque(force, angle, line_angle, c) - jaw_drag
+    free_torque = force * c.jaw.load_arm * math.cos(angle - line_angle) - jaw_drag
     beyond = max(angle - c.jaw.stop_upper, 0.0) + min(angle - c.jaw.stop_lower, 0.0)
     if beyond != 0.0:  # the mechanical stops push and never pull
         stop = -c.jaw.stop_stiffness * beyond - c.jaw.stop_damping * speed
@@ -376,7 +370,7 @@ def advance(
         if n % log_every == 0:
             row = log[n // log_every]
             row[0], row[1], row[2], row[3] = motor[0], x1, state[2], state[0]
-            row[4] = external_torque(forces[0], state[0], line_angle, c)
+            row[4] = forces[0] * c.jaw.load_arm * math.cos(state[0] - line_angle)
             row[5], row[6] = drive_tension, reset_tension
         if n == n_steps:
             break
