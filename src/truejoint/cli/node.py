@@ -155,6 +155,20 @@ def record(
         out.print(f"{recorder.written}: {recorder.rows} rows")
 
 
+def encoders(port: str, link: Link, robot: str = DEFAULT, profile: str = "") -> None:
+    """Publish temporary joint encoders as RAVEN-II's do, registered while the arm homes."""
+    from truejoint.recordings.encoder_node import EncoderNode
+    from truejoint.recordings.joint_encoders import JointEncoders
+
+    target = options.get_robot(robot)
+    with as_node("truejoint_encoders", link.ros) as transport:
+        line = JointEncoders(port, target.encoders, clock=transport.now)
+        node = EncoderNode(transport, line, target, profile, namespace=link.namespace, say=say)
+        with node, suppress(KeyboardInterrupt):
+            wait(transport, link.seconds)
+        out.print(f"{node.published} messages, {line.garbage} lines of garbage")
+
+
 def _listen(arm: truejoint.crtk.Arm) -> None:
     """Raise CommandRefused if a homed arm does not report."""
     from truejoint.crtk.protocol import SILENCE
