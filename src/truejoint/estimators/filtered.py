@@ -9,8 +9,8 @@ work on the memory of a layout that begins as `filter_layout`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import nan
 from typing import Any, Final
@@ -19,7 +19,17 @@ import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import address, borrow, compiled, copy, fill, inlined, unrolled
-from truejoint.estimators.family import ROW, call_row
+from truejoint.estimators.family import (
+    ROW,
+    EstimatorData,
+    Family,
+    Params,
+    Rule,
+    Shape,
+    call_row,
+    find_family,
+)
+from truejoint.estimators.stack.run import are_members, members
 from truejoint.filters import FilterStatus
 from truejoint.filters import fields as at
 from truejoint.filters.fields import call_step, unpack_filter
@@ -193,21 +203,17 @@ def _run_rows(
 
 
 def run_filter(
-    model: Memory,
-    X: Array,
-    dt: Array,
-    beside: Sequence[str] = (),
-    *,
-    n_outputs: int = 1,
-    smoothed: bool = False,
+    data: EstimatorData, X: Array, dt: Array, *, n_outputs: int = 1, smoothed: bool = False
 ) -> FilterRun:
     """Run the filter over rows `X` (N, k), `dt` (N,) [s] after those before, 0 at a start.
 
-    `model` is a memory of `filter_row`, `beside` names arrays of it that stand beside the outputs.
+    `data` is of a family whose row is `filter_row`; quantities beside the outputs are in its order.
     """
+    model = data.kind.memory(data, X.shape[1], n_outputs)
+    fields, beside = model.layout.fields, data.kind.beside(data.params)
     numbers, memory, part = model.numbers, model.memory, model.part("filter")
     memory[[DEVIATIONS, BESIDE_DEVIATIONS]] = 1.0
-    places = np.array([numbers[model.layout.fields[name].index] for name in beside], dtype=np.int64)
+    places = np.array([numbers[fields[name].index] for name in beside], dtype=np.int64)
     N, n = len(X), len(part.view("x"))
     shapes = (
         (n,), (n, n), part.shapes["u"], (), (n_outputs,), (n_outputs,), (2, len(beside)),
@@ -231,3 +237,74 @@ def run_filter(
 def histories(dt: Array) -> list[slice]:
     """Rows of each history, of the time (n,) since the row before, 0 where one starts."""
     return [slice(*ends) for ends in pairwise([*np.flatnonzero(dt == 0.0).tolist(), len(dt)])]
+
+
+def _model_of(params: Params, arrays: Mapping[str, Array]) -> EstimatorData:
+    """Give the model on top as data, of arrays that `joined` made."""
+    ((data, _),) = members({"members": (params["model"],)}, arrays)
+    return data
+
+
+def joined(filtered: Mapping[str, Any], model: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays of a hybrid, or their shapes, of those of its filter and of its model."""
+    return {**filtered, **{f"0/{name}": array for name, array in model.items()}}
+
+
+def hybrid_family(
+    name: str,
+    filtered: Family,
+    pack_filtered: Callable[..., Memory],
+    sight: Any,
+    beside: int,
+    sizes: Callable[[Params], tuple[int, int]],
+    *,
+    rules: Mapping[str, Rule] | None = None,
+    scales: Mapping[str, Shape] | None = None,
+    signals: Callable[[Params, Mapping[str, Array]], Memory] = lambda _params, _: Layout().pack(),
+) -> Family:
+    """Family of a filter's family, called `filtered`, with a model of what it leaves.
+
+    The filter knows how loads and friction make each other at any speed, so that the model need not
+    find that out; it makes up for what the filter's equations lack.
+
+    `pack_filtered` is that of the filter's family, which takes fields of `filter_layout` besides;
+    `sight` one of them, and `beside` the index of the first quantity beside the outputs. `sizes`
+    gives the numbers of inputs and outputs of the model; `signals` the memory of what `sight`
+    remembers, of further parameters with these `rules` and arrays of these shapes, its `scales`.
+    Of arrays that have no model yet, the memory is that of the filter, and of what a model will
+    see.
+    """
+
+    def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+        data = _model_of(params, {})
+        family = find_family(data.family)
+        family.check_params(data.params)
+        own = filtered.shapes(params, n_features, n_outputs) | dict(scales or {})
+        return joined(own, family.shapes(data.params, *sizes(params)))
+
+    def pack(
+        params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int
+    ) -> Memory:
+        data, (n_sighted, n_added) = _model_of(params, arrays), sizes(params)
+        on_top = {
+            "sight": sight, "sighted": np.zeros(n_sighted), "signals": signals(params, arrays)
+        }  # fmt: skip
+        if data.arrays:
+            family = find_family(data.family)
+            on_top |= {
+                "beside": beside,
+                "added": np.zeros(n_added),
+                "width": np.zeros(n_added),
+                "model_row": family.row,
+                "model": family.memory(data, n_sighted, n_added),
+            }
+        return pack_filtered(params, arrays, n_features, n_outputs, **on_top)
+
+    model_rule = Rule(lambda value: are_members((value,)), "a family, its parameters, and ()")
+    return replace(
+        filtered,
+        name=name,
+        rules={**filtered.rules, **(rules or {}), "model": model_rule},
+        shapes=shapes,
+        pack=pack,
+    )

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from math import nan, sqrt
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from truejoint.estimators.jaw.signals import (
     ERROR_SHAPES,
     MECHANISM_RULES,
     MOTOR,
-    NO_ERROR,
     RESET,
     bounded_error,
 )
@@ -248,8 +247,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     return only_joint("jaw", learnt, n_outputs)
 
 
-def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
-    """Memory of `filter_row`, with fields of a model on top or without."""
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     model = ForcepsModel(**params)
     return pack_filter(
         LAYOUT, take_inputs=take_inputs, tell=tell,
@@ -257,9 +255,8 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
         drive_tension=model.drive_tension,
         reset_stiffness=model.reset_stiffness,
         divisor=model.rest_divisor,
-        **{**NO_ERROR, **arrays},
+        **arrays,
         filter=jaw_filter(params).memory(np.zeros(4), model.rest_covariance()),
-        **on_top,
     )  # fmt: skip
 
 
@@ -272,7 +269,7 @@ FAMILY: Final = Family(
         "compensated": one_of(False, True),
     },
     shapes=_shapes,
-    pack=pack,
+    pack=_pack,
     row=filter_row,
     remembers=True,
     # The gain depends on the step, and what is left to compensate depends on the gain.

@@ -27,7 +27,6 @@ from truejoint.estimators.family import (
     one_of,
     only_joint,
 )
-from truejoint.estimators.hybrid import hybrid_family
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.run import expand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
@@ -384,7 +383,7 @@ def _sizes(params: Params) -> tuple[int, int]:
 
 
 HYBRID_ROWS: Final = replace(
-    hybrid_family(
+    at.hybrid_family(
         "motor_side.hybrid_rows",
         FAMILY,
         pack,
