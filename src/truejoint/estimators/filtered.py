@@ -9,7 +9,7 @@ work on the memory of a layout that begins as `filter_layout`.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import nan
@@ -79,8 +79,8 @@ unpack = _LAYOUT.unpacker()
 
 def pack_filter(layout: Layout, **values: Any) -> Memory:
     """Memory of `filter_row`, of kernels and other fields by name; no model unless given."""
-    nothing: dict[str, Any] = dict.fromkeys(("sighted", "added", "width"), np.zeros(1))
-    nothing |= dict.fromkeys(("signals", "model"), Layout().pack())
+    nothing: dict[str, Any] = dict.fromkeys(("signals", "model"), Layout().pack())
+    nothing |= {"n_sighted": 1, "n_added": 1}  # C has no array without elements
     functions = {n: value for n, value in values.items() if layout.fields[n].kind == "address"}
     addresses = {name: address(kernel, ROW) for name, kernel in functions.items()}
     return layout.pack(functions, **{**nothing, **values, **addresses})
@@ -239,12 +239,6 @@ def histories(dt: Array) -> list[slice]:
     return [slice(*ends) for ends in pairwise([*np.flatnonzero(dt == 0.0).tolist(), len(dt)])]
 
 
-def _model_of(params: Params, arrays: Mapping[str, Array]) -> EstimatorData:
-    """Give the model on top as data, of arrays that `joined` made."""
-    ((data, _),) = members({"members": (params["model"],)}, arrays)
-    return data
-
-
 def joined(filtered: Mapping[str, Any], model: Mapping[str, Any]) -> dict[str, Any]:
     """Arrays of a hybrid, or their shapes, of those of its filter and of its model."""
     return {**filtered, **{f"0/{name}": array for name, array in model.items()}}
@@ -275,8 +269,13 @@ def hybrid_family(
     see.
     """
 
+    def model_of(
+        params: Params, arrays: Mapping[str, Array]
+    ) -> Iterable[tuple[EstimatorData, Any]]:
+        return members({"members": (params["model"],)}, arrays)
+
     def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
-        data = _model_of(params, {})
+        ((data, _),) = model_of(params, {})
         family = find_family(data.family)
         family.check_params(data.params)
         own = filtered.shapes(params, n_features, n_outputs) | dict(scales or {})
@@ -285,19 +284,14 @@ def hybrid_family(
     def pack(
         params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int
     ) -> Memory:
-        data, (n_sighted, n_added) = _model_of(params, arrays), sizes(params)
-        on_top = {
-            "sight": sight, "sighted": np.zeros(n_sighted), "signals": signals(params, arrays)
-        }  # fmt: skip
+        ((data, _),), (n_sighted, n_added) = model_of(params, arrays), sizes(params)
+        on_top = {"sight": sight, "n_sighted": n_sighted, "signals": signals(params, arrays)}
         if data.arrays:
             family = find_family(data.family)
+            model = family.memory(data, n_sighted, n_added)
             on_top |= {
-                "beside": beside,
-                "added": np.zeros(n_added),
-                "width": np.zeros(n_added),
-                "model_row": family.row,
-                "model": family.memory(data, n_sighted, n_added),
-            }
+                "model_row": family.row, "model": model, "n_added": n_added, "beside": beside
+            }  # fmt: skip
         return pack_filtered(params, arrays, n_features, n_outputs, **on_top)
 
     model_rule = Rule(lambda value: are_members((value,)), "a family, its parameters, and ()")
