@@ -10,10 +10,10 @@ work on the memory of a layout that begins as `filter_layout`.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from math import nan
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -153,8 +153,7 @@ def quadratic(weights: Array, spread: Array, n: int) -> float:
     return max(variance, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class FilterRun:
+class FilterRun(NamedTuple):
     """What a filter makes of N rows, each from the rows up to it or, smoothed, from all.
 
     Rows after one that has no estimate start anew, as in the loop.
@@ -172,10 +171,15 @@ class FilterRun:
 
 @compiled
 def _run_rows(
-    numbers: Integers, memory: Array, replays: bool, X: Array, dt: Array, places: Integers,
-    status: Integers, x: Array, P: Array, u: Array, nis: Array, out: Array, half_width: Array,
-    beside: Array, sighted: Array,
-) -> None:  # fmt: skip
+    numbers: Integers,
+    memory: Array,
+    replays: bool,
+    X: Array,
+    dt: Array,
+    places: Integers,
+    status: Integers,
+    noted: FilterRun,
+) -> None:
     """Run every row of `X` and note what it makes, or tell of the states that are given.
 
     Times `dt` become 0 where the filter starts anew.
@@ -183,23 +187,24 @@ def _run_rows(
     sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
     f, m = unpack_filter(sizes, state), unpack(numbers, memory)
     for i in range(X.shape[0]):
-        dt[i] = _begin(numbers, memory, dt[i], X[i], out[i], half_width[i])
+        dt[i] = _begin(numbers, memory, dt[i], X[i], noted.outputs[i], noted.deviations[i])
         if not replays:
             _advance(numbers, memory, dt[i])
-            status[i], nis[i] = sizes[at.STATUS], state[at.NIS]
-            copy(f.u, u[i], f.n_inputs)
+            status[i], noted.nis[i] = sizes[at.STATUS], state[at.NIS]
+            copy(f.u, noted.u[i], f.n_inputs)
         for k in range(f.n_states):
-            row, noted = f.covariance[k], P[i, k]
+            row, noted_row = f.covariance[k], noted.P[i, k]
             if replays:
-                f.x[k] = x[i, k]
-                copy(noted, row, f.n_states)
+                f.x[k] = noted.x[i, k]
+                copy(noted_row, row, f.n_states)
             else:
-                x[i, k] = f.x[k]
-                copy(row, noted, f.n_states)
-        _tell(numbers, memory, dt[i], X[i], out[i], half_width[i])
-        copy(m.sighted, sighted[i], m.n_sighted)
+                noted.x[i, k] = f.x[k]
+                copy(row, noted_row, f.n_states)
+        _tell(numbers, memory, dt[i], X[i], noted.outputs[i], noted.deviations[i])
+        copy(m.sighted, noted.sighted[i], m.n_sighted)
         for k in range(places.shape[0]):
-            beside[i, 0, k], beside[i, 1, k] = memory[places[k]], memory[places[k] + 1]
+            noted.beside[i, 0, k] = memory[places[k]]
+            noted.beside[i, 1, k] = memory[places[k] + 1]
 
 
 def run_filter(
@@ -215,22 +220,25 @@ def run_filter(
     memory[[DEVIATIONS, BESIDE_DEVIATIONS]] = 1.0
     places = np.array([numbers[fields[name].index] for name in beside], dtype=np.int64)
     N, n = len(X), len(part.view("x"))
-    shapes = (
-        (n,), (n, n), part.shapes["u"], (), (n_outputs,), (n_outputs,), (2, len(beside)),
-        model.shapes["sighted"],
-    )  # fmt: skip
-    noted = FilterRun(*(np.zeros((N, *shape)) for shape in shapes))
+    noted = FilterRun(
+        x=np.zeros((N, n)),
+        P=np.zeros((N, n, n)),
+        u=np.zeros((N, *part.shapes["u"])),
+        nis=np.zeros(N),
+        outputs=np.zeros((N, n_outputs)),
+        deviations=np.zeros((N, n_outputs)),
+        beside=np.zeros((N, 2, len(beside))),
+        sighted=np.zeros((N, *model.shapes["sighted"])),
+    )
     rows, times, status = np.ascontiguousarray(X), np.array(dt), np.zeros(N, dtype=np.int64)
     for replays in (False, True)[: 1 + smoothed]:
-        _run_rows(numbers, memory, replays, rows, times, places, status, *vars(noted).values())
+        _run_rows(numbers, memory, replays, rows, times, places, status, noted)
         if smoothed and not replays:
             for history in histories(times):
                 prior = part.view("x_prior").copy(), part.view("covariance_prior").copy()
-                smooth(
-                    part.numbers, part.memory, noted.u[history], times[history],
-                    np.ones(N)[history], status[history], *prior, noted.x[history],
-                    noted.P[history],
-                )  # fmt: skip
+                u, x, P = noted.u[history], noted.x[history], noted.P[history]
+                ones, bits = np.ones(len(x)), status[history]
+                smooth(part.numbers, part.memory, u, times[history], ones, bits, *prior, x, P)
     return noted
 
 
@@ -278,8 +286,8 @@ def hybrid_family(
         ((data, _),) = model_of(params, {})
         family = find_family(data.family)
         family.check_params(data.params)
-        own = filtered.shapes(params, n_features, n_outputs) | dict(scales or {})
-        return joined(own, family.shapes(data.params, *sizes(params)))
+        of_filter = filtered.shapes(params, n_features, n_outputs) | dict(scales or {})
+        return joined(of_filter, family.shapes(data.params, *sizes(params)))
 
     def pack(
         params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int
@@ -289,9 +297,8 @@ def hybrid_family(
         if data.arrays:
             family = find_family(data.family)
             model = family.memory(data, n_sighted, n_added)
-            on_top |= {
-                "model_row": family.row, "model": model, "n_added": n_added, "beside": beside
-            }  # fmt: skip
+            on_top |= {"model_row": family.row, "model": model}
+            on_top |= {"n_added": n_added, "beside": beside}
         return pack_filtered(params, arrays, n_features, n_outputs, **on_top)
 
     model_rule = Rule(lambda value: are_members((value,)), "a family, its parameters, and ()")

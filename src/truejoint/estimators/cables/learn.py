@@ -168,8 +168,8 @@ def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Arra
         columns = np.stack([torque, share, speed, np.ones_like(torque)], axis=2)
         rows = history.with_truth[::_THINNED]
         terms = geometry(inputs[rows, : r.N] @ rigid.T)
-        left = (history.truth - joint)[rows], history.effort[rows]
-        parts.append((*left, terms, columns[rows], np.full(len(rows), n)))
+        residuals, efforts = (history.truth - joint)[rows], history.effort[rows]
+        parts.append((residuals, efforts, terms, columns[rows], np.full(len(rows), n)))
     angle, effort, terms, columns, run = (np.concatenate(part) for part in zip(*parts, strict=True))
     added = np.linalg.lstsq(terms, angle, rcond=None)[0]
     by_motor = np.array(
@@ -281,10 +281,11 @@ def structure(runs: Sequence[tuple[slice, Run]], states: CableStates) -> Array:
         stated.append(np.mean(np.square(deviations[rows][with_truth]), axis=0))
         loads.append(np.mean(np.abs(states.load[rows][with_truth]).sum(axis=1) ** 2))
     out = np.empty((2, 2 * r.N))
-    for k, (wanted, own) in enumerate(zip(np.transpose(shown), np.transpose(stated), strict=True)):
-        variances = np.column_stack([own, loads])
+    pairs = zip(np.transpose(shown), np.transpose(stated), strict=True)
+    for k, (wanted, variance) in enumerate(pairs):
+        variances = np.column_stack([variance, loads])
         factor, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
-        out[:, k] = max(factor, _FLOOR * np.min(wanted / own)), by_load
+        out[:, k] = max(factor, _FLOOR * np.min(wanted / variance)), by_load
     return out.reshape(2, 2, r.N).swapaxes(0, 1).reshape(4, r.N)
 
 

@@ -220,14 +220,16 @@ def pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_to
     """Memory of `filter_row`, with fields of a model on top or without."""
     parameters = arrays["parameters"]
     return at.pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         beside_deviations=1.0,
         geometry=arrays["added"],
         by_state=angles_by_state(parameters),
         structure=arrays["structure"],
         filter=cable_filter(arrays).memory(*cable_prior(parameters)),
         **on_top,
-    )  # fmt: skip
+    )
 
 
 def inputs(params: Params) -> tuple[str, ...]:

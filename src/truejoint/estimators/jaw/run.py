@@ -118,13 +118,6 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row + 1, 2 * column + 1] += shape * speed
 
 
-_OWN: Final = (
-    "drive_stiffness", "reset_stiffness", "jaw_inertia", "slider_mass", "jaw_friction",
-    "slider_friction", "correlation_time", "displacement_noise", "speed_noise",
-)  # fmt: skip
-"""Parameters of the filter beyond those of the mechanism."""
-
-
 class ForcepsModel(SimpleNamespace):
     """What the filter takes the forceps to be, by the parameters of `JawFilter`."""
 
@@ -250,20 +243,25 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     model = ForcepsModel(**params)
     return pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         compensated=params["compensated"],
         drive_tension=model.drive_tension,
         reset_stiffness=model.reset_stiffness,
         divisor=model.rest_divisor,
         **arrays,
         filter=jaw_filter(params).memory(np.zeros(4), model.rest_covariance()),
-    )  # fmt: skip
+    )
 
 
 FAMILY: Final = Family(
     "jaw",
     rules={
-        **dict.fromkeys(_OWN, POSITIVE),
+        **dict.fromkeys(("drive_stiffness", "reset_stiffness"), POSITIVE),
+        **dict.fromkeys(("jaw_inertia", "slider_mass"), POSITIVE),
+        **dict.fromkeys(("jaw_friction", "slider_friction", "correlation_time"), POSITIVE),
+        **dict.fromkeys(("displacement_noise", "speed_noise"), POSITIVE),
         **MECHANISM_RULES,
         "lambda_": number(-4.0 + 1e-6, 1e6),
         "compensated": one_of(False, True),

@@ -275,7 +275,9 @@ def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     elements = len(params["widths"])
     return at.pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         elements=elements,
         drive_factor=params["wheel_radius"] / params["gear_ratio"],
         inverse_scale=arrays["scale"][0],
@@ -284,7 +286,7 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         beside_deviations=1.0,
         cable=cable_numbers(params, arrays),
         filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
-    )  # fmt: skip
+    )
 
 
 FAMILY: Final = Family(

@@ -365,9 +365,8 @@ class _Static:
             "load_mean": float(load.mean()),
             "load_deviation": spread,
         }
-        return {
-            "noise": np.array([noise[name] for name in NOISE]), "widths": widths, "torque": torque
-        }  # fmt: skip
+        in_order = np.array([noise[name] for name in NOISE])
+        return {"noise": in_order, "widths": widths, "torque": torque}
 
     def _by_history(self, values: Array) -> Array:
         return np.bincount(self.history, values) / self.count

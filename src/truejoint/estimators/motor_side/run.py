@@ -322,7 +322,9 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
     middle, half_range, torque, _dt = arrays["scales"].tolist()
     elements = int(params["elements"])
     return at.pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         elements=elements,
         middle=middle,
         half_range=half_range,
@@ -332,7 +334,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
         n_states=elements + 2,
         filter=elastic_filter(arrays).memory(*elastic_prior(arrays)),
         **on_top,
-    )  # fmt: skip
+    )
 
 
 FAMILY: Final = Family(
