@@ -16,7 +16,6 @@ from tests.estimators.motor_side.test_motor_side import recording as grasper_rec
 from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
 from truejoint.errors import ModelFileError
 from truejoint.estimators import Plays, registry
-from truejoint.estimators.cables import hybrid as cable_hybrid
 from truejoint.estimators.cables import learn as cable_filter
 from truejoint.estimators.network.learn import SequenceNetwork
 from truejoint.estimators.registry import estimator_names
@@ -99,7 +98,7 @@ def fit(name: str, recordings: Sequence[Recording], **how: Any) -> Calibration:
         patch.dict(registry.BOOSTED, max_iter=5),
         patch.object(SequenceNetwork, "_train", drawn),
         patch.object(cable_filter, "_ROUNDS", 2),
-        patch.object(cable_hybrid, "WRIST_PLAYS", FEW_PLAYS),
+        patch.object(cable_filter, "WRIST_PLAYS", FEW_PLAYS),
     ):
         if inputs(name):
             return calibrate(recordings, name, **how)

@@ -1,6 +1,6 @@
 from .base import JointRegressor as JointRegressor
-from .cables.hybrid import CableHybrid as CableHybrid
 from .cables.learn import CableFilter as CableFilter
+from .cables.learn import CableHybrid as CableHybrid
 from .gp.learn import GaussianProcess as GaussianProcess
 from .jaw.learn import CableLeastSquares as CableLeastSquares
 from .jaw.learn import JawFilter as JawFilter
@@ -10,8 +10,8 @@ from .jaw_load.identify import identify_stiffness as identify_stiffness
 from .jaw_load.learn import FrictionFilter as FrictionFilter
 from .jaw_load.learn import GatedPlays as GatedPlays
 from .jaw_load.learn import Stiffness as Stiffness
-from .motor_side.hybrid import ElasticJointHybrid as ElasticJointHybrid
 from .motor_side.learn import ElasticJointFilter as ElasticJointFilter
+from .motor_side.learn import ElasticJointHybrid as ElasticJointHybrid
 from .network.learn import GRU as GRU
 from .network.learn import TCN as TCN
 from .network.learn import NeuralNetwork as NeuralNetwork

@@ -9,17 +9,27 @@ work on the memory of a layout that begins as `filter_layout`.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from itertools import pairwise
 from math import nan
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import address, borrow, compiled, copy, fill, inlined, unrolled
-from truejoint.estimators.family import ROW, call_row
+from truejoint.estimators.family import (
+    ROW,
+    EstimatorData,
+    Family,
+    Params,
+    Rule,
+    Shape,
+    call_row,
+    find_family,
+)
+from truejoint.estimators.stack.run import are_members, members
 from truejoint.filters import FilterStatus
 from truejoint.filters import fields as at
 from truejoint.filters.fields import call_step, unpack_filter
@@ -69,8 +79,8 @@ unpack = _LAYOUT.unpacker()
 
 def pack_filter(layout: Layout, **values: Any) -> Memory:
     """Memory of `filter_row`, of kernels and other fields by name; no model unless given."""
-    nothing: dict[str, Any] = dict.fromkeys(("sighted", "added", "width"), np.zeros(1))
-    nothing |= dict.fromkeys(("signals", "model"), Layout().pack())
+    nothing: dict[str, Any] = dict.fromkeys(("signals", "model"), Layout().pack())
+    nothing |= {"n_sighted": 1, "n_added": 1}  # C has no array without elements
     functions = {n: value for n, value in values.items() if layout.fields[n].kind == "address"}
     addresses = {name: address(kernel, ROW) for name, kernel in functions.items()}
     return layout.pack(functions, **{**nothing, **values, **addresses})
@@ -143,8 +153,7 @@ def quadratic(weights: Array, spread: Array, n: int) -> float:
     return max(variance, 0.0)
 
 
-@dataclass(frozen=True, eq=False)
-class FilterRun:
+class FilterRun(NamedTuple):
     """What a filter makes of N rows, each from the rows up to it or, smoothed, from all.
 
     Rows after one that has no estimate start anew, as in the loop.
@@ -162,10 +171,15 @@ class FilterRun:
 
 @compiled
 def _run_rows(
-    numbers: Integers, memory: Array, replays: bool, X: Array, dt: Array, places: Integers,
-    status: Integers, x: Array, P: Array, u: Array, nis: Array, out: Array, half_width: Array,
-    beside: Array, sighted: Array,
-) -> None:  # fmt: skip
+    numbers: Integers,
+    memory: Array,
+    replays: bool,
+    X: Array,
+    dt: Array,
+    places: Integers,
+    status: Integers,
+    noted: FilterRun,
+) -> None:
     """Run every row of `X` and note what it makes, or tell of the states that are given.
 
     Times `dt` become 0 where the filter starts anew.
@@ -173,61 +187,125 @@ def _run_rows(
     sizes, state = part_numbers(numbers, FILTER), part_memory(numbers, memory, FILTER)
     f, m = unpack_filter(sizes, state), unpack(numbers, memory)
     for i in range(X.shape[0]):
-        dt[i] = _begin(numbers, memory, dt[i], X[i], out[i], half_width[i])
+        dt[i] = _begin(numbers, memory, dt[i], X[i], noted.outputs[i], noted.deviations[i])
         if not replays:
             _advance(numbers, memory, dt[i])
-            status[i], nis[i] = sizes[at.STATUS], state[at.NIS]
-            copy(f.u, u[i], f.n_inputs)
+            status[i], noted.nis[i] = sizes[at.STATUS], state[at.NIS]
+            copy(f.u, noted.u[i], f.n_inputs)
         for k in range(f.n_states):
-            row, noted = f.covariance[k], P[i, k]
+            row, noted_row = f.covariance[k], noted.P[i, k]
             if replays:
-                f.x[k] = x[i, k]
-                copy(noted, row, f.n_states)
+                f.x[k] = noted.x[i, k]
+                copy(noted_row, row, f.n_states)
             else:
-                x[i, k] = f.x[k]
-                copy(row, noted, f.n_states)
-        _tell(numbers, memory, dt[i], X[i], out[i], half_width[i])
-        copy(m.sighted, sighted[i], m.n_sighted)
+                noted.x[i, k] = f.x[k]
+                copy(row, noted_row, f.n_states)
+        _tell(numbers, memory, dt[i], X[i], noted.outputs[i], noted.deviations[i])
+        copy(m.sighted, noted.sighted[i], m.n_sighted)
         for k in range(places.shape[0]):
-            beside[i, 0, k], beside[i, 1, k] = memory[places[k]], memory[places[k] + 1]
+            noted.beside[i, 0, k] = memory[places[k]]
+            noted.beside[i, 1, k] = memory[places[k] + 1]
 
 
 def run_filter(
-    model: Memory,
-    X: Array,
-    dt: Array,
-    beside: Sequence[str] = (),
-    *,
-    n_outputs: int = 1,
-    smoothed: bool = False,
+    data: EstimatorData, X: Array, dt: Array, *, n_outputs: int = 1, smoothed: bool = False
 ) -> FilterRun:
     """Run the filter over rows `X` (N, k), `dt` (N,) [s] after those before, 0 at a start.
 
-    `model` is a memory of `filter_row`, `beside` names arrays of it that stand beside the outputs.
+    `data` is of a family whose row is `filter_row`; quantities beside the outputs are in its order.
     """
+    model = data.kind.memory(data, X.shape[1], n_outputs)
+    fields, beside = model.layout.fields, data.kind.beside(data.params)
     numbers, memory, part = model.numbers, model.memory, model.part("filter")
     memory[[DEVIATIONS, BESIDE_DEVIATIONS]] = 1.0
-    places = np.array([numbers[model.layout.fields[name].index] for name in beside], dtype=np.int64)
+    places = np.array([numbers[fields[name].index] for name in beside], dtype=np.int64)
     N, n = len(X), len(part.view("x"))
-    shapes = (
-        (n,), (n, n), part.shapes["u"], (), (n_outputs,), (n_outputs,), (2, len(beside)),
-        model.shapes["sighted"],
-    )  # fmt: skip
-    noted = FilterRun(*(np.zeros((N, *shape)) for shape in shapes))
+    noted = FilterRun(
+        x=np.zeros((N, n)),
+        P=np.zeros((N, n, n)),
+        u=np.zeros((N, *part.shapes["u"])),
+        nis=np.zeros(N),
+        outputs=np.zeros((N, n_outputs)),
+        deviations=np.zeros((N, n_outputs)),
+        beside=np.zeros((N, 2, len(beside))),
+        sighted=np.zeros((N, *model.shapes["sighted"])),
+    )
     rows, times, status = np.ascontiguousarray(X), np.array(dt), np.zeros(N, dtype=np.int64)
     for replays in (False, True)[: 1 + smoothed]:
-        _run_rows(numbers, memory, replays, rows, times, places, status, *vars(noted).values())
+        _run_rows(numbers, memory, replays, rows, times, places, status, noted)
         if smoothed and not replays:
             for history in histories(times):
                 prior = part.view("x_prior").copy(), part.view("covariance_prior").copy()
-                smooth(
-                    part.numbers, part.memory, noted.u[history], times[history],
-                    np.ones(N)[history], status[history], *prior, noted.x[history],
-                    noted.P[history],
-                )  # fmt: skip
+                u, x, P = noted.u[history], noted.x[history], noted.P[history]
+                ones, bits = np.ones(len(x)), status[history]
+                smooth(part.numbers, part.memory, u, times[history], ones, bits, *prior, x, P)
     return noted
 
 
 def histories(dt: Array) -> list[slice]:
     """Rows of each history, of the time (n,) since the row before, 0 where one starts."""
     return [slice(*ends) for ends in pairwise([*np.flatnonzero(dt == 0.0).tolist(), len(dt)])]
+
+
+def joined(filtered: Mapping[str, Any], model: Mapping[str, Any]) -> dict[str, Any]:
+    """Arrays of a hybrid, or their shapes, of those of its filter and of its model."""
+    return {**filtered, **{f"0/{name}": array for name, array in model.items()}}
+
+
+def hybrid_family(
+    name: str,
+    filtered: Family,
+    pack_filtered: Callable[..., Memory],
+    sight: Any,
+    beside: int,
+    sizes: Callable[[Params], tuple[int, int]],
+    *,
+    rules: Mapping[str, Rule] | None = None,
+    scales: Mapping[str, Shape] | None = None,
+    signals: Callable[[Params, Mapping[str, Array]], Memory] = lambda _params, _: Layout().pack(),
+) -> Family:
+    """Family of a filter's family, called `filtered`, with a model of what it leaves.
+
+    The filter knows how loads and friction make each other at any speed, so that the model need not
+    find that out; it makes up for what the filter's equations lack.
+
+    `pack_filtered` is that of the filter's family, which takes fields of `filter_layout` besides;
+    `sight` one of them, and `beside` the index of the first quantity beside the outputs. `sizes`
+    gives the numbers of inputs and outputs of the model; `signals` the memory of what `sight`
+    remembers, of further parameters with these `rules` and arrays of these shapes, its `scales`.
+    Of arrays that have no model yet, the memory is that of the filter, and of what a model will
+    see.
+    """
+
+    def model_of(
+        params: Params, arrays: Mapping[str, Array]
+    ) -> Iterable[tuple[EstimatorData, Any]]:
+        return members({"members": (params["model"],)}, arrays)
+
+    def shapes(params: Params, n_features: int, n_outputs: int) -> dict[str, Shape]:
+        ((data, _),) = model_of(params, {})
+        family = find_family(data.family)
+        family.check_params(data.params)
+        of_filter = filtered.shapes(params, n_features, n_outputs) | dict(scales or {})
+        return joined(of_filter, family.shapes(data.params, *sizes(params)))
+
+    def pack(
+        params: Params, arrays: Mapping[str, Array], n_features: int, n_outputs: int
+    ) -> Memory:
+        ((data, _),), (n_sighted, n_added) = model_of(params, arrays), sizes(params)
+        on_top = {"sight": sight, "n_sighted": n_sighted, "signals": signals(params, arrays)}
+        if data.arrays:
+            family = find_family(data.family)
+            model = family.memory(data, n_sighted, n_added)
+            on_top |= {"model_row": family.row, "model": model}
+            on_top |= {"n_added": n_added, "beside": beside}
+        return pack_filtered(params, arrays, n_features, n_outputs, **on_top)
+
+    model_rule = Rule(lambda value: are_members((value,)), "a family, its parameters, and ()")
+    return replace(
+        filtered,
+        name=name,
+        rules={**filtered.rules, **(rules or {}), "model": model_rule},
+        shapes=shapes,
+        pack=pack,
+    )

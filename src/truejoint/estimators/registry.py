@@ -92,9 +92,9 @@ PRESETS: Final[dict[str, Preset]] = {
     "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated"),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
-    "hybrid": Preset("motor_side.hybrid.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, {}),
+    "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, {}),
     "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
-    "hybrid_cables": Preset("cables.hybrid.CableHybrid", "cables.run:hybrid_rows"),
+    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows"),
 }
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""

@@ -29,10 +29,8 @@ _TOLERANCE: Final = 1e-8
 _UNWRITTEN: Final = 1.2345678e-67
 
 
-def check_covariance(
-    value: npt.ArrayLike, size: int, what: str, rows: tuple[int, ...] = ()
-) -> Array:
-    """Covariance (size, size), or one for each of so many `rows`, exactly symmetric; may be zero.
+def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
+    """Covariance (size, size), exactly symmetric; may be zero.
 
     Raises FilterError if `what` is not that, symmetric and positive semidefinite within rounding.
     """
@@ -40,19 +38,19 @@ def check_covariance(
         matrix = np.array(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise FilterError(f"{what}: give a matrix of {size} x {size} numbers") from None
-    if matrix.shape != (*rows, size, size):
-        raise FilterError(f"{what}: shape is {matrix.shape}, must be {(*rows, size, size)}")
+    if matrix.shape != (size, size):
+        raise FilterError(f"{what}: shape is {matrix.shape}, must be {(size, size)}")
     if not np.all(np.abs(matrix) <= 1e100):
         raise FilterError(f"{what}: holds NaN, infinity or a number above 1e100")
-    variance = np.diagonal(matrix, axis1=-2, axis2=-1)
+    variance = np.diag(matrix)
     if np.any(variance < 0.0):
         raise FilterError(f"{what}: variance {variance.min():.3g} on the diagonal is negative")
-    scale = np.sqrt(variance[..., :, None] * variance[..., None, :])
-    if np.any(np.abs(matrix - matrix.mT) > _TOLERANCE * scale):
+    scale = np.sqrt(np.outer(variance, variance))
+    if np.any(np.abs(matrix - matrix.T) > _TOLERANCE * scale):
         raise FilterError(f"{what}: not symmetric; pass (P + P') / 2 if that is what you mean")
-    matrix = 0.5 * (matrix + matrix.mT)
+    matrix = 0.5 * (matrix + matrix.T)
     correlation = np.divide(matrix, scale, out=np.zeros_like(matrix), where=scale > 0.0)
-    lowest = float(np.linalg.eigvalsh(correlation)[..., 0].min()) if matrix.size else 0.0
+    lowest = float(np.linalg.eigvalsh(correlation)[0]) if matrix.size else 0.0
     if lowest < -_TOLERANCE * size or np.any((scale == 0.0) & (matrix != 0.0)):
         raise FilterError(f"{what}: not positive semidefinite, so no covariance")
     return matrix

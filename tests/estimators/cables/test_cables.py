@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from tests.runtime.registered import model, unseen, wrist
-from tests.runtime.streams import OneByOne
+from tests.runtime.registered import model, wrist
 
 from truejoint.calibration import calibrate
 from truejoint.errors import CalibrationError
 from truejoint.estimators import CableFilter
 from truejoint.estimators.cables import learn as own
 from truejoint.estimators.cables import loops as r
-from truejoint.features.feature_set import time_steps
 from truejoint.robots import get_robot
 
 
@@ -64,21 +62,6 @@ def test_a_filter_as_good_as_its_reference_has_deviations_all_the_same():
     structure = own.structure([(slice(None), run)], found)
     assert structure.shape == (4, 3)
     assert (structure.reshape(2, 2, 3).sum(axis=1) > 0.0).all()
-
-
-def test_its_row_states_what_its_estimate_of_a_whole_record_states():
-    calibration, recording = model("ukf_cables"), unseen("ukf_cables").rows(np.arange(300))
-    X = calibration.feature_set.compute(recording, calibration.gap_limit)
-    dt = time_steps(recording.t, calibration.gap_limit)
-    found = calibration.model.states(X, dt)
-    state = OneByOne(calibration.model, 1.0)
-    for i, row in enumerate(X):
-        angle = state.step(dt[i], row)
-        np.testing.assert_allclose(angle, found.angle[i], rtol=0.0, atol=1e-12)
-        np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
-        for k, name in enumerate(("grip", "tip_first", "tip_second")):
-            told = found.load[i, k], found.load_deviation[i, k]
-            np.testing.assert_allclose(state.memory.view(name), told, rtol=1e-9, atol=1e-15)
 
 
 def test_what_it_identified_has_names_and_deviations():

@@ -56,20 +56,25 @@ def test_it_tells_a_grip_it_was_not_fitted_to():
     assert (trace.beside["grip"][late, 1] > 0.0).all()
 
 
-def test_plays_see_in_the_loop_what_they_were_fitted_to():
+def test_the_loop_tells_and_states_what_plays_were_fitted_to():
     calibration, (X, dt) = model("hybrid_cables"), rows_of(unseen("hybrid_cables").rows(range(200)))
     one, whole = calibration.model, calibration.model.states(X, dt)
     found = filter_of(one).states(X, dt)
     raw = X[:, :3] @ one.arrays_["parameters"][:9].reshape(3, 3).T
     states = found.states[:, LOAD:], found.states[:, PIN:LOAD]
     expected = np.hstack([raw, X, found.angle - raw, *states])
-    state = OneByOne(one)
+    state = OneByOne(one, 1.0)
     for i, row in enumerate(X):
         angle = state.step(dt[i], row)
         np.testing.assert_allclose(state.memory.view("sighted"), expected[i], rtol=1e-9, atol=1e-12)
         np.testing.assert_array_equal(angle, whole.angle[i])
-        loads = [state.memory.view(name)[0] for name in LOADS]
+        loads, widths = np.transpose([state.memory.view(name) for name in LOADS])
         np.testing.assert_array_equal(loads, whole.load[i])
+        for half_width, deviation in (
+            (state.half_width, whole.angle_deviation[i]),
+            (widths, whole.load_deviation[i]),
+        ):
+            np.testing.assert_array_equal(half_width, deviation)
 
 
 def test_it_begins_anew_with_what_its_plays_remember_after_a_row_that_is_none():
@@ -83,18 +88,6 @@ def test_it_begins_anew_with_what_its_plays_remember_after_a_row_that_is_none():
     for i in range(31, 60):
         expected = fresh.step(0.0 if i == 31 else dt[i], X[i])
         np.testing.assert_array_equal(state.step(dt[i], X[i]), expected)
-
-
-def test_half_widths_are_the_filters_times_what_was_found_of_the_plays():
-    X, dt = rows_of(unseen("hybrid_cables").rows(range(100)))
-    one = model("hybrid_cables").model
-    state = OneByOne(one, 1.0)
-    found = one.states(X, dt)
-    for i, row in enumerate(X):
-        state.step(dt[i], row)
-        np.testing.assert_allclose(state.half_width, found.angle_deviation[i], rtol=1e-9)
-        widths = [state.memory.view(name)[1] for name in LOADS]
-        assert widths == pytest.approx(found.load_deviation[i])
 
 
 def test_errors_in_calibration_are_stated_as_large_as_they_are():

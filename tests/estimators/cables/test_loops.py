@@ -44,7 +44,7 @@ def joints(x, p, motor=(0.0, 0.0, 0.0)):
 
 def efforts(x, p):
     out = np.empty(3)
-    r.efforts(x, np.zeros(3), p, out)
+    r.measurement(x, np.zeros(r.INPUTS), p, out)
     return out
 
 

@@ -23,7 +23,7 @@ from truejoint.estimators import (
 )
 from truejoint.estimators.family import EstimatorData
 from truejoint.estimators.motor_side import run as elastic_joint
-from truejoint.estimators.motor_side.hybrid import zeros
+from truejoint.estimators.motor_side.learn import zeros
 from truejoint.features.feature_set import time_steps
 from truejoint.runtime import Corrector
 

@@ -16,10 +16,7 @@ ELEMENTS = 3
 @pytest.fixture
 def joint():
     rng = np.random.default_rng(1)
-    noise = {
-        "load_density": 0.04, "rest_deviation": 0.3, "rest_travel": 0.05, "noise_density": 1e-4,
-        "load_mean": 0.5, "load_deviation": 0.2,
-    }  # fmt: skip
+    noise = dict(zip(model.NOISE, (0.04, 0.3, 0.05, 1e-4, 0.5, 0.2), strict=True))
     return SimpleNamespace(
         **noise,
         noise=np.array([noise[name] for name in model.NOISE]),

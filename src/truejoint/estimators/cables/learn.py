@@ -1,4 +1,7 @@
-"""An unscented filter of a wrist's cables, identified from recordings, free and under loads."""
+"""An unscented filter of a wrist's cables, identified from recordings, free and under loads.
+
+There is one with plays that learn what it leaves, too.
+"""
 
 from __future__ import annotations
 
@@ -8,6 +11,7 @@ from typing import ClassVar, Final, Self
 
 import numpy as np
 from scipy.optimize import least_squares, nnls
+from sklearn.base import clone
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import CalibrationError
@@ -15,9 +19,10 @@ from truejoint.estimators.base import Arrays, JointRegressor, Progress
 from truejoint.estimators.cables import loops as r
 from truejoint.estimators.cables import run as cable_filter
 from truejoint.estimators.cables.run import DECAY, SOUGHT
-from truejoint.estimators.family import EstimatorData, Family, Rule, optional
-from truejoint.estimators.filtered import histories, run_filter
+from truejoint.estimators.family import EstimatorData, Family, Params, Rule, optional
+from truejoint.estimators.filtered import histories, joined, run_filter
 from truejoint.estimators.jaw.base import MIN_ROWS, median_dt
+from truejoint.estimators.plays.learn import Plays
 from truejoint.recordings import Recording
 from truejoint.robots.cable_mechanism import CableMechanism
 
@@ -33,6 +38,19 @@ _OTHER_MOTION: Final = 1.6
 """By how much larger squared errors under loads are in another class of motion than in that which
 was fitted to: of six virtual instruments that no figure in the documentation is of."""
 _ROUNDS: Final = 25  # of the search, at most
+WRIST_PLAYS: Final = Plays(
+    plays=(0.002, 0.005, 0.01, 0.02, 0.04, 0.1, 0.25),
+    time_constants=(0.02, 0.1),
+    leading=1,
+    squared=1,
+    pairs=(),
+)
+"""Plays of a wrist's signals, pitch first, by which the loops of all cables grow and shrink.
+
+Half-widths in half ranges: 0.1 deg and up of 55 deg of pitch, a few mNm and up of an effort.
+Low-passes tell speed, for the motors' viscous friction, and take noise off the efforts.
+"""
+_FILTERED: Final = 0.8  # share of the fit's time that the filter takes
 
 
 @dataclass(frozen=True, eq=False)
@@ -150,8 +168,8 @@ def _misfit(runs: Sequence[Run], p: Array) -> tuple[Array, Integers, Array, Arra
         columns = np.stack([torque, share, speed, np.ones_like(torque)], axis=2)
         rows = history.with_truth[::_THINNED]
         terms = geometry(inputs[rows, : r.N] @ rigid.T)
-        left = (history.truth - joint)[rows], history.effort[rows]
-        parts.append((*left, terms, columns[rows], np.full(len(rows), n)))
+        residuals, efforts = (history.truth - joint)[rows], history.effort[rows]
+        parts.append((residuals, efforts, terms, columns[rows], np.full(len(rows), n)))
     angle, effort, terms, columns, run = (np.concatenate(part) for part in zip(*parts, strict=True))
     added = np.linalg.lstsq(terms, angle, rcond=None)[0]
     by_motor = np.array(
@@ -263,10 +281,11 @@ def structure(runs: Sequence[tuple[slice, Run]], states: CableStates) -> Array:
         stated.append(np.mean(np.square(deviations[rows][with_truth]), axis=0))
         loads.append(np.mean(np.abs(states.load[rows][with_truth]).sum(axis=1) ** 2))
     out = np.empty((2, 2 * r.N))
-    for k, (wanted, own) in enumerate(zip(np.transpose(shown), np.transpose(stated), strict=True)):
-        variances = np.column_stack([own, loads])
+    pairs = zip(np.transpose(shown), np.transpose(stated), strict=True)
+    for k, (wanted, variance) in enumerate(pairs):
+        variances = np.column_stack([variance, loads])
         factor, by_load = nnls(variances / wanted[:, None], np.ones_like(wanted))[0]
-        out[:, k] = max(factor, _FLOOR * np.min(wanted / own)), by_load
+        out[:, k] = max(factor, _FLOOR * np.min(wanted / variance)), by_load
     return out.reshape(2, 2, r.N).swapaxes(0, 1).reshape(4, r.N)
 
 
@@ -352,8 +371,7 @@ class CableFilter(JointRegressor):
 
     def _states(self, arrays: Arrays, X: Array, dt: Array) -> CableStates:
         data = EstimatorData(self.family.name, self.model_params(), arrays)
-        model = self.family.memory(data, 2 * r.N, r.N)
-        run = run_filter(model, X, dt, cable_filter.LOADS, n_outputs=r.N)
+        run = run_filter(data, X, dt, n_outputs=r.N)
         return CableStates(run.outputs, run.deviations, run.beside[:, 0], run.beside[:, 1], run.x)
 
     def unloaded(self, X: Array, dt: Array) -> tuple[Array, Array]:
@@ -425,3 +443,58 @@ def _check_mechanism(name: str, mechanism: CableMechanism) -> None:
             f"{name} tells a grip and two torques at the tip; state [mechanism.contact] and "
             "two arms"
         )
+
+
+@dataclass(eq=False, repr=False)
+class CableHybrid(CableFilter):
+    """`CableFilter`, and a ridge regression on plays of what it says that learns what it leaves.
+
+    Plays see the joints and loads that the filter estimates, friction of the pins, motors and
+    efforts. They tell the joints, which the filter's model of the cables leaves off by some
+    hundredths of a degree, and the loads. Half-widths are the filter's own, times what makes them
+    as large as errors on blocks of the calibration that the plays did not see. What it needs is
+    what the filter needs.
+
+    Examples
+    --------
+    >>> CableHybrid().name
+    'hybrid_cables'
+    """
+
+    family: ClassVar[Family] = cable_filter.HYBRID_ROWS
+
+    def model_params(self) -> dict[str, object]:
+        """Parameters of the family: the motors, and the plays'."""
+        usual = (Plays.family.name, WRIST_PLAYS.model_params(), ())
+        return {**super().model_params(), "model": vars(self).get("plays_", usual)}
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls(params["channels"])
+        made.plays_ = params["model"]
+        return made
+
+    def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
+        arrays = self._identified(X, y, dt, lambda done: progress(_FILTERED * done))
+        data = EstimatorData(self.family.name, self.model_params(), arrays)
+        run = run_filter(data, X, dt, n_outputs=r.N)
+        # Of a load that calibration does not have, the filter's word is all there is.
+        has_load, by_filter = (
+            np.ptp(self._loads, axis=0) > NO_LOAD,
+            run.sighted[:, 4 * r.N : 5 * r.N],
+        )
+        wanted = np.hstack([y - run.outputs, np.where(has_load, self._loads, by_filter)])
+        plays = clone(WRIST_PLAYS).fit(run.sighted, wanted, dt=dt)
+        self.plays_ = (Plays.family.name, plays.model_params(), ())
+        arrays = joined(arrays, plays.arrays_)
+        estimate = self._states(arrays, X, dt)
+        errors = np.hstack([y - estimate.angle, self._loads - estimate.load])
+        # Squares of errors are larger on blocks that plays were not fitted to.
+        has_truth = np.isfinite(wanted).all(axis=1)
+        blocks = np.square(plays.model_.errors_ * wanted[has_truth].std(axis=0))
+        grown = np.maximum(blocks / np.mean(np.square(errors[has_truth]), axis=0), 1.0)
+        unseen = np.repeat(grown.reshape(2, r.N), 2, axis=0)
+        arrays["structure"] = structure(self._runs(X, y, dt), estimate) * unseen
+        progress(1.0)
+        return arrays

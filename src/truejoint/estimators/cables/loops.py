@@ -108,17 +108,6 @@ def motor_torque(m: int, pull: float, x: Array, p: Array) -> float:
 
 
 @compiled
-def efforts(x: Array, speed: Array, p: Array, out: Array) -> None:
-    """Motor torques (N,) [Nm] as they are measured, at motor speeds (N,)."""
-    pull = local_vector(N)
-    tensions(x, p, pull)
-    for m in range(N):
-        out[m] = p[EFFORT + m] * motor_torque(m, pull[m], x, p)
-        out[m] += p[EFFORT + N + m] * x[MOTOR + m]
-        out[m] += p[EFFORT + 2 * N + m] * speed[m] + p[EFFORT + 3 * N + m]
-
-
-@compiled
 def tension_sum(m: int, pull: float, x: Array, p: Array) -> float:
     """Sum [N] of the tensions of a loop's two cables at the joints.
 
@@ -338,8 +327,13 @@ def transition(x: Array, u: Array, dt: float, p: Array, out: Array) -> None:
 
 @compiled
 def measurement(x: Array, u: Array, p: Array, out: Array) -> None:
-    """Efforts of the motors."""
-    efforts(x, u[SPEED:], p, out)
+    """Motor torques (N,) [Nm] as they are measured."""
+    pull = local_vector(N)
+    tensions(x, p, pull)
+    for m in range(N):
+        out[m] = p[EFFORT + m] * motor_torque(m, pull[m], x, p)
+        out[m] += p[EFFORT + N + m] * x[MOTOR + m]
+        out[m] += p[EFFORT + 2 * N + m] * u[SPEED + m] + p[EFFORT + 3 * N + m]
 
 
 @compiled

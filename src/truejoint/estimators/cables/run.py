@@ -20,7 +20,6 @@ from truejoint.estimators import filtered as at
 from truejoint.estimators.cables import loops
 from truejoint.estimators.cables.loops import LOAD, PARAMETERS, PIN, RIGID, STATES, N
 from truejoint.estimators.family import Family, Params, Rule, Shape
-from truejoint.estimators.hybrid import hybrid_family
 from truejoint.filters import StateSpaceModel, UnscentedFilter
 from truejoint.filters.fields import unpack_filter
 from truejoint.layout import Memory, part_memory, part_numbers
@@ -68,8 +67,9 @@ def raw_joints(motor: Array, p: Array, out: Array) -> None:
 
 
 @compiled
-def add_geometry(motor: Array, p: Array, added: Array, raw: Array, out: Array) -> None:
-    """Add what geometry does, `added` (TERMS, N), to joints `out` (N,); `raw` (N,) is for work."""
+def add_geometry(motor: Array, p: Array, added: Array, out: Array) -> None:
+    """Add what geometry does, `added` (TERMS, N), to joints `out` (N,)."""
+    raw = local_vector(N)
     raw_joints(motor, p, raw)
     for j in range(N):
         total = added[0, j]
@@ -131,7 +131,6 @@ LOADS: Final = "grip", "tip_first", "tip_second"
 LAYOUT: Final = at.filter_layout()
 LAYOUT.array("last", "motor angles of the row before [rad]", N)
 LAYOUT.array("played", "the same without what trembles [rad]", N)
-LAYOUT.array("raw", "joints of cables that give nowhere [rad]", N)
 LAYOUT.array("geometry", "what it adds, by term and joint", TERMS, N)
 LAYOUT.array("by_state", "derivative of the joints by the state", N, STATES)
 LAYOUT.array("structure", "factor and share of the load, of angles and loads", 4, N)
@@ -187,7 +186,7 @@ def tell(
     m = unpack(numbers, memory)
     f = unpack_filter(part_numbers(numbers, at.FILTER), part_memory(numbers, memory, at.FILTER))
     loops.joints(f.x, m.played, f.theta, out)
-    add_geometry(m.played, f.theta, m.geometry, m.raw, out)
+    add_geometry(m.played, f.theta, m.geometry, out)
     loads = 0.0
     for k in range(N):
         loads += abs(f.x[LOAD + k])
@@ -221,14 +220,16 @@ def pack(_params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_to
     """Memory of `filter_row`, with fields of a model on top or without."""
     parameters = arrays["parameters"]
     return at.pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         beside_deviations=1.0,
         geometry=arrays["added"],
         by_state=angles_by_state(parameters),
         structure=arrays["structure"],
         filter=cable_filter(arrays).memory(*cable_prior(parameters)),
         **on_top,
-    )  # fmt: skip
+    )
 
 
 def inputs(params: Params) -> tuple[str, ...]:
@@ -277,7 +278,7 @@ FAMILY: Final = Family(
     beside=lambda _params: dict.fromkeys(LOADS, ()),
     bears_load=lambda _params: True,
 )
-HYBRID_ROWS: Final = hybrid_family(
+HYBRID_ROWS: Final = at.hybrid_family(
     "cables.hybrid_rows", FAMILY, pack, sight, GRIP, lambda _params: (6 * N, 2 * N)
 )
 """The filter, and plays of what `sight` shows of it."""

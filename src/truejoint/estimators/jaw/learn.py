@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from truejoint.array_types import Array
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import Arrays, Flags, Progress
-from truejoint.estimators.family import Family
+from truejoint.estimators.family import EstimatorData, Family
 from truejoint.estimators.filtered import FilterRun, run_filter
 from truejoint.estimators.jaw import least_squares as cable_least_squares
 from truejoint.estimators.jaw import run as jaw_filter
@@ -85,7 +85,7 @@ class JawFilter(MechanismEstimator):
         which holds as far as friction is the white noise that it takes it for.
         """
         params = {**self.model_params(), "compensated": False}
-        return run_filter(jaw_filter.pack(params, {"constant": np.zeros(1)}, 2, 1), X, dt)
+        return run_filter(EstimatorData(self.family.name, params, {"constant": np.zeros(1)}), X, dt)
 
     def _learn_jaw(
         self, X: Array, y: Array, dt: Array, has_truth: Flags, progress: Progress

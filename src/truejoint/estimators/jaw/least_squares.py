@@ -15,7 +15,6 @@ from truejoint.estimators.jaw.signals import (
     DRIVE,
     ERROR_SHAPES,
     MOTOR,
-    NO_ERROR,
     RESET,
     bounded_error,
 )
@@ -89,9 +88,7 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
 
 
 def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
-    learnt = {**NO_ERROR, **arrays}
-    empty = {"last": np.zeros(4), "columns": np.zeros(OBSERVED)}
-    return LAYOUT.pack(compensated=params["compensated"], **learnt, **empty)
+    return LAYOUT.pack(compensated=params["compensated"], **arrays)
 
 
 FAMILY: Final = Family(

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from math import nan, sqrt
 from types import SimpleNamespace
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from truejoint.estimators.jaw.signals import (
     ERROR_SHAPES,
     MECHANISM_RULES,
     MOTOR,
-    NO_ERROR,
     RESET,
     bounded_error,
 )
@@ -117,13 +116,6 @@ def process_noise(_x: Array, _u: Array, dt: float, parameters: Array, out: Array
                     out[2 * row, 2 * column + 1] += shape * mixed
                     out[2 * column + 1, 2 * row] += shape * mixed
                     out[2 * row + 1, 2 * column + 1] += shape * speed
-
-
-_OWN: Final = (
-    "drive_stiffness", "reset_stiffness", "jaw_inertia", "slider_mass", "jaw_friction",
-    "slider_friction", "correlation_time", "displacement_noise", "speed_noise",
-)  # fmt: skip
-"""Parameters of the filter beyond those of the mechanism."""
 
 
 class ForcepsModel(SimpleNamespace):
@@ -248,31 +240,34 @@ def _shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape
     return only_joint("jaw", learnt, n_outputs)
 
 
-def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
-    """Memory of `filter_row`, with fields of a model on top or without."""
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     model = ForcepsModel(**params)
     return pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         compensated=params["compensated"],
         drive_tension=model.drive_tension,
         reset_stiffness=model.reset_stiffness,
         divisor=model.rest_divisor,
-        **{**NO_ERROR, **arrays},
+        **arrays,
         filter=jaw_filter(params).memory(np.zeros(4), model.rest_covariance()),
-        **on_top,
-    )  # fmt: skip
+    )
 
 
 FAMILY: Final = Family(
     "jaw",
     rules={
-        **dict.fromkeys(_OWN, POSITIVE),
+        **dict.fromkeys(("drive_stiffness", "reset_stiffness"), POSITIVE),
+        **dict.fromkeys(("jaw_inertia", "slider_mass"), POSITIVE),
+        **dict.fromkeys(("jaw_friction", "slider_friction", "correlation_time"), POSITIVE),
+        **dict.fromkeys(("displacement_noise", "speed_noise"), POSITIVE),
         **MECHANISM_RULES,
         "lambda_": number(-4.0 + 1e-6, 1e6),
         "compensated": one_of(False, True),
     },
     shapes=_shapes,
-    pack=pack,
+    pack=_pack,
     row=filter_row,
     remembers=True,
     # The gain depends on the step, and what is left to compensate depends on the gain.

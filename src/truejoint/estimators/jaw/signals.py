@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from math import exp, nan
 from typing import Final
 
-import numpy as np
-
 from truejoint.array_types import Array
 from truejoint.compiled import compiled
 from truejoint.estimators.family import LARGEST, POSITIVE, Rule, Shape, number
@@ -35,8 +33,6 @@ ERROR_SHAPES: Final[Mapping[str, Shape]] = {
     "error_range": (2,),
 }
 """What is learnt of (25), and how far it may go."""
-NO_ERROR: Final = {name: np.zeros(shape) for name, shape in ERROR_SHAPES.items()}
-"""What stands for these arrays where there is no (25)."""
 
 STANDSTILL: Final = 0.5
 """Time that the reset cable must stand for friction to have given way all it does [s]."""

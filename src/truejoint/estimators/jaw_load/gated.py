@@ -11,8 +11,6 @@ from collections.abc import Mapping
 from math import sqrt
 from typing import Final
 
-import numpy as np
-
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, vector
 from truejoint.estimators.family import POSITIVE, Family, Params, Shape, only_joint
@@ -108,9 +106,6 @@ def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memo
         misfit=arrays["misfit"][0],
         alone=arrays["misfit"][1],
         geared=motor / reset if reset > 0.0 else 0.0,
-        hold=np.zeros(2),
-        motor_hold=np.zeros(2),
-        estimate=np.zeros(1),
         **{side: part(side, k) for side, k in SIDES.items()},
     )
 

@@ -158,8 +158,7 @@ class FrictionFilter(MechanismEstimator):
         """
         # Whatever the load is, the angle is told.
         params = {**self.model_params(), "largest_load": inf}
-        model = friction_filter.pack(params, self.arrays_, 2, 1)
-        run = run_filter(model, X, dt, ("load",), smoothed=smoothed)
+        run = run_filter(replace(self.data, params=params), X, dt, smoothed=smoothed)
         angle, deviation = run.outputs[:, 0], run.deviations[:, 0]
         load, load_deviation = run.beside[:, :, 0].T
         return JawStates(angle, deviation, load, load_deviation, run.x[:, -1])

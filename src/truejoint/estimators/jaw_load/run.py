@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from math import exp, expm1, nan, sqrt
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
 
@@ -272,11 +272,12 @@ def shapes(params: Params, _n_features: int, n_outputs: int) -> dict[str, Shape]
     return only_joint("jaw_load", learnt, n_outputs)
 
 
-def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top: Any) -> Memory:
-    """Memory of `filter_row`, with fields of a model on top or without."""
+def _pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int) -> Memory:
     elements = len(params["widths"])
     return at.pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         elements=elements,
         drive_factor=params["wheel_radius"] / params["gear_ratio"],
         inverse_scale=arrays["scale"][0],
@@ -285,8 +286,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
         beside_deviations=1.0,
         cable=cable_numbers(params, arrays),
         filter=friction_filter(params, arrays).memory(*friction_prior(elements)),
-        **on_top,
-    )  # fmt: skip
+    )
 
 
 FAMILY: Final = Family(
@@ -300,7 +300,7 @@ FAMILY: Final = Family(
         "widths": numbers(16, 1e-9, 1.0, "lengths [m]"),
     },
     shapes=shapes,
-    pack=pack,
+    pack=_pack,
     row=at.filter_row,
     remembers=True,
     inputs=lambda _params: (MOTOR, RESET),

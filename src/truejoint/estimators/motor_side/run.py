@@ -27,7 +27,6 @@ from truejoint.estimators.family import (
     one_of,
     only_joint,
 )
-from truejoint.estimators.hybrid import hybrid_family
 from truejoint.estimators.plays import run as play_bank
 from truejoint.estimators.plays.run import expand
 from truejoint.filters import StateSpaceModel, UnscentedFilter
@@ -323,7 +322,9 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
     middle, half_range, torque, _dt = arrays["scales"].tolist()
     elements = int(params["elements"])
     return at.pack_filter(
-        LAYOUT, take_inputs=take_inputs, tell=tell,
+        LAYOUT,
+        take_inputs=take_inputs,
+        tell=tell,
         elements=elements,
         middle=middle,
         half_range=half_range,
@@ -333,7 +334,7 @@ def pack(params: Params, arrays: Mapping[str, Array], _k: int, _n: int, **on_top
         n_states=elements + 2,
         filter=elastic_filter(arrays).memory(*elastic_prior(arrays)),
         **on_top,
-    )  # fmt: skip
+    )
 
 
 FAMILY: Final = Family(
@@ -384,7 +385,7 @@ def _sizes(params: Params) -> tuple[int, int]:
 
 
 HYBRID_ROWS: Final = replace(
-    hybrid_family(
+    at.hybrid_family(
         "motor_side.hybrid_rows",
         FAMILY,
         pack,

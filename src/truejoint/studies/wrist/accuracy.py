@@ -17,8 +17,7 @@ from truejoint.array_types import Array
 from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators import get_estimator
-from truejoint.estimators.cables.hybrid import WRIST_PLAYS
-from truejoint.estimators.cables.learn import CableStates
+from truejoint.estimators.cables.learn import WRIST_PLAYS, CableStates
 from truejoint.estimators.cables.loops import LOAD as LAST
 from truejoint.estimators.cables.loops import PIN
 from truejoint.evaluation.judge import rmse
