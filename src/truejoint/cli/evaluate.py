@@ -163,7 +163,7 @@ def compare(names: list[str], how: Judging, files: Files) -> Result:
         "scores": together.to_dict()["scores"],
         "best": {joint: score.estimator for joint, score in best.items()},
         "deploy": "" if objections else together.verdict.deploy,
-        "verdicts": {title: one.to_dict()["verdict"] for title, one in alone.items()},
+        "verdicts": {title: judged.to_dict()["verdict"] for title, judged in alone.items()},
         "objections": objections,
     }
     return Result(values, passed=not objections)
