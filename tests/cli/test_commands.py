@@ -26,8 +26,9 @@ def test_help_ends_in_an_example_that_is_understood(call: Call, name: str) -> No
     )
     called = shlex.split(example)
     assert called[: len(name.split()) + 1] == ["truejoint", *name.split()]
-    known = max((n for n in COMMANDS if f"{shlex.join(called[1:])} ".startswith(f"{n} ")), key=len)
-    command(known).make_context("truejoint", called[1 + len(known.split()) :])
+    line = f"{shlex.join(called[1:])} "
+    longest = max((n for n in COMMANDS if line.startswith(f"{n} ")), key=len)
+    command(longest).make_context("truejoint", called[1 + len(longest.split()) :])
 
 
 def test_session_is_what_was_asked_for(session: Path) -> None:

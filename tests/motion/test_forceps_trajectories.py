@@ -3,12 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from truejoint.errors import TrajectoryError
 from truejoint.motion.forceps_trajectories import (
     DURATION,
     RAMP,
     calibration_trajectory,
-    sine_trajectory,
     verification_trajectory,
 )
 from truejoint.robots import get_robot
@@ -52,18 +50,3 @@ def test_they_swell_from_rest_and_last_a_common_period(make):
     trajectory.check_within(get_robot("forceps"))
     shorter = make(10.0)
     np.testing.assert_array_equal(shorter.positions, trajectory.positions[: len(shorter)])
-
-
-@pytest.mark.parametrize(
-    ("tones", "duration"),
-    [
-        ((), 10.0),
-        (((math.nan, 1.0),), 10.0),
-        (((0.1, 1.0),), 0.0),
-        (((0.1, 1.0),), math.nan),
-        (((0.1, 1.0),), 1e6),
-    ],
-)
-def test_senseless_sines_are_refused(tones, duration):
-    with pytest.raises(TrajectoryError):
-        sine_trajectory(tones, duration)

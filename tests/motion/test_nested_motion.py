@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 import truejoint
-from truejoint.errors import TrajectoryError
 from truejoint.motion import nested_motion
 
 FORCEPS = truejoint.get_robot("forceps")
@@ -30,11 +29,3 @@ def test_it_holds_loops_of_three_sizes_in_every_third():
 def test_a_longer_one_is_slower():
     short, long = (nested_motion(FORCEPS, duration) for duration in (65.0, 130.0))
     np.testing.assert_allclose(long.positions[::2], short.positions, atol=1e-12)
-
-
-def test_what_it_cannot_be_is_refused():
-    for bad in ({"duration": 5.0}, {"duration": np.nan}, {"rate": 0.0}):
-        with pytest.raises(TrajectoryError, match="must be within"):
-            nested_motion(FORCEPS, **bad)
-    with pytest.raises(TrajectoryError, match="has 3: use a zig-zag"):
-        nested_motion(truejoint.get_robot("raven2"))

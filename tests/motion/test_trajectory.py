@@ -1,13 +1,16 @@
 """Tests of truejoint.motion.trajectory."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
 from truejoint.errors import TrajectoryError
-from truejoint.motion import Trajectory
+from truejoint.motion import Trajectory, designed_motion, nested_motion, random_motion, zigzag
+from truejoint.motion.forceps_trajectories import sine_trajectory
 from truejoint.robots import get_robot
 
-ROBOT = get_robot("raven2", "left")
+ROBOT, FORCEPS, PSM = (get_robot(name) for name in ("raven2", "forceps", "dvrk_psm"))
 JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
 INSIDE = np.array([[0.5, 1.2, 0.35], [0.6, 1.3, 0.40]])
 
@@ -51,3 +54,31 @@ def test_leaving_the_limits_is_refused_in_peoples_units(joint, row, side):
 def test_other_units_are_refused():
     with pytest.raises(TrajectoryError, match="insertion is in rad, but raven2"):
         Trajectory(JOINTS, ("rad",) * 3, INSIDE).check_within(ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("make", "arguments", "match"),
+    [
+        *((zigzag, (ROBOT, "J1", sparsity), r"sparsity .* must be within")
+          for sparsity in (0.0, -0.25, 1.01, 0.019, np.nan, np.inf)),
+        *((zigzag, (ROBOT, direction), "known: J1, J2, J3, J1-J2")
+          for direction in ("J4", "J2-J1", "shoulder", "")),
+        *((random_motion, (ROBOT, duration), "must be within") for duration in (0.0, np.nan, 1e6)),
+        (partial(random_motion, rate=0.5), (ROBOT, 60.0), "must be within"),
+        (random_motion, (ROBOT, 60.0, -1), "seed is -1"),
+        (random_motion, (PSM,), "no calibration workspace is known for dvrk_psm"),
+        *((nested_motion, (FORCEPS, duration), "must be within") for duration in (5.0, np.nan)),
+        (partial(nested_motion, rate=0.0), (FORCEPS,), "must be within"),
+        (nested_motion, (ROBOT,), "has 3: use a zig-zag"),
+        *((designed_motion, (ROBOT, duration), "must be within") for duration in (5, np.nan, 1e6)),
+        (designed_motion, (ROBOT, 150.0, -1), "seed is -1"),
+        (designed_motion, (PSM,), "no calibration workspace"),
+        *((sine_trajectory, (((0.1, 1.0),), duration), "must be within")
+          for duration in (0.0, np.nan, 1e6)),
+        *((sine_trajectory, (tones,), "at least one, all finite")
+          for tones in ((), ((np.nan, 1.0),))),
+    ],
+)  # fmt: skip
+def test_a_motion_that_cannot_be_is_refused(make, arguments, match):
+    with pytest.raises(TrajectoryError, match=match):
+        make(*arguments)

@@ -132,18 +132,6 @@ def test_paths_lie_inside_the_robots_limits(direction):
         zigzag(robot, direction).check_within(robot)
 
 
-@pytest.mark.parametrize("sparsity", [0.0, -0.25, 1.01, 0.019, np.nan, np.inf])
-def test_sparsity_out_of_range_is_refused(sparsity):
-    with pytest.raises(TrajectoryError, match=r"sparsity .* must be within"):
-        zigzag(ROBOT, "J1", sparsity)
-
-
-@pytest.mark.parametrize("direction", ["J4", "J2-J1", "shoulder", ""])
-def test_unknown_direction_is_refused_naming_the_known(direction):
-    with pytest.raises(TrajectoryError, match="known: J1, J2, J3, J1-J2"):
-        zigzag(ROBOT, direction)
-
-
 def test_another_robot_needs_a_workspace_of_its_own():
     psm = get_robot("dvrk_psm")
     with pytest.raises(TrajectoryError, match="no calibration workspace is known for dvrk_psm"):

@@ -107,11 +107,10 @@ def _outcome(error: BaseException) -> tuple[int, str]:  # noqa: PLR0911  # one f
         case usage_error():
             what = " ".join(error.format_message().split())
             # An option without its value does not say which command it is of.
-            names = {" ".join(["truejoint", *sys.argv[1:n]]) for n in (1, 2, 3)}
-            known = names & {f"truejoint {name}" for name in COMMANDS}
-            where = (
-                error.ctx.command_path if error.ctx else max(known, key=len, default="truejoint")
-            )
+            begins = {" ".join(["truejoint", *sys.argv[1:n]]) for n in (1, 2, 3)}
+            commands = begins & {f"truejoint {name}" for name in COMMANDS}
+            line = max(commands, key=len, default="truejoint")
+            where = error.ctx.command_path if error.ctx else line
             # An empty one means that help was shown.
             return FAILED, f"{what} See `{where} --help`." if what else ""
         case TruejointError():

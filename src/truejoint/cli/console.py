@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import re
-import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -196,9 +194,13 @@ def say(message: str) -> None:
 def result_json(values: Mapping[str, Any]) -> None:
     """Print the result as one JSON document, in place of text, where ``--json`` asked for it."""
     if out.quiet:
+        import json  # not for help
+
         sys.stdout.write(json.dumps(values, indent=2, allow_nan=False) + "\n")
 
 
 def command_line() -> str:
     """Give the command line as it was typed, to go into what it makes."""
+    import shlex  # not for help
+
     return printable(shlex.join(["truejoint", *sys.argv[1:]]))

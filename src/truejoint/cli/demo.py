@@ -10,11 +10,11 @@ from typing import Any, Final
 
 import truejoint
 from truejoint.cli.calibrate import fit
-from truejoint.cli.check_options import DataCheck
 from truejoint.cli.collect import record
 from truejoint.cli.console import command_line, out, print_table, progress, say
 from truejoint.cli.fit_options import configured
 from truejoint.cli.options import Result
+from truejoint.cli.recording_options import DataCheck
 from truejoint.errors import RecordingError
 from truejoint.estimators.registry import DEFAULT
 from truejoint.files import check_folder

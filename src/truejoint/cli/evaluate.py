@@ -1,39 +1,58 @@
-"""`truejoint evaluate`: judge a calibration on recordings that it never saw."""
+"""`truejoint evaluate` and `compare`: judge calibrations on recordings that they never saw."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
 import truejoint
-from truejoint.cli.check_options import DataCheck, say_failed
-from truejoint.cli.console import command_line, out, progress, say
+from truejoint.cli.console import command_line, out, plural, progress, say
 from truejoint.cli.options import Result
-from truejoint.cli.recording_options import Files, check_page_target, parse_tolerances
+from truejoint.cli.recording_options import (
+    DataCheck,
+    Files,
+    check_page_target,
+    parse_tolerances,
+    say_failed,
+)
+from truejoint.cli.show import is_model
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.files import check_folder
+from truejoint.units import with_unit
 
 _STYLES: Final = {"pass": "green", "warn": "yellow", "fail": "red"}
+
+
+@dataclass(frozen=True)
+class Judging:
+    """How models are judged, and the page that says so, an option each."""
+
+    tolerance: list[str] | None = None
+    rezero_s: float = 0.0
+    part: str | None = None
+    split: str | None = None
+    report: Path | None = None
+    force: bool = False
+
+    def __post_init__(self) -> None:
+        check_page_target(self.report, self.force)
 
 
 def evaluate(
     model: Path,
     recordings: list[str],
+    how: Judging,
     data_check: DataCheck,
     files: Files,
     seeds: list[Path] | None = None,
     training: list[str] | None = None,
-    report: Path | None = None,
     tables: Path | None = None,
-    tolerance: list[str] | None = None,
-    rezero_s: float = 0.0,
     window_s: float = 10.0,
-    part: str | None = None,
-    split: str | None = None,
-    force: bool = False,
 ) -> Result:
     """Judge a calibration on recordings with truth; exit code 1 when it does not pass."""
-    check_page_target(report, force)
+    report, force = how.report, how.force
     if tables is not None:
         if tables.exists() and not force:
             raise RecordingError(f"{tables}: exists already; name a new folder, or --force")
@@ -44,9 +63,10 @@ def evaluate(
         raise CalibrationError(
             f"--seed-of: {model} is {first.estimator!r}; give models of the same estimator"
         )
-    accepted = parse_tolerances(tolerance, first)
-    inputs = first.feature_set
-    read_testing = files.find(recordings, part=part, split=split, model=first, inputs=inputs)
+    accepted = parse_tolerances(how.tolerance, first)
+    read_testing = files.find(
+        recordings, part=how.part, split=how.split, model=first, inputs=first.feature_set
+    )
     read_training = files.find(training or [], model=first)
     testing, shown = read_testing(), read_training()
     checks = {"test": data_check.run(testing, model=first)}
@@ -54,7 +74,7 @@ def evaluate(
         checks["training"] = data_check.run(shown, joints=first.joints)
     with progress("Judging"):
         result = truejoint.evaluate(
-            models, testing, tolerance=accepted, window=window_s, rezero=rezero_s,
+            models, testing, tolerance=accepted, window=window_s, rezero=how.rezero_s,
             check=checks["test"],
         )  # fmt: skip
     if report is not None:
@@ -96,3 +116,65 @@ def show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> None
     out.print(f"{title}{verdict.text}", style=_STYLES[verdict.level])
     for line in (*verdict.objections[1:], *verdict.doubts, *verdict.remarks):
         out.print(f"  {line}")
+
+
+def compare(names: list[str], how: Judging, files: Files) -> Result:
+    """Compare models on the same recordings; exit code 1 when a test cannot be believed."""
+    paths = [name for name in names if is_model(Path(name))]
+    if len(paths) < 2:
+        raise CalibrationError(
+            f"{plural(len(paths), 'model file')} among {', '.join(names)}; "
+            "name at least two (`truejoint evaluate` judges one)"
+        )
+    models, recordings = _by_title(paths), [name for name in names if name not in paths]
+    first = next(iter(models.values()))
+    accepted, rezero = parse_tolerances(how.tolerance, first), how.rezero_s
+    tested = files.find(recordings, part=how.part, split=how.split, model=first)()
+    with progress(f"Judging {len(models)} models"):
+        together = truejoint.evaluate(
+            {title: [m] for title, m in models.items()}, tested, tolerance=accepted, rezero=rezero
+        )
+        alone = {
+            title: truejoint.evaluate(m, tested, tolerance=accepted, rezero=rezero)
+            for title, m in models.items()
+        }
+    if how.report is not None:
+        with progress(f"Writing {how.report}"):
+            truejoint.evaluation.write_comparison(
+                together, alone, how.report, command=command_line(), overwrite=how.force
+            )
+    objections = [
+        f"{title}: {objection}"
+        for title, evaluation in alone.items()
+        for objection in evaluation.verdict.objections
+    ]
+    best = {
+        joint: min((together.score(title, joint) for title in alone), key=lambda s: s.rmse)
+        for joint in together.joints
+    }
+    out.print(truejoint.evaluation.score_table(together))
+    for joint, score in best.items():
+        out.print(f"{joint}: {score.estimator} is best, {with_unit(score.rmse, score.unit)}")
+    for title, evaluation in alone.items():
+        show_verdict(evaluation.verdict, f"{title}: ")
+    if together.verdict.advice and not objections:
+        out.print(together.verdict.advice)
+    values = {
+        "scores": together.to_dict()["scores"],
+        "best": {joint: score.estimator for joint, score in best.items()},
+        "deploy": "" if objections else together.verdict.deploy,
+        "verdicts": {title: judged.to_dict()["verdict"] for title, judged in alone.items()},
+        "objections": objections,
+    }
+    return Result(values, passed=not objections)
+
+
+def _by_title(paths: Sequence[str]) -> dict[str, truejoint.Calibration]:
+    """Read models; one called as another, or as one of the table's own rows, goes by its path."""
+    from truejoint.evaluation.results import BASELINES
+
+    stems = [Path(path).stem for path in paths]
+    return {
+        path if [*stems, *BASELINES].count(stem) > 1 else stem: truejoint.read_calibration(path)
+        for path, stem in zip(paths, stems, strict=True)
+    }

@@ -86,8 +86,8 @@ def described(command: Callable[..., Result | None]) -> Callable[..., None]:
         if is_dataclass(kind := parameter.annotation):
             fields = inspect.signature(kind, eval_str=True).parameters  # type: ignore[arg-type]
             groups[name] = kind, list(fields)
-            own_sections = (getattr(kind, "__name__", ""), *sections)
-            parameters += [_described(each, own_sections) for each in fields.values()]
+            group_sections = (getattr(kind, "__name__", ""), *sections)
+            parameters += [_described(each, group_sections) for each in fields.values()]
         else:
             parameters.append(_described(parameter, sections))
     if signature.return_annotation in (Result, Result | None):

@@ -172,72 +172,72 @@ def follow(
     """
     check_ready(as_arm(arm).operating_state(), "follow")
     as_trajectory(trajectory).check_within(arm.robot)
-    law, caps = _timed(arm.robot, trajectory, speed)
-    columns = arm.robot.index(trajectory.joints)
-    pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
-    pose[columns] = trajectory.positions[0]
-    tally = _Tally(arm.robot, trajectory.joints, () if steering is None else steering.joints)
-    run = _Run(law, pose, columns, tally, progress, steering)
-    run.approach(arm, pose)
+    run = _Run(arm, trajectory, speed, progress, steering)
+    run.approach(0.0)
     while not run.is_over:
         try:
-            run.go_on(arm)
+            run.go_on()
         except MotionStopped:
             end = time.monotonic() + resume_within
             while (state := arm.operating_state().state) == "PAUSED" and time.monotonic() < end:
                 time.sleep(_POLL)
             if state != "ENABLED":
                 raise
-    if not tally.counts.all():
-        raise CommandRefused("follow ended without a state message; is the robot reporting?")
-    return TrackingReport(
-        name=trajectory.name,
-        joints=trajectory.joints,
-        units=trajectory.units,
-        rms=tally.rms,
-        max=tally.max,
-        setpoint_speed=run.setpoint_speed,
-        max_speed=tally.max_speed,
-        speed_caps=caps,
-        duration=law.duration,
-    )
+    return run.report()
 
 
-@dataclass(eq=False)
 class _Run:
-    """One passage along a time law, however often it is stopped on the way."""
+    """One passage of an arm along a time law, however often it is stopped on the way.
 
-    _law: TimeLaw
-    _pose: Array
-    _columns: list[int]
-    _tally: _Tally
-    _progress: Callable[[float], None] | None
-    _steering: Steering | None
-    _at: float = 0.0  # of the law [s]
-    is_over: bool = False
+    Sums are over the blocks of the run, each (n_joints,); no more is kept than it looks back for.
+    """
 
-    def __post_init__(self) -> None:
-        self.setpoint_speed = np.zeros(len(self._columns))
+    def __init__(
+        self,
+        arm: Arm,
+        trajectory: Trajectory,
+        speed: ArrayLike | None,
+        progress: Callable[[float], None] | None,
+        steering: Steering | None,
+    ) -> None:
+        robot, joints = arm.robot, trajectory.joints
+        self._arm, self._trajectory = arm, trajectory
+        self._progress, self._steering = progress, steering
+        self._law, self._caps = _timed(robot, trajectory, speed)
+        self._columns = robot.index(joints)
+        self._pose = arm.setpoint_js(np.inf).position.copy()  # however long it has stood
+        self._pose[self._columns] = trajectory.positions[0]
+        self._at = 0.0  # of the law [s]
+        self.is_over = False
+        self._channels = [robot.channels.index(name) for name in joints]
+        steered = () if steering is None else steering.joints
+        self._steered = [k for k, name in enumerate(joints) if name in steered]
+        self._followed = [k for k in range(len(joints)) if k not in self._steered]
+        self._among = [steered.index(joints[k]) for k in self._steered]
+        self._counts, self._squares, self._max = np.zeros((3, len(joints)))
+        self._setpoint_speed, self._max_speed = np.zeros((2, len(joints)))
+        self._t, self._measured = np.empty(0), np.empty((0, len(joints)))
 
-    def approach(self, arm: Arm, pose: Array) -> None:
-        """Go to where the trajectory is taken up."""
+    def approach(self, t: float) -> None:
+        """Go to where the trajectory is taken up, at a time of the law [s]."""
+        pose = self._rows(np.array([t]))[0] if t > 0.0 else self._pose
         if self._steering is None:
             with suppress(NotArrived):  # where it is at the end is in the report
-                arm.move_jp(pose).wait()
+                self._arm.move_jp(pose).wait()
         else:
-            self._steering.approach(arm, pose)
+            self._steering.approach(self._arm, pose)
 
-    def go_on(self, arm: Arm) -> None:
+    def go_on(self) -> None:
         """Move from where the arm was stopped to the end; raises MotionStopped if stopped again."""
-        start = self._at
+        arm, start = self._arm, self._at
         if start > 0.0:
-            self.approach(arm, self._rows(np.array([start]))[0])
+            self.approach(start)
         lost = BLEND / 2 if start > 0.0 else 0.0  # while the speed builds up again
         duration = self._law.duration - start + lost
-        pieces = self._pieces(start, duration, arm.rate)
+        pieces = self._pieces(start, duration)
         if self._steering is not None:
-            pieces = self._steering.setpoints(arm, pieces, self._tally.leg())
-        arm.subscribe(self._tally, every=1.0)  # not while it stands, which may be for long
+            pieces = self._steering.setpoints(arm, pieces, self._leg())
+        arm.subscribe(self._look, every=1.0)  # not while it stands, which may be for long
         try:
             motion = arm.stream(pieces, duration, "follow")
             try:
@@ -247,17 +247,27 @@ class _Run:
             finally:
                 self._at = float(self._time(start, np.array([motion.elapsed]))[0])
         finally:
-            arm.unsubscribe(self._tally)
+            arm.unsubscribe(self._look)
 
-    def _pieces(self, start: float, duration: float, rate: float) -> Iterator[Array]:
-        before = self._rows(np.array([start]))
+    def report(self) -> TrackingReport:
+        """Say how the trajectory was kept; raises CommandRefused if no state message came."""
+        if not self._counts.all():
+            raise CommandRefused("follow ended without a state message; is the robot reporting?")
+        path = self._trajectory
+        return TrackingReport(
+            path.name, path.joints, path.units, np.sqrt(self._squares / self._counts), self._max,
+            self._setpoint_speed, self._max_speed, self._caps, self._law.duration,
+        )  # fmt: skip
+
+    def _pieces(self, start: float, duration: float) -> Iterator[Array]:
+        before, rate = self._rows(np.array([start])), self._arm.rate
         periods = round(np.ceil(duration * rate - 1e-6))
         size = int(BLOCK_DURATION * rate)
         for first in range(0, periods, size):
             elapsed = np.arange(first + 1, min(first + size, periods) + 1) / rate
             rows = self._rows(self._time(start, elapsed))
             steps = np.abs(np.diff(rows, axis=0, prepend=before))[:, self._columns]
-            self.setpoint_speed = np.maximum(self.setpoint_speed, steps.max(axis=0) * rate)
+            self._setpoint_speed = np.maximum(self._setpoint_speed, steps.max(axis=0) * rate)
             before = rows[-1:]
             yield rows
             if self._progress is not None:
@@ -275,6 +285,43 @@ class _Run:
         rows = np.tile(self._pose, (len(t), 1))
         rows[:, self._columns] = self._law.at(t)
         return rows
+
+    def _look(self, block: StateBlock | TruthBlock) -> None:
+        if isinstance(block, TruthBlock):
+            return
+        measured = block.measured[:, self._channels]
+        error = block.setpoint[:, self._channels] - measured
+        self._add(self._followed, error[:, self._followed])
+        old = len(self._t)
+        t, path = np.concatenate([self._t, block.t]), np.vstack([self._measured, measured])
+        before = np.searchsorted(t, t[old:] - _SPEED_WINDOW + 1e-9, side="right") - 1
+        after = np.arange(old, len(t))[before >= 0]
+        before = before[before >= 0]
+        if len(after):
+            travel, since = np.abs(path[after] - path[before]), t[after] - t[before]
+            self._max_speed = np.maximum(self._max_speed, (travel / since[:, None]).max(axis=0))
+        recent = t > t[-1] - _SPEED_WINDOW - 1e-6
+        self._t, self._measured = t[recent], path[recent]
+
+    def _leg(self) -> Callable[[float, Array, Array], None]:
+        """Give what is to be told the steps of a loop, from one start to the next stop."""
+        wanted: Array | None = None
+
+        def tell(_: float, goal: Array, here: Array) -> None:
+            nonlocal wanted
+            if wanted is not None and np.isfinite(here).all():
+                self._add(self._steered, (wanted - here)[None, self._among])
+            wanted = goal.copy()
+
+        return tell
+
+    def _add(self, joints: list[int], error: Array) -> None:
+        """Add up errors (n, len(joints)) [rad or m]."""
+        if not joints:
+            return
+        self._counts[joints] += len(error)
+        self._squares[joints] += (error**2).sum(axis=0)
+        self._max[joints] = np.maximum(self._max[joints], np.abs(error).max(axis=0))
 
 
 def legs(trajectory: Trajectory, robot: Robot, duration: float) -> list[Trajectory]:
@@ -341,56 +388,3 @@ def _timed(robot: Robot, trajectory: Trajectory, speed: ArrayLike | None) -> tup
             f"{top[k] * unit.scale:.4g}; make it slower"
         )
     return law, caps
-
-
-class _Tally:
-    """Sums over the blocks of a run, each (n_joints,); keeps no more than it looks back for."""
-
-    def __init__(self, robot: Robot, joints: tuple[str, ...], steered: tuple[str, ...]) -> None:
-        self._columns = [robot.channels.index(name) for name in joints]
-        self._steered = [k for k, name in enumerate(joints) if name in steered]
-        self._followed = [k for k in range(len(joints)) if k not in self._steered]
-        self._among = [steered.index(joints[k]) for k in self._steered]
-        self.counts, self._squares, self.max, self.max_speed = np.zeros((4, len(joints)))
-        self._t, self._measured = np.empty(0), np.empty((0, len(joints)))
-
-    def __call__(self, block: StateBlock | TruthBlock) -> None:
-        if isinstance(block, TruthBlock):
-            return
-        measured = block.measured[:, self._columns]
-        self._add(self._followed, (block.setpoint[:, self._columns] - measured)[:, self._followed])
-        old = len(self._t)
-        t, path = np.concatenate([self._t, block.t]), np.vstack([self._measured, measured])
-        before = np.searchsorted(t, t[old:] - _SPEED_WINDOW + 1e-9, side="right") - 1
-        after = np.arange(old, len(t))[before >= 0]
-        before = before[before >= 0]
-        if len(after):
-            travel, since = np.abs(path[after] - path[before]), t[after] - t[before]
-            self.max_speed = np.maximum(self.max_speed, (travel / since[:, None]).max(axis=0))
-        recent = t > t[-1] - _SPEED_WINDOW - 1e-6
-        self._t, self._measured = t[recent], path[recent]
-
-    def leg(self) -> Callable[[float, Array, Array], None]:
-        """Give what is to be told the steps of a loop, from one start to the next stop."""
-        wanted: Array | None = None
-
-        def tell(_: float, goal: Array, here: Array) -> None:
-            nonlocal wanted
-            if wanted is not None and np.isfinite(here).all():
-                self._add(self._steered, (wanted - here)[None, self._among])
-            wanted = goal.copy()
-
-        return tell
-
-    @property
-    def rms(self) -> Array:
-        """Of all errors (n_joints,) [rad or m], of which there are `counts` of 1 or more."""
-        return np.asarray(np.sqrt(self._squares / self.counts))
-
-    def _add(self, joints: list[int], error: Array) -> None:
-        """Add up errors (n, len(joints)) [rad or m]."""
-        if not joints:
-            return
-        self.counts[joints] += len(error)
-        self._squares[joints] += (error**2).sum(axis=0)
-        self.max[joints] = np.maximum(self.max[joints], np.abs(error).max(axis=0))
