@@ -127,10 +127,8 @@ def export_c(
     >>> [path.name for path in export_c(model, "controller", prefix="jaw")]
     ['jaw.h', 'jaw.c', 'jaw_vectors.h', 'jaw_check.c']
     """
-    contents = source_files(
-        calibration, prefix, precision, level=level, range_margin=range_margin,
-        compensator=compensator,
-    )  # fmt: skip
+    how: dict[str, Any] = {"level": level, "range_margin": range_margin, "compensator": compensator}
+    contents = source_files(calibration, prefix, precision, **how)
     return write_files(folder, contents, overwrite=overwrite)
 
 
@@ -304,14 +302,11 @@ def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
 def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, str]]:
     """Names with unit and C identifier, numbered where two would be one."""
     identifiers = [name.replace("/", "_").upper() for name in names]
-    return [
-        {
-            "name": name,
-            "unit": unit(name),
-            "identifier": identifier if identifiers.count(identifier) == 1 else f"{identifier}_{i}",
-        }
-        for i, (name, identifier) in enumerate(zip(names, identifiers, strict=True))
-    ]
+    named = []
+    for i, (name, identifier) in enumerate(zip(names, identifiers, strict=True)):
+        suffix = f"_{i}" if identifiers.count(identifier) > 1 else ""
+        named.append({"name": name, "unit": unit(name), "identifier": identifier + suffix})
+    return named
 
 
 def check_precision(precision: str) -> None:
