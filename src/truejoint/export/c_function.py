@@ -409,26 +409,24 @@ class Function:
     def cell(self, base: Handle, index: Any, node: ast.AST, *, write: bool) -> Any:
         """Scalar, integer or element of an array of integers in a struct's memory."""
         struct = base.struct
-        f = None
-        if isinstance(index, Known) and index.origin is None:
-            f = struct.fields.get((base.side, index.value))
-        if f is not None:
-            is_number = f.kind in ("scalar", "integer")
+        is_place = isinstance(index, Known) and index.origin is None
+        f = struct.fields.get((base.side, index.value)) if is_place else None
+        if f is None:  # within an array
+            view = self.printer.view(base, index, (Known(1),))
             if write:
-                struct.written.add(f.name)
-                self.written.add(base.owner)
-                if not is_number:
-                    raise self.fail(node, f"field {f.name} is no number that can change")
-            if not is_number:
-                return Known(int(struct.memory.numbers[index.value]), origin=(struct, f))
-            if f.name in struct.written:
-                return Expr(base.field_text(f.name), kind_of(f, self.style))
-            return Known(struct.values(f)[0].item())
-        view = self.printer.view(base, index, (Known(1),))
+                self.mark(view)
+                view = replace(view, values=None)
+            return self.element(view, Known(0))
+        if f.kind not in ("scalar", "integer"):
+            if write:
+                raise self.fail(node, f"field {f.name} is no number that can change")
+            return Known(int(struct.memory.numbers[index.value]), origin=(struct, f))
         if write:
-            self.mark(view)
-            view = replace(view, values=None)
-        return self.element(view, Known(0))
+            struct.written.add(f.name)
+            self.written.add(base.owner)
+        if f.name in struct.written:
+            return Expr(base.field_text(f.name), kind_of(f, self.style))
+        return Known(struct.values(f)[0].item())
 
     # ------------------------------------------------------------------ calls
 
