@@ -21,6 +21,7 @@ from truejoint.export.c_statements import (
     Variable,
     assigned,
     block_lines,
+    leaves_early,
     tree_of,
     without_unread,
 )
@@ -651,10 +652,7 @@ class Function:
             raise self.fail(s, "the step of a range is not known")
         if isinstance(start, Known) and isinstance(stop, Known):
             rounds = range(start.value, stop.value, step.value)
-            one = len(rounds) == 1 and not any(
-                isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s)
-            )
-            if not rounds or marked or one:
+            if not rounds or marked or (len(rounds) == 1 and not leaves_early(s)):
                 loops, self.loops, ends = self.loops, [], False
                 for number in rounds:
                     self.env[s.target.id] = Known(number)

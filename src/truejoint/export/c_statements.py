@@ -149,3 +149,9 @@ def assigned(*statements: ast.stmt) -> set[str]:
     }
     stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     return stored - loops
+
+
+@cache
+def leaves_early(loop: ast.For) -> bool:
+    """Whether a loop, or one within it, is left or goes on before its end."""
+    return any(isinstance(node, (ast.Continue, ast.Break)) for node in ast.walk(loop))
