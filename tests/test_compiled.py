@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import sys
 from collections import namedtuple
+from enum import IntFlag
 from types import FunctionType, ModuleType
 
 import numpy as np
@@ -244,6 +245,11 @@ def made_of(**changed):
 )  # fmt: skip
 def test_each_thing_that_a_kernel_takes_is_one_that_it_is_made_of(changed):
     assert made_of(**changed) != made_of()
+
+
+def test_the_members_of_an_enumeration_are_what_a_kernel_is_made_of():
+    one, other = (made_of(Pair=IntFlag("Pair", names)) for names in ("a b", "b a"))
+    assert one != other
 
 
 def test_what_a_kernel_does_not_take_is_none_that_it_is_made_of():

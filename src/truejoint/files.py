@@ -19,6 +19,10 @@ from truejoint.errors import TruejointError
 if TYPE_CHECKING:  # a command that only answers does without NumPy
     from truejoint.array_types import Array
 
+Write = Callable[[Path], object]
+"""Fills a file."""
+Kind = type[TruejointError]
+"""Kind of the error that is raised."""
 UNHASHED: Final = "was written without a content hash: whether it is whole cannot be told"
 
 _REASONS: Final = {
@@ -29,11 +33,7 @@ _REASONS: Final = {
 
 
 def write_atomically(
-    path: Path,
-    write: Callable[[Path], object],
-    *,
-    overwrite: bool,
-    error: type[TruejointError] = TruejointError,
+    path: Path, write: Write, *, overwrite: bool, error: Kind = TruejointError
 ) -> None:
     """Let `write` fill a temporary file beside `path`, then move it there in one step.
 
@@ -50,10 +50,7 @@ def write_atomically(
 
 
 def write_all_atomically(
-    files: Mapping[Path, Callable[[Path], object]],
-    *,
-    overwrite: bool,
-    error: type[TruejointError] = TruejointError,
+    files: Mapping[Path, Write], *, overwrite: bool, error: Kind = TruejointError
 ) -> None:
     """Write several files as `write_atomically` does; none is moved before all are filled."""
     for path in files:
@@ -79,11 +76,7 @@ def write_all_atomically(
 
 
 def check_target(
-    path: Path,
-    *,
-    overwrite: bool,
-    makes_folder: bool = False,
-    error: type[TruejointError] = TruejointError,
+    path: Path, *, overwrite: bool, makes_folder: bool = False, error: Kind = TruejointError
 ) -> None:
     """Refuse, as `write_atomically` does, a path that cannot become a file.
 
@@ -102,13 +95,13 @@ def check_target(
     check_folder(path.parent, error=error)
 
 
-def check_ending(path: Path, ending: str, what: str, error: type[TruejointError]) -> None:
+def check_ending(path: Path, ending: str, what: str, error: Kind) -> None:
     """Refuse a path whose ending says that it is another file than `what`, as "a recording"."""
     if path.suffix not in {"", ending}:
         raise error(f"{path}: {what} is a {ending} file; call it {path.stem}{ending}")
 
 
-def check_folder(folder: Path, *, error: type[TruejointError] = TruejointError) -> None:
+def check_folder(folder: Path, *, error: Kind = TruejointError) -> None:
     """Refuse a folder in which no file can be made, once it is made itself."""
     there = next(path for path in (folder, *folder.absolute().parents) if path.exists())
     if not there.is_dir():
@@ -171,7 +164,7 @@ def canonical_json(description: Mapping[str, Any]) -> str:
     return json.dumps(description, sort_keys=True, allow_nan=False, separators=(",", ":"))
 
 
-def read_small(path: Path, error: type[TruejointError], most: int, kind: str) -> bytes:
+def read_small(path: Path, error: Kind, most: int, kind: str) -> bytes:
     """Content of a file that is `kind` only if it holds at most `most` bytes; raises `error`."""
     require_ordinary(path, error)
     try:
@@ -184,7 +177,7 @@ def read_small(path: Path, error: type[TruejointError], most: int, kind: str) ->
     return data
 
 
-def require_ordinary(path: Path, error: type[TruejointError]) -> None:
+def require_ordinary(path: Path, error: Kind) -> None:
     """Refuse what is no file, a pipe above all, at which reading would wait for ever."""
     try:
         if path.exists() and not path.is_file():
@@ -217,14 +210,13 @@ def move(temporary: Path, path: Path, *, overwrite: bool) -> None:
         try:
             # A link, unlike a rename, fails if somebody made the file in the meantime.
             path.hardlink_to(temporary)
+            return
         except FileExistsError:
             raise
         except OSError:  # a file system without links, as on a USB stick: claim the name first
             path.open("xb").close()
-        else:
-            return
     temporary.replace(path)
 
 
-def _taken(path: Path, error: type[TruejointError]) -> TruejointError:
+def _taken(path: Path, error: Kind) -> TruejointError:
     return error(f"{path}: exists already; choose another name, or allow overwriting (--force)")

@@ -17,12 +17,11 @@ from truejoint import compiled as marks
 from truejoint import layout
 from truejoint.export.c_statements import (
     NAME,
-    Block,
-    Body,
     Statement,
     Variable,
     assigned,
     block_lines,
+    leaves_early,
     tree_of,
     without_unread,
 )
@@ -73,7 +72,7 @@ class Function:
         self.printer, self.style = printer, printer.style
         self.python, self.arguments = python, arguments  # numbers, expressions, views and handles
         self.tree, self.comments = tree_of(python)
-        self.body: Body = []  # what is printed
+        self.body: list[Statement] = []  # what is printed
         self.out = self.body
         self.env: dict[str, Any] = {}
         self.written: set[str] = set()  # parameters through which it writes
@@ -100,8 +99,7 @@ class Function:
         for statement, value in self.returns:
             if result is not None and not isinstance(result, Known):
                 statement.text = f"return {self.style.text(value, kind=result)}"
-        last = self.body[-1] if self.body else None
-        if isinstance(last, Statement) and last.text == "return":
+        if self.body and self.body[-1].text == "return":
             self.body.pop()
         body = without_unread(self.body, self.printer.has_effect)
         self.text = "\n".join(block_lines(body, self.style, 1))
@@ -111,13 +109,11 @@ class Function:
         self.parameters = [p for p in self.parameters if by_name.get(p.name) is p]
         self.pointers = {p.name: p.name in self.written for p in self.parameters if p.is_pointer}
         kind = "void" if result is None or isinstance(result, Known) else self.style.type(result)
-        self.head = (
-            kind,
-            tuple(
-                p.declaration if self.pointers.get(p.name, True) else f"const {p.declaration}"
-                for p in self.parameters
-            ),
+        declarations = (
+            p.declaration if self.pointers.get(p.name, True) else f"const {p.declaration}"
+            for p in self.parameters
         )
+        self.head = kind, tuple(declarations)
 
     def _local(self, name: str) -> str:
         """Name of a local variable in C."""
@@ -154,12 +150,9 @@ class Function:
         is_folded = isinstance(argument, Known) and argument.kind != "real" and not is_float
         if is_folded or not isinstance(argument, (Known, Expr)):
             return argument
-
-        def kind_of_number(number: Scalar) -> Kind:
-            return join([number.kind, "real"]) if is_float else number.kind
-
-        kind = kind_of_number(argument)
-        add(local, style.type(kind), lambda v: style.text(v, kind=kind_of_number(v)))
+        least: list[Kind] = ["real"] if is_float else []
+        kind = join([argument.kind, *least])
+        add(local, style.type(kind), lambda v: style.text(v, kind=join([v.kind, *least])))
         return Variable(local, kind, assigned=2)
 
     def _length(self, axis: int, view: View) -> str:
@@ -417,26 +410,24 @@ class Function:
     def cell(self, base: Handle, index: Any, node: ast.AST, *, write: bool) -> Any:
         """Scalar, integer or element of an array of integers in a struct's memory."""
         struct = base.struct
-        f = None
-        if isinstance(index, Known) and index.origin is None:
-            f = struct.fields.get((base.side, index.value))
-        if f is not None:
-            is_number = f.kind in ("scalar", "integer")
+        is_place = isinstance(index, Known) and index.origin is None
+        f = struct.fields.get((base.side, index.value)) if is_place else None
+        if f is None:  # within an array
+            view = self.printer.view(base, index, (Known(1),))
             if write:
-                struct.written.add(f.name)
-                self.written.add(base.owner)
-                if not is_number:
-                    raise self.fail(node, f"field {f.name} is no number that can change")
-            if not is_number:
-                return Known(int(struct.memory.numbers[index.value]), origin=(struct, f))
-            if f.name in struct.written:
-                return Expr(base.field_text(f.name), kind_of(f, self.style))
-            return Known(struct.values(f)[0].item())
-        view = self.printer.view(base, index, (Known(1),))
+                self.mark(view)
+                view = replace(view, values=None)
+            return self.element(view, Known(0))
+        if f.kind not in ("scalar", "integer"):
+            if write:
+                raise self.fail(node, f"field {f.name} is no number that can change")
+            return Known(int(struct.memory.numbers[index.value]), origin=(struct, f))
         if write:
-            self.mark(view)
-            view = replace(view, values=None)
-        return self.element(view, Known(0))
+            struct.written.add(f.name)
+            self.written.add(base.owner)
+        if f.name in struct.written:
+            return Expr(base.field_text(f.name), kind_of(f, self.style))
+        return Known(struct.values(f)[0].item())
 
     # ------------------------------------------------------------------ calls
 
@@ -524,7 +515,7 @@ class Function:
     def _return(self, s: ast.Return) -> bool:
         value = None if s.value is None else self.visit(s.value)
         self.emit("return")
-        self.returns.append((self.out[-1], value))  # type: ignore[arg-type]  # it was emitted
+        self.returns.append((self.out[-1], value))
         return True
 
     def _continue(self, s: ast.stmt) -> bool:
@@ -636,12 +627,12 @@ class Function:
                 self.set_variable(name, held, None)
                 self.env[name].assigned += 1
 
-    def inner(self, head: str, body: Sequence[ast.stmt], env: dict[str, Any]) -> tuple[Block, bool]:
+    def inner(self, head: str, body: Sequence[ast.stmt], env: dict[str, Any]) -> tuple[Any, bool]:
         """Print the body of a loop or branch, whose own names end with it."""
         out, outer = self.out, self.env
-        block = Block(head)
-        self.out, self.env = block.body, {**outer, **env}
+        self.out, self.env = [], {**outer, **env}
         ends = self.block(body)
+        block = Statement(head, body=self.out)
         self.out, self.env = out, outer
         return block, ends
 
@@ -661,10 +652,7 @@ class Function:
             raise self.fail(s, "the step of a range is not known")
         if isinstance(start, Known) and isinstance(stop, Known):
             rounds = range(start.value, stop.value, step.value)
-            one = len(rounds) == 1 and not any(
-                isinstance(n, (ast.Continue, ast.Break)) for n in ast.walk(s)
-            )
-            if not rounds or marked or one:
+            if not rounds or marked or (len(rounds) == 1 and not leaves_early(s)):
                 loops, self.loops, ends = self.loops, [], False
                 for number in rounds:
                     self.env[s.target.id] = Known(number)
@@ -698,11 +686,11 @@ class Function:
         other, also = self.inner("else", s.orelse, {})
         first, *rest = other.body or [other]
         if (
-            isinstance(first, Block)
-            and first.head.startswith("if (")
-            and all(isinstance(b, Block) and b.head.startswith("else") for b in rest)
+            first.body is not None
+            and first.text.startswith("if (")
+            and all(s.body is not None and s.text.startswith("else") for s in rest)
         ):
-            first.head = f"else {first.head}"
+            first.text = f"else {first.text}"
             self.out += [chosen, *other.body]
         else:
             self.out += [chosen, other] if other.body else [chosen]

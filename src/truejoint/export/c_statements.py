@@ -7,13 +7,14 @@ import inspect
 import re
 import textwrap
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 from truejoint.export.c_values import Kind, Style
 
 NAME = re.compile(r"(?<![\w.>])[A-Za-z_]\w*")
+_BREAK = re.compile(r"(?<=, )|(?<= = )|(?= (?:&&|\|\||[-+*/|?:]) )")  # places to break a line at
 
 
 @dataclass(eq=False)
@@ -36,55 +37,42 @@ class Variable:
 
 @dataclass(eq=False)
 class Statement:
-    """One line."""
+    """One line; with a `body`, a loop or one branch of a choice."""
 
-    text: str  # without what stands left of an assignment
+    text: str  # without what stands left of an assignment; with a body ``for (...)``, ``else``, ...
     target: Variable | None = None  # that the text is assigned to; without text only declared
     declares: bool = False  # whether the variable is declared here
     operator: str = "="  # of the assignment
     comment: bool = False
+    body: list[Statement] | None = None
 
     def lines(self, style: Style, depth: int) -> list[str]:
         """In C."""
         pad = "    " * depth
         if self.comment:
             return wrapped_comment(self.text, pad)
+        if self.body is not None:
+            # The brace that an else follows comes before it.
+            head = wrapped(f"{self.text} {{", pad, 98 if self.text.startswith("else") else 100)
+            return [*head, *block_lines(self.body, style, depth + 1), f"{pad}}}"]
         if self.target is None:
             return wrapped(f"{self.text};", pad)
         left = self.target.declared(style) if self.declares else self.target.name
         return wrapped(f"{left} {self.operator} {self.text};" if self.text else f"{left};", pad)
 
-
-@dataclass(eq=False)
-class Block:
-    """A loop, or one branch of a choice."""
-
-    head: str  # ``for (...)``, ``if (...)``, ``else if (...)`` or ``else``
-    body: list[Statement | Block] = field(default_factory=list)
-
-    def lines(self, style: Style, depth: int) -> list[str]:
-        """In C."""
-        pad = "    " * depth
-        # The brace that an else follows comes before it.
-        head = wrapped(f"{self.head} {{", pad, 98 if self.head.startswith("else") else 100)
-        return [*head, *block_lines(self.body, style, depth + 1), f"{pad}}}"]
-
-
-Body = list[Statement | Block]
+    def names(self) -> set[str]:
+        """Names that it reads, those within its body too."""
+        names = set() if self.comment else set(NAME.findall(self.text))
+        return names.union(*(statement.names() for statement in self.body or ()))
 
 
 def wrapped(text: str, pad: str, width: int = 100) -> list[str]:
     """Lines of a statement or initialiser, broken at spaces where it is too long."""
     lines, indent = [], pad
     while len(indent) + len(text) > width:
-        room = width - len(indent)
-        cut = -1
-        for mark in (", ", " = "):  # stay at the end of the line
-            at = text.rfind(mark, 0, room)
-            cut = max(cut, at + len(mark) if at > 0 else -1)
-        for mark in (" && ", " || ", " + ", " - ", " * ", " / ", " | ", " ? ", " : "):
-            cut = max(cut, text.rfind(mark, 0, room))
-        if cut <= 0:
+        places = _BREAK.finditer(text[: width - len(indent)])
+        cut = max((place.start() for place in places), default=0)
+        if cut == 0:
             break
         lines.append(indent + text[:cut].rstrip())
         text, indent = text[cut:].lstrip(), pad + "    "
@@ -100,41 +88,32 @@ def wrapped_comment(text: str, pad: str) -> list[str]:
     return [f"{pad}/*", *(start + line for line in lines), f"{pad} */"]
 
 
-def block_lines(body: Body, style: Style, depth: int) -> list[str]:
+def block_lines(body: list[Statement], style: Style, depth: int) -> list[str]:
     """Statements in C; an else joins the brace before it."""
     lines: list[str] = []
     for statement in body:
         new = statement.lines(style, depth)
-        if isinstance(statement, Block) and statement.head.startswith("else"):
+        if statement.body is not None and statement.text.startswith("else"):
             lines[-1] += f" {new.pop(0).lstrip()}"
         lines += new
     return lines
 
 
-def without_unread(body: Body, has_effect: Callable[[str], bool]) -> Body:
+def without_unread(body: list[Statement], has_effect: Callable[[str], bool]) -> list[Statement]:
     """Statements without values that nothing reads."""
     read: set[str] = set()
-    while read != (read := _names_in(body)):
+    while read != (read := set().union(*(statement.names() for statement in body))):
         body = _live(body, read, has_effect)
     return body
 
 
-def _names_in(body: Body) -> set[str]:
-    """Names that statements read, in those within others too."""
-    names: set[str] = set()
+def _live(
+    body: list[Statement], read: set[str], has_effect: Callable[[str], bool]
+) -> list[Statement]:
+    live = []
     for statement in body:
-        if isinstance(statement, Block):
-            names |= set(NAME.findall(statement.head)) | _names_in(statement.body)
-        elif not statement.comment:
-            names |= set(NAME.findall(statement.text))
-    return names
-
-
-def _live(body: Body, read: set[str], has_effect: Callable[[str], bool]) -> Body:
-    live: Body = []
-    for statement in body:
-        if isinstance(statement, Block):
-            live.append(Block(statement.head, _live(statement.body, read, has_effect)))
+        if statement.body is not None:
+            live.append(replace(statement, body=_live(statement.body, read, has_effect)))
         elif statement.target is None or statement.target.name in read:
             live.append(statement)
         elif has_effect(statement.text):
@@ -170,3 +149,9 @@ def assigned(*statements: ast.stmt) -> set[str]:
     }
     stored = {n.id for n in nodes if isinstance(n, ast.Name) and isinstance(n.ctx, ast.Store)}
     return stored - loops
+
+
+@cache
+def leaves_early(loop: ast.For) -> bool:
+    """Whether a loop, or one within it, is left or goes on before its end."""
+    return any(isinstance(node, (ast.Continue, ast.Break)) for node in ast.walk(loop))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
@@ -39,14 +39,7 @@ class Struct:
             self.fields |= {(side, f.index + i): f for i in range(size)}
             if f.kind == "part":
                 name = f"{self.type.removesuffix('_state')}_{f.name}_state"
-                numbers, memory = self.memory.numbers, self.memory.memory
-                start, memory_start, n, m = numbers[f.index : f.index + PART_SIZE].tolist()
-                part = replace(
-                    self.memory.parts[f.name],
-                    numbers=numbers[start : start + n],
-                    memory=memory[memory_start : memory_start + m],
-                )
-                self.parts[f.name] = Struct(f.name, name, part)
+                self.parts[f.name] = Struct(f.name, name, self.memory.part(f.name))
 
     def values(self, f: Field) -> NDArray[Any]:
         """Elements of an array field, or the one number of another, in one dimension."""

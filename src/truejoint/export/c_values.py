@@ -241,9 +241,7 @@ def operate(style: Style, op: ast.operator, a: Any, b: Any) -> Any:  # noqa: C90
     return Expr(f"{first} {sign} {second}", kind, level)
 
 
-def call_builtin(  # noqa: C901, PLR0911  # one function after the other
-    style: Style, name: str, arguments: list[Any]
-) -> Any:
+def call_builtin(style: Style, name: str, arguments: list[Any]) -> Any:  # noqa: C901, PLR0911
     """Call a function of Python, `math` or NumPy; None if it has no C."""
     first = arguments[0]
     if name == "len":

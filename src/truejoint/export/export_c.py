@@ -320,14 +320,11 @@ def _bits(meanings: Mapping[Any, str]) -> list[dict[str, Any]]:
 def _named(names: Sequence[str], unit: Callable[[str], str]) -> list[dict[str, str]]:
     """Names with unit and C identifier, numbered where two would be one."""
     identifiers = [name.replace("/", "_").upper() for name in names]
-    return [
-        {
-            "name": name,
-            "unit": unit(name),
-            "identifier": identifier if identifiers.count(identifier) == 1 else f"{identifier}_{i}",
-        }
-        for i, (name, identifier) in enumerate(zip(names, identifiers, strict=True))
-    ]
+    named = []
+    for i, (name, identifier) in enumerate(zip(names, identifiers, strict=True)):
+        suffix = f"_{i}" if identifiers.count(identifier) > 1 else ""
+        named.append({"name": name, "unit": unit(name), "identifier": identifier + suffix})
+    return named
 
 
 def check_precision(precision: str) -> None:

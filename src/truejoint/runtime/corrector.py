@@ -14,11 +14,7 @@ from numpy import ndarray
 from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array, Integers, floats
-from truejoint.calibration.calibration import (
-    Calibration,
-    as_calibration,
-    as_recorded,
-)
+from truejoint.calibration.calibration import Calibration, as_calibration, as_recorded
 from truejoint.calibration.model_file import read_calibration
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, ModelFileError, TruejointError
@@ -38,7 +34,6 @@ from truejoint.runtime.status import Status
 from truejoint.summary import Summarised
 
 if TYPE_CHECKING:
-    from truejoint.calibration import Calibration
     from truejoint.recordings import Recording
 
 

@@ -285,11 +285,15 @@ def watch_rows(
 ) -> None:
     """Watch rows of stamps `t` (n,) [s] and `samples` (n, n_signals), one after the other.
 
-    `levels` and `measures` (n, 4) receive what stands after each row.
+    `levels` and `measures` (n, 4) receive what stands after each row. A row that is not finite, or
+    no later than the last one, is passed over.
     """
     m = unpack(numbers, memory)
     for i in range(t.shape[0]):
-        if acceptable(numbers, memory, t[i], samples[i]):
+        is_usable = np.isfinite(t[i]) and (numbers[HAS_LAST] == 0 or t[i] > memory[LAST])
+        for value in samples[i]:
+            is_usable = is_usable and np.isfinite(value)
+        if is_usable:
             watch(numbers, memory, t[i], samples[i])
             grade(m.measures, m.levels)
         copy(m.measures, measures[i], N_MEASURES)
@@ -297,19 +301,8 @@ def watch_rows(
 
 
 @compiled
-def acceptable(numbers: Integers, memory: Array, t: float, values: Array) -> bool:
-    """Whether a sample is finite and later than the last one."""
-    if not np.isfinite(t) or (numbers[HAS_LAST] != 0 and not t > memory[LAST]):
-        return False
-    for i in range(values.shape[0]):  # noqa: SIM110  # a loop, compiled
-        if not np.isfinite(values[i]):
-            return False
-    return True
-
-
-@compiled
 def watch(numbers: Integers, memory: Array, t: float, values: Array) -> None:
-    """Take one acceptable sample into all averages and measures."""
+    """Take one usable sample into all averages and measures."""
     m = unpack(numbers, memory)
     feature_row(
         m.operation, m.source, m.parameter, m.slot, m.gap_limit, t, values, m.feature_memory,
