@@ -42,12 +42,10 @@ def judge_interval(
         truth = recording.columns("truth", calibration.joints)
         has_truth = np.isfinite(truth).all(axis=1)
         scored = ~at_start(recording.t[has_truth], interval.rezero)
-        model, homing = (
-            zeroed(calibration, recording, interval.rezero),
-            recording.provenance.homing_id,
-        )
-        position = model.correct(recording)[has_truth]
-        widening = 1.0 + interval.growth * model.range_excess(recording)[has_truth]
+        rows, homing = calibration.rows(recording), recording.provenance.homing_id
+        model = zeroed(calibration, rows, interval.rezero)
+        position = model.correct(rows)[has_truth]
+        widening = 1.0 + interval.growth * model.range_excess(rows)[has_truth]
         holds = _allows_offset(interval) or not homings or not homing or homing in homings
         lower = upper = None
         if holds and scored.any():

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import PurePath
 
 import numpy as np
@@ -152,14 +153,13 @@ def judge_recording(
             f"{recording.provenance.source or 'recording'}: {int(judged.sum())} rows have the "
             f"truth of {', '.join(joints)}{besides}; a test needs at least 2"
         )
-    at_zero = {
-        estimator: [zeroed(seed, recording, rezero) for seed in seeds]
-        for estimator, seeds in models.items()
-    }
-    measured = recording.columns("measured", joints)
+    rows, measured = models[chosen][0].rows(recording), recording.columns("measured", joints)
+    for seed in chain(*models.values()):
+        seed.check_recording(recording)  # rows that several see alike may be of another robot
+    at_zero = {key: [zeroed(seed, rows, rezero) for seed in own] for key, own in models.items()}
     estimates = {RAW: [_finite(measured, RAW, name)[judged]]}
     for key, seeds in at_zero.items():
-        estimates[key] = [_finite(seed.correct(recording), key, name)[judged] for seed in seeds]
+        estimates[key] = [_finite(seed.correct(rows), key, name)[judged] for seed in seeds]
     errors = {key: [value - truth[judged] for value in own] for key, own in estimates.items()}
     tool, tool_errors = _of_the_tool(robot, recording, judged, joints, truth[judged], estimates)
     efforts = [joint for joint in joints if joint in recording.joints_of("effort")]

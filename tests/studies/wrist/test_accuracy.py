@@ -146,8 +146,6 @@ def test_what_cannot_be_is_refused():
         study.parts(study.settings(options={"family": "rods"}))
     with pytest.raises(TruejointError, match="no arm called '42'"):
         study.parts(study.settings(options={"instrument": "42"}))
-    with pytest.raises(TruejointError, match=r"a log rate of 0\.0 Hz"):
-        motions.record_wrist(WristTwin(), np.zeros((1, 3)), log_rate=0.0)
     with pytest.raises(StudyError, match=r"free_s=-1\.0; it must be above 0"):
         study.parts(study.settings(options={"free_s": "-1"}))
     with pytest.raises(StudyError, match="test_s=1; it must be above 2"):

@@ -111,7 +111,11 @@ def judge(
     """Calibrate methods on multi-sines, free and loaded; judge them on steps, free and loaded."""
     twin = WristTwin(WristParameters.from_dict(specimen), arm=instrument, seed=number)
     seed = 4 * number
-    training = motions.calibrating(twin, free_s, loaded_s, seed)
+    twin.home()
+    training = [
+        motions.record(twin, motions.paused_sines, seconds, seed + n, load=bool(n))
+        for n, seconds in enumerate((free_s, loaded_s))
+    ]
     tests = {
         name: motions.record(twin, motions.steps, test_s, seed + 2 + n, load=bool(n))
         for n, name in enumerate(TESTS)
@@ -152,7 +156,7 @@ def judge(
 
 def estimates(
     method: Method,
-    recordings: tuple[Recording, Recording],
+    recordings: Sequence[Recording],
     tests: Mapping[str, Recording],
     runs: Physical,
 ) -> dict[str, tuple[Array, Array]]:

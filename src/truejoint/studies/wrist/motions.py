@@ -7,10 +7,8 @@ from collections.abc import Callable
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
-from truejoint.errors import TruejointError
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.twin import glide
@@ -31,6 +29,7 @@ _PRESSED: Final = (0.06, 0.2)  # [rad] by which they are asked to close beyond i
 _FREE: Final = -0.3  # [rad] by which what is between them is out of their reach
 _FORCE: Final = 2.0  # [N] of a push at the tip, at most
 _PUSH: Final = (0.6, 2.0)  # [s]
+_EVERY: Final = 5  # milliseconds from row to row of a recording
 
 
 def joints(pose: Array) -> Array:
@@ -121,40 +120,15 @@ def pushes(rows: int, seed: int) -> Array:
     return force
 
 
-def record_wrist(
-    twin: WristTwin, setpoint: ArrayLike, *, log_rate: float = 200.0, session: str = ""
-) -> Recording:
-    """Record a homed twin along set-points (n, n_joints) [rad] at 1 kHz, a row at `log_rate` [Hz].
-
-    Columns are ``measured``, ``effort``, ``motor`` and ``truth`` of every joint, tensions where
-    they are measured, and what no laboratory has: ``truth_exact`` of the joints and ``truth_load``,
-    torques [Nm] of grip and tip. Raises what `WristTwin.run` does, and TruejointError unless the
-    rate is above 0.
-    """
-    if not log_rate > 0.0:
-        raise TruejointError(f"a log rate of {log_rate} Hz; it must be above 0")
-    run = twin.run(setpoint)
-    every = max(1, round(1.0 / (SETPOINT_DT * log_rate)))
-    columns = {"t": run.t, **run.columns()}
-    columns |= {f"truth/{name}": run.truth.position[:, k] for k, name in enumerate(run.truth.name)}
-    provenance = Provenance(
-        robot=twin.robot.name,
-        arm=twin.robot.arm,
-        source=f"virtual wrist, seed {twin.seed}",
-        session=session,
-        homing_id=f"seed {twin.seed}, homing {twin.homing_count}",
-        load=twin.load,
-        rates={"state": 1.0 / (every * SETPOINT_DT)},
-    )
-    return Recording.from_columns({k: v[::every] for k, v in columns.items()}, provenance)
-
-
 def record(
     twin: WristTwin, motion: Callable[[float, int], Array], seconds: float, seed: int, load: bool
 ) -> Recording:
     """Record a homed twin along a motion, free or with `grips` and `pushes`.
 
-    It glides to where the motion begins, which is not recorded.
+    It glides to where the motion begins, which is not recorded. Columns are ``measured``,
+    ``effort``, ``motor`` and ``truth`` of every joint, tensions where they are measured, and what
+    no laboratory has: ``truth_exact`` of the joints and ``truth_load``, torques [Nm] of grip and
+    tip. Raises what `WristTwin.run` does.
     """
     pose, held = motion(seconds, seed), None
     if load:
@@ -164,20 +138,22 @@ def record(
     if held is not None:
         twin.held = later(twin.time, held)
         twin.tip_force = later(twin.time, pushes(len(pose), seed))
-    kind = f"{motion.__name__} {'loaded' if load else 'free'} {seed}"
     try:
-        return record_wrist(twin, path, session=kind)
+        run = twin.run(path)
     finally:
         twin.held = twin.tip_force = None
-
-
-def calibrating(
-    twin: WristTwin, free_s: float, loaded_s: float, seed: int
-) -> tuple[Recording, Recording]:
-    """Record a twin, which is homed first, along `paused_sines`: free, and under loads."""
-    twin.home()
-    free = record(twin, paused_sines, free_s, seed, load=False)
-    return free, record(twin, paused_sines, loaded_s, seed + 1, load=True)
+    columns = {"t": run.t, **run.columns()}
+    columns |= {f"truth/{name}": run.truth.position[:, k] for k, name in enumerate(run.truth.name)}
+    provenance = Provenance(
+        robot=twin.robot.name,
+        arm=twin.robot.arm,
+        source=f"virtual wrist, seed {twin.seed}",
+        session=f"{motion.__name__} {'loaded' if load else 'free'} {seed}",
+        homing_id=f"seed {twin.seed}, homing {twin.homing_count}",
+        load=twin.load,
+        rates={"state": 1.0 / (_EVERY * SETPOINT_DT)},
+    )
+    return Recording.from_columns({k: v[::_EVERY] for k, v in columns.items()}, provenance)
 
 
 def later(start: float, values: Array) -> Callable[[Array], Array]:
