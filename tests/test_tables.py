@@ -1,13 +1,11 @@
 import math
 
-import pandas as pd
 import pytest
 
 from truejoint.tables import (
     decimals_for,
     fixed,
     percent_text,
-    pivot,
     share_text,
     shown,
     spread_text,
@@ -51,19 +49,3 @@ def test_a_share_is_not_rounded_to_nothing_nor_to_all() -> None:
     assert [share_text(x) for x in (0.0, 0.004, 0.042, 0.53, 0.997, 1.0)] == [
         "0 %", "0.4 %", "4.2 %", "53 %", "99.7 %", "100 %",
     ]  # fmt: skip
-
-
-def test_a_pivot_shows_median_and_largest_in_the_order_of_the_frame() -> None:
-    frame = pd.DataFrame(
-        {
-            "model": ["b", "b", "b", "a"],
-            "load": [2, 2, 2, 2],
-            "joint": ["y", "x", "x", "x"],
-            "rms": [1.0, 2.0, 4.0, 5.0],
-        }
-    )
-    table = pivot(frame, ("model", "load"), "joint", "rms", scale=10.0, decimals=0, title="RMS")
-    assert table.header == ("model, load", "y", "x")
-    assert table.rows == (("b, 2", "10 (10)", "30 (40)"), ("a, 2", "\N{EN DASH}", "50 (50)"))
-    counts = pivot(frame, "model", "joint", "rms", cell=lambda values: str(len(values)))
-    assert counts.rows == (("b", "1", "2"), ("a", "0", "1"))

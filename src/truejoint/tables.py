@@ -1,12 +1,11 @@
-"""Numbers and tables as people read them: digits, one cell rule, one pivot of tidy rows."""
+"""Numbers and tables as people read them: digits, one cell rule, a table for terminal and page."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from functools import partial
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from rich import box
@@ -14,9 +13,6 @@ from rich import table as rich_table
 from rich.text import Text
 
 from truejoint.array_types import Array
-
-if TYPE_CHECKING:  # importing pandas takes half a second
-    from pandas import DataFrame
 
 DASH: Final = "\N{EN DASH}"
 _CELL: Final = 24
@@ -114,61 +110,6 @@ class Table:
         rule = [":---", *["---:"] * (len(self.header) - 1)]
         lines = [_line(cells) for cells in (self.header, rule, *self.rows)]
         return "\n".join([f"**{self.title}**", "", *lines, *(f"\n{n}" for n in self.notes), ""])
-
-
-def pivot(
-    frame: DataFrame,
-    rows: str | Sequence[str],
-    columns: str,
-    value: str,
-    *,
-    title: str = "",
-    notes: Sequence[str] = (),
-    scale: float = 1.0,
-    decimals: int = 2,
-    cell: Callable[[Array], str] | None = None,
-) -> Table:
-    """Lay a tidy frame out as a table: a cell for all values of a row and a column.
-
-    Parameters
-    ----------
-    frame : DataFrame
-        One row per value.
-    rows : str or sequence of str
-        Columns whose texts, joined by commas, name a row.
-    columns, value : str
-        Column whose texts head the table, and that of the values. Both stand in the order of the
-        frame.
-    title, notes : str, sequence of str
-        Of the table.
-    scale : float
-        Factor from the frame's unit to that of the table.
-    decimals : int
-        Of each number.
-    cell : callable, optional
-        Text of values (n,), by default their median and, in brackets, the largest.
-
-    Examples
-    --------
-    >>> import pandas as pd
-    >>> frame = pd.DataFrame({"model": list("aabb"), "joint": list("xyxy"), "rms": [1, 2, 3, 4.0]})
-    >>> pivot(frame, "model", "joint", "rms", decimals=1, title="RMS [deg]").rows[1]
-    ('b', '3.0 (3.0)', '4.0 (4.0)')
-    """
-    keys = [rows] if isinstance(rows, str) else list(rows)
-    cell = cell or partial(median_text, decimals=decimals)
-    heads = list(dict.fromkeys(frame[columns]))
-    groups = {
-        key: scale * group.to_numpy(dtype=float)
-        for key, group in frame.groupby([*keys, columns], sort=False)[value]
-    }
-    names = dict.fromkeys(key[:-1] for key in groups)
-    empty = np.empty(0)
-    body = [
-        (", ".join(map(str, name)), *(cell(groups.get((*name, head), empty)) for head in heads))
-        for name in names
-    ]
-    return Table(title, (", ".join(keys), *map(str, heads)), tuple(body), tuple(notes))
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -57,12 +57,6 @@ class SetpointFollower:
         self._asked = threading.Condition()  # of the stream
         self._stream: _Stream | None = None
 
-    @property
-    def is_following(self) -> bool:
-        """Whether the arm is on its way to a set-point, or waits for the next one."""
-        stream = self._stream
-        return stream is not None and not stream.is_over
-
     def goal(self, command: str) -> Array:
         """Set-point (n_joints,) [rad or m] that a relative `command` starts at.
 
