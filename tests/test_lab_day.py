@@ -212,7 +212,7 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     at = np.isin(corrected[:, 0], raw[:, 0]) & (corrected[:, 0] > max(truth[0, 0], settled))
     t = corrected[at & (corrected[:, 0] < truth[-1, 0]), 0]
     values = [rows[np.searchsorted(rows[:, 0], t), 1:] for rows in (raw, corrected)]
-    used = (values[0] != values[1]).all(axis=1)  # the others were passed through, and said so
+    used = (values[0] != values[1]).all(axis=1)  # the others were in doubt, and said so
     assert used.mean() > 0.3
     t = t[used]
     reached = error(raw, truth, t) / error(corrected, truth, t)

@@ -187,7 +187,7 @@ class Domain:
     Attributes
     ----------
     inside : float
-        Share of the rows that it would correct; in the others the raw position passes through.
+        Share of the rows that it would correct; it would be in doubt in the others.
     flags : mapping of str to float
         Share of the rows by name of `truejoint.runtime.Status`, largest first.
     beyond : float

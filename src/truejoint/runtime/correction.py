@@ -1,4 +1,4 @@
-"""One sample of the control loop: judged, corrected, or passed through as it is.
+"""One sample of the control loop: judged, and put out with a correction that does not leap.
 
 And what a corrector is told between samples: the homing, an offset, that the zero is right.
 """

@@ -74,7 +74,7 @@ class Corrector(Summarised):
 
     Everything is compiled, or taken from the disk, when it is made; `step` allocates nothing,
     raises nothing, and gives the same numbers as `Calibration.correct`. Until `set_homing` says
-    that the robot is homed, positions pass through uncorrected.
+    that the robot is homed, no position is corrected.
 
     Parameters
     ----------

@@ -9,8 +9,8 @@ from typing import Final
 class Status(IntFlag):
     """Bits of the status of one sample; 0 means that its position is corrected.
 
-    With any bit set the measured position passes through as it is, and its half-width is
-    infinite. docs/status.md says what is seen, what happens and when it recovers.
+    With any bit set the half-width is infinite, and the position is what `OnFault` says.
+    docs/status.md says what is seen, what happens and when it recovers.
 
     Examples
     --------

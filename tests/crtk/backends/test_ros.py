@@ -406,6 +406,21 @@ def test_ravens_controller_sends_more_values_than_joints_or_one(quirky, values):
     assert setpoint == pytest.approx(ROBOT.home + 1e-4 * SHOULDER, abs=1e-9)
 
 
+@pytest.mark.parametrize("joint", range(7))
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_each_key_of_ravens_controller_moves_its_joint(quirky, joint, sign):
+    # A key is a burst of a hundred increments: 3 deg/s, 3 deg/s, 10 mm/s, else 10 deg/s, each for
+    # 1 ms (python_controller/run_r2_keyboard_controller.py).
+    speed = np.array([*np.deg2rad([3.0, 3.0]), 0.01, *np.deg2rad([10.0] * 4)])[joint]
+    step = np.zeros(15)
+    step[joint] = sign * speed * 1e-3
+    for _ in range(100):
+        increments(quirky, step)
+    quirky.server._follower._stream.motion.wait(LONG)
+    moved = quirky.arm.setpoint_js(LONG).position - ROBOT.home
+    np.testing.assert_allclose(moved, 100 * step[:7], rtol=0, atol=1e-9)
+
+
 @pytest.mark.parametrize("values", [[1e-4] * 6, [np.nan, *[0.0] * 14], []], ids=str)
 def test_of_an_increment_that_is_none_one_line_tells_and_nothing_moves(quirky, caplog, values):
     with caplog.at_level(logging.WARNING):
