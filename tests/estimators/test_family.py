@@ -144,7 +144,7 @@ def looped(monkeypatch, family: Family) -> Corrector:
     """Corrector in which the row of a family of our own stands for a linear model's."""
     calibration = trained()
     monkeypatch.setattr(Calibration, "family", family)
-    corrector = Corrector(calibration)
+    corrector = Corrector(calibration, on_fault="raw")
     corrector.set_homing(True, "h1")
     return corrector
 

@@ -296,7 +296,7 @@ def test_a_robot_that_refuses_set_points_is_noticed_soon(served, arm, monkeypatc
     monkeypatch.setattr(served.server._follower, "ask", lambda *_: None)
     motion = arm.move_jp(ROBOT.home + 0.5 * SHOULDER, speed=np.full(7, 0.05) * np.sign(ROBOT.upper))
     with pytest.raises(
-        CommandRefused, match="does not take the set-points that are sent: shoulder"
+        CommandRefused, match="does not take the set-points that are sent: shoulder stands"
     ):
         motion.wait()
     assert motion.elapsed < 1.0

@@ -29,7 +29,7 @@ def message():
 def test_the_whole_message_of_an_arm_has_the_names_of_its_files(message, arm):
     _, _, columns, more = message
     robot = get_robot("raven2", arm)
-    read = {name for name in raven_csv._state_columns(robot) if name != "t"}
+    read = {name for name in raven_csv._state(robot) if name != "t"}
     assert {*columns, *more} - {"state/time"} == read
     assert len({*columns, *more}) == 122
 

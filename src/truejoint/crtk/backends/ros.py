@@ -31,7 +31,8 @@ _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home s
 TOLERANCE: Final = {"rad": math.radians(0.15), "m": 1.5e-4}
 """Distance of a joint from its set-point within which it has arrived [rad or m]."""
 _IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
-_ASTRAY: Final = 0.04  # [s] for which the robot's may be another
+_STILL: Final = 0.04  # [s] for which the robot's may stand elsewhere until none is sent
+_GRACE: Final = 0.2  # [s] that it then has to move: a busy computer may have kept it
 _log = logging.getLogger(__name__)
 
 
@@ -114,7 +115,7 @@ class RosBackend:
         self._due = 0.0
         self._sent: Array | None = None
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
-        self._astray = (math.inf, "")  # since when the robot's set-point is another, and which
+        self._astray: tuple[float, Array] | None = None  # since when the set-point stands elsewhere
         self._measured: Array | None = None
         self._tolerance = np.array([tolerance[joint.unit] for joint in robot.joints])
         self._has_commanded = False
@@ -262,14 +263,7 @@ class RosBackend:
             state = self.operating_state()
             if not state.is_ready:
                 raise CommandRefused(f"servo_jp stopped: the arm is {state.state}")
-            since, which = self._astray
-            if time.monotonic() - since > _ASTRAY:
-                self._astray = (math.inf, "")
-                self._in_flight.clear()
-                raise CommandRefused(
-                    f"servo_jp stopped: the robot does not take the set-points that are sent: "
-                    f"{which}; does it refuse them, or does another program command it?"
-                )
+            self._check_taken()
             message = self._transport.stamped(JOINT_STATE, self._transport.now())
             message.position = row.tolist()
             self._has_commanded = True
@@ -278,27 +272,43 @@ class RosBackend:
             self._sent = row
         return len(position)
 
+    def _check_taken(self) -> None:
+        """Wait, and then raise CommandRefused, while the robot's set-point stands elsewhere."""
+
+        def stands() -> bool:
+            return self._astray is not None and time.monotonic() - self._astray[0] > _STILL
+
+        with self._changed:
+            astray = self._astray
+            if astray is None or not stands():
+                return
+            if self._changed.wait_for(lambda: not stands(), _GRACE):
+                return
+            setpoint, sent = astray[1], self._in_flight[-1][1]
+            self._astray = None
+            self._in_flight.clear()
+        k = int(np.argmax(np.abs(setpoint - sent) / self._tolerance))
+        joint = self.robot.joints[k]
+        raise CommandRefused(
+            "servo_jp stopped: the robot does not take the set-points that are sent: "
+            f"{joint.name} stands at {shown(float(setpoint[k]), joint.unit)}, "
+            f"{shown(float(sent[k]), joint.unit)} was sent; see its log"
+        )
+
     def _compare(self, setpoint: Array) -> None:
-        """Keep in mind since when the robot's set-point is none of those on the way to it."""
-        now = time.monotonic()
-        while len(self._in_flight) > 1 and now - self._in_flight[1][0] > _IN_FLIGHT:
-            self._in_flight.popleft()
-        rows = np.array([row for _, row in tuple(self._in_flight)])
-        if not len(rows) or now - self._in_flight[-1][0] > _IN_FLIGHT or self._profile.no_setpoint:
-            self._astray = (math.inf, "")
+        """Keep in mind since when the robot's set-point stands off the way of those sent."""
+        now, in_flight = time.monotonic(), self._in_flight
+        while len(in_flight) > 1 and now - in_flight[1][0] > _IN_FLIGHT:
+            in_flight.popleft()
+        if not in_flight or now - in_flight[-1][0] > _GRACE + _IN_FLIGHT:
+            self._astray = None  # nothing is being sent
             return
+        rows = np.array([row for _, row in tuple(in_flight)])
         nearest = np.clip(setpoint, rows.min(axis=0), rows.max(axis=0))
-        wrong = np.abs(setpoint - nearest) > self._tolerance
-        if not wrong.any():
-            self._astray = (math.inf, "")
-        elif self._astray[0] == math.inf:
-            joint = self.robot.joints[int(np.argmax(wrong))]
-            k = self.robot.joint_names.index(joint.name)
-            which = (
-                f"{joint.name} is to go to {shown(float(setpoint[k]), joint.unit)}, "
-                f"{shown(float(rows[-1, k]), joint.unit)} was sent"
-            )
-            self._astray = (now, which)
+        if self._profile.no_setpoint or (np.abs(setpoint - nearest) <= self._tolerance).all():
+            self._astray = None
+        elif self._astray is None or not np.array_equal(setpoint, self._astray[1]):
+            self._astray = (now, setpoint)
 
     def flush(self, timeout: float = ARRIVAL) -> str:
         """Return once the robot's set-point and its joints are where they were sent.
