@@ -314,7 +314,7 @@ def doubting(lagging_arm, spans):
         return Status.IMPLAUSIBLE if any(a <= k < b for a, b in spans) else Status.OK
 
     told.step = step
-    wanted = lagging_arm.robot.home[2] + np.linspace(0.0, 0.02, 8000)
+    wanted = lagging_arm.robot.home[2] + np.linspace(0.0, 0.02, 12_000)
     return Compensator(told, lagging_arm.robot, lag=0.02), wanted[:, None], steps
 
 
@@ -327,7 +327,7 @@ def test_a_short_fall_back_is_told_once_and_passes(lagging_arm, caplog):
     assert not loop.falls_back
 
 
-@pytest.mark.parametrize("spans", [[(1.0, 99.0)], [(k, k + 1.0) for k in np.arange(0.5, 9, 1.8)]])
+@pytest.mark.parametrize("spans", [[(1.0, 99.0)], [(k, k + 1.0) for k in np.arange(0.5, 9, 2.6)]])
 def test_a_fall_back_that_lasts_or_comes_again_and_again_ends_the_motion(lagging_arm, spans):
     loop, wanted, steps = doubting(lagging_arm, spans)
     with pytest.raises(CommandRefused, match=r"others IMPLAUSIBLE \(the correction .* lower its"):
@@ -335,6 +335,17 @@ def test_a_fall_back_that_lasts_or_comes_again_and_again_ends_the_motion(lagging
     if len(spans) == 1:
         assert len(steps) / 250.0 == pytest.approx(1.0 + np.log(2.0) + 2.0, abs=0.02)
     assert lagging_arm.operating_state().state == "PAUSED"
+
+
+def test_no_set_point_is_faster_at_the_end_of_a_piece_that_is_no_whole_step(lagging_arm):
+    loop, _, _ = doubting(lagging_arm, [])
+    far = np.tile(lagging_arm.robot.home, (31, 1))
+    far[:, 2] += 0.05 + 1e-6 * np.arange(31)
+    far[0] = lagging_arm.robot.home
+    rows = np.concatenate(list(loop.setpoints(lagging_arm, [far[:10], far[10:21], far[21:]])))
+    assert rows.shape == far.shape
+    step = loop.memory.view("step")[0] / 4
+    assert np.abs(np.diff(rows[:, 2])).max() == pytest.approx(step)
 
 
 def test_what_cannot_work_is_refused_in_one_line():

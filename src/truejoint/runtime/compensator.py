@@ -361,8 +361,6 @@ class Compensator:
                     rows = piece[first : first + period].copy()
                     before, (t, sample) = self.setpoint.copy(), latest.sample()
                     after = self.step(t, sample, rows[-1, joints])
-                    if len(rows) < period:  # at the end of a piece: no faster than elsewhere
-                        after[:] = before + share[len(rows) - 1] * (after - before)
                     if self.falls_back and not is_told:
                         _log.warning("compensator: %s", self.trouble)
                         is_told = True
@@ -375,7 +373,10 @@ class Compensator:
                     if tell is not None:
                         tell(t, rows[-1, joints], self.corrector.position)
                     rows[:, joints] = before + share[: len(rows)] * (after - before)
-                    rows[-1, joints] = after
+                    if len(rows) == period:
+                        rows[-1, joints] = after
+                    else:  # the end of a piece is no faster than the rest
+                        after[:] = rows[-1, joints]
                     yield rows
 
     def _untrusted(self) -> CommandRefused:
