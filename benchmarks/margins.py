@@ -1,6 +1,6 @@
 """How far a compensator's gain, integral and delay may be from its own until it does harm.
 
-    python -m benchmarks.margins [--seconds 30] [--seed 0]
+    python -m benchmarks.margins [--seconds 60] [--seed 0]
 
 A linear model of five minutes of random motion is in the loop around the simulated RAVEN-II like
 that of peng2024, which then moves at random anew in the same homing. One thing at a time is
@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import argparse
 import logging
-from collections import deque
+from collections import Counter, deque
 from typing import Any
 
 import numpy as np
@@ -99,7 +99,11 @@ def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array,
         arm.servo_jp_stream(full) if loop is None else loop.drive(arm, wanted)
     except CommandRefused as refusal:
         at = f"after {sum(map(len, true)) / arm.rate:.0f} s" if on_the_way else "on the way to it"
-        ended = f"{at}: {refusal}".partition(", so it")[0]
+        why = str(refusal)
+        if loop is not None and loop.trouble:
+            doubted = loop.statuses - Counter({Status.OK: loop.statuses[Status.OK]})
+            why = f"fell back, most seen {doubted.most_common(1)[0][0].name}"
+        ended = f"{at}: {why}"
     if not true:
         return np.full((1, wanted.shape[1]), np.nan), ended
     joint = np.concatenate(true)[loop is not None :]  # the loop waits for a sample first
@@ -109,7 +113,7 @@ def errors(arm: Arm, path: Trajectory, loop: Compensator | None) -> tuple[Array,
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seconds", type=float, default=30.0)
+    parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     logging.disable(logging.WARNING)  # what it says on the way

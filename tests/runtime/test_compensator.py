@@ -327,7 +327,7 @@ def test_a_short_fall_back_is_told_once_and_passes(lagging_arm, caplog):
     assert not loop.falls_back
 
 
-@pytest.mark.parametrize("spans", [[(1.0, 99.0)], [(k, k + 1.0) for k in np.arange(0.5, 9, 2.6)]])
+@pytest.mark.parametrize("spans", [[(1.0, 99.0)], [(k, k + 1.0) for k in np.arange(0.5, 9, 2.8)]])
 def test_a_fall_back_that_lasts_or_comes_again_and_again_ends_the_motion(lagging_arm, spans):
     loop, wanted, steps = doubting(lagging_arm, spans)
     with pytest.raises(CommandRefused, match=r"others IMPLAUSIBLE \(the correction .* lower its"):
