@@ -19,7 +19,7 @@ from truejoint.runtime import Compensator, Corrector, Status
 from .export_models import HISTORY, PLAIN, calibration, columns, recording
 from .library import COMPILER, FLAGS, SAME_BITS, compile_c, needs_compiler
 
-HOW = {"rate": 250.0, "lag": 0.05, "believed": Status.OUT_OF_DOMAIN}
+HOW = {"rate": 100.0, "lag": 0.05, "believed": Status.OUT_OF_DOMAIN}
 RUN = """
 #include "m_compensator.h"
 static m_state state;
@@ -54,6 +54,8 @@ def stream(compensator: Compensator, seed: int = 5):
     training = recording(columns(HISTORY, compensator.corrector.joints))
     t, samples = faulty(training.t, training.table[signals].to_numpy(), seed)
     wanted = training.table[signals].to_numpy()[:, compensator.measured] + 0.01
+    t[-200:], samples[-200:] = training.t[-200:], training.table[signals].to_numpy()[-200:]
+    samples[-300:-200] = np.nan  # for a second of the loop
     wanted[200:260] = wanted[199]
     wanted[rng.choice(len(t), 20), 0] = np.nan
     return t, samples, wanted
@@ -83,11 +85,14 @@ def test_a_broken_stream_gives_the_same_set_points(tmp_path, precision):
     pointers = [array.ctypes.data_as(ctypes.c_void_p) for array in given]
     ctypes.CDLL(str(tmp_path / "run.so")).run(n, *pointers)
     compensator.start(start)
+    falls_back = []
     for k in range(n):
         expected = compensator.step(t[k], samples[k].astype(float), wanted[k])
+        falls_back.append(compensator.falls_back)
         if precision == "double":
             assert status[k] == compensator.status
             np.testing.assert_array_equal(setpoint[k], expected, err_msg=f"step {k}")
+    assert set(np.diff(np.array(falls_back, dtype=int))) == {-1, 0, 1}  # and back again
     assert 0.2 < (status & ~int(Status.OUT_OF_DOMAIN) == 0).mean() < 1.0
     np.testing.assert_allclose(setpoint[-1], compensator.setpoint, atol=1e-3)
 

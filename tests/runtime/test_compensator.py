@@ -211,6 +211,143 @@ def test_the_margin_is_that_of_a_simulated_loop(rate, lag):
     assert peaks[0] < 1e-2 < peaks[1]
 
 
+def fallen(compensator, believed):
+    """Whether it has fallen back after each of many steps of an even motion."""
+    found = []
+    for k, is_believed in enumerate(believed):
+        compensator.corrector.status = Status.OK if is_believed else Status.SPIKE
+        compensator.step(k / compensator.rate, [0.0], [1e-6 * k])
+        found.append(compensator.falls_back)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("rate", [250.0, 1000.0])
+def test_it_falls_back_where_half_of_a_second_is_doubted_and_goes_on_by_itself(rate):
+    compensator = Compensator(Told(), FORCEPS, rate=rate, lag=LAG)
+    assert compensator.trouble == ""
+    seconds = round(rate)
+    found = fallen(compensator, [True] * seconds + [False] * seconds + [True] * 2 * seconds)
+    steps = np.flatnonzero(np.diff(found.astype(int))) + 1
+    spent = np.log(2.0)  # [s] until a low-pass of one second has fallen to a half
+    assert steps[0] == pytest.approx((1.0 + spent) * rate, abs=2)
+    trust = np.exp(-1.0)  # after the second that is doubted
+    assert steps[1:] == pytest.approx([(2.0 + np.log((1.0 - trust) / 0.25)) * rate], abs=3)
+    assert not found[-1]
+
+
+@pytest.mark.parametrize(("share", "falls"), [(0.4, True), (0.48, True), (0.52, False)])
+def test_it_falls_back_by_the_share_of_steps(share, falls):
+    compensator = Compensator(Told(), FORCEPS, rate=250.0, lag=LAG)
+    dealt = np.floor(share * np.arange(1, 2501)) > np.floor(share * np.arange(2500))
+    assert fallen(compensator, dealt).any() == falls
+
+
+def test_a_loop_that_falls_back_holds_what_is_lost_and_lets_go_of_the_rest_without_a_leap():
+    told = Told(-0.05)
+    compensator = Compensator(told, FORCEPS, rate=250.0, lag=0.0)
+    compensator.start([0.3])
+    made_up, path, backs = compensator.memory.view("made_up"), [], []
+    for k in range(3500):
+        told.status = Status.OK if k < 500 or k >= 1500 else Status.SPIKE
+        # A motor that stands still: the integral grows until nothing is fed back.
+        path.append(compensator.step(k / 250.0, [0.3], [0.31 + 1e-9 * k])[0])
+        backs.append((compensator.falls_back, made_up[0], compensator.lost[0]))
+    falls = np.flatnonzero([back for back, _, _ in backs])[0]
+    assert np.abs(np.diff(path)).max() < 1e-3
+    assert backs[falls][1] > 0.1
+    assert abs(backs[1499][1]) < 0.04 * backs[falls][1]
+    assert backs[1499][2] == pytest.approx(backs[499][2], abs=1e-12) == pytest.approx(-0.05)
+    assert path[1499] == pytest.approx(0.36, abs=0.01)
+    assert not backs[-1][0]
+    assert "SPIKE (a signal changed faster" not in compensator.trouble
+
+
+def test_a_loop_that_fell_back_before_it_knew_the_joint_begins_as_any_other():
+    told = Told(-0.05, Status.HOMED_AGAIN)
+    compensator = Compensator(told, FORCEPS, rate=250.0, lag=0.0)
+    compensator.start([0.1])
+    path = []
+    for k in range(1500):
+        told.status = Status.HOMED_AGAIN if k < 500 else Status.OK
+        path.append(compensator.step(k / 250.0, [0.1], [0.5 + 1e-6 * k])[0])
+    assert np.abs(np.diff(path)).max() < 0.01
+    assert compensator.knows_lost
+
+
+def test_the_gain_comes_back_slowly_after_a_fall_back():
+    told = Told()
+    compensator = quick(told)
+    fallen(compensator, [True] * 10 + [False] * 300)
+    assert "most of the others SPIKE (a signal changed" in compensator.trouble
+    told.correction, path = np.array([-0.02]), []  # an error that a step feeds back at once
+    told.status = Status.OK
+    for k in range(310, 1500):
+        path.append(compensator.step(k / 250.0, [0.0], [1e-6 * k])[0])
+        if compensator.falls_back:
+            first = len(path)
+    assert np.abs(np.diff(path[first - 1 :])).max() < 0.02 * 2.5 / 50
+    assert path[-1] - path[first - 1] > 0.5 * 0.02 * 1.5
+
+
+@pytest.mark.parametrize(("status", "speed", "falls"), [
+    (Status.FROZEN, 0.0, False), (Status.FROZEN, 1e-6, True), (Status.SPIKE, 0.0, True),
+    (Status.FROZEN | Status.OUT_OF_RANGE, 0.0, True),
+])  # fmt: skip
+def test_signals_that_stand_still_with_their_joint_do_not_count(status, speed, falls):
+    compensator = Compensator(Told(status=status), FORCEPS, rate=250.0, lag=LAG)
+    for k in range(400):
+        compensator.step(k / 250.0, [0.0], [speed * k])
+    assert compensator.falls_back == falls
+
+
+def doubting(lagging_arm, spans):
+    """Loop around an arm whose corrector doubts the steps in some spans [s], and a slow way."""
+    told = Near(0.002)
+    told.made_for = "raven2", "left"
+    told.joints, told.signals = ("insertion",), ("measured/insertion",)
+    steps = []
+
+    def step(t, sample):
+        steps.append(t)
+        told.position = np.asarray(sample) + told.correction
+        k = len(steps) / 250.0
+        return Status.IMPLAUSIBLE if any(a <= k < b for a, b in spans) else Status.OK
+
+    told.step = step
+    wanted = lagging_arm.robot.home[2] + np.linspace(0.0, 0.02, 12_000)
+    return Compensator(told, lagging_arm.robot, lag=0.02), wanted[:, None], steps
+
+
+def test_a_short_fall_back_is_told_once_and_passes(lagging_arm, caplog):
+    loop, wanted, _ = doubting(lagging_arm, [(1.0, 2.0), (4.5, 5.5)])
+    loop.drive(lagging_arm, wanted)
+    (line,) = [record.getMessage() for record in caplog.records]
+    assert line.startswith("compensator: fewer than half of its steps were OK for a second")
+    assert "IMPLAUSIBLE" in line
+    assert not loop.falls_back
+
+
+@pytest.mark.parametrize("spans", [[(1.0, 99.0)], [(k, k + 1.0) for k in np.arange(0.5, 9, 2.8)]])
+def test_a_fall_back_that_lasts_or_comes_again_and_again_ends_the_motion(lagging_arm, spans):
+    loop, wanted, steps = doubting(lagging_arm, spans)
+    with pytest.raises(CommandRefused, match=r"others IMPLAUSIBLE \(the correction .* lower its"):
+        loop.drive(lagging_arm, wanted)
+    if len(spans) == 1:
+        assert len(steps) / 250.0 == pytest.approx(1.0 + np.log(2.0) + 2.0, abs=0.02)
+    assert lagging_arm.operating_state().state == "PAUSED"
+
+
+def test_no_set_point_is_faster_at_the_end_of_a_piece_that_is_no_whole_step(lagging_arm):
+    loop, _, _ = doubting(lagging_arm, [])
+    far = np.tile(lagging_arm.robot.home, (31, 1))
+    far[:, 2] += 0.05 + 1e-6 * np.arange(31)
+    far[0] = lagging_arm.robot.home
+    rows = np.concatenate(list(loop.setpoints(lagging_arm, [far[:10], far[10:21], far[21:]])))
+    assert rows.shape == far.shape
+    step = loop.memory.view("step")[0] / 4
+    assert np.abs(np.diff(rows[:, 2])).max() == pytest.approx(step)
+
+
 def test_what_cannot_work_is_refused_in_one_line():
     with pytest.raises(CommandRefused, match=r"50 Hz is too slow for a gain of 1.5 .* lags by 19"):
         quick(Told(), rate=50.0)

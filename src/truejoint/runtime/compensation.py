@@ -14,6 +14,8 @@ LAYOUT.integer("n_joints", "that are compensated")
 STATUS: Final = LAYOUT.integer("status", "bits that the corrector gave for this sample")
 LAYOUT.integer("doubted", "bits with which a sample is not believed")
 KNOWS_LOST: Final = LAYOUT.integer("knows_lost", "whether a sample was believed")
+LAYOUT.integer("still", "bits that do not count where nothing is wanted to move")
+FALLS_BACK: Final = LAYOUT.integer("falls_back", "whether nothing is fed back for want of trust")
 
 LAYOUT.scalar("lead", "steps by which set-points are ahead of what is wanted")
 GAIN: Final = LAYOUT.scalar("gain", "share of the remaining error that is added")
@@ -21,6 +23,9 @@ LAYOUT.scalar("share", "of the low-pass of what is lost, a step")
 LAYOUT.scalar("integral", "share of the remaining error made up for, a step")
 LAYOUT.scalar("settle", "share of the way that is gone a step, standing still")
 LAYOUT.scalar("dead_band", "error let be where a joint stands still [rad or m]")
+LAYOUT.scalar("forget", "share of a low-pass of a second, a step")
+TRUST: Final = LAYOUT.scalar("trust", "share of steps that were believed, low-passed")
+WEIGHT: Final = LAYOUT.scalar("weight", "of gain and share, less than 1 after a fall-back")
 
 LAYOUT.array("wanted", "at the next step [rad or m]", "n_joints")
 LAYOUT.array("measured", "of this sample [rad or m]", "n_joints")
@@ -35,6 +40,10 @@ LAYOUT.array("step", "longest step of the set-point [rad or m]", "n_joints")
 LAYOUT.integers("is_limited", "1 where a limit held the set-point back", "n_joints")
 LAYOUT.integers("rests", "1 where a joint stands within the dead band", "n_joints")
 
+LEAST_TRUST: Final = 0.5
+"""Share of steps that must be believed, or the compensator falls back."""
+ENOUGH_TRUST: Final = 0.75
+"""Share of steps with which it feeds back again."""
 
 unpack = LAYOUT.unpacker()
 
@@ -44,6 +53,9 @@ def begin(numbers: Integers, memory: Array) -> None:
     """Begin at rest from the set-points in the memory."""
     m = unpack(numbers, memory)
     numbers[KNOWS_LOST] = 0
+    numbers[FALLS_BACK] = 0
+    memory[TRUST] = 1.0
+    memory[WEIGHT] = 1.0
     for k in range(m.n_joints):
         m.last_wanted[k] = nan
         m.lost[k] = 0.0
@@ -61,16 +73,38 @@ def compensate(numbers: Integers, memory: Array) -> None:
     for k in range(m.n_joints):
         if not isfinite(m.correction[k]):
             believed = False
-    if believed:
+    if believed and not m.falls_back:
         numbers[KNOWS_LOST] = 1
+    moves = False
     for k in range(m.n_joints):
         wanted, last = m.wanted[k], m.last_wanted[k]
         before = wanted if isnan(last) else last
         goal = wanted if isfinite(wanted) else before
         if isfinite(goal):
-            fed_back = feed_back(numbers, memory, k, known, before, goal) if believed else 0.0
+            moves = moves or goal != before
+            fed_back = 0.0
+            if m.falls_back:
+                m.made_up[k] -= m.forget * m.made_up[k]
+            elif believed:
+                fed_back = feed_back(numbers, memory, k, known, before, goal)
             ahead = goal + m.lead * (goal - before) + fed_back
             go_on(numbers, memory, k, before, goal, ahead)
+    if believed or moves or (m.status & m.doubted) != m.still:
+        judge(numbers, memory, 1.0 if believed else 0.0)
+
+
+@compiled
+def judge(numbers: Integers, memory: Array, believed: float) -> None:
+    """Count a step that was `believed`, 1, or not, 0, and fall back or go on by the share."""
+    m = unpack(numbers, memory)
+    trust = m.trust + m.forget * (believed - m.trust)
+    memory[TRUST] = trust
+    if trust < LEAST_TRUST:
+        numbers[FALLS_BACK] = 1
+    elif trust > ENOUGH_TRUST:
+        numbers[FALLS_BACK] = 0
+    grown = m.weight + m.forget * (1.0 - m.weight)
+    memory[WEIGHT] = 0.0 if numbers[FALLS_BACK] else grown
 
 
 @compiled
@@ -86,11 +120,11 @@ def feed_back(
         if m.integral > 0.0:  # the first set-point is that which is there
             m.made_up[k] = m.setpoint[k] - before + m.correction[k]
     else:
-        m.lost[k] = m.lost[k] + m.share * (m.correction[k] - m.lost[k])
+        m.lost[k] = m.lost[k] + m.share * m.weight * (m.correction[k] - m.lost[k])
         if m.is_limited[k] == 0 and not is_near:
             m.made_up[k] += m.integral * missing
     m.rests[k] = 1 if goal == before and is_near else 0
-    return float(m.gain * missing)
+    return float(m.gain * m.weight * missing)
 
 
 @compiled

@@ -6,6 +6,7 @@ compensator adds that loss, as the corrector tells it, and what is still missing
 
 from __future__ import annotations
 
+import logging
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -41,8 +42,10 @@ SETTLING: Final = 0.1
 backlash would make a loop swing there that is quick enough for reversals."""
 _LOOK: Final = 0.1  # [s] for which an arm is looked at before its joints are moved
 _PATIENCE: Final = 0.2  # [s] for which a set-point may stand at the end of a joint's range
+_LASTING: Final = 2.0  # [s] of fall-back, less half of the time between, that end a motion
 _UNREAD: Final = Status.WRONG_SIZE | Status.OTHER_THREAD  # of a sample that may be anything
 _INTEGRAL_TIMES: Final = 4.0  # after which a joint has come to where it is wanted
+_log = logging.getLogger(__name__)
 _Listener = Callable[[float, Array, Array], None]
 
 
@@ -87,6 +90,11 @@ class Compensator:
     corrector's status is not OK both are held, and nothing is fed back; before it first was, the
     set-points go as far as what is wanted goes. Where a joint is wanted to stand still, they go on
     slowly.
+
+    Where fewer than half of the steps of about a second were OK, a low-pass of one second, the loop
+    falls back: nothing is fed back, `lost` stays as it was last learnt, and the integral fades
+    within seconds. Signals that stand still with a joint that shall do so do not count. Once three
+    quarters are OK it feeds back again.
 
     By default the loop is slow, and makes up for what changes slowly: errors of cables, and what
     friction and load keep a motor from its set-point. An estimator that knows the joint within
@@ -133,7 +141,7 @@ class Compensator:
     status : Status
         Of the last sample.
     statuses : Counter of Status
-        How many steps along an arm's way had each status.
+        How many steps had each status.
 
     Raises
     ------
@@ -178,7 +186,8 @@ class Compensator:
         joints = robot.index(inner.joints)
         top = np.array([robot.joints[i].max_speed for i in joints])
         self.memory: Final = at.LAYOUT.pack(
-            doubted=~int(believed), lead=lag * rate, gain=gain,
+            doubted=~int(believed), still=int(Status.FROZEN), lead=lag * rate, gain=gain,
+            forget=1.0 / (1.0 + rate),
             share=1.0 / (1.0 + time_constant * rate), integral=1.0 / (integral_time * rate),
             settle=1.0 / (1.0 + SETTLING * rate), dead_band=dead_band,
             lower=robot.lower[joints], upper=robot.upper[joints],
@@ -222,6 +231,24 @@ class Compensator:
         """Whether the corrector was believed since the start."""
         return bool(self.memory.numbers[at.KNOWS_LOST])
 
+    @property
+    def falls_back(self) -> bool:
+        """Whether nothing is fed back, as too few of the last second's steps were OK."""
+        return bool(self.memory.numbers[at.FALLS_BACK])
+
+    @property
+    def trouble(self) -> str:
+        """Why it falls back, and by which status most, for a person; empty where it does not."""
+        if not self.falls_back:
+            return ""
+        doubted = ~int(self._how["believed"])
+        seen = [status for status in self.statuses if status & doubted] or [self.status]
+        most = max(seen, key=self.statuses.__getitem__)
+        return (
+            "fewer than half of its steps were OK for a second, and most of the others "
+            f"{most.name} ({most.words}), so it feeds nothing back"
+        )
+
     def start(self, setpoint: ArrayLike) -> None:
         """Begin at rest from set-points (n_joints,) [rad or m] that the arm already has."""
         self.setpoint[:] = setpoint
@@ -240,6 +267,7 @@ class Compensator:
             self._measured[:] = np.asarray(sample, dtype=np.float64)[self.measured]
         np.add(self.corrector.correction, self.corrector.offset, out=self._correction)
         compensate(self.memory.numbers, self.memory.memory)
+        self.statuses[self.status] += 1
         return self.setpoint
 
     def approach(self, arm: Arm, wanted: ArrayLike) -> None:
@@ -260,10 +288,7 @@ class Compensator:
         pieces = self.setpoints(arm, [*law.blocks(arm.rate), rest])
         arm.stream(pieces, law.duration + settled, "approach").wait()
         if not self.knows_lost:
-            raise CommandRefused(
-                f"compensator: it is not known where the joints are: {self.status.name}; home the "
-                "arm, re-zero the model after the homing, and stay where it was trained"
-            )
+            raise self._untrusted()
 
     def drive(self, arm: Arm, wanted: ArrayLike, tell: _Listener | None = None) -> None:
         """Put an arm's joints where they are `wanted`, row by row; blocks.
@@ -307,7 +332,8 @@ class Compensator:
         ------
         CommandRefused
             If the rate does not divide the arm's, or the arm does not report a signal; on the way,
-            if a set-point stands at the end of its joint's range for 0.2 s.
+            if a set-point stands at the end of its joint's range for 0.2 s, or if the loop falls
+            back for 2 s more than half of the time between; that it does is logged once.
         """
         period = arm.rate / self.rate
         if round(period) < 1 or abs(period - round(period)) > 1e-9 * period:
@@ -328,21 +354,38 @@ class Compensator:
         self.corrector.release()  # to the thread that moves the arm
         share = np.arange(1, period + 1)[:, None] / period
         held = np.zeros(len(joints))  # for so many steps
+        lasts, is_told = 0.0, False
         with latest:
             for piece in pieces:
                 for first in range(0, len(piece), period):
                     rows = piece[first : first + period].copy()
                     before, (t, sample) = self.setpoint.copy(), latest.sample()
                     after = self.step(t, sample, rows[-1, joints])
-                    self.statuses[self.status] += 1
+                    if self.falls_back and not is_told:
+                        _log.warning("compensator: %s", self.trouble)
+                        is_told = True
+                    lasts = lasts + 1.0 if self.falls_back else max(lasts - 0.5, 0.0)
+                    if lasts > _LASTING * self.rate:
+                        raise self._untrusted()
                     held = np.where(self.at_limit, held + 1, 0)
                     if held.max() > _PATIENCE * self.rate:
                         raise self._unreachable(int(np.argmax(held)))
                     if tell is not None:
                         tell(t, rows[-1, joints], self.corrector.position)
                     rows[:, joints] = before + share[: len(rows)] * (after - before)
-                    rows[-1, joints] = after
+                    if len(rows) == period:
+                        rows[-1, joints] = after
+                    else:  # the end of a piece is no faster than the rest
+                        after[:] = rows[-1, joints]
                     yield rows
+
+    def _untrusted(self) -> CommandRefused:
+        """Error that the corrector is not believed, now or ever."""
+        why, advice = self.trouble, "lower its gain, lengthen its integral time"
+        if not self.knows_lost:
+            why = f"it is not known where the joints are: {self.status.name}"
+            advice = "home the arm, re-zero the model after the homing"
+        return CommandRefused(f"compensator: {why}; {advice}, and stay where it was trained")
 
     def _unreachable(self, k: int) -> CommandRefused:
         """Error that no set-point takes the joint `k` of the corrector's where it is wanted."""
