@@ -60,7 +60,6 @@ ASKED = {
     "spatial/servo_cf": WrenchStamped, "body/set_cf_orientation_absolute": Bool,
     "use_gravity_compensation": Bool, "trajectory_j/set_ratio": Float64,
 }  # fmt: skip
-QUIET = ("body/measured_cf", "spatial/measured_cf")  # a twin does not know the tool's forces
 
 
 def service(kind, text):
@@ -116,7 +115,7 @@ class Client:
             lambda: all(one.get_num_connections() for one in every),
             "somebody at " + ", ".join(o.name for o in every if not o.get_num_connections()),
         )
-        until(lambda: all(self.said[n] for n in SAYS if n not in QUIET), "what the arm says")
+        until(lambda: all(self.said.values()), "what the arm says")
         self.forward, self.local_forward, self.inverse = (
             rospy.ServiceProxy(f"{space}/{name}", service(f"crtk_msgs/{kind}", text))
             for name, kind, text in (
@@ -198,6 +197,11 @@ def check_kinematics(arm):
         sizes = [dimension.size for dimension in arm.last(name).layout.dim]
         check(sizes == [6, len(joints)], f"{name} is {sizes}")
         check(len(arm.last(name).data) == 6 * len(joints), f"{name} has {arm.last(name).data}")
+    for name in ("body/measured_cf", "spatial/measured_cf"):
+        stamp = arm.last(name).header.stamp.to_sec()
+        check(
+            stamp == 0.0, f"{name} is stamped {stamp}, but a twin does not know the tool's forces"
+        )
 
 
 def main():

@@ -50,7 +50,7 @@ _RATIO: Final = "trajectory_j/ratio"  # of the moves' speed; dVRK's own too
 _JACOBIANS: Final[Mapping[str, cartesian.Frame]] = {
     "jacobian": "tool", "body/jacobian": "body", "spatial/jacobian": "spatial",
 }  # fmt: skip
-_SILENT: Final = ("body/measured_cf", "spatial/measured_cf")  # no twin knows the tool's forces
+_UNKNOWN: Final = ("body/measured_cf", "spatial/measured_cf")  # no twin knows the tool's forces
 _LOCAL: Final = "local/"  # the arm's own frame, which is that of all its topics
 _QUERIES: Final = {
     "forward_kinematics": FORWARD, "local/forward_kinematics": FORWARD,
@@ -119,7 +119,7 @@ class ArmServer:
             self._kinds |= poses | {"measured_cv": _TWIST}
             if not self._profile.swapped:
                 self._kinds |= {_LOCAL + name: kind for name, kind in poses.items()}
-                self._kinds |= dict.fromkeys(_JACOBIANS, _ARRAY) | dict.fromkeys(_SILENT, _WRENCH)
+                self._kinds |= dict.fromkeys(_JACOBIANS, _ARRAY) | dict.fromkeys(_UNKNOWN, _WRENCH)
                 self._kinds[_RATIO] = _NUMBER
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
@@ -260,6 +260,8 @@ class ArmServer:
 
         def carry_out() -> None:
             try:
+                if message.string.endswith("home"):  # not a stream's last moments are in its way
+                    self._follower.stop()
                 self._arm.state_command(message.string)
             except TruejointError as refusal:
                 level = logging.INFO if isinstance(refusal, MotionStopped) else logging.WARNING
@@ -368,6 +370,8 @@ class ArmServer:
             joint = block.measured[0, robot.joint_channels]
             rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
             self._publishers[name].publish(self._array(rows))
+        for name in filter(self._is_read, _UNKNOWN):
+            self._publishers[name].publish(self._transport.message(_WRENCH))  # stamp 0: not valid
 
     def _array(self, rows: Array) -> Any:
         """Message of a matrix (m, n), row by row."""

@@ -412,6 +412,7 @@ def test_jacobians_are_published_row_by_row(served, arm):
     ]
     assert np.reshape(message.data, (6, 7)) == pytest.approx(rows, abs=1e-6)
     assert served.ros.last["/arm1/trajectory_j/ratio"].data == 1.0
+    assert served.ros.wait_for("/arm1/body/measured_cf", lambda m: True).header.stamp == 0.0
 
 
 @pytest.mark.parametrize("name", ["free", "servo_jf"])
@@ -434,6 +435,12 @@ def test_the_state_is_said_on_change_and_ten_times_a_second(served, arm):
     end()
     times = np.array([m.header.stamp for m in stamps])
     assert np.diff(times).min() > 0.09
+
+
+def test_the_end_of_a_stream_is_not_in_the_way_of_unhoming(served, arm):
+    served.say("servo_jp", position=(ROBOT.home + 1e-4 * SHOULDER).tolist())
+    served.say("state_command", "crtk_msgs/StringStamped", string="unhome")
+    served.ros.wait_for(STATE, lambda m: not m.is_homed)
 
 
 def increments(served, values):
