@@ -31,6 +31,9 @@ _FIELDS: dict[str, dict[str, Any]] = {
         )
     },
     "geometry_msgs/WrenchStamped": {},
+    "std_msgs/Float64": {"data": 0.0},
+    "std_msgs/Float64MultiArray": {"layout": SimpleNamespace(dim=[]), "data": []},
+    "std_msgs/MultiArrayDimension": {"label": "", "size": 0, "stride": 0},
     "geometry_msgs/PoseStamped": {"pose": SimpleNamespace(**_pose("position", "orientation"))},
     "geometry_msgs/TransformStamped": {
         "transform": SimpleNamespace(**_pose("translation", "rotation"))
@@ -51,6 +54,7 @@ class LocalRos:
     def __init__(self) -> None:
         self.is_over = False
         self.kinds: dict[str, str] = {}
+        self.services: dict[str, Callable[[Any, Any], None]] = {}
         self.readers: dict[str, list[Callable[[Any], None]]] = {}
         self.last: dict[str, Any] = {}
         self._told = threading.Condition()
@@ -81,6 +85,10 @@ class LocalRos:
         assert self.kinds.get(topic, kind) == kind, f"{topic} is {self.kinds[topic]}, not {kind}"
         self.readers.setdefault(topic, []).append(callback)
         return lambda: self.readers[topic].remove(callback)
+
+    def serve(self, name: str, kind: str, answer: Callable[[Any, Any], None]) -> Any:
+        self.services[name] = answer
+        return lambda: self.services.pop(name)
 
     def topics(self) -> dict[str, str]:
         return dict(self.kinds)

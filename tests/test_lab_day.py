@@ -318,7 +318,7 @@ def test_others_tools_read_what_is_published(robot):
     assert "gold_shoulder" in done.stdout
 
 
-def test_a_crtk_client_moves_it_by_its_own_calls(robot):
+def test_clients_of_crtk_and_dvrk_move_it_by_their_own_calls(simulator):
     """In a program of its own, on Debian's Python, which knows nothing of truejoint."""
     client = Path(__file__).with_name("crtk_client.py")
     done = subprocess.run(  # noqa: S603 - a line of our own
@@ -326,7 +326,6 @@ def test_a_crtk_client_moves_it_by_its_own_calls(robot):
         capture_output=True, text=True, timeout=600, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert robot.operating_state().state == "ENABLED"
 
 
 def test_a_master_that_starts_anew_is_told_all_topics(master, ros, robot):

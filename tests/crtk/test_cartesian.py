@@ -54,6 +54,19 @@ def test_twist_and_jacobian_are_the_change_of_the_pose(lagging_arm):
     assert lagging_arm.measured_cv() == pytest.approx(jacobian @ measured.velocity, abs=1e-12)
 
 
+@pytest.mark.parametrize("frame", ["body", "spatial"])
+def test_the_jacobians_of_both_frames_are_the_change_of_the_pose(frame):
+    # Murray, Li and Sastry 1994, 2.4: the inverse of the pose times its derivative, or other way.
+    kinematics, joint, step = DVRK.kinematics, INSIDE["dvrk_psm"], 1e-6
+    found = cartesian.jacobian(kinematics, joint, frame)
+    for k in range(len(joint)):
+        low, high = (cartesian.pose(kinematics, joint + s * step * np.eye(7)[k]) for s in (-1, 1))
+        change, here = (high - low) / (2.0 * step), np.linalg.inv(cartesian.pose(kinematics, joint))
+        twist = here @ change if frame == "body" else change @ here
+        moved = [*twist[:3, 3], twist[2, 1], twist[0, 2], twist[1, 0]]
+        assert found[:, k] == pytest.approx(moved, abs=1e-8)
+
+
 def test_servo_in_space_goes_where_it_is_told(lagging_arm):
     start = lagging_arm.setpoint_cp()
     step = np.eye(4)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +12,7 @@ from truejoint.array_types import Array
 from truejoint.robots.chain import rigid
 from truejoint.robots.parts import Kinematics
 
+Frame = Literal["tool", "body", "spatial"]
 # Between two points of a straight line the joints go straight: 2 mm or 2 deg apart the tool
 # strays by micrometres.
 _SPACING: Final = 2e-3
@@ -23,11 +24,22 @@ def pose(kinematics: Kinematics, joint: ArrayLike) -> Array:
     return np.asarray(kinematics.crtk_from_base @ kinematics.forward(joint))
 
 
-def jacobian(kinematics: Kinematics, joint: ArrayLike) -> Array:
-    """Geometric Jacobian (..., 6, n_joints) at the tool: velocity over angular velocity."""
-    turned = kinematics.crtk_from_base[:3, :3]
-    rows = kinematics.jacobian(joint)
-    return np.concatenate([turned @ rows[..., :3, :], turned @ rows[..., 3:, :]], axis=-2)
+def jacobian(kinematics: Kinematics, joint: ArrayLike, frame: Frame = "tool") -> Array:
+    """Geometric Jacobian (..., 6, n_joints): velocity over angular velocity.
+
+    The velocity is that of the tool's point along the axes of the CRTK topics, or along the tool's
+    own (``"body"``), or that of the point of the tool which passes the origin (``"spatial"``), as
+    R. Murray, Z. Li and S. Sastry have it (A Mathematical Introduction to Robotic Manipulation,
+    1994, 2.4).
+    """
+    rows, turned = kinematics.jacobian(joint), kinematics.crtk_from_base[:3, :3]
+    if frame == "body":
+        turned = np.swapaxes(pose(kinematics, joint)[..., :3, :3], -1, -2) @ turned
+    velocity, turning = turned @ rows[..., :3, :], turned @ rows[..., 3:, :]
+    if frame == "spatial":
+        place = pose(kinematics, joint)[..., :3, 3:]
+        velocity = velocity - np.cross(turning, place, axis=-2)
+    return np.concatenate([velocity, turning], axis=-2)
 
 
 def joints_at(kinematics: Kinematics, target: ArrayLike, seed: Array) -> Array:

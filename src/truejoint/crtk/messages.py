@@ -75,6 +75,28 @@ DEFINITIONS: Final[Mapping[str, str]] = {
 """Definition, as ROS 1 writes it, of each message type that ROS itself does not bring."""
 
 
+FORWARD: Final = "crtk_msgs/QueryForwardKinematics"
+INVERSE: Final = "crtk_msgs/QueryInverseKinematics"
+_POSE_TEXT: Final = "geometry_msgs/Pose cp\n"
+_RESULT_TEXT: Final = "bool result\nstring message\n"
+SERVICES: Final[Mapping[str, tuple[str, str, str]]] = {
+    FORWARD: (
+        "787c6da7a75e9886573c4af11f1a381f",
+        f"float64[] jp\n{_POSE_TEXT}",
+        _POSE_TEXT + _RESULT_TEXT,
+    ),
+    INVERSE: (
+        "ce8dbc3b4384e2f7567488e7e75496d8",
+        f"{_POSE_TEXT}float64[] jp\n",
+        f"float64[] jp\n{_RESULT_TEXT}",
+    ),
+}
+"""MD5 sum, request and response of each service type that ROS itself does not bring.
+
+Source: collaborative-robotics/crtk_msgs:srv, since 1.1.0 (2023-11).
+"""
+
+
 def ros2_definition(name: str) -> str:
     """Definition of one of `DEFINITIONS` as ROS 2 writes it.
 

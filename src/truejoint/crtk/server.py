@@ -6,7 +6,7 @@ import logging
 import math
 import re
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import ExitStack, suppress
 from functools import partial
 from typing import Any, Final, Self
@@ -18,27 +18,43 @@ from truejoint.array_types import Array
 from truejoint.crtk import cartesian, messages
 from truejoint.crtk.arm import Arm
 from truejoint.crtk.handle import Motion
-from truejoint.crtk.messages import JOINT_STATE, RAVEN_STATE, STRING_STAMPED
+from truejoint.crtk.messages import FORWARD, INVERSE, JOINT_STATE, RAVEN_STATE, STRING_STAMPED
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.crtk.setpoint_follower import SetpointFollower
 from truejoint.crtk.topics import topic_columns
-from truejoint.errors import CommandRefused, MotionStopped, TruejointError
-from truejoint.robots.blocks import StateBlock, TruthBlock, checked_vector
+from truejoint.errors import CommandRefused, MotionStopped, RosError, TruejointError
+from truejoint.robots.blocks import StateBlock, TruthBlock, check_range, checked_vector
 
 _TWIST: Final = "geometry_msgs/TwistStamped"
 _POSE: Final = "geometry_msgs/PoseStamped"
 _TRANSFORM: Final = "geometry_msgs/TransformStamped"
 _COMMANDS: Final = (
     "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "interpolate_jp", "interpolate_cp",
-    "move_jp", "move_jr", "move_cp", "hold", "free", "servo_jf", "servo_cf",
+    "move_jp", "move_jr", "move_cp", "hold",
 )  # fmt: skip
 _TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
 _OF_GRASPER: Final = ("servo_jp", "servo_jr", "servo_jv")
 _JAWS: Final = ("jaw1", "jaw2")
 _RELATIVE: Final = ("servo_jr", "servo_jv", "servo_cr")  # none of which may be left out
-_NOT_OFFERED: Final = ("free", "servo_jf", "servo_cf")  # no twin is moved by efforts
-_KINDS: Final = {
-    "hold": "std_msgs/Empty", "free": "std_msgs/Empty", "servo_cf": "geometry_msgs/WrenchStamped",
+_EMPTY: Final = "std_msgs/Empty"
+_ARRAY: Final = "std_msgs/Float64MultiArray"
+_NUMBER: Final = "std_msgs/Float64"
+_WRENCH: Final = "geometry_msgs/WrenchStamped"
+# No twin is moved by efforts. The last three are dVRK's own, not CRTK's.
+_NOT_OFFERED: Final = {
+    "free": _EMPTY, "servo_jf": JOINT_STATE, "servo_cf": _WRENCH, "body/servo_cf": _WRENCH,
+    "spatial/servo_cf": _WRENCH, "body/set_cf_orientation_absolute": "std_msgs/Bool",
+    "use_gravity_compensation": "std_msgs/Bool", "trajectory_j/set_ratio": _NUMBER,
+}  # fmt: skip
+_RATIO: Final = "trajectory_j/ratio"  # of the moves' speed; dVRK's own too
+_JACOBIANS: Final[Mapping[str, cartesian.Frame]] = {
+    "jacobian": "tool", "body/jacobian": "body", "spatial/jacobian": "spatial",
+}  # fmt: skip
+_UNKNOWN: Final = ("body/measured_cf", "spatial/measured_cf")  # no twin knows the tool's forces
+_LOCAL: Final = "local/"  # the arm's own frame, which is that of all its topics
+_QUERIES: Final = {
+    "forward_kinematics": FORWARD, "local/forward_kinematics": FORWARD,
+    "inverse_kinematics": INVERSE,
 }  # fmt: skip
 _LATE: Final = 0.5  # [s] after its stamp a set-point is no longer one
 _LOG: Final = 1.0  # [s] between two equal lines of the log
@@ -55,10 +71,12 @@ class ArmServer:
 
     Written are ``measured_js``, ``setpoint_js``, ``measured_cp``, ``operating_state``, of RAVEN-II
     also ``/ravenstate``, of an arm with joint sensors ``/ext_jpos``. With kinematics there are also
-    ``setpoint_cp`` and ``measured_cv``. Read are ``state_command``, ``hold``, ``servo_jp``,
-    ``servo_jr``, ``servo_jv``, ``servo_cp``, ``servo_cr``, ``interpolate_jp``, ``interpolate_cp``,
-    ``move_jp``, ``move_jr`` and ``move_cp``; the newest of them pre-empts the others. The log says
-    what is refused. An arm that stands paused goes on to report.
+    ``setpoint_cp``, ``measured_cv`` and ``jacobian``, and the services ``forward_kinematics`` and
+    ``inverse_kinematics``. Read are ``state_command``, ``hold``, ``servo_jp``, ``servo_jr``,
+    ``servo_jv``, ``servo_cp``, ``servo_cr``, ``interpolate_jp``, ``interpolate_cp``, ``move_jp``,
+    ``move_jr`` and ``move_cp``; the newest of them pre-empts the others. The log says what is
+    refused. An arm that stands paused goes on to report. But for a profile that swaps arms, there
+    is also what dvrk_python asks of an arm, in ``local/``, ``body/`` and ``spatial/``.
 
     The arm runs in real time. `profile` names how its messages differ from CRTK
     (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
@@ -99,6 +117,10 @@ class ArmServer:
         if arm.robot.kinematics is not None:
             poses = dict.fromkeys(("measured_cp", "setpoint_cp"), self._pose_kind)
             self._kinds |= poses | {"measured_cv": _TWIST}
+            if not self._profile.swapped:
+                self._kinds |= {_LOCAL + name: kind for name, kind in poses.items()}
+                self._kinds |= dict.fromkeys(_JACOBIANS, _ARRAY) | dict.fromkeys(_UNKNOWN, _WRENCH)
+                self._kinds[_RATIO] = _NUMBER
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
         spaces = [space for space, of in self._profile.arms.items() if of == arm.robot.arm]
@@ -112,12 +134,18 @@ class ArmServer:
         with ExitStack() as writing, ExitStack() as reading:  # closed where something fails
             for name, kind in self._kinds.items():
                 topics = {**_TOPICS, "grasper": f"/{self._grasper}/measured_js"}
-                made = self._transport.publisher(topics.get(name) or self._name(name), kind)
+                topic, is_ratio = topics.get(name) or self._name(name), name == _RATIO
+                made = self._transport.publisher(topic, kind, latched=is_ratio)
                 self._publishers[name] = made
                 writing.callback(made.close)
-            for name in _COMMANDS:
+                if is_ratio:
+                    message = self._transport.message(kind)
+                    message.data = 1.0
+                    made.publish(message)
+            for name in (*_COMMANDS, *_NOT_OFFERED):
                 kind = self._pose_kind if name.endswith(("_cp", "_cr")) else JOINT_STATE
-                kind, receive = _KINDS.get(name, kind), partial(self._receive, name)
+                kind = _NOT_OFFERED.get(name, _EMPTY if name == "hold" else kind)
+                receive = partial(self._receive, name)
                 newest = name.startswith(("servo", "interpolate")) and name not in _RELATIVE
                 stop = subscribe(self._name(name), kind, receive, newest=newest)
                 reading.callback(stop)
@@ -127,6 +155,8 @@ class ArmServer:
                 reading.callback(subscribe(topic, JOINT_STATE, receive))
             topic = self._name("state_command")
             reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
+            if "jacobian" in self._kinds:
+                self._serve_kinematics(reading)
             self._reading, self._writing = reading.pop_all(), writing.pop_all()
         self._arm.subscribe(self._report)
         thread = threading.Thread(target=self._report_idle, name="idle reports", daemon=True)
@@ -230,6 +260,8 @@ class ArmServer:
 
         def carry_out() -> None:
             try:
+                if message.string.endswith("home"):  # not a stream's last moments are in its way
+                    self._follower.stop()
                 self._arm.state_command(message.string)
             except TruejointError as refusal:
                 level = logging.INFO if isinstance(refusal, MotionStopped) else logging.WARNING
@@ -238,6 +270,34 @@ class ArmServer:
         thread = threading.Thread(target=carry_out, daemon=True)
         self._threads = [*(t for t in self._threads if t.is_alive()), thread]
         thread.start()
+
+    def _serve_kinematics(self, reading: ExitStack) -> None:
+        """Answer both kinematics' services, where ROS knows their types."""
+        try:
+            for name, kind in _QUERIES.items():
+                answer = partial(self._answer, name)
+                reading.callback(self._transport.serve(self._name(name), kind, answer))
+        except RosError as lack:
+            _log.warning("no kinematics as services: %s", lack)
+
+    def _answer(self, name: str, request: Any, response: Any) -> None:
+        """Fill in what a query of crtk_msgs is answered; its ``message`` says why there is none."""
+        robot = self._arm.robot
+        try:
+            kinematics = robot.known_kinematics(name)
+            joint = checked_vector(robot, request.jp, name)
+            if name == "inverse_kinematics":
+                pose = _pose_of(request.cp.position, request.cp.orientation)
+                reached = cartesian.joints_at(kinematics, pose, joint)
+                check_range(robot, reached[None], name)
+                response.jp = reached.tolist()
+            else:
+                pose = cartesian.pose(kinematics, joint)
+                _fill(response.cp.position, pose[:3, 3])
+                _fill(response.cp.orientation, Rotation.from_matrix(pose[:3, :3]).as_quat())
+            response.result = True
+        except (TruejointError, ValueError) as refusal:
+            response.result, response.message = False, str(refusal)
 
     # Reports.
 
@@ -280,20 +340,7 @@ class ArmServer:
         if self._is_read("grasper"):
             jaws = [float(columns[f"measured/{jaw}"][0]) for jaw in _JAWS]
             self._publish("grasper", t, position=[sum(jaws), *jaws])
-        for name in ("measured_cp", "setpoint_cp"):
-            if self._is_read(name):
-                pose = topic_columns(robot, name, block)
-                message = self._transport.stamped(self._pose_kind, self._stamp(t))
-                place, turn = _parts(message)
-                place.x, place.y, place.z = (float(pose[axis][0]) for axis in "xyz")
-                turn.x, turn.y, turn.z, turn.w = (float(pose[f"q{axis}"][0]) for axis in "xyzw")
-                self._publishers[name].publish(message)
-        if self._is_read("measured_cv"):
-            twist = topic_columns(robot, "measured_cv", block)
-            message = self._transport.stamped(_TWIST, self._stamp(t))
-            for vector, letter in ((message.twist.linear, "v"), (message.twist.angular, "w")):
-                vector.x, vector.y, vector.z = (float(twist[letter + axis][0]) for axis in "xyz")
-            self._publishers["measured_cv"].publish(message)
+        self._publish_cartesian(block, t)
         if self._is_read("ravenstate"):
             levels = "stopped", "pedal up", "pedal down"
             state = self._arm.operating_state()
@@ -301,6 +348,41 @@ class ArmServer:
             fields = messages.raven_state_fields(robot, columns)
             values = {name: array[0] for name, array in fields.items()}
             self._publish("ravenstate", t, runlevel=messages.RUN_LEVELS[level], **values)
+
+    def _publish_cartesian(self, block: StateBlock, t: float) -> None:
+        """Publish poses, twist and Jacobians of the tool, where somebody reads them."""
+        robot = self._arm.robot
+        for name in ("measured_cp", "setpoint_cp", _LOCAL + "measured_cp", _LOCAL + "setpoint_cp"):
+            if self._is_read(name):
+                pose = topic_columns(robot, name.removeprefix(_LOCAL), block)
+                message = self._transport.stamped(self._pose_kind, self._stamp(t))
+                place, turn = _parts(message)
+                _fill(place, (pose[axis][0] for axis in "xyz"))
+                _fill(turn, (pose[f"q{axis}"][0] for axis in "xyzw"))
+                self._publishers[name].publish(message)
+        if self._is_read("measured_cv"):
+            twist = topic_columns(robot, "measured_cv", block)
+            message = self._transport.stamped(_TWIST, self._stamp(t))
+            for vector, letter in ((message.twist.linear, "v"), (message.twist.angular, "w")):
+                _fill(vector, (twist[letter + axis][0] for axis in "xyz"))
+            self._publishers["measured_cv"].publish(message)
+        for name in filter(self._is_read, _JACOBIANS):
+            joint = block.measured[0, robot.joint_channels]
+            rows = cartesian.jacobian(robot.known_kinematics(name), joint, _JACOBIANS[name])
+            self._publishers[name].publish(self._array(rows))
+        for name in filter(self._is_read, _UNKNOWN):
+            self._publishers[name].publish(self._transport.message(_WRENCH))  # stamp 0: not valid
+
+    def _array(self, rows: Array) -> Any:
+        """Message of a matrix (m, n), row by row."""
+        message = self._transport.message(_ARRAY)
+        for label, size in zip(("rows", "columns"), rows.shape, strict=True):
+            dimension = self._transport.message("std_msgs/MultiArrayDimension")
+            dimension.label, dimension.size = label, size
+            dimension.stride = rows.size if label == "rows" else size
+            message.layout.dim.append(dimension)
+        message.data = rows.ravel().tolist()
+        return message
 
     def _publish_joints(
         self, crtk: str, t: float, quantity: str, columns: Mapping[str, Array]
@@ -346,7 +428,10 @@ def matrix_of(message: Any) -> Array:
 
     Raises CommandRefused where its quaternion is no turn.
     """
-    place, turn = _parts(message)
+    return _pose_of(*_parts(message))
+
+
+def _pose_of(place: Any, turn: Any) -> Array:
     quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
     if not (np.isfinite(quaternion).all() and abs(np.linalg.norm(quaternion) - 1.0) < 1e-3):
         raise CommandRefused(f"pose refused: quaternion {quaternion.tolist()} is no turn")
@@ -361,3 +446,9 @@ def _parts(message: Any) -> tuple[Any, Any]:
     if hasattr(message, "pose"):
         return message.pose.position, message.pose.orientation
     return message.transform.translation, message.transform.rotation
+
+
+def _fill(vector: Any, values: Iterable[float]) -> None:
+    """Set x, y, z and w, as many as there are values."""
+    for axis, value in zip("xyzw", values, strict=False):
+        setattr(vector, axis, float(value))

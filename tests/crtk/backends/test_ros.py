@@ -6,16 +6,17 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from tests.crtk.instant_twin import InstantTwin
 from tests.local_ros import LocalRos
 
-from truejoint.crtk import Arm, PacedBackend, StateBlock
+from truejoint.crtk import Arm, PacedBackend, StateBlock, cartesian
 from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.server import ArmServer
+from truejoint.crtk.server import ArmServer, matrix_of
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
 from truejoint.robots import get_robot
 
@@ -358,6 +359,62 @@ def test_set_points_of_the_past_are_passed_over(served, arm, caplog):
     assert served.arm.setpoint_js(LONG).position == pytest.approx(ROBOT.home + 1e-3 * SHOULDER)
 
 
+def ask(served, name, **request):
+    response = SimpleNamespace(
+        cp=copy.deepcopy(served.ros.message("geometry_msgs/PoseStamped").pose),
+        jp=[], result=None, message="",
+    )  # fmt: skip
+    served.ros.services[f"/arm1/{name}"](SimpleNamespace(**request), response)
+    return response
+
+
+def test_kinematics_are_asked_as_services(served):
+    there = ask(served, "forward_kinematics", jp=ROBOT.home.tolist())
+    assert there.result
+    assert matrix_of(SimpleNamespace(pose=there.cp)) == pytest.approx(
+        cartesian.pose(ROBOT.kinematics, ROBOT.home)
+    )
+    back = ask(served, "inverse_kinematics", cp=there.cp, jp=ROBOT.home + 0.01 * SHOULDER)
+    assert back.result
+    again = ask(served, "local/forward_kinematics", jp=back.jp)
+    assert matrix_of(SimpleNamespace(pose=again.cp)) == pytest.approx(
+        matrix_of(SimpleNamespace(pose=there.cp)), abs=1e-8
+    )
+    few = ask(served, "forward_kinematics", jp=[0.0] * 3)
+    assert (few.result, "forward_kinematics" in few.message) == (False, True)
+    there.cp.position.z -= 9.0
+    far = ask(served, "inverse_kinematics", cp=there.cp, jp=ROBOT.home)
+    assert (far.result, far.jp) == (False, [])
+    assert far.message
+    there.cp.orientation.w = 3.0
+    assert "is no turn" in ask(served, "inverse_kinematics", cp=there.cp, jp=ROBOT.home).message
+
+
+def test_where_the_services_types_are_missing_one_line_says_so(monkeypatch, caplog):
+    def serve(*_):
+        raise RosError("ROS's messages crtk_msgs/QueryForwardKinematics are not installed")
+
+    monkeypatch.setattr(LocalRos, "serve", serve)
+    served = Served("raven2_mended")
+    with caplog.at_level(logging.WARNING), served.arm, served.server:
+        assert "/arm1/measured_js" in served.server.topics
+    assert [r.getMessage().partition(":")[0] for r in caplog.records] == [
+        "no kinematics as services"
+    ]
+
+
+def test_jacobians_are_published_row_by_row(served, arm):
+    message = served.ros.wait_for("/arm1/jacobian", lambda m: True)
+    rows = cartesian.jacobian(ROBOT.kinematics, ROBOT.home)
+    assert [(d.label, d.size, d.stride) for d in message.layout.dim] == [
+        ("rows", 6, 42),
+        ("columns", 7, 7),
+    ]
+    assert np.reshape(message.data, (6, 7)) == pytest.approx(rows, abs=1e-6)
+    assert served.ros.last["/arm1/trajectory_j/ratio"].data == 1.0
+    assert served.ros.wait_for("/arm1/body/measured_cf", lambda m: True).header.stamp == 0.0
+
+
 @pytest.mark.parametrize("name", ["free", "servo_jf"])
 def test_what_a_twin_cannot_do_is_refused_by_name(served, arm, caplog, name):
     with caplog.at_level(logging.WARNING):
@@ -378,6 +435,12 @@ def test_the_state_is_said_on_change_and_ten_times_a_second(served, arm):
     end()
     times = np.array([m.header.stamp for m in stamps])
     assert np.diff(times).min() > 0.09
+
+
+def test_the_end_of_a_stream_is_not_in_the_way_of_unhoming(served, arm):
+    served.say("servo_jp", position=(ROBOT.home + 1e-4 * SHOULDER).tolist())
+    served.say("state_command", "crtk_msgs/StringStamped", string="unhome")
+    served.ros.wait_for(STATE, lambda m: not m.is_homed)
 
 
 def increments(served, values):

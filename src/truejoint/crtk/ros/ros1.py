@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Final
 
-from truejoint.crtk.messages import DEFINITIONS
+from truejoint.crtk.messages import DEFINITIONS, SERVICES
 from truejoint.crtk.ros.transport import QUEUE, Publisher, header_of
 from truejoint.errors import RosError
 
@@ -89,6 +89,18 @@ class Ros1:
         self._open.append(made)
         return lambda: _close(made)
 
+    def serve(self, name: str, kind: str, answer: Callable[[Any, Any], None]) -> Callable[[], None]:
+        """Offer a service whose response `answer` fills in from the request; gives what ends it."""
+        service_class = _service_class(kind)
+
+        def respond(request: Any) -> Any:
+            response = service_class._response_class()
+            answer(request, response)
+            return response
+
+        made = self._rospy.Service(name, service_class, respond)
+        return lambda: made.shutdown("its arm is served no more")
+
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now."""
         try:
@@ -136,6 +148,22 @@ def _message_class(kind: str) -> Any:
             f"python3-{package.replace('_', '-')}"
         )
     return message_class
+
+
+@cache
+def _service_class(kind: str) -> Any:
+    """Type of a service; rospy wants of it what genpy would write (wiki.ros.org/ROS/TCPROS)."""
+    made = import_module("roslib.message").get_service_class(kind)
+    if made is not None:
+        return made
+    md5sum, *parts = SERVICES[kind]
+    pose = _message_class("geometry_msgs/Pose")._full_text
+    request, response = (
+        _generated(kind + name, f"{text}{_RULE}MSG: geometry_msgs/Pose\n{pose}")
+        for name, text in zip(("Request", "Response"), parts, strict=True)
+    )
+    of = {"_type": kind, "_md5sum": md5sum, "_request_class": request, "_response_class": response}
+    return type(kind.partition("/")[2], (), of)
 
 
 def _generated(kind: str, definition: str) -> Any:

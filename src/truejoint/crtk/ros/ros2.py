@@ -98,6 +98,16 @@ class Ros2:
         )
         return lambda: self._node.destroy_subscription(made)
 
+    def serve(self, name: str, kind: str, answer: Callable[[Any, Any], None]) -> Callable[[], None]:
+        """Offer a service whose response `answer` fills in from the request; gives what ends it."""
+
+        def respond(request: Any, response: Any) -> Any:
+            answer(request, response)
+            return response
+
+        made = self._node.create_service(_message_class(kind, "srv"), name, respond)
+        return lambda: self._node.destroy_service(made)
+
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now."""
         listed = self._node.get_topic_names_and_types()
@@ -120,10 +130,10 @@ class Ros2:
 
 
 @cache
-def _message_class(kind: str) -> Any:
+def _message_class(kind: str, of: str = "msg") -> Any:
     package, name = kind.split("/")
     try:
-        return getattr(import_module(f"{package}.msg"), name)
+        return getattr(import_module(f"{package}.{of}"), name)
     except (ImportError, AttributeError):
         raise RosError(
             f"ROS's messages {kind} are not installed: build or install {package}, and source it"

@@ -59,6 +59,12 @@ class Transport(Protocol):
     ) -> Callable[[], None]:
         """Call `callback` with every message, or the `newest` one alone; gives what ends that."""
 
+    def serve(self, name: str, kind: str, answer: Callable[[Any, Any], None]) -> Callable[[], None]:
+        """Offer a service whose response `answer` fills in from the request; gives what ends it.
+
+        Raises RosError where its type is not installed.
+        """
+
     def topics(self) -> dict[str, str]:
         """Type of every topic that somebody writes now."""
 
