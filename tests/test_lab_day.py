@@ -385,6 +385,7 @@ def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
         truejoint_("rezero", day, motion, "-o", morning)
         with program(*module("node", "correct", morning, "--profile", PROFILE)):
             until(lambda: said[-1] == "OK", "corrected joints after the homing")
+        robot.close()  # which pauses it, while there is one
     for end in ends:
         end()
 
