@@ -33,14 +33,14 @@ FASTER = 8.0  # than the workspace's speeds, to have the whole zig-zag in half a
 RAW, CORRECTED = "/arm1/measured_js", "/arm1/corrected/measured_js"
 
 
-def session() -> truejoint.Recording:
-    """Record a zig-zag of the twin, every millisecond."""
+def session(order: str = "J2", faster: float = FASTER, rate: float = 1000.0) -> truejoint.Recording:
+    """Record a zig-zag of the twin, `rate` times a second."""
     arm = Arm(SimulatedBackend(truejoint.simulation.make_twin("raven2", seed=3)))
     arm.enable()
     arm.home()
-    speed = FASTER * truejoint.motion.workspace_of(arm.robot).speed
-    with truejoint.recordings.Recorder(arm, state_rate=arm.rate) as recorder:
-        follow(arm, zigzag(arm.robot, "J2", 1 / 2), speed=speed)
+    speed = faster * truejoint.motion.workspace_of(arm.robot).speed
+    with truejoint.recordings.Recorder(arm, state_rate=rate) as recorder:
+        follow(arm, zigzag(arm.robot, order, 1 / 2), speed=speed)
     return recorder.recording()
 
 

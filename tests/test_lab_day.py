@@ -10,8 +10,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
+from threading import Event
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,15 +25,16 @@ from truejoint.cli.app import main
 from truejoint.crtk import Arm, simulated_arm
 from truejoint.crtk.backends import ros as ros_backend
 from truejoint.crtk.backends.ros import RosBackend
-from truejoint.crtk.messages import JOINT_STATE, PROFILES, TRUTH_TOPIC
+from truejoint.crtk.messages import JOINT_STATE, PROFILES, STRING_STAMPED, TRUTH_TOPIC
 from truejoint.crtk.ros import StateStream, Transport, open_transport
-from truejoint.errors import RosError
+from truejoint.errors import CommandRefused, RosError
 from truejoint.export import export_ros
 from truejoint.motion import Trajectory, follow, workspace_of, zigzag
 from truejoint.recordings import Recorder
 from truejoint.recordings.judge.finding import HEADINGS
 from truejoint.robots import get_robot
 from truejoint.runtime import Corrector
+from truejoint.runtime.correction import LONGEST_MOVE
 
 pytestmark = needs_ros
 
@@ -144,6 +146,7 @@ def robot(ros, simulator, package) -> Iterator[Arm]:
     patience, valid = pytest.MonkeyPatch(), Arm._valid  # others may have the processor for seconds
     for name in ("SILENCE", "CONNECT_TIMEOUT"):
         patience.setattr(ros_backend, name, LONG)
+    patience.setattr(ros_backend, "_IN_FLIGHT", 0.5)  # by which the robot may be behind
     patience.setattr("truejoint.crtk.arm.SILENCE", LONG)
     patience.setattr(Arm, "_valid", lambda arm, name, age: valid(arm, name, max(age, LONG)))
     near = {"rad": np.radians(1.0), "m": 1e-3}  # its friction keeps the twin's motors off
@@ -155,8 +158,11 @@ def robot(ros, simulator, package) -> Iterator[Arm]:
 RETURN = 5.0  # s, in which a correction of 10 deg or 10 mm has come
 
 
-def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
-    def truejoint_(*arguments: str | Path, codes: tuple[int, ...] = (0,)) -> str:
+@pytest.fixture
+def truejoint_(monkeypatch, capsys) -> Callable[..., str]:
+    """A command of truejoint, here in this process; gives what it prints."""
+
+    def run(*arguments: str | Path, codes: tuple[int, ...] = (0,)) -> str:
         monkeypatch.setattr(sys, "argv", ["truejoint", *map(str, arguments)])
         with pytest.raises(SystemExit) as stop:
             main()
@@ -164,6 +170,10 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
         assert stop.value.code in codes, told
         return str(told.out)
 
+    return run
+
+
+def test_a_labs_day(package, ros, robot, truejoint_, tmp_path):
     bag, recording = tmp_path / "day.bag", tmp_path / "day.parquet"
     path = tmp_path / "model.safetensors"
     topics = [f"/arm1/{name}" for name in TOPICS] + [TRUTH_TOPIC]
@@ -198,11 +208,7 @@ def test_a_labs_day(package, ros, robot, tmp_path, monkeypatch, capsys):
     ):
         for who in ("truejoint_correct", "in_c"):
             wait_for_readers(["/arm1/measured_js"], who)
-        waves = np.sin(np.arange(0.0, 8.0, 0.1)[:, None] * [1.6, 2.1, 2.6])
-        centre, extent = workspace_of(ROBOT).centre, workspace_of(ROBOT).extent
-        run_along(
-            robot, Trajectory(ROBOT.positioning, UNITS, centre + 0.25 * waves * extent)
-        )  # within the zig-zag
+        run_along(robot, waves(8.0))
     for end in (*ends, stream.close):
         end()
     raw, corrected, truth, by_c = (np.array(rows) for rows in heard.values())
@@ -264,6 +270,13 @@ def run_along(arm: Arm, trajectory: Trajectory) -> None:
     start = np.concatenate([trajectory.positions[0], ROBOT.home[3:]])
     arm.move_jp(start, speed=[*SPEED, *np.ones(4)]).wait()
     follow(arm, trajectory, speed=SPEED)
+
+
+def waves(seconds: float) -> Trajectory:
+    """A motion within the zig-zag, of so many seconds at its own pace."""
+    space, t = workspace_of(ROBOT), np.arange(0.0, seconds, 0.1)[:, None]
+    rows = space.centre + 0.25 * np.sin(t * [1.6, 2.1, 2.6]) * space.extent
+    return Trajectory(ROBOT.positioning, UNITS, rows)
 
 
 def keeper(ros: Transport, rows: list[tuple[float, ...]]) -> Callable[[Any], None]:
@@ -335,3 +348,98 @@ def test_a_master_that_starts_anew_is_told_all_topics(master, ros, robot):
     wait_for_writers(["/arm1/measured_js", "/arm1/servo_jp"])  # theirs and ours
     until(lambda: robot.measured_js().t > before, "the joints")
     robot.move_jp(ROBOT.home + np.eye(7)[0] * 0.01).wait()
+
+
+def test_a_client_in_the_loop_a_robot_that_stops_and_the_next_morning(
+    ros, simulator, robot, package, truejoint_, tmp_path
+):
+    day, morning = tmp_path / "day.safetensors", tmp_path / "morning.safetensors"
+    motion = tmp_path / "motion.parquet"
+    truejoint.write_calibration(package.model, day)
+    raw, corrected, said = [], [], []
+    of_topics = {"measured_js": raw, "corrected/measured_js": corrected}
+    ends = [
+        *(ros.subscribe(f"/arm1/{n}", JOINT_STATE, keeper(ros, r)) for n, r in of_topics.items()),
+        ros.subscribe("/arm1/corrected/status", STRING_STAMPED, lambda m: said.append(m.string)),
+    ]
+    with ExitStack() as on:
+        with program(*module("node", "correct", day, "--profile", PROFILE)):
+            until(lambda: said[-1:] == ["OK"], "the first corrected joints")
+            began = len(corrected)
+            assert (np.abs(steer(ros)) < NEAR).all()
+            steps = [largest_step(rows) for rows in in_common(raw, corrected[began:])]
+            assert (steps[1] <= 3.0 * steps[0]).all()  # the noise of efforts is in it
+            simulator.terminate()
+            until(lambda: said[-1] == "SILENT", "the node to say that the robot has stopped")
+            last = len(corrected) - 1
+            with program(*SIMULATE):  # not homed, and then homed without the 13 s of it
+                until(lambda: not robot.operating_state().is_homed, "a robot switched on")
+            on.enter_context(program(*SIMULATE, "--homed", "--seed", "8"))
+            until(lambda: said[-1] == "HOMED_AGAIN", "another homing")
+            until(lambda: moves(robot), "the robot to take set-points")
+            with Recorder(robot, state_rate=100.0, path=motion):
+                run_along(robot, waves(2.0))
+            before, after = in_common(raw, corrected[last:])  # of a robot that is elsewhere now,
+            assert (largest_step(after - before) < LARGEST_MOVE).all()  # the correction alone
+        truejoint_("rezero", day, motion, "-o", morning)
+        with program(*module("node", "correct", morning, "--profile", PROFILE)):
+            until(lambda: said[-1] == "OK", "corrected joints after the homing")
+        robot.close()  # which pauses it, while there is one
+    for end in ends:
+        end()
+
+
+SIMULATE = module("node", "simulate", "--rate-hz", "100")
+NEAR = np.array([*np.radians([1.0, 1.0]), 1e-3])
+LARGEST_MOVE = 1.1 * LONGEST_MOVE * np.array([*np.radians([2.0, 2.0]), 2e-3])
+
+
+def moves(arm: Arm) -> bool:
+    """Whether it does as it is told; one that has just come up may not hear of it yet."""
+    with suppress(CommandRefused):
+        arm.move_jp(ROBOT.home + np.eye(7)[0] * 0.01).wait()
+        return True
+    return False
+
+
+def steer(ros: Transport) -> np.ndarray:
+    """A client with the corrected joints in its loop; how far they are from where it wants them."""
+    out = ros.publisher("/arm1/servo_jp", JOINT_STATE)
+    until(lambda: out.readers > 0, "the robot to read servo_jp")
+    lost, left, began, over = np.zeros(3), np.zeros(3), [], Event()
+
+    def take(message: Any) -> None:
+        began.append(ros.seconds(message))
+        t = began[-1] - began[0]
+        wanted = ROBOT.home.copy()
+        wanted[:3] += EXTENT * np.sin(min(2.0 * t, np.pi)) ** 2
+        left[:] = wanted[:3] - message.position[:3]
+        lost[:] += 0.04 * left
+        wanted[:3] += lost
+        command = ros.stamped(JOINT_STATE, ros.now())
+        command.position = wanted.tolist()
+        out.publish(command)
+        if t > 3.0:
+            over.set()
+
+    end = ros.subscribe("/arm1/corrected/measured_js", JOINT_STATE, take)
+    assert over.wait(LONG)
+    end()
+    out.close()
+    return left
+
+
+EXTENT = np.array([0.1, 0.1, 0.01])  # [rad, m]
+
+
+def in_common(
+    first: list[tuple[float, ...]], second: list[tuple[float, ...]]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Joints (n, 3) of the stamps that both have."""
+    a, b = np.array(first), np.array(second)
+    _, of_a, of_b = np.intersect1d(a[:, 0], b[:, 0], return_indices=True)
+    return a[of_a, 1:], b[of_b, 1:]
+
+
+def largest_step(rows: np.ndarray) -> np.ndarray:
+    return np.asarray(np.abs(np.diff(rows, axis=0)).max(axis=0))

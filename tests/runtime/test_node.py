@@ -79,18 +79,20 @@ def test_it_puts_out_what_the_corrector_says_with_the_stamps_that_came(model, re
     assert line.ros.last["/arm1/corrected/status"].string == Status(int(trace.status[-1])).name
 
 
-def test_a_message_in_another_thread_passes_as_measured(model, recording):
-    line = Line(model, homing_id="h1")
-    with line.node:
-        line.home()
-        line.feed(recording, range(5))
-        other = threading.Thread(target=line.feed, args=(recording, [400]))
-        other.start()
-        other.join()
-    assert line.ros.last["/arm1/corrected/status"].string == "OTHER_THREAD"
-    measured = recording.columns("measured", ROBOT.joint_names)
-    assert line.out[-1].position == measured[400].tolist()
-    assert np.isinf(line.ros.last["/arm1/corrected/half_width"].position).all()
+def test_a_robot_that_returns_has_another_thread_and_its_correction_goes_on(model, recording):
+    lines = Line(model, homing_id="h1"), Line(model, homing_id="h1")
+    for line, is_another in zip(lines, (False, True), strict=True):
+        with line.node:
+            line.home()
+            line.feed(recording, range(5))
+            rest = threading.Thread(target=line.feed, args=(recording, range(5, 20)))
+            if is_another:  # while the first one lives on
+                rest.start()
+                rest.join()
+            else:
+                rest.run()
+        assert line.node.corrected == 20
+    assert [m.position for m in lines[1].out] == [m.position for m in lines[0].out]
 
 
 def test_nothing_is_corrected_until_the_robot_is_homed_nor_after_another_homing(model, recording):

@@ -165,6 +165,16 @@ def test_messages_that_come_again_or_late_are_no_event(calibration):
     assert np.abs(np.diff(applied, axis=0)).max() < 7 * np.abs(np.diff(clean, axis=0)).max()
 
 
+def test_a_late_message_of_a_slow_loop_is_no_clock_that_was_set_back():
+    fast = np.arange(0.0, 6.0, 1e-3)
+    model = trained(recordings=recording(fast))
+    t = np.arange(0.0, 6.0, 5e-3)
+    order = np.arange(len(t))
+    order[100:900:40], order[101:901:40] = order[101:901:40].copy(), order[100:900:40].copy()
+    bits = run(homed(model), t[order], stream(t)[order])[0]
+    assert not (bits & Status.TIME_JUMP).any()
+
+
 def test_a_clock_that_stands_still_is_named(calibration):
     t = T.copy()
     t[FAULT : FAULT + 50] = t[FAULT - 1]

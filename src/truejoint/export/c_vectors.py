@@ -13,7 +13,7 @@ from truejoint.array_types import Array, Integers
 from truejoint.calibration.calibration import Calibration
 from truejoint.errors import ExportError
 from truejoint.runtime.compensator import Compensator
-from truejoint.runtime.correction import MANY_LATE, correct_rows, tell_homing
+from truejoint.runtime.correction import MANY_LATE, SET_BACK, correct_rows, tell_homing
 from truejoint.runtime.corrector import Corrector
 from truejoint.runtime.fields import (
     HOMING_OF_CALIBRATION,
@@ -294,7 +294,7 @@ def _faulty_stamps(motion: _Motion) -> Iterator[None]:
         yield
     motion.run(1, steps=3 * bridged / dt)
     yield
-    motion.run(1, steps=-5 * bridged / dt)
+    motion.run(1, steps=-max(5 * bridged, 2 * SET_BACK) / dt)
     yield
 
 

@@ -342,8 +342,7 @@ class Compensator:
                 f"set-points a second that {arm.robot.title} takes"
             )
         with _Latest(arm, self.corrector.signals) as latest:
-            arm.wait(1.0 / arm.rate)
-        latest.check()
+            latest.check()
         return self._stepped(latest, pieces, round(period), tell)
 
     def _stepped(
@@ -416,7 +415,10 @@ class _Latest:
             self._block = block
 
     def check(self) -> None:
-        """Raise CommandRefused if nothing came, or it lacks a signal."""
+        """Raise CommandRefused if nothing comes for a while, or it lacks a signal."""
+        end = self.arm.time + _LOOK
+        while self._block is None and self.arm.time < end:
+            self.arm.wait(1.0 / self.arm.rate)
         columns = () if self._block is None else self._block.columns()
         if missing := [name for name in self._signals if name not in columns]:
             raise CommandRefused(

@@ -22,6 +22,8 @@ from truejoint.runtime.status import Status
 
 MANY_LATE: Final = 10
 """Samples in a row with no newer stamp that a network is taken to have doubled or delayed."""
+SET_BACK: Final = 0.5
+"""Time by which a stamp is older than the newest one at least where the clock was set back [s]."""
 LONGEST_MOVE: Final = 0.1
 """Time for which the correction moves at most between two samples [s]: a gap is no leap either."""
 
@@ -102,8 +104,8 @@ def is_late(numbers: Integers, memory: Array) -> bool:
     are `judge`'s to name.
     """
     m = unpack(numbers, memory)
-    step = m.t - m.stamp
-    if m.has_stamp == 0 or m.is_doubted or not (-m.longest <= step < SHORTEST_STEP * m.training_dt):
+    step, back = m.t - m.stamp, max(m.longest, SET_BACK)
+    if m.has_stamp == 0 or m.is_doubted or not (-back <= step < SHORTEST_STEP * m.training_dt):
         return False
     count = m.n_late + 1
     numbers[at.N_LATE] = count
@@ -204,7 +206,7 @@ def judge_stamp(numbers: Integers, memory: Array) -> int:
     step, status = m.t - m.stamp, 0
     if m.has_stamp == 0:
         forget(numbers, memory)
-    elif step < -m.longest:
+    elif step < -max(m.longest, SET_BACK):
         forget(numbers, memory)
         status = Status.TIME_JUMP.value
     elif step < m.shortest:

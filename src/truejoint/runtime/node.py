@@ -96,7 +96,7 @@ class CorrectorNode:
         self._profile = profile_of(robot, profile)
         self._choices = tuple(correctors)
         self._homing_id = homing_id
-        self._stream = StateStream(transport, robot, self._profile, self._correct, namespace)
+        self._stream = StateStream(transport, robot, self._profile, self._on_state, namespace)
         self.topic = self._stream.topic
         self.received = self.corrected = 0
         self._corrector: Corrector | None = None
@@ -108,6 +108,7 @@ class CorrectorNode:
         self._recent = self._bits = 0  # messages since the last report, and their status bits
         self._said = ""
         self._over = threading.Event()
+        self._correcting = threading.Lock()
         self._endings: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
@@ -170,6 +171,13 @@ class CorrectorNode:
         self._is_homed = bool(message.is_homed)
         self._was_lost |= not message.is_homed
 
+    def _on_state(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
+        """Correct a message in whatever thread it comes: a robot that returns has another one."""
+        with self._correcting:
+            self._correct(message, t, columns)
+            if self._corrector is not None:
+                self._corrector.release()
+
     def _correct(self, message: Any, t: float, columns: Mapping[str, Array]) -> None:
         now = time.monotonic()
         self._interval = max(now - self._heard, 0.0)
@@ -192,12 +200,8 @@ class CorrectorNode:
         sample = [columns[signal][0] for signal in corrector.signals]
         status = corrector.step(t, np.array(sample, dtype=np.float64))
         self._bits |= status
-        position, half_width = corrector.position, corrector.half_width
-        if status & Status.OTHER_THREAD:  # those are of another sample
-            position = np.array([columns[f"measured/{joint}"][0] for joint in corrector.joints])
-            half_width = np.full_like(position, np.inf)
         if not (status and corrector.on_fault.reaction == "silent"):
-            self._publish(message, columns, corrector.joints, position, half_width)
+            self._publish(message, columns, corrector)
         if status is not self._status:
             self._status = status
             text = self._transport.message(STRING_STAMPED)
@@ -214,14 +218,7 @@ class CorrectorNode:
         if self._told:
             corrector.set_homing(True, self._homing_id)
 
-    def _publish(
-        self,
-        message: Any,
-        columns: Mapping[str, Array],
-        corrected: Sequence[str],
-        position: Array,
-        half_width: Array,
-    ) -> None:
+    def _publish(self, message: Any, columns: Mapping[str, Array], corrector: Corrector) -> None:
         out = self._transport.message(JOINT_STATE)
         out.header.stamp = header_of(message).stamp
         if self._stream.reads_raven:
@@ -236,14 +233,14 @@ class CorrectorNode:
             out.header.frame_id = message.header.frame_id
             out.name, out.position = message.name, list(message.position)
             out.velocity, out.effort = message.velocity, message.effort
-        for joint, value in zip(corrected, position.tolist(), strict=True):
+        for joint, value in zip(corrector.joints, corrector.position.tolist(), strict=True):
             out.position[joints.index(joint)] = value
         self._out.publish(out)
         if self._half_width.readers:
             width = self._transport.message(JOINT_STATE)
             width.header.stamp = header_of(message).stamp
-            width.name = list(corrected)
-            width.position = half_width.tolist()
+            width.name = list(corrector.joints)
+            width.position = corrector.half_width.tolist()
             self._half_width.publish(width)
 
     def _report(self) -> None:

@@ -1,0 +1,381 @@
+"""What holds over a real ROS 1 link: corrected steps, moves, streams, pauses, a path followed.
+
+    python -m benchmarks.ros_link [--parts steps moves rest pauses path] [--minutes 10]
+
+steps   A RAVEN-II's joint states, of a zig-zag at 10 deg/s and 7 mm/s, go to `truejoint node
+        correct` with a linear model; 1 % are lost, and 20 % are 1-5 periods late, so that others go
+        before them. A step is between two messages as they arrive. Beside it is what the same model
+        does to the recording, from one row to the next, with nothing late: efforts are noisy.
+moves   A `RosBackend` moves `truejoint node simulate`; the joints are looked at when `wait`
+        returns. A move is silently off where it ends beyond .15 deg, .15 mm without an error.
+rest    The arm's clock from the last of 5,000 `servo_jp` to the last change of its set-point.
+pauses  The same from `pause` by another program, while moves and streams go on.
+path    A zig-zag on `node simulate --quirks`, at the default speed, followed with `motor_loop`:
+        where the joints are wanted less what is reported. Alone it is the set-point less that.
+
+Prints Markdown tables. `load` is what the machine was busy with, divided by its cores.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tests.ros_master import Master, environment, free_port
+
+import truejoint
+from benchmarks.ros_node import CORRECTED, RAW, _everything, session
+from truejoint.array_types import Array
+from truejoint.crtk import Arm, RosBackend
+from truejoint.crtk.backends.ros import TOLERANCE
+from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED
+from truejoint.crtk.ros import Publisher, Transport, open_transport
+from truejoint.errors import CommandRefused, NotArrived
+from truejoint.motion import follow, zigzag
+from truejoint.robots import get_robot
+from truejoint.runtime import Corrector, motor_loop
+from truejoint.runtime.node import SILENT
+
+ROBOT = get_robot("raven2")
+RATES = 200.0, 500.0, 1000.0
+LIMIT = np.array([TOLERANCE[joint.unit] for joint in ROBOT.joints])
+EXTENT = np.array([0.2, 0.2, 0.02, 0.3, 0.3, 0.2, 0.2])  # of the motions [rad or m]
+SPEED = 0.4 * np.array([joint.max_speed for joint in ROBOT.joints])
+LATE, LOST, MOST = 0.2, 0.01, 5  # shares, periods
+SETPOINT = "/arm1/setpoint_js"
+
+
+@contextmanager
+def node(*words: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a node of truejoint meanwhile."""
+    process = subprocess.Popen([sys.executable, "-m", "truejoint", "node", *words])  # our own
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait()
+
+
+@contextmanager
+def busy_with(name: str) -> Iterator[None]:
+    """Say what the machine was busy with meanwhile."""
+    began, before = time.perf_counter(), _everything()
+    yield
+    load = (_everything() - before) / (time.perf_counter() - began) / (os.cpu_count() or 1)
+    print(f"\n{name}: load {load:.0%}\n", flush=True)
+
+
+def until(is_so: Callable[[], object]) -> None:
+    """Look again and again, for a minute."""
+    end = time.monotonic() + 60.0
+    while not is_so():
+        if time.monotonic() > end:
+            raise SystemExit("waited in vain for a node")
+        time.sleep(0.01)
+
+
+def paced(rate: float, count: int) -> Iterator[int]:
+    """Count, `rate` times a second."""
+    began = time.perf_counter()
+    for k in range(count):
+        time.sleep(max(began + k / rate - time.perf_counter(), 0.0))
+        yield k
+
+
+def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
+    """Print how far the corrected joints step, and the raw ones."""
+    print(
+        "| rate [Hz] | messages | corrected | largest corrected / raw step | nothing late "
+        "| statuses | SILENT after [s] |"
+    )
+    print("| ---: | ---: | ---: | :--- | :--- | :--- | ---: |")
+    for rate in (200.0, 1000.0):
+        recording, path = session("J1-J2-J3", 4.0, rate), folder / f"{rate:g}.safetensors"
+        model = truejoint.calibrate(recording, "linear")
+        truejoint.write_calibration(model, path)
+        rows = recording.columns("measured", ROBOT.joint_names)
+        efforts = recording.columns("effort", ROBOT.joint_names)
+        efforts = ROBOT.transmission.joint_effort(efforts)  # type: ignore[union-attr]  # RAVEN's
+        there = np.r_[np.arange(len(rows)), np.arange(len(rows))[::-1]]
+        corrector = Corrector(model)
+        corrector.set_homing(True)
+        alone = corrector.run(recording).position
+        heard: dict[str, list[tuple[float, ...]]] = {RAW: [], CORRECTED: []}
+        said: list[tuple[float, str]] = []
+        ends = [
+            ros.subscribe(
+                topic, JOINT_STATE,
+                lambda m, kept=kept: kept.append((ros.seconds(m), *m.position[:3])),
+            )
+            for topic, kept in heard.items()
+        ]  # fmt: skip
+        status = ros.subscribe(
+            "/arm1/corrected/status", STRING_STAMPED,
+            lambda m, said=said: said.append((time.perf_counter(), m.string)),
+        )  # fmt: skip
+        joints = ros.publisher(RAW, JOINT_STATE)
+        states = ros.publisher("/arm1/operating_state", OPERATING_STATE)
+        with node("correct", str(path), "--profile", "raven2_mended"):
+            until(lambda out=joints: out.readers >= 2)
+            until(lambda out=states: out.readers >= 1)
+            state = ros.stamped(OPERATING_STATE, ros.now())
+            state.state, state.is_homed = "ENABLED", True
+            states.publish(state)
+            time.sleep(1.0)
+            _send_late(ros, joints, rows[there], efforts[there], rate, minutes)
+            end_of_all = time.perf_counter()
+            until(lambda said=said: said[-1][1] == SILENT)
+        for end in (*ends, status, joints.close, states.close):
+            end()
+        raw, corrected = (np.array(kept)[:, 1:] for kept in heard.values())
+        shown = (
+            ", ".join(f"{ratio:.2f}" for ratio in largest_step(a) / largest_step(b))
+            for a, b in ((corrected, raw), (alone, rows[:, :3]))
+        )
+        counts = Counter(name for _, name in said)
+        texts = ", ".join(f"{name} {count}" for name, count in counts.items())
+        silent = said[-1][0] - end_of_all
+        print(
+            f"| {rate:.0f} | {len(raw)} | {len(corrected)} | {' | '.join(shown)} | {texts} "
+            f"| {silent:.2f} |"
+        )
+
+
+def largest_step(rows: Array) -> Array:
+    """Largest change (n,) between two rows."""
+    return np.asarray(np.abs(np.diff(rows, axis=0)).max(axis=0))
+
+
+def _send_late(
+    ros: Transport, joints: Publisher, rows: Array, efforts: Array, rate: float, minutes: float
+) -> None:
+    """Publish as a bad network delivers: each message in the period in which it arrives."""
+    rng, count = np.random.default_rng(1), round(60.0 * minutes * rate)
+    late = np.where(rng.random(count) < LATE, rng.integers(1, MOST + 1, count), 0)
+    arrival = np.arange(count) + late
+    order = np.argsort(arrival, kind="stable")
+    order = order[rng.random(count) >= LOST]
+    epoch, at = ros.now(), 0
+    for period in paced(rate, count + MOST):
+        while at < len(order) and arrival[order[at]] <= period:
+            k = int(order[at])
+            message = ros.stamped(JOINT_STATE, epoch + k / rate)
+            row = k % len(rows)
+            message.position, message.effort = rows[row].tolist(), efforts[row].tolist()
+            joints.publish(message)
+            at += 1
+
+
+def moves_part(ros: Transport, moves: int) -> None:
+    """Print where the joints are when a move is said to be over."""
+    print("| rate [Hz] | moves | furthest off, quiet return | not arrived | others | silent |")
+    print("| ---: | ---: | :--- | ---: | ---: | ---: |")
+    for rate in RATES:
+        rng, off, refused, others = np.random.default_rng(2), [np.zeros(7)], 0, 0
+        with (
+            node("simulate", "--homed", "--rate-hz", f"{rate:g}"),
+            Arm(_backend(ros, "raven2_mended", rate=rate)) as arm,
+        ):
+            for _ in range(moves):
+                goal = ROBOT.home + EXTENT * rng.uniform(-1.0, 1.0, 7)
+                try:
+                    arm.move_jp(goal, SPEED).wait()
+                except NotArrived:
+                    refused += 1
+                    continue
+                except CommandRefused as error:
+                    print(error, file=sys.stderr)
+                    others += 1
+                    continue
+                off.append(np.abs(arm.measured_js(math.inf).position - goal))
+        silent = sum(bool((row > LIMIT).any()) for row in off)
+        worst = np.max(off, axis=0)
+        angle, way = np.degrees(np.delete(worst, 2).max()), 1e3 * worst[2]
+        print(
+            f"| {rate:.0f} | {moves} | {angle:.3f} deg, {way:.3f} mm | {refused} | {others} "
+            f"| {silent} |"
+        )
+
+
+def _backend(ros: Transport, profile: str, **how: Any) -> RosBackend:
+    """Link to the simulated robot, once that is there."""
+    until(lambda: "/arm1/operating_state" in ros.topics())
+    time.sleep(1.0)
+    return RosBackend(ros, ROBOT, profile, **how)
+
+
+class Robot:
+    """A served arm's set-points as they are reported, and what is sent to it as CRTK's clients do.
+
+    Attributes
+    ----------
+    changes : list of (float, ndarray)
+        Stamp [s] and set-point whenever it changed.
+    """
+
+    def __init__(self, ros: Transport) -> None:
+        self.ros, self.changes, self.states = ros, [(0.0, np.zeros(7))], [""]
+        self._ends = [
+            ros.subscribe(SETPOINT, JOINT_STATE, self._on_setpoint),
+            ros.subscribe(
+                "/arm1/operating_state", OPERATING_STATE, lambda m: self.states.append(m.state)
+            ),
+        ]
+        self._out = {n: ros.publisher(f"/arm1/{n}", JOINT_STATE) for n in ("servo_jp", "move_jp")}
+        self._state = ros.publisher("/arm1/state_command", STRING_STAMPED)
+        until(lambda: len(self.changes) > 1 and all(out.readers for out in self._out.values()))
+        until(lambda: self._state.readers)
+
+    def _on_setpoint(self, message: Any) -> None:
+        now = np.array(message.position)
+        if not np.array_equal(now, self.changes[-1][1]):
+            self.changes.append((self.ros.seconds(message), now))
+
+    def ask(self, name: str, position: Array) -> float:
+        """Send joints; gives when."""
+        t = self.ros.now()
+        message = self.ros.stamped(JOINT_STATE, t)
+        message.position = position.tolist()
+        self._out[name].publish(message)
+        return t
+
+    def command(self, word: str, state: str) -> float:
+        """Send a state command and wait for what it leads to; gives when it was sent."""
+        t = self.ros.now()
+        message = self.ros.stamped(STRING_STAMPED, t)
+        message.string = word
+        self._state.publish(message)
+        until(lambda: self.states[-1] == state)
+        return t
+
+    def rest_after(self, t: float) -> float:
+        """Wait until it stands; gives how long after `t` that was [s]."""
+        until(lambda: self.ros.now() - self.changes[-1][0] > 0.3)
+        return max(self.changes[-1][0] - t, 0.0)
+
+    def close(self) -> None:
+        """Give up the topics."""
+        for end in (*self._ends, *(out.close for out in (*self._out.values(), self._state))):
+            end()
+
+
+def wave(t: float) -> Array:
+    """Where a stream is at `t` [s]; it begins and goes on about the home pose."""
+    return np.asarray(ROBOT.home + EXTENT * np.sin(2.0 * t))
+
+
+def rest_part(ros: Transport, streams: int) -> None:
+    """Print how soon an arm stands after the last of a stream that ends while it moves."""
+    with node("simulate", "--homed"):
+        robot, took = Robot(ros), []
+        for _ in range(streams):
+            robot.ask("move_jp", wave(0.0))
+            robot.rest_after(0.0)
+            sent = 0.0
+            for k in paced(1000.0, 5000):
+                sent = robot.ask("servo_jp", wave(k / 1000.0))
+            took.append(1e3 * robot.rest_after(sent))
+        robot.close()
+    shown = ", ".join(f"{ms:.0f}" for ms in took)
+    print(f"Last of 5,000 `servo_jp` at 1 kHz to rest, {streams} streams: {shown} ms.")
+
+
+def pauses_part(ros: Transport, pauses: int) -> None:
+    """Print how soon an arm stands when another client pauses it."""
+    kinds = ("move_jp", *(f"servo_jp at {rate:.0f} Hz" for rate in RATES))
+    took: dict[str, list[float]] = {kind: [] for kind in kinds}
+    rng = np.random.default_rng(3)
+    with node("simulate", "--homed"):
+        robot = Robot(ros)
+        for k in range(pauses):
+            kind, over = kinds[k % len(kinds)], threading.Event()
+            robot.ask("move_jp", ROBOT.home)
+            robot.rest_after(0.0)
+            if kind == "move_jp":
+                sender = threading.Thread(
+                    target=robot.ask, args=("move_jp", ROBOT.home + 2.0 * EXTENT)
+                )
+            else:
+                rate = RATES[k % len(kinds) - 1]
+
+                def stream(rate: float = rate, over: threading.Event = over) -> None:
+                    for i in paced(rate, 10_000):
+                        if over.is_set():
+                            return
+                        robot.ask("servo_jp", wave(i / rate))
+
+                sender = threading.Thread(target=stream)
+            sender.start()
+            time.sleep(float(rng.uniform(0.4, 1.2)))
+            asked = robot.command("pause", "PAUSED")
+            took[kind].append(1e3 * robot.rest_after(asked))
+            over.set()
+            sender.join()
+            robot.command("resume", "ENABLED")
+        robot.close()
+    print("| pause during | pauses | median [ms] | 99 % [ms] | worst [ms] |")
+    print("| :--- | ---: | ---: | ---: | ---: |")
+    took["all"] = [ms for times in took.values() for ms in times]
+    for kind, times in took.items():
+        median, p99, worst = np.quantile(times, [0.5, 0.99, 1.0])
+        print(f"| {kind} | {len(times)} | {median:.0f} | {p99:.0f} | {worst:.0f} |")
+
+
+def path_part(ros: Transport) -> None:
+    """Print how far off a zig-zag the reported joints are."""
+    path = zigzag(ROBOT, "J1-J2-J3", 1.0)
+    print("| zig-zag | RMS of wanted less reported: shoulder, elbow, insertion |")
+    print("| :--- | :--- |")
+    with (
+        node("simulate", "--homed", "--quirks"),
+        Arm(_backend(ros, "raven2", tolerance={"rad": math.inf, "m": math.inf})) as arm,
+    ):
+        for name, steering in {"alone": None, "motor_loop": motor_loop(ROBOT)}.items():
+            report = follow(arm, path, steering=steering)
+            a, b, c = report.rms
+            print(
+                f"| {name} | {np.degrees(a):.3f} deg, {np.degrees(b):.3f} deg, {1e3 * c:.3f} mm |"
+            )
+
+
+def main() -> None:
+    """Run a master of our own, on this computer alone, and print the tables asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parts = ("steps", "moves", "rest", "pauses", "path")
+    parser.add_argument("--parts", nargs="+", default=parts, choices=parts)
+    parser.add_argument("--minutes", type=float, default=10.0, help="of each row of steps")
+    parser.add_argument("--moves", type=int, default=70, help="at each rate")
+    parser.add_argument("--streams", type=int, default=5)
+    parser.add_argument("--pauses", type=int, default=200)
+    chosen = parser.parse_args()
+    with tempfile.TemporaryDirectory() as text:
+        folder, port = Path(text), free_port()
+        os.environ.update(environment(port, folder))
+        with Master(port, folder):
+            ros = open_transport(1, "benchmark")
+            calls: dict[str, Callable[[], None]] = {
+                "steps": lambda: steps_part(ros, folder, chosen.minutes),
+                "moves": lambda: moves_part(ros, chosen.moves),
+                "rest": lambda: rest_part(ros, chosen.streams),
+                "pauses": lambda: pauses_part(ros, chosen.pauses),
+                "path": lambda: path_part(ros),
+            }
+            for part in chosen.parts:
+                with busy_with(part):
+                    calls[part]()
+
+
+if __name__ == "__main__":
+    main()
