@@ -104,6 +104,7 @@ class ArmServer:
         self._closed = threading.Event()
         self._move: Motion | None = None
         self._follower = SetpointFollower(arm, partial(self._warn, "servo"))
+        self._commanding = threading.Lock()
         self._newest: dict[str, float] = {}  # stamp of the newest set-point by command [s]
         self._warned: dict[str, float] = {}  # when, by line without numbers [s]
         self._velocity_t = -math.inf
@@ -189,18 +190,25 @@ class ArmServer:
         try:
             if name in _NOT_OFFERED:
                 raise CommandRefused(f"{name} refused: a simulated arm does not offer it")
-            if name.startswith(("servo", "interpolate")):
-                self._follow(name, message, of_grasper)
-                return
-            self._follower.stop()
-            if name == "hold":
-                self._arm.hold()
-                return
-            self._end_move()
-            act, cartesian_ = getattr(self._arm, name), name.endswith("_cp")
-            self._move = act(matrix_of(message) if cartesian_ else np.array(message.position))
+            with self._commanding:  # each topic has a thread of its own
+                if name.startswith(("servo", "interpolate")):
+                    self._follow(name, message, of_grasper)
+                else:
+                    self._go(name, message)
         except (TruejointError, ValueError) as refusal:
             self._warn(name, str(refusal))
+
+    def _go(self, name: str, message: Any) -> None:
+        """Hold, or begin a move; set-points that were sent before it are passed over."""
+        stamp = 0.0 if name == "hold" else self._transport.seconds(message)
+        self._newest["move"] = stamp or self._transport.now()
+        self._follower.stop()
+        if name == "hold":
+            self._arm.hold()
+            return
+        self._end_move()
+        act, cartesian_ = getattr(self._arm, name), name.endswith("_cp")
+        self._move = act(matrix_of(message) if cartesian_ else np.array(message.position))
 
     def _end_move(self) -> None:
         if self._move is not None and self._move.is_busy():
@@ -210,6 +218,7 @@ class ArmServer:
         """Follow a set-point, unless a newer one has come."""
         t = self._transport.seconds(message)
         is_old = name not in _RELATIVE and t < self._newest.get(name, 0.0)
+        is_old |= t < self._newest.get("move", 0.0)
         if t and (is_old or self._transport.now() - t > _LATE):
             self._warn(name, "a set-point is older than another, or too late; it is passed over")
             return

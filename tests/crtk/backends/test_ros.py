@@ -346,6 +346,18 @@ def test_servo_and_move_pre_empt_each_other(served, arm):
     )
 
 
+def test_a_set_point_that_was_sent_before_a_move_does_not_end_it(served, arm, caplog):
+    late = served.ros.stamped("sensor_msgs/JointState", served.ros.now())
+    late.position = (ROBOT.home + 0.3 * SHOULDER).tolist()
+    goal = ROBOT.home + 0.02 * SHOULDER
+    with caplog.at_level(logging.WARNING), served.move() as busy:
+        served.say("move_jp", position=goal.tolist())
+        served.ros.wait_for(STATE, lambda m: any(busy))
+        served.ros.send("/arm1/servo_jp", late)
+    assert "is older than another" in caplog.text
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
+
+
 def test_set_points_of_the_past_are_passed_over(served, arm, caplog):
     message = served.say("servo_jp", position=(ROBOT.home + 1e-3 * SHOULDER).tolist())
     at_rest(served, ROBOT.home + 1e-3 * SHOULDER)

@@ -117,7 +117,8 @@ class RosBackend:
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
         self._astray: tuple[float, Array] | None = None  # since when the set-point stands elsewhere
         self._measured: Array | None = None
-        self._tolerance = np.array([tolerance[joint.unit] for joint in robot.joints])
+        # A joint that has arrived creeps on: a tenth of the tolerance is for that.
+        self._tolerance = 0.9 * np.array([tolerance[joint.unit] for joint in robot.joints])
         self._has_commanded = False
         self._failure: BaseException | None = None
         self._closed = threading.Event()
