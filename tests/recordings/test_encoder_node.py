@@ -58,6 +58,19 @@ def test_it_registers_while_the_arm_homes_and_publishes_from_the_drivers_zero(no
     assert out[0].header.stamp > 1e9
 
 
+def test_a_homing_that_was_stopped_is_registered_anew(node):
+    ros, encoders, made = node
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)
+    towards = np.array([e.direction * (1 if e.end == "upper" else -1) for e in JOINT_ENCODERS])
+    send(encoders, (9000 * towards).astype(int))  # before somebody stopped it
+    say(ros, state="PAUSED", is_homed=False, is_busy=False)
+    say(ros, state="ENABLED", is_homed=False, is_busy=True)
+    send(encoders, (0, 0, 0), (1000 * towards).astype(int))
+    say(ros, state="ENABLED", is_homed=True, is_busy=False)
+    assert encoders._zero == pytest.approx(1000 * towards)
+    assert not made.published
+
+
 def test_a_registration_that_fails_is_said_and_nothing_is_published(node, caplog):
     ros, encoders, made = node
     say(ros, state="ENABLED", is_homed=False, is_busy=True)

@@ -56,7 +56,7 @@ _QUERIES: Final = {
     "forward_kinematics": FORWARD, "local/forward_kinematics": FORWARD,
     "inverse_kinematics": INVERSE,
 }  # fmt: skip
-_LATE: Final = 0.5  # [s] after its stamp a set-point is no longer one
+_LATE: Final = 0.5  # [s] by which the stamp of a set-point may be off the clock
 _LOG: Final = 1.0  # [s] between two equal lines of the log
 _STATE: Final = 0.1  # [s] between two operating states that are the same
 _VELOCITY: Final = 0.05  # [s] for which a velocity holds at most
@@ -200,8 +200,9 @@ class ArmServer:
 
     def _go(self, name: str, message: Any) -> None:
         """Hold, or begin a move; set-points that were sent before it are passed over."""
+        now = self._transport.now()
         stamp = 0.0 if name == "hold" else self._transport.seconds(message)
-        self._newest["move"] = stamp or self._transport.now()
+        self._newest["move"] = min(stamp or now, now)
         self._follower.stop()
         if name == "hold":
             self._arm.hold()
@@ -219,8 +220,12 @@ class ArmServer:
         t = self._transport.seconds(message)
         is_old = name not in _RELATIVE and t < self._newest.get(name, 0.0)
         is_old |= t < self._newest.get("move", 0.0)
-        if t and (is_old or self._transport.now() - t > _LATE):
-            self._warn(name, "a set-point is older than another, or too late; it is passed over")
+        if t and (is_old or abs(self._transport.now() - t) > _LATE):
+            self._warn(
+                name,
+                "a set-point is older than another, or its stamp is off by more than "
+                f"{_LATE:g} s; it is passed over",
+            )
             return
         self._newest[name] = t
         self._end_move()

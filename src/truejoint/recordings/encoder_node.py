@@ -93,6 +93,8 @@ class EncoderNode:
             self._is_homing = True
             self._encoders.start_registration()
             self._say("the arm homes: the encoders are registered")
+        elif self._is_homing and not message.is_homed and not message.is_busy:
+            self._is_homing = False  # it was stopped: the next homing is registered anew
         elif message.is_homed and self._is_homing:
             self._is_homing = False
             try:

@@ -160,12 +160,13 @@ class CorrectorNode:
 
     def _watch(self, now: float) -> None:
         """Say in the status, once, that no message comes."""
-        is_quiet = now - self._heard > max(QUIET, 3.0 * self._interval)
-        if is_quiet and self._status is not None:
-            self._status = None  # that of the next message is news
-            text = self._transport.stamped(STRING_STAMPED, self._transport.now())
-            text.string = SILENT
-            self._status_out.publish(text)
+        with self._correcting:  # so that the status of a message is not followed by this one
+            is_quiet = now - self._heard > max(QUIET, 3.0 * self._interval)
+            if is_quiet and self._status is not None:
+                self._status = None  # that of the next message is news
+                text = self._transport.stamped(STRING_STAMPED, self._transport.now())
+                text.string = SILENT
+                self._status_out.publish(text)
 
     def _on_operating_state(self, message: Any) -> None:
         self._is_homed = bool(message.is_homed)
@@ -245,8 +246,9 @@ class CorrectorNode:
 
     def _report(self) -> None:
         """Say how it goes: to a person what has changed, to ``/diagnostics`` all."""
-        recent, bits = self._recent, Status(self._bits)
-        self._recent = self._bits = 0
+        with self._correcting:
+            recent, bits = self._recent, Status(self._bits)
+            self._recent = self._bits = 0
         level, message = self._judge(bits)
         if message != self._said:
             self._said = message

@@ -148,7 +148,8 @@ class RosBackend:
                 f"{self.robot.title} refused: another Arm controls it; close that one first"
             )
         # Forget what an earlier listener saw: the robot may have been homed meanwhile.
-        self._state = self._setpoint = self._velocity = self._sent = self._failure = None
+        self._state = self._setpoint = self._measured = self._velocity = None
+        self._sent = self._failure = self._astray = None
         self._in_flight.clear()
         self._homing, self._has_commanded = "", False
         self._closed.clear()
@@ -235,8 +236,8 @@ class RosBackend:
                         f"{command!r} stopped: not done after {timeout:g} s; the robot reports "
                         f"{self.operating_state().state}"
                     )
-        self._sent = None
-        self._in_flight.clear()
+            self._sent = None
+            self._in_flight.clear()
         if command == "home":
             self._wait_for_joints()
 
@@ -383,7 +384,7 @@ class RosBackend:
             if was is not None and self._state.is_homed and not was.is_homed:
                 self._homing = f"homed at {t:.3f}"
             if not self._state.is_homed:
-                self._setpoint = None
+                self._setpoint = self._measured = None
             self._changed.notify_all()
 
     def _tell_time(self, t: float) -> None:
