@@ -397,6 +397,8 @@ LARGEST_MOVE = 1.1 * LONGEST_MOVE * np.array([*np.radians([2.0, 2.0]), 2e-3])
 def moves(arm: Arm) -> bool:
     """Whether it does as it is told; one that has just come up may not hear of it yet."""
     with suppress(CommandRefused):
+        if arm.operating_state().state == "PAUSED":  # by the move before, which it did not hear
+            arm.resume()
         arm.move_jp(ROBOT.home + np.eye(7)[0] * 0.01).wait()
         return True
     return False
