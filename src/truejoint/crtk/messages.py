@@ -22,6 +22,8 @@ from truejoint.robots import Robot
 JOINT_STATE: Final = "sensor_msgs/JointState"
 RAVEN_STATE: Final = "raven_2/raven_state"
 OPERATING_STATE: Final = "crtk_msgs/OperatingState"
+# The one name since crtk_msgs 1.1.0 (2023-11); the other until then, on RAVEN-II to this day.
+OPERATING_STATES: Final = (OPERATING_STATE, "crtk_msgs/operating_state")
 STRING_STAMPED: Final = "crtk_msgs/StringStamped"
 RAVEN_TOPIC: Final = "/ravenstate"
 TRUTH_TOPIC: Final = "/ext_jpos"
@@ -67,9 +69,7 @@ _OPERATING_STATE_TEXT: Final = "Header header\nstring state\nbool is_homed\nbool
 
 DEFINITIONS: Final[Mapping[str, str]] = {
     RAVEN_STATE: _RAVEN_STATE_TEXT,
-    # The one name until crtk_msgs 1.1.0 (2023-11), on RAVEN-II to this day; the other since.
-    "crtk_msgs/operating_state": _OPERATING_STATE_TEXT,
-    OPERATING_STATE: _OPERATING_STATE_TEXT,
+    **dict.fromkeys(OPERATING_STATES, _OPERATING_STATE_TEXT),
     STRING_STAMPED: "Header header\nstring string\n",
 }
 """Definition, as ROS 1 writes it, of each message type that ROS itself does not bring."""

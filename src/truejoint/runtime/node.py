@@ -255,7 +255,7 @@ class CorrectorNode:
             self._say(message)
         array = self._transport.stamped(DIAGNOSTICS, self._transport.now())
         status = self._transport.message("diagnostic_msgs/DiagnosticStatus")
-        status.level = bytes([level]) if isinstance(status.level, bytes) else level  # in ROS 2
+        status.level = level
         status.name, status.message = f"truejoint: {self._robot.title}", message
         status.hardware_id = self._robot.title
         facts = {

@@ -3,12 +3,13 @@
 from truejoint.crtk.ros.state_stream import StateStream
 from truejoint.crtk.ros.transport import Publisher, Transport
 from truejoint.errors import RosError
+from truejoint.extras import require
 
 __all__ = ["Publisher", "StateStream", "Transport", "open_transport"]
 
 
 def open_transport(version: int = 1, node: str = "truejoint") -> Transport:
-    """Become a node of the ROS that runs; rospy or rclpy is imported here and nowhere else.
+    """Become a node of the ROS that runs: by rospy, or over DDS as ROS 2 does.
 
     Parameters
     ----------
@@ -19,7 +20,9 @@ def open_transport(version: int = 1, node: str = "truejoint") -> Transport:
     Raises
     ------
     RosError
-        If there is no such ROS on this computer, or no master answers; says what to do.
+        If there is no ROS 1 on this computer, no master answers, or ROS 2's variables mean nothing.
+    TruejointError
+        If what the extra ``ros2`` brings is not installed. All say what to do.
 
     Examples
     --------
@@ -32,7 +35,9 @@ def open_transport(version: int = 1, node: str = "truejoint") -> Transport:
 
         return Ros1(node)
     if version == 2:
-        from truejoint.crtk.ros.ros2 import Ros2  # noqa: PLC0415  # needs rclpy
+        for module in ("cyclonedds.domain", "rosbags.typesys"):
+            require(module, "ros2", "live ROS 2")
+        from truejoint.crtk.ros.ros2 import Ros2  # noqa: PLC0415  # needs them
 
         return Ros2(node)
     raise RosError(f"no ROS {version}; give 1 or 2")

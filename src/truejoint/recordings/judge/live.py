@@ -10,7 +10,13 @@ from typing import Any, Final, Self
 import numpy as np
 
 from truejoint.array_types import Array
-from truejoint.crtk.messages import ARMS, JOINT_STATE, RAVEN_FIELDS, USUAL_QUANTITIES
+from truejoint.crtk.messages import (
+    ARMS,
+    JOINT_STATE,
+    OPERATING_STATES,
+    RAVEN_FIELDS,
+    USUAL_QUANTITIES,
+)
 from truejoint.crtk.protocol import SILENCE
 from truejoint.crtk.ros import Transport
 from truejoint.errors import RecordingError
@@ -83,7 +89,7 @@ class LiveLink:
         self._endings: list[Callable[[], None]] = []
 
     def __enter__(self) -> Self:
-        of_joints = (JOINT_STATE, *assembling.OPERATING_STATES)
+        of_joints = (JOINT_STATE, *OPERATING_STATES)
         topics, raven = self._transport.topics(), assembling.RAVEN_TYPE
         kinds = {n: kind for n, kind in topics.items() if kind in of_joints or kind.endswith(raven)}
         if not kinds:
@@ -146,7 +152,7 @@ class Heard:
         self.is_raven = kind.endswith(assembling.RAVEN_TYPE)
         self.invalid = 0  # messages with a stamp of 0: CRTK says so that their values mean nothing
         self._fields = _RAVEN_FIELDS if self.is_raven else assembling.JOINT_FIELDS
-        if kind in assembling.OPERATING_STATES:
+        if kind in OPERATING_STATES:
             self._fields = (assembling.HOMED,)
         self._lacking = ""
         self._rows: deque[tuple[float, float, _Layout, Array]] = deque(maxlen=KEPT)

@@ -31,7 +31,6 @@ Topics = Mapping[str, tuple[str, int]]
 RAVEN_TYPE: Final = "/raven_state"  # of whatever package: there are two at least
 JOINT_FIELDS: Final = ("position", "velocity", "effort")
 HOMED: Final = "is_homed"
-OPERATING_STATES: Final = (messages.OPERATING_STATE, "crtk_msgs/operating_state")
 # Names of CRTK, and of others, that are no joint sensors'.
 _NO_TRUTH: Final = ("measured_js", "setpoint_js", "goal_js", "joint_states", "joint_enc")
 _COMMANDS: Final = ("servo_", "move_", "interpolate_", "force")
@@ -87,7 +86,8 @@ def find_wiring(
                 added.append(name)
             of_arm = chosen.arm_of(name)
             here = of_arm == robot.arm if of_arm else near == space
-            if of_robot[name][0] in OPERATING_STATES and what == "operating_state" and here:
+            of_state = of_robot[name][0] in messages.OPERATING_STATES
+            if of_state and what == "operating_state" and here:
                 homed = name
     others_left = {name: about for name, about in of_robot.items() if name not in (state, *added)}
     truth_topic = "" if truth is None else truth or _find_truth(others_left)
