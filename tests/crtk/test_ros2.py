@@ -16,6 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
 
+from truejoint import read_recording
+from truejoint.cli.app import main
 from truejoint.crtk import Arm
 from truejoint.crtk.backends.ros import RosBackend
 from truejoint.crtk.messages import DEFINITIONS, FORWARD, JOINT_STATE, OPERATING_STATE, SERVICES
@@ -23,6 +25,7 @@ from truejoint.crtk.ros import open_transport, ros2
 from truejoint.crtk.ros.dds_types import definitions, message_class
 from truejoint.crtk.ros.ros2 import Ros2, discovery
 from truejoint.errors import RosError
+from truejoint.motion import Trajectory, write_trajectory
 from truejoint.robots import get_robot
 
 LONG = 60.0  # [s], on a busy machine
@@ -283,19 +286,32 @@ def test_variables_without_a_meaning_are_refused(monkeypatch, name, value):
         Ros2("n")
 
 
-def test_an_arm_served_by_another_process_moves():
+def test_an_arm_served_by_another_process_moves_and_is_collected_from(tmp_path, monkeypatch):
     command = [sys.executable, "-m", "truejoint", "node", "simulate", "--homed", "--ros", "2"]
+    near = {"rad": np.radians(1.0), "m": 1e-3}
     with subprocess.Popen(  # noqa: S603 - a line of our own
         [*command, "--rate-hz", "100"], stderr=subprocess.PIPE, text=True
     ) as served:
         try:
             assert any("/arm1/measured_js" in line for line in served.stderr)
             transport = open_transport(2, "lab")
-            near = {"rad": np.radians(1.0), "m": 1e-3}
             with Arm(RosBackend(transport, ROBOT, "raven2_mended", tolerance=near)) as arm:
                 arm.move_jp(ROBOT.home + np.eye(7)[0] * 0.02).wait()
                 assert abs(arm.measured_js().position[0] - ROBOT.home[0] - 0.02) < near["rad"]
             transport.close()
+            rows = ROBOT.home[:3] + 0.02 * np.linspace(0.0, 1.0, 20)[:, None] * [1.0, 1.0, 0.1]
+            motion = Trajectory(ROBOT.positioning, ("rad", "rad", "m"), rows)
+            write_trajectory(motion, tmp_path / "way.csv")
+            line = f"collect {tmp_path}/way.csv -o {tmp_path} --ros 2 --yes-move-it"
+            real = "--profile raven2_mended --truth /ext_jpos"
+            monkeypatch.setattr(sys, "argv", ["truejoint", *f"{line} {real}".split()])
+            with pytest.raises(SystemExit) as stop:
+                main()
+            assert stop.value.code == 0
         finally:
             served.terminate()
             served.communicate()
+    recording = read_recording(tmp_path / "way.parquet")
+    for quantity in ("measured", "truth"):
+        elbow = recording.column(f"{quantity}/elbow")
+        assert np.nanmax(elbow) - np.nanmin(elbow) > 0.01

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import command_line, out, progress, say
+from truejoint.cli.driven_arm import RealArm
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import read_trajectory, say_dropped
 from truejoint.errors import CommandRefused, RecordingError
@@ -156,19 +157,25 @@ class Simulated:
         """Mass hung on the tool [kg]."""
         return self.load_grams / 1e3
 
-    def switched_on(self) -> truejoint.crtk.Arm:
-        """Give the arm, not homed."""
+    def backend(self) -> truejoint.crtk.Backend:
+        """Switch it on, not homed."""
         made = truejoint.simulation.make_twin(
             *options.robot_and_arm(self.robot), parameters=self.twin, seed=self.seed, load=self.load
         )
         crtk = truejoint.crtk
-        return crtk.Arm((crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made))
+        return (crtk.PacedBackend if self.real_time else crtk.SimulatedBackend)(made)
+
+    def or_real(self, real: RealArm) -> AbstractContextManager[truejoint.crtk.Arm]:
+        """Give the arm, or the `real` one that is to be driven instead."""
+        its_own = (self.seed, self.twin != "nominal", self.real_time)
+        return real.or_twin(self.robot, self.backend, *its_own)
 
 
 def collect(
     trajectories: list[Path],
     output: Path,
     simulated: Simulated,
+    real: RealArm,
     loop: Loop,
     encoders: str | None = None,
     state_rate_hz: float = 30.0,
@@ -177,7 +184,7 @@ def collect(
     resume: bool = False,
     force: bool = False,
 ) -> Result:
-    """Home a simulated arm, drive it along trajectories and record each.
+    """Home an arm, simulated or with --ros real, drive it along trajectories and record each.
 
     All trajectories of one call share one homing, as in one session with a robot. A recording in
     place of a trajectory is replayed: the arm follows the set-points in it. Whatever stops the
@@ -194,7 +201,7 @@ def collect(
         say("nothing is left to record")
         return Result({"recordings": []})
     with ExitStack() as stack:
-        device = stack.enter_context(simulated.switched_on())
+        device = stack.enter_context(simulated.or_real(real))
         for trajectory, _ in pairs:
             trajectory.check_within(device.robot)
         truejoint.crtk.check_topics(device.robot, topics)
@@ -256,8 +263,10 @@ def _encoders(device: truejoint.crtk.Arm, port: str) -> JointEncoders:
 
 def home(device: truejoint.crtk.Arm, truth: JointEncoders | None) -> None:
     """Enable and home an arm, and register its joint encoders at the hard stops meanwhile."""
-    say(f"Homing {device.robot.title}, simulated ...")
-    device.enable()
+    (device.resume if device.operating_state().state == "PAUSED" else device.enable)()
+    if truth is None and device.operating_state().is_homed:
+        return
+    say(f"Homing {device.robot.title} ...")
     if truth is None:
         device.home()
         return

@@ -179,6 +179,16 @@ def _listen(arm: truejoint.crtk.Arm) -> None:
 
 @contextmanager
 def as_node(name: str, ros: int) -> Iterator[Transport]:
+    """Be a node of ROS until Ctrl-C, which is how a node ends."""
+    try:
+        with joined(name, ros) as transport:
+            yield transport
+    except KeyboardInterrupt:
+        say("stopped")
+
+
+@contextmanager
+def joined(name: str, ros: int) -> Iterator[Transport]:
     """Be a node of ROS meanwhile; what parts of it have to say goes to the person."""
     from truejoint.crtk.ros import open_transport
 
@@ -190,8 +200,6 @@ def as_node(name: str, ros: int) -> Iterator[Transport]:
     log.propagate = False
     try:
         yield transport
-    except KeyboardInterrupt:  # which is how a node ends
-        say("stopped")
     finally:
         transport.close()
         log.removeHandler(handler)

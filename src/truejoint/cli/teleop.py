@@ -14,7 +14,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import truejoint
+from truejoint.cli.collect import home
 from truejoint.cli.console import command_line, out, say
+from truejoint.cli.driven_arm import RealArm
 from truejoint.cli.options import robot_and_arm
 from truejoint.errors import CommandRefused, TruejointError
 from truejoint.files import check_target, read_small, write_atomically
@@ -36,6 +38,7 @@ Events = list[tuple[float, str, "Event"]]
 
 
 def teleop(
+    real: RealArm,
     robot: str = DEFAULT,
     seed: int = 0,
     record: Path | None = None,
@@ -44,7 +47,7 @@ def teleop(
     gamepad: bool = False,
     force: bool = False,
 ) -> None:
-    """Move a simulated arm in real time by keys: joints, tool and grasper.
+    """Move an arm, simulated or with --ros real, by keys: joints, tool and grasper.
 
     Keys move while they are held; 9, Esc or Ctrl-C pauses the arm and ends.
     """
@@ -57,12 +60,14 @@ def teleop(
         raise CommandRefused("--keys replays keys alone; leave --gamepad out")
     if keys is None and not sys.stdin.isatty():
         raise CommandRefused("teleop reads keys from a terminal; run it in one, or give --keys")
-    twin = truejoint.simulation.make_twin(*robot_and_arm(robot), seed=seed)
+
+    def backend() -> truejoint.crtk.Backend:
+        twin = truejoint.simulation.make_twin(*robot_and_arm(robot), seed=seed)
+        return truejoint.crtk.PacedBackend(twin)
+
     with ExitStack() as stack:
-        device = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(twin)))
-        device.enable()
-        say(f"Homing {device.robot.title}, simulated in real time ...")
-        device.home()
+        device = stack.enter_context(real.or_twin(robot, backend, seed))
+        home(device, None)
         if record is not None:
             recorder = truejoint.recordings.Recorder(
                 device, path=record, overwrite=force, session="teleoperation",

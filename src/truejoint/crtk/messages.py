@@ -197,6 +197,8 @@ class Profile:
         for space in self.arms:
             if self.arm_of(f"{space}/{name}") == arm:
                 return f"/{space}/{name}"
+        if arm[:1].isdecimal():  # ROS 2 lets no name begin so
+            arm = f"arm_{arm}"
         return f"/{arm}/{name}" if arm else f"/{name}"
 
     def joint_values(self, robot: Robot, name: str, values: Array, rest: Array) -> Array:
