@@ -10,7 +10,7 @@ from truejoint.motion import Trajectory, designed_motion, nested_motion, random_
 from truejoint.motion.forceps_trajectories import sine_trajectory
 from truejoint.robots import get_robot
 
-ROBOT, FORCEPS, PSM = (get_robot(name) for name in ("raven2", "forceps", "dvrk_psm"))
+ROBOT, FORCEPS, KUKA = (get_robot(name) for name in ("raven2", "forceps", "kuka_kr300"))
 JOINTS, UNITS = ("shoulder", "elbow", "insertion"), ("rad", "rad", "m")
 INSIDE = np.array([[0.5, 1.2, 0.35], [0.6, 1.3, 0.40]])
 
@@ -66,13 +66,13 @@ def test_other_units_are_refused():
         *((random_motion, (ROBOT, duration), "must be within") for duration in (0.0, np.nan, 1e6)),
         (partial(random_motion, rate=0.5), (ROBOT, 60.0), "must be within"),
         (random_motion, (ROBOT, 60.0, -1), "seed is -1"),
-        (random_motion, (PSM,), "no calibration workspace is known for dvrk_psm"),
+        (random_motion, (KUKA,), "no calibration workspace is known for kuka_kr300"),
         *((nested_motion, (FORCEPS, duration), "must be within") for duration in (5.0, np.nan)),
         (partial(nested_motion, rate=0.0), (FORCEPS,), "must be within"),
         (nested_motion, (ROBOT,), "has 3: use a zig-zag"),
         *((designed_motion, (ROBOT, duration), "must be within") for duration in (5, np.nan, 1e6)),
         (designed_motion, (ROBOT, 150.0, -1), "seed is -1"),
-        (designed_motion, (PSM,), "no calibration workspace"),
+        (designed_motion, (KUKA,), "no calibration workspace"),
         *((sine_trajectory, (((0.1, 1.0),), duration), "must be within")
           for duration in (0.0, np.nan, 1e6)),
         *((sine_trajectory, (tones,), "at least one, all finite")

@@ -134,8 +134,8 @@ def test_paths_lie_inside_the_robots_limits(direction):
 
 def test_another_robot_needs_a_workspace_of_its_own():
     psm = get_robot("dvrk_psm")
-    with pytest.raises(TrajectoryError, match="no calibration workspace is known for dvrk_psm"):
-        zigzag(psm, "J1")
+    with pytest.raises(TrajectoryError, match="no calibration workspace is known for kuka_kr300"):
+        zigzag(get_robot("kuka_kr300"), "J1")
     joints = psm.joint_names[:3]
     space = Workspace(joints, np.array([-0.5, -0.4, 0.1]), np.array([0.5, 0.4, 0.2]), np.ones(3))
     path = zigzag(psm, "J1-J3", 0.5, workspace=space)

@@ -233,6 +233,7 @@ PROFILES: Final[Mapping[str, Profile]] = {
         Profile(
             "dvrk",
             "da Vinci Research Kit, whatever its joints were called at the time",
+            arms={arm.upper(): arm for arm in ("psm1", "psm2", "psm3")},
             joints={
                 name: f"outer_{name}"
                 for name in ("yaw", "pitch", "insertion", "roll", "wrist_pitch", "wrist_yaw")

@@ -546,10 +546,11 @@ def test_two_arms_of_a_dvrk_need_a_word(tmp_path):
             replace(one, provenance=replace(one.provenance, arm=arm)), tmp_path / f"{arm}.bag"
         )
     bags = [tmp_path / "psm1.bag", tmp_path / "psm2.bag"]
-    assert set(bag_topics(bags)) == {"/psm1/measured_js", "/psm2/measured_js"}
+    assert set(bag_topics(bags)) == {"/PSM1/measured_js", "/PSM2/measured_js"}
     with pytest.raises(RecordingError, match="several arms"):
         read_bag(bags, "dvrk_psm")
     assert read_bag(bags, "dvrk_psm", "psm2").provenance.arm == "psm2"
+    assert read_bag(bags[0], "dvrk_psm").provenance.arm == "psm1"
 
 
 def _in_tables(session: Recording, folder: Path) -> Path:

@@ -23,7 +23,7 @@ from truejoint.recordings.table.recording import (
     nominal_rates,
 )
 from truejoint.recordings.table.stream import GAP_STEPS, Stream, synchronise, usable_rows
-from truejoint.robots import Robot, get_robot
+from truejoint.robots import Robot, arm_names, get_robot
 
 Topics = Mapping[str, tuple[str, int]]
 """Type of each topic, and how many messages it has."""
@@ -85,7 +85,7 @@ def find_wiring(
             if name != state and of_robot[name][0] == messages.JOINT_STATE and (inside or aim):
                 added.append(name)
             of_arm = chosen.arm_of(name)
-            here = of_arm == robot.arm if of_arm else near == space
+            here = of_arm == robot.arm if of_arm and robot.arm else near == space
             of_state = of_robot[name][0] in messages.OPERATING_STATES
             if of_state and what == "operating_state" and here:
                 homed = name
@@ -161,9 +161,14 @@ def require_topic(path: Path | str, topics: Topics, name: str) -> None:
 
 
 def robot_of(place: Path | str, topics: Topics, robot: str, arm: str) -> Robot:
-    """Robot that is named, else RAVEN-II where its state is there; raises RecordingError."""
+    """Robot that is named, else RAVEN-II where its state is there; raises RecordingError.
+
+    Its arm, unless that is named too, is the one whose name is a namespace of the topics.
+    """
     if robot:
-        return get_robot(robot, arm)
+        spaces = {part.lower() for name in topics for part in name.split("/")[:-1]}
+        alone = spaces.intersection(arm_names(robot))
+        return get_robot(robot, arm or (alone.pop() if len(alone) == 1 else ""))
     if any(kind.endswith(RAVEN_TYPE) for kind, _ in topics.values()):
         return get_robot("raven2", arm)
     raise RecordingError(f"{place}: which robot is it (--robot)? {listed(topics)}")
