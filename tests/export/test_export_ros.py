@@ -1,6 +1,7 @@
 """Tests of truejoint.export.export_ros; tests/test_lab_day.py builds and runs a package."""
 
 import re
+from xml.etree import ElementTree as ET
 
 import pytest
 from tests.synthetic import build_recording
@@ -21,6 +22,12 @@ def test_each_signal_is_taken_from_its_place_in_a_joint_state(tmp_path):
               "measured/unused": "0.0"}  # fmt: skip
     assert {name: value for value, name in taken if name in wanted} == wanted
     assert "setpoint_js" not in (tmp_path / "left_ros1.cpp").read_text()
+    for name, ns, reads in (
+        ("correct.launch", "ns", "arg"),
+        ("correct.launch.xml", "namespace", "var"),
+    ):
+        node = ET.fromstring((tmp_path / name).read_text()).find("node")  # noqa: S314 - our own
+        assert (node.get("pkg"), node.get(ns)) == ("left_corrector", f"$({reads} ns)")
     paths[0].unlink()
     with pytest.raises(ExportError, match="exists"):
         export_ros(model, tmp_path, prefix="left")

@@ -82,6 +82,8 @@ _ROS_TEMPLATES: Final = {
     "{}_ros1.cpp": "ros/ros1.cpp.j2",
     "{}_ros2.cpp": "ros/ros2.cpp.j2",
 }
+_LAUNCH: Final = {1: "correct.launch", 2: "correct.launch.xml"}
+"""Launch file by the version of ROS."""
 
 
 def export_c(
@@ -438,7 +440,7 @@ def export_ros(
     Examples
     --------
     >>> [path.name for path in export_ros(model, "package", prefix="jaw")][-3:]
-    ['jaw_joints.hpp', 'jaw_ros1.cpp', 'jaw_ros2.cpp']
+    ['jaw_ros2.cpp', 'correct.launch', 'correct.launch.xml']
     """
     robot = as_calibration(calibration).machine
     if not all(_value(robot, signal) for signal in calibration.loop_signals):
@@ -474,6 +476,9 @@ def export_ros(
     contents = source_files(calibration, prefix, precision, **how)
     for name, template in _ROS_TEMPLATES.items():
         contents[name.format(prefix)] = render(template, context, precision)
+    for ros, name in _LAUNCH.items():
+        told = {**context, "ros": ros, "file": name}
+        contents[name] = render("ros/launch.xml.j2", told, precision)
     return write_files(folder, contents, overwrite=overwrite)
 
 
