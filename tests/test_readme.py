@@ -1,4 +1,4 @@
-"""What the README shows, run: the demo, shortened, then every Python block in its order."""
+"""What README and the first steps show, run: the demo, shortened, then every Python block."""
 
 from __future__ import annotations
 
@@ -17,8 +17,11 @@ from truejoint.cli.app import main
 from truejoint.errors import RecordingError
 from truejoint.recordings import datasets
 
-README = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
-PYTHON = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+ROOT = Path(__file__).parents[1]
+README, STEPS = (
+    (ROOT / name).read_text(encoding="utf-8") for name in ("README.md", "docs/first_steps.md")
+)
+PYTHON = re.findall(r"```python\n(.*?)```", README + STEPS, flags=re.DOTALL)
 REAL = "datasets.fetch"
 # Motions long enough for what the blocks need, short enough for a test.
 SHORTER = {
@@ -111,7 +114,7 @@ def test_every_python_block_runs_and_corrects(
 def test_every_command_of_the_readme_is_one_that_is_understood(
     workplace: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    block = README.split("## Step by step")[1].split("```sh\n")[1].split("```")[0]
+    block = STEPS.split("## Step by step")[1].split("```sh\n")[1].split("```")[0]
     for long, brief in (("\\\n", " "), ("--minutes 20", "--minutes 1"), (" 1/4 ", " 1/2 ")):
         block = block.replace(long, brief)
     monkeypatch.chdir(workplace)

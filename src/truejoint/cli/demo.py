@@ -84,7 +84,7 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
     if isinstance(real, str):
         out.print(f"\nNo real recording: {real}")
     else:
-        out.print(f"\n{title}: five lines of Python in README")
+        out.print(f"\n{title}: five lines of Python in docs/first_steps.md")
         out.print(truejoint.evaluation.score_table(real))
     interval = {
         name: [getattr(score, name) for score in coverage]
@@ -238,4 +238,6 @@ def _show(
         title = truejoint.evaluation.estimator_title(name)
         advice.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
     out.print(f"Deploy: {advice[0]}. Beside it: {advice[1]}.")
-    out.print(f"\nOpen {folder / 'report.html'} in a browser. In Python, README goes on from here.")
+    out.print(
+        f"\nOpen {folder / 'report.html'} in a browser. In Python go on by docs/first_steps.md."
+    )
