@@ -1,4 +1,4 @@
-"""Sentences that a user reads keep to the rules of CONTRIBUTING: help texts, and the pages listed."""
+"""Sentences that a user reads keep to CONTRIBUTING's rules: help texts, and the pages listed."""
 
 from __future__ import annotations
 
