@@ -12,6 +12,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from cyclonedds._clayer import ddspy_write
+from cyclonedds.core import Policy
+from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Qos
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_typestore
@@ -186,6 +189,18 @@ def test_what_was_latched_comes_once_and_what_was_not_too(nodes):
         say(out, state)
     box.wait(4)
     assert [message.state for message in box] == ["ENABLED", "PAUSED", "FAULT", "ENABLED"]
+
+
+def test_a_best_effort_publisher_that_cannot_be_heard_is_named(nodes, caplog):
+    first, second = nodes
+    second.subscribe("/a", JOINT_STATE, Mailbox())
+    qos = Qos(Policy.Reliability.BestEffort, Policy.Durability.Volatile)
+    topic = first._topic("rt/a", message_class("sensor_msgs/msg/JointState"))
+    writer = DataWriter(first._participant, topic, qos)
+    with caplog.at_level(logging.WARNING):
+        while "/a: its publisher is best effort" not in caplog.text:
+            threading.Event().wait(0.05)
+    del writer
 
 
 def test_a_callback_that_fails_and_bytes_of_malice_are_logged_and_the_rest_heard(nodes, caplog):

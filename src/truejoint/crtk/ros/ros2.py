@@ -11,6 +11,7 @@ import os
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any, Final
 from xml.sax.saxutils import quoteattr
@@ -240,10 +241,15 @@ class Ros2:
         self._graph.write(message_class(_GRAPH)(told(self._participant), [node]))
 
     def _spin(self) -> None:
+        looked = time.monotonic()
         while not self.is_over:
             self._waits.wait(duration(seconds=1))
+            with_look = time.monotonic() - looked > 1.0
             for subscription in tuple(self._subscriptions):
                 subscription.take()
+                if with_look:
+                    subscription.tell_mismatch()
+            looked = time.monotonic() if with_look else looked
 
 
 @dataclass(eq=False)
@@ -287,6 +293,16 @@ class _Subscription:
                 except Exception:  # noqa: BLE001  # whatever it is, others are to be heard
                     if reader in self.readers:  # which nobody ended meanwhile
                         _log.exception("%s: a message could not be dealt with", self.topic)
+
+    def tell_mismatch(self) -> None:
+        """Log once that a writer cannot be heard: it promises less than is asked for."""
+        with suppress(core.DDSException, IndexError):  # it was ended meanwhile
+            reader: Any = self.readers[-1]
+            if reader.get_requested_incompatible_qos_status().total_count_change:
+                _log.warning(
+                    "%s: its publisher is best effort, and is not heard; make it reliable",
+                    self.topic,
+                )
 
     def _is_new(self, sample: Any, *, only_first: bool) -> bool:
         writer, stamp = sample.publication_handle, sample.source_timestamp
