@@ -235,7 +235,7 @@ class _Walk:
 
     def _count(self, fields: int) -> None:
         self.walked += fields
-        if self.walked > _MOST_WALKED:
+        if self.walked > _MOST_WALKED // 4:
             raise _DamagedError
 
     def _length(self) -> int:
