@@ -32,6 +32,8 @@ import lz4.frame
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
+from rosbags import rosbag1
+from rosbags.typesys import Stores, get_typestore
 
 if sys.version_info >= (3, 14):
     from compression import zstd
@@ -70,8 +72,9 @@ def kind(name: str) -> Callable[[Callable[[Path], Any]], Callable[[Path], Any]]:
 
 # ---------------------------------------------------------------------------------------- SQLite
 
-TOPICS = "CREATE TABLE topics (id, name, type, serialization_format)"
-MESSAGES = "CREATE TABLE messages (topic_id, timestamp, data)"
+TOPICS = "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)"
+COLUMNS = "id INTEGER PRIMARY KEY, topic_id, timestamp"
+MESSAGES = f"CREATE TABLE messages ({COLUMNS}, data)"
 INSERT = "INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)"
 DEFINITIONS = (
     "CREATE TABLE message_definitions (topic_type, encoding, encoded_message_definition);"
@@ -140,18 +143,18 @@ def _virtual(path: Path) -> None:
 @kind("computed.db3")
 def _computed(path: Path) -> None:
     column = "data AS (zeroblob(1000000000))"
-    tables(path, f"CREATE TABLE messages (topic_id, timestamp, {column})")
+    tables(path, f"CREATE TABLE messages ({COLUMNS}, {column})")
     with contextlib.closing(sqlite3.connect(path)) as base:
-        base.execute("INSERT INTO messages VALUES (1, 1)")
+        base.execute("INSERT INTO messages VALUES (1, 1, 1)")
         base.commit()
 
 
 @kind("computed_slowly.db3")
 def _computed_slowly(path: Path) -> None:
     slow = f"'{'a' * 400}' LIKE '{'%a' * 40}b'"
-    tables(path, f"CREATE TABLE messages (topic_id, timestamp AS ({slow}), data)")
+    tables(path, f"CREATE TABLE messages ({COLUMNS}, wait AS ({slow}), data AS (wait || x'00'))")
     with contextlib.closing(sqlite3.connect(path)) as base:
-        base.execute("INSERT INTO messages VALUES (1, x'00')")
+        base.execute("INSERT INTO messages VALUES (1, 1, 1)")
         base.commit()
 
 
@@ -218,6 +221,10 @@ def text(words: str) -> bytes:
     return struct.pack("<I", len(words)) + words.encode()
 
 
+PACK = {"zstd": zstd.compress, "lz4": lz4.frame.compress}
+FOOTER = record(2, bytes(20)) + b"\x89MCAP0\r\n"
+
+
 def state_records(messages: Sequence[bytes], definition: str = JOINTS) -> bytes:
     """Schema, channel and messages of a joint state."""
     schema = struct.pack("<H", 1) + text(STATE) + text("ros2msg") + text(definition)
@@ -229,45 +236,44 @@ def state_records(messages: Sequence[bytes], definition: str = JOINTS) -> bytes:
     return b"".join([record(3, schema), record(4, channel), *rows])
 
 
-def chunk(packed: bytes, packing: str, size: int = 0) -> bytes:
+def chunk(content: bytes, packing: str) -> bytes:
     """Chunk of an MCAP."""
+    packed, size = PACK[packing](content), len(content)
     return record(6, struct.pack("<QQQI", 0, 0, size, 0) + text(packing)
                   + struct.pack("<Q", len(packed)) + packed)  # fmt: skip
 
 
 def mcap(*records: bytes) -> bytes:
-    """MCAP that was cut short."""
-    return b"".join([b"\x89MCAP0\r\n", *records])
+    """MCAP without a summary."""
+    return b"".join([b"\x89MCAP0\r\n", record(1, text("ros2") + text("")), *records, FOOTER])
 
 
 @kind("chunks_zstd.mcap")
 def _chunks_zstd(_: Path) -> bytes:
-    bomb = zstd.compress(state_records([MESSAGE]) + record(5, bytes(1 << 28)))
-    return mcap(*[chunk(bomb, "zstd")] * 200)
+    return mcap(*[chunk(state_records([MESSAGE]) + record(5, bytes(1 << 28)), "zstd")] * 200)
 
 
 @kind("chunks_lz4.mcap")
 def _chunks_lz4(_: Path) -> bytes:
-    bomb = lz4.frame.compress(state_records([MESSAGE]) + record(5, bytes(1 << 28)))
-    return mcap(chunk(bomb, "lz4"), chunk(bomb, "lz4"))
+    return mcap(*[chunk(state_records([MESSAGE]) + record(5, bytes(1 << 28)), "lz4")] * 4)
 
 
 @kind("chunk_of_small_records.mcap")
 def _small_records(_: Path) -> bytes:
     few = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
-    return mcap(chunk(zstd.compress(state_records([MESSAGE]) + few * 1_000_000), "zstd"))
+    return mcap(chunk(state_records([MESSAGE]) + few * 1_000_000, "zstd"))
 
 
 @kind("chunk_of_nothing.mcap")
 def _nothing(_: Path) -> bytes:
-    return mcap(chunk(zstd.compress(state_records([MESSAGE]) + bytes(30_000_000)), "zstd"))
+    return mcap(chunk(state_records([MESSAGE]) + bytes(30_000_000), "zstd"))
 
 
 @kind("chunk_within_chunk.mcap")
 def _nested(_: Path) -> bytes:
     records = state_records([MESSAGE] * 20)
     for _round in range(50):
-        records = chunk(zstd.compress(records * 2), "zstd")
+        records = chunk(records * 2, "zstd")
     return mcap(records)
 
 
@@ -280,7 +286,7 @@ def _length(_: Path) -> bytes:
 @kind("summary.mcap")
 def _summary(_: Path) -> bytes:
     """A summary that counts what is not there, and begins at itself."""
-    body = mcap(state_records([MESSAGE] * 20))
+    body = mcap(state_records([MESSAGE] * 20)).removesuffix(FOOTER)
     counts = struct.pack("<QHIIIIQQI", 1 << 62, 1, 1, 0, 0, 0, 0, 0, 0xFFFFFFFF)
     summary = record(0x0B, counts + struct.pack("<HQ", 1, 1 << 62))
     end = record(2, struct.pack("<QQI", len(body), 0, 0))
@@ -353,6 +359,17 @@ def _chunks_bz2(_: Path) -> bytes:
     return ros1(*[ros1_chunk(bomb, b"bz2")] * 30)
 
 
+@kind("chunks_bz2_indexed.bag")
+def _indexed(path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    writer = rosbag1.Writer(path)
+    writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+    with writer:
+        topic = writer.add_connection("/measured_js", STATE, typestore=store)
+        for number in range(6):
+            writer.write(topic, number, bytes(1 << 27))
+
+
 @kind("chunks_lz4.bag")
 def _chunks_lz4_ros1(_: Path) -> bytes:
     bomb = lz4.frame.compress(ros1_state(20) + bytes(1 << 27))
@@ -391,18 +408,18 @@ def _index(_: Path) -> bytes:
 
 @kind("whole.mcap.zstd")
 def _whole_mcap(_: Path) -> bytes:
-    return zstd.compress(mcap(state_records([MESSAGE] * 20)) + bytes(1 << 29))
+    return zstd.compress(mcap(state_records([MESSAGE] * 20)) + bytes(1 << 28))
 
 
 @kind("whole.db3.zstd")
 def _whole_tables(path: Path) -> bytes:
     tables(plain := path.with_name("plain.db3"), rows=[MESSAGE] * 20)
-    return zstd.compress(plain.read_bytes() + bytes(1 << 29))
+    return zstd.compress(plain.read_bytes() + bytes(1 << 28))
 
 
 @kind("table.csv.gz")
 def _gzip(_: Path) -> bytes:
-    return gzip.compress(b"t,measured/jaw\n" + b"0.1,0.2\n" * 20_000_000, 1)
+    return gzip.compress(b"t,measured/jaw\n" + b"0.1,0.2\n" * 10_000_000, 1)
 
 
 @kind("rows.npz")
@@ -410,9 +427,9 @@ def _npz(path: Path) -> None:
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
         header = io.BytesIO()
         np.lib.format.write_array_header_1_0(
-            header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 25, 1)}
+            header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 22, 1)}
         )
-        file.writestr("rows.npy", header.getvalue() + bytes(1 << 28))
+        file.writestr("rows.npy", header.getvalue() + bytes(1 << 25))
 
 
 @kind("rows.npy")
@@ -425,7 +442,7 @@ def _npy(_: Path) -> bytes:
 
 @kind("rows.mat")
 def _mat(_: Path) -> bytes:
-    bomb = zlib.compress(struct.pack("<II", 14, 1 << 28) + bytes(1 << 28))
+    bomb = zlib.compress(struct.pack("<II", 14, 1 << 27) + bytes(1 << 27))
     head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
     return head + struct.pack("<II", 15, len(bomb)) + bomb
 
@@ -433,7 +450,7 @@ def _mat(_: Path) -> bytes:
 @kind("rows.parquet")
 def _parquet(path: Path) -> None:
     """Few rows are stated, in pages that unpack to much."""
-    table = pa.table({"t": np.zeros(1 << 25), "measured/jaw": np.zeros(1 << 25)})
+    table = pa.table({"t": np.zeros(1 << 23), "measured/jaw": np.zeros(1 << 23)})
     pq.write_table(table, path, compression="zstd", use_dictionary=False, data_page_size=1 << 30)
 
 
