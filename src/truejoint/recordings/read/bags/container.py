@@ -100,13 +100,11 @@ class _Bag:
     path: Path
     wanted: Wanted
     lost: Counter[str]
+    room: Allowance
     size: int  # bytes of it
     topics: dict[Any, Topic | None] = field(default_factory=dict)  # by key; None if not wanted
     schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
     """Type, language and text of each definition of an MCAP."""
-
-    def __post_init__(self) -> None:
-        self.room = Allowance.of_size(self.path, self.size)
 
     def announce(self, key: object, topic: Topic, *, readable: bool = True) -> None:
         """Say which topic the messages with a key are of."""
@@ -136,8 +134,10 @@ class _Kind(NamedTuple):
 def is_bag(path: Path, head: bytes) -> bool:
     """Whether a file that begins with `head`, or a folder, is a bag."""
     if path.is_dir():  # not any folder in which bags lie
-        named = [part.name.startswith(f"{path.name}_") for part in _parts(path)]
-        return bool(named) and (all(named) or (path / "metadata.yaml").exists())
+        with suppress(RecordingError):
+            named = [part.name.startswith(f"{path.name}_") for part in _parts(path)]
+            return all(named) or (path / "metadata.yaml").exists()
+        return False
     return head.startswith(tuple(_KINDS)) or (
         head.startswith(ZSTD_MAGIC) and bool(_inner_suffix(path))
     )
@@ -146,16 +146,16 @@ def is_bag(path: Path, head: bytes) -> bool:
 def list_topics(path: Path) -> dict[Topic, int]:
     """Topics of a bag and how many messages each has; an index tells, where there is one."""
     counts: Counter[Topic] = Counter()
-    for part in _parts_of(path):
-        with _opened(part, lambda _: True, Counter()) as (kind, file, bag):
-            begin = file.tell()
-            try:
-                by_key = kind.index(file, bag)
-                counts.update({t: by_key[key] for key, t in bag.topics.items() if t is not None})
-            except (struct.error, KeyError):  # no index: read through
-                file.seek(begin)
-                bag.topics.clear()
-                counts.update(topic for topic, _, _ in kind.messages(file, bag))
+    for kind, file, bag in _opened(path, lambda _: True, Counter()):
+        begin = file.tell()
+        try:
+            by_key = kind.index(file, bag)
+            for key, topic in bag.topics.items():
+                counts.update({topic: by_key[key]} if topic else {})
+        except (struct.error, KeyError):  # no index: read through
+            file.seek(begin)
+            bag.topics.clear()
+            counts.update(topic for topic, _, _ in kind.messages(file, bag))
     return dict(counts)
 
 
@@ -166,24 +166,30 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
     """
     waiting: dict[Topic, tuple[list[int], list[bytes]]] = {}
     count = size = 0
-    for part in _parts_of(path):
-        with _opened(part, wanted, lost) as (kind, file, bag):
-            for topic, time, message in kind.messages(file, bag):
-                times, messages = waiting.setdefault(topic, ([], []))
-                times.append(time)
-                messages.append(message)
-                count, size = count + 1, size + len(message)
-                if count == _ROWS or size >= _BYTES:
-                    yield from ((topic, *both) for topic, both in waiting.items())
-                    waiting, count, size = {}, 0, 0
+    for kind, file, bag in _opened(path, wanted, lost):
+        for topic, time, message in kind.messages(file, bag):
+            times, messages = waiting.setdefault(topic, ([], []))
+            times.append(time)
+            messages.append(message)
+            count, size = count + 1, size + len(message)
+            if count == _ROWS or size >= _BYTES:
+                yield from ((topic, *both) for topic, both in waiting.items())
+                waiting, count, size = {}, 0, 0
     yield from ((topic, *both) for topic, both in waiting.items())
 
 
-@contextmanager
 def _opened(
-    path: Path, wanted: Wanted, lost: Counter[str]
+    path: Path, wanted: Wanted, lost: Counter[str], packed: Path | None = None
 ) -> Iterator[tuple[_Kind, BinaryIO, _Bag]]:
-    """Open a bag behind the first bytes that tell its kind; raises RecordingError if it is none."""
+    """Open each file of a bag behind the first bytes, which tell its kind.
+
+    Messages name the file that was `packed` as a whole. Raises RecordingError if it is no bag.
+    """
+    shown = packed or path
+    if path.is_dir():
+        for part in _parts(path):
+            yield from _opened(part, wanted, lost)
+        return
     with require_file(path).open("rb") as file:
         head = file.read(len(SQLITE_MAGIC))
         for magic, kind in _KINDS.items():
@@ -191,30 +197,31 @@ def _opened(
                 file.seek(len(magic))
                 log = path.with_name(f"{path.name}-wal")  # where SQLite writes at first
                 size = path.stat().st_size + (log.stat().st_size if log.exists() else 0)
-                yield kind, file, _Bag(path, wanted, lost, size)
+                yield kind, file, _Bag(path, wanted, lost, Allowance.of_size(shown, size), size)
                 return
-        if not (head.startswith(ZSTD_MAGIC) and _inner_suffix(path)):
-            version = head.split(b"\n")[0].decode(errors="replace")
-            what = "is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)"
-            if head.startswith(b"#ROSBAG"):
-                what = f"is {version[1:]}; rosbag migrates it: rosbag fix"
-            raise RecordingError(f"{path}: {what}")
-        file.seek(0)
-        with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
-            plain = Path(folder) / path.stem
-            try:
-                with plain.open("wb") as unpacked:
-                    for piece in Allowance.of_size(path, path.stat().st_size).pieces(file, "zstd"):
-                        unpacked.write(piece)
-            except DamagedError:
-                lost[UNPACKED_IN_PART] += 1
-            except OSError as error:
-                raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
-            try:
-                with _opened(plain, wanted, lost) as opened:
-                    yield opened
-            except RecordingError as error:
-                raise RecordingError(str(error).replace(str(plain), str(path))) from None
+        if head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
+            file.seek(0)
+            with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
+                plain = Path(folder) / path.stem
+                _unpack(path, file, plain, lost)
+                yield from _opened(plain, wanted, lost, path)
+            return
+    if head.startswith(b"#ROSBAG"):
+        version = head.split(b"\n")[0].decode(errors="replace")
+        raise RecordingError(f"{shown}: is {version[1:]}; rosbag migrates it: rosbag fix")
+    raise RecordingError(f"{shown}: is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)")
+
+
+def _unpack(path: Path, file: BinaryIO, plain: Path, lost: Counter[str]) -> None:
+    """Unpack a file that was packed as a whole, as far as it goes."""
+    try:
+        with plain.open("wb") as unpacked:
+            for piece in Allowance.of_size(path, path.stat().st_size).pieces(file, "zstd"):
+                unpacked.write(piece)
+    except DamagedError:
+        lost[UNPACKED_IN_PART] += 1
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
 
 
 def _inner_suffix(path: Path) -> str:
@@ -224,22 +231,19 @@ def _inner_suffix(path: Path) -> str:
 
 
 def _parts(folder: Path) -> list[Path]:
-    """Files of a bag of ROS 2 in the order in which they were recorded: name_0, name_1, ..."""
+    """Files of a bag of ROS 2 in the order in which they were recorded: name_0, name_1, ...
+
+    Raises RecordingError if there are none.
+    """
     parts = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3") or _inner_suffix(p)]
+    if not parts:
+        raise RecordingError(f"{folder}: no .mcap or .db3 file in that folder; is it a bag?")
 
     def number(path: Path) -> tuple[int, str]:
         digits = path.name.partition(".")[0].rpartition("_")[2]
         return int(digits) if digits.isdecimal() else 0, path.name
 
     return sorted(parts, key=number)
-
-
-def _parts_of(path: Path) -> list[Path]:
-    """Files of a bag; raises RecordingError for a folder without any."""
-    parts = _parts(path) if path.is_dir() else [path]
-    if not parts:
-        raise RecordingError(f"{path}: no .mcap or .db3 file in that folder; is it a bag?")
-    return parts
 
 
 # ---------------------------------------------------------------------------------------- ROS 1
@@ -444,26 +448,18 @@ def _tables(bag: _Bag) -> Iterator[sqlite3.Connection]:
                 raise KeyboardInterrupt from None  # which Python told to SQLite alone
             else:
                 raise RecordingError(
-                    f"{bag.path}: its tables take more steps to read than any of {bag.size} bytes "
+                    f"{bag.room.path}: its tables take more steps to read than any of {bag.size} bytes "
                     "do; is it a bag?"
                 ) from None
 
 
-def _authorise(action: int, *about: str | None) -> int:
-    """Let SQLite read tables alone: nothing that a view asks for."""
-    reads = action in (sqlite3.SQLITE_READ, sqlite3.SQLITE_SELECT, sqlite3.SQLITE_FUNCTION)
-    return sqlite3.SQLITE_OK if reads and about[-1] is None else sqlite3.SQLITE_DENY
-
-
 def _sqlite_topics(base: sqlite3.Connection, bag: _Bag) -> None:
-    """Take the topics of a bag; nothing that the file defines is run, now or later."""
+    """Take the topics of a bag, all of it of plain tables: nothing that a file defines is run."""
     base.execute("PRAGMA trusted_schema = OFF")
     tables = {name for (name,) in base.execute(_PLAIN_TABLES)}
-    base.set_authorizer(_authorise)
     if not {"topics", "messages"} <= tables:
         raise RecordingError(
-            f"{bag.path}: is an SQLite file, but no bag of ROS 2: it has no tables of topics and "
-            "messages"
+            f"{bag.room.path}: is no bag of ROS 2: it has no plain tables of topics and messages"
         )
     # Bags from before 2023 have no definitions.
     rows = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
