@@ -38,7 +38,7 @@ _MOST_WALKED, _START = 1 << 20, 50
 _MOST_DEFINITION: Final = 1 << 17  # bytes of a definition, which takes long to parse
 _ONE_INTEGER: Final = tuple((order + kind, 1) for order in "<>" for kind in ("i4", "u4"))
 _DEEPEST: Final = 20  # messages within messages
-_MOST_VALUES: Final = 1 << 20  # in one list of a message
+_BASE, _MESSAGE, _SEQUENCE = 1, 2, 4  # what rosbags says of a field: 3 is a list of fixed length
 _MOST_FIELDS: Final = 1 << 16  # of a message, with those of messages within it
 PURPOSE: Final = "reading and writing bags"
 
@@ -79,16 +79,19 @@ def field_types(topic: Topic) -> Types:
         else:
             definitions |= system.get_types_from_msg(topic.definition, name)
     except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
-        raise RecordingError(
-            f"{topic.name}: the definition of {topic.type} in the bag is damaged "
-            f"({words(error, 60)})"
-        ) from None
+        raise _damaged(topic, words(error, 60)) from None
     if name not in definitions:
         raise RecordingError(
             f"{topic.name}: the bag has no definition of {topic.type}, nor has truejoint; record "
             "with MCAP, which brings it"
         )
     return definitions
+
+
+def _damaged(topic: Topic, why: str) -> RecordingError:
+    return RecordingError(
+        f"{topic.name}: the definition of {topic.type} in the bag is damaged ({why})"
+    )
 
 
 def full_name(kind: str) -> str:
@@ -110,10 +113,7 @@ class Decoder:
         self._types = field_types(self.topic)
         fields = list(islice(self._leaves(full_name(self.topic.type), ""), _MOST_FIELDS + 1))
         if len(fields) > _MOST_FIELDS:
-            raise RecordingError(
-                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
-                f"(more than {_MOST_FIELDS} fields)"
-            )
+            raise _damaged(self.topic, f"more than {_MOST_FIELDS} fields")
         missing = sorted(set(self.wanted) - set(fields))
         if missing:
             has = ", ".join(name for name, _ in self._types[full_name(self.topic.type)][1])
@@ -124,13 +124,10 @@ class Decoder:
 
     def _leaves(self, kind: str, prefix: str, depth: int = 0) -> Iterator[str]:
         if depth > _DEEPEST:
-            raise RecordingError(
-                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
-                f"(messages within messages, {_DEEPEST} deep)"
-            )
+            raise _damaged(self.topic, f"messages within messages, {_DEEPEST} deep")
         for name, (shape, inner) in self._types[kind][1]:
             yield prefix + name
-            if int(shape) == 2 and inner in self._types:
+            if shape == _MESSAGE and inner in self._types:
                 yield from self._leaves(inner, f"{prefix}{name}.", depth + 1)
 
     def decode(
@@ -187,66 +184,51 @@ class _Walk:
         if self._aligned and self._data[:2] not in (b"\0\0", b"\0\1"):
             return False
         try:
-            self._walk(kind, "")
+            self._walk("", (_MESSAGE, kind))
         except (_DamagedError, KeyError, UnicodeDecodeError):
             return False
         return True
 
-    def _walk(self, kind: str, prefix: str, depth: int = 0) -> None:
+    def _walk(self, path: str, what: tuple[int, Any], depth: int = 0) -> None:
+        """Go through a value, a message or a list."""
+        shape, inner = what
+        self._count()
         if depth > _DEEPEST:
             raise _DamagedError
-        for name, (shape, inner) in self._types[kind][1]:
-            if int(shape) <= 2:
-                self._value(prefix + name, (shape, inner), depth)
-                continue
-            element, count = inner
-            count = self._length() if int(shape) == 4 else count
-            if count > _MOST_VALUES:
-                raise _DamagedError
-            self._values(prefix + name, element, count, depth)
-
-    def _value(self, path: str, what: tuple[Any, Any], depth: int) -> None:
-        shape, inner = what
-        self._count(1)
-        if int(shape) == 2:
-            self._walk(inner, f"{path}.", depth + 1)
-        elif inner[0] in ("string", "wstring"):
+        if shape == _MESSAGE:
+            for name, part in self._types[inner][1]:
+                self._walk(f"{path}.{name}" if path else name, part, depth + 1)
+            return
+        element, count = (what, 1) if shape == _BASE else inner
+        if shape == _SEQUENCE:
+            count = self._length()
+        begin, base = self._at, element[1][0] if element[0] == _BASE else ""
+        if base in _SIZES:
+            size = int(_SIZES[base][1])
+            begin = self._take(size * count, size if count else 1)
+            self.places[path] = begin, self._order + _SIZES[base], count
+        elif not base:
+            for k in range(count):
+                self._walk(f"{path}[{k}]", element, depth)
+        elif shape == _BASE:
             self._text()
         else:
-            self._numbers(path, inner[0], 1)
-
-    def _values(self, path: str, element: tuple[Any, Any], count: int, depth: int) -> None:
-        shape, inner = element
-        if int(shape) == 1 and inner[0] in ("string", "wstring"):
-            begin = self._at
-            self._count(count)
             self.texts[path] = tuple(self._text() for _ in range(count))
             self.fixed.append((begin, self._at))
-        elif int(shape) == 1:
-            self._numbers(path, inner[0], count)
-        else:
-            for k in range(count):
-                self._value(f"{path}[{k}]", element, depth)
 
-    def _numbers(self, path: str, kind: str, count: int) -> None:
-        size = int(_SIZES[kind][1])
-        begin = self._take(size * count, size if count else 1)
-        self.places[path] = begin, self._order + _SIZES[kind], count
-
-    def _count(self, fields: int) -> None:
-        self.walked += fields
+    def _count(self) -> None:
+        self.walked += 1
         if self.walked > _MOST_WALKED // 4:
             raise _DamagedError
 
     def _length(self) -> int:
         begin = self._take(4, 4)
         self.fixed.append((begin, self._at))
-        number = np.frombuffer(self._data, self._order + "u4", 1, begin)
-        return int(number[0])
+        return int(np.frombuffer(self._data, self._order + "u4", 1, begin)[0])
 
     def _text(self) -> str:
-        length = self._length()
-        begin = self._take(length)
+        self._count()
+        begin = self._take(self._length())
         return self._data[begin : self._at].rstrip(b"\0").decode()
 
     def _take(self, size: int, step: int = 1) -> int:
