@@ -29,11 +29,11 @@ MAX_BINARY_BYTES: Final = 2**30  # of a file that is read in one go (.npy, .mat)
 MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
 MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes 6.3 kB a line
 HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
-# What a packed file may unpack to in all, however small it is, and as a multiple of its size.
-# Recordings pack to a quarter or a twentieth; what packs to less than a hundredth is no measurement.
+# What a packed file may unpack to in all, however small it is, and as a multiple of its size:
+# recordings pack to a quarter or a twentieth; what packs to a hundredth is no measurement.
 _SMALL_BYTES: Final = 1 << 25
 _MOST_PACKED: Final = 100
-MOST_PIECE_BYTES: Final = 1 << 26  # of a message or chunk once unpacked; recorders write about 1 MB
+MOST_PIECE_BYTES: Final = 1 << 26  # of a message or chunk; recorders write about 1 MB
 _STEP_BYTES: Final = 1 << 20  # that are unpacked at a time, between which Ctrl-C is heard
 
 

@@ -67,12 +67,14 @@ _ROS1_TIME: Final = struct.Struct("<II")  # s and ns
 _MCAP_RECORD: Final = struct.Struct("<BQ")  # what it is, and its length
 _MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE, _MCAP_CHUNK = 0x03, 0x04, 0x05, 0x06
 _MCAP_STATISTICS, _MCAP_DATA_END, _MCAP_FOOTER = 0x0B, 0x0F, 0x02
-_MCAP_END: Final = 28 + len(MCAP_MAGIC)  # bytes of the footer behind its kind and length, and magic
+_MCAP_OF_CHUNKS: Final = (_MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE)
+_MCAP_FOOTER_HEAD: Final = struct.Struct("<BQQ")  # a record's, and where the summary begins
+_MCAP_END: Final = 37  # bytes of the footer and of what a file ends with
 _MCAP_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _MCAP_STATISTICS_HEAD: Final = struct.Struct("<Q34sI")  # messages, of what is here, bytes of counts
 _MCAP_COUNT: Final = struct.Struct("<HQ")  # channel, messages
 _LATEST: Final = (1 << 63) - 1  # [ns] that a stamp may be
-_MCAP_CHUNK_HEAD: Final = struct.Struct("<QQQI")  # first and last time, size unpacked, checksum
+_MCAP_CHUNK_HEAD: Final = 28  # bytes: first and last time, size unpacked, checksum
 
 
 @dataclass(frozen=True)
@@ -303,9 +305,8 @@ def _ros1_index(file: BinaryIO, bag: _Bag) -> Counter[bytes]:
         if fields.get(b"op") == _ROS1_TOPIC:
             bag.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
         elif fields.get(b"op") == b"\x06":
-            for place in range(0, length, 8):
-                pair = file.read(8)
-                counts[pair[:4]] += _U32.unpack_from(pair, 4)[0]
+            for key, count in struct.iter_unpack("<4sI", file.read(length)):
+                counts[key] += count
     if counts.total() * _ROS1_ENTRY > end:  # nor is it one that counts what has no place there
         raise struct.error("no index")
     return counts
@@ -367,18 +368,26 @@ def _announce_mcap(op: int, data: bytes, bag: _Bag) -> None:
     bag.announce(key, topic, readable=encoding in ("ros1", "cdr"))
 
 
+def _mcap_records(file: BinaryIO, end: int) -> Iterator[tuple[int, int, int]]:
+    """Give what each record up to `end` is, where its data begin, and how long they are."""
+    at = file.tell()
+    while at + _MCAP_RECORD.size <= end:
+        op, length = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
+        yield op, at + _MCAP_RECORD.size, length
+        at = min(at + _MCAP_RECORD.size + length, end)
+        file.seek(at)
+
+
 def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
     """Count messages by the summary at the end of a file, which repeats what topics there are."""
     end = file.seek(0, 2) - _MCAP_END
-    file.seek(max(end - _MCAP_RECORD.size, 0))
-    op, _ = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
-    (at,) = _U64.unpack(file.read(8))
-    if op != _MCAP_FOOTER or not 0 < at < end:
+    file.seek(max(end, 0))
+    op, _, begin = _MCAP_FOOTER_HEAD.unpack(file.read(_MCAP_FOOTER_HEAD.size))
+    if op != _MCAP_FOOTER or not 0 < begin < end:
         raise struct.error("no summary")
+    file.seek(begin)
     total, counts = -1, Counter[int]()
-    while (at := file.seek(at)) < end - _MCAP_RECORD.size:
-        op, length = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
-        at += _MCAP_RECORD.size + length
+    for op, _, length in _mcap_records(file, end):
         if op in (_MCAP_SCHEMA, _MCAP_CHANNEL):
             _announce_mcap(op, file.read(min(length, end)), bag)
         elif op == _MCAP_STATISTICS:
@@ -392,38 +401,37 @@ def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
 
 def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
     """Messages of a file, or of the records of a chunk."""
-    at, end, lost = file.tell(), file.seek(0, 2), bag.lost
-    while at + _MCAP_RECORD.size <= end:
-        file.seek(at)
-        op, length = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
+    whole, end = file.tell(), file.seek(0, 2)
+    file.seek(whole)
+    for op, begin, length in _mcap_records(file, end):
         if op in (_MCAP_DATA_END, _MCAP_FOOTER):
             return
-        begin = at + _MCAP_RECORD.size
+        is_known = op in _MCAP_OF_CHUNKS or not (in_chunk or op == 0)
+        if not is_known or (begin + length > end and op != _MCAP_CHUNK):
+            break
         try:
-            if op == _MCAP_CHUNK and not in_chunk:
+            if op == _MCAP_CHUNK:
                 chunk = bag.read(file, min(length, end - begin))
-                packing, place = _text(chunk, _MCAP_CHUNK_HEAD.size)
+                packing, place = _text(chunk, _MCAP_CHUNK_HEAD)
                 (size,) = _U64.unpack_from(chunk, place)
                 records = bag.unpack(chunk[place + 8 : place + 8 + size], packing)
                 yield from _mcap(io.BytesIO(records), bag, in_chunk=True)
-            elif begin + length > end:
-                break
             elif op == _MCAP_MESSAGE:
-                size = _MCAP_MESSAGE_HEAD.size
-                channel, _, time, _ = _MCAP_MESSAGE_HEAD.unpack(file.read(min(length, size)))
-                if (topic := bag.topics.get(channel)) is not None:
-                    yield topic, min(time, _LATEST), bag.read(file, length - size)
-            elif op in (_MCAP_SCHEMA, _MCAP_CHANNEL):
+                yield from _mcap_message(file, length, bag)
+            elif op in _MCAP_OF_CHUNKS:
                 _announce_mcap(op, file.read(length), bag)
-            elif op == 0 or in_chunk:  # nothing of MCAP's: the length before it was wrong
-                break
         except struct.error:
-            lost[DAMAGED] += 1
-        if begin + length > end:
-            break
-        at = begin + length
-    if at < end:  # the last record is not whole
-        lost[CUT_SHORT] += end - at
+            bag.lost[DAMAGED] += 1
+        whole = begin + length if begin + length <= end else whole
+    if whole < end:  # the last record is not whole
+        bag.lost[CUT_SHORT] += end - whole
+
+
+def _mcap_message(file: BinaryIO, length: int, bag: _Bag) -> _Messages:
+    size = _MCAP_MESSAGE_HEAD.size
+    channel, _, time, _ = _MCAP_MESSAGE_HEAD.unpack(file.read(min(length, size)))
+    if (topic := bag.topics.get(channel)) is not None:
+        yield topic, min(time, _LATEST), bag.read(file, length - size)
 
 
 # --------------------------------------------------------------------------------------- SQLite
@@ -448,8 +456,8 @@ def _tables(bag: _Bag) -> Iterator[sqlite3.Connection]:
                 raise KeyboardInterrupt from None  # which Python told to SQLite alone
             else:
                 raise RecordingError(
-                    f"{bag.room.path}: its tables take more steps to read than any of {bag.size} bytes "
-                    "do; is it a bag?"
+                    f"{bag.room.path}: its tables take more steps to read than any of "
+                    f"{bag.size} bytes do; is it a bag?"
                 ) from None
 
 
