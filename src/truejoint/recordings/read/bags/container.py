@@ -130,7 +130,7 @@ class _Kind(NamedTuple):
     """How a kind of file is read; both raise struct.error or KeyError where it is damaged."""
 
     messages: Callable[[BinaryIO, _Bag], _Messages]
-    index: Callable[[BinaryIO, _Bag], Counter[Any]]  # messages by key of the topic
+    indexed: Callable[[BinaryIO, _Bag], Counter[Any]]  # messages by key of the topic
 
 
 def is_bag(path: Path, head: bytes) -> bool:
@@ -151,7 +151,7 @@ def list_topics(path: Path) -> dict[Topic, int]:
     for kind, file, bag in _opened(path, lambda _: True, Counter()):
         begin = file.tell()
         try:
-            by_key = kind.index(file, bag)
+            by_key = kind.indexed(file, bag)
             for key, topic in bag.topics.items():
                 counts.update({topic: by_key[key]} if topic else {})
         except (struct.error, KeyError):  # no index: read through
