@@ -31,7 +31,7 @@ MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes
 HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
 # What a packed file may unpack to in all, however small it is, and as a multiple of its size:
 # recordings pack to a quarter or a twentieth; what packs to a hundredth is no measurement.
-_SMALL_BYTES: Final = 1 << 25
+_SMALL_BYTES: Final = 1 << 26
 _MOST_PACKED: Final = 100
 MOST_PIECE_BYTES: Final = 1 << 26  # of a message or chunk; recorders write about 1 MB
 _STEP_BYTES: Final = 1 << 20  # that are unpacked at a time, between which Ctrl-C is heard
