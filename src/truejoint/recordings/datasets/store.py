@@ -218,18 +218,18 @@ def _fetch_one(
             for chunk in answer.iter_content(_CHUNK):
                 taken += part.write(chunk)
                 if taken > file.size:
-                    raise RecordingError(
-                        f"{url}: is longer than the {file.size} bytes that are known; it is not "
-                        "the file that was published"
-                    )
+                    raise OverflowError  # which pooch does not try again
                 report(taken)
 
     try:
         # Not by pooch, which fails where another process makes the same folder meanwhile.
         (store.abspath / file.name).parent.mkdir(parents=True, exist_ok=True)
         store.fetch(file.name, downloader=download)
-    except RecordingError:
-        raise
+    except OverflowError:
+        raise RecordingError(
+            f"{dataset.url(file)}: is longer than the {file.size} bytes that are known; it is not "
+            "the file that was published"
+        ) from None
     except requests.RequestException as error:
         raise RecordingError(
             f"{dataset.url(file)}: cannot be fetched ({type(error).__name__}); check the network, "
