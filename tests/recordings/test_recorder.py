@@ -16,7 +16,7 @@ from truejoint.errors import RecordingError
 from truejoint.motion import follow
 from truejoint.motion.forceps_trajectories import calibration_trajectory, verification_trajectory
 from truejoint.recordings import Recorder, read_parquet, read_recorded_topics, read_recording
-from truejoint.recordings.recorder import PAST_END, Decimator, _Rows
+from truejoint.recordings.recorder import PAST_END, Decimator, _joined
 from truejoint.recordings.table.stream import AFTER, BACK, Stream
 from truejoint.robots import get_robot
 from truejoint.robots.blocks import QUANTITIES
@@ -346,17 +346,17 @@ def test_topics_of_a_recording_that_is_replaced_go_with_it(arm, tmp_path):
 
 
 def test_what_comes_while_rows_are_joined_waits_for_the_next_time():
-    rows = _Rows("state", math.inf)
+    pieces: list[Stream] = []
 
     class Late(dict[str, Any]):
         def __getitem__(self, name: str) -> Any:
-            rows.pieces.append(Stream(np.array([2.0]), {"measured/jaw": np.array([0.2])}))
+            pieces.append(Stream(np.array([2.0]), {"measured/jaw": np.array([0.2])}))
             return super().__getitem__(name)
 
     first = Stream(np.array([1.0]), {"measured/jaw": np.array([0.1])})
     object.__setattr__(first, "columns", Late(first.columns))
-    rows.pieces.append(first)
-    joined = rows.joined()
+    pieces.append(first)
+    joined = _joined(pieces)
     assert joined is not None
     assert joined.t.tolist() == [1.0]
-    assert len(rows) == 2
+    assert len(pieces) == 2

@@ -1,17 +1,26 @@
-"""Files from others, read within bounds."""
+"""Files from others, read within bounds.
+
+Whatever packed a file (gzip, bz2, LZ4, Zstandard; a whole file, chunks, messages, pages), one rule
+says what it may unpack to: `Allowance`.
+"""
 
 from __future__ import annotations
 
+import bz2
 import gzip
 import hashlib
 import io
 import re
+import sys
 import zlib
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, BinaryIO, Final, Self
 
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, words
+from truejoint.extras import require
 from truejoint.files import require_ordinary
 
 # Most bytes of a text file once unpacked: 6 h of the 252-column layout is 4.5 GB.
@@ -20,10 +29,91 @@ MAX_BINARY_BYTES: Final = 2**30  # of a file that is read in one go (.npy, .mat)
 MAX_VALUES: Final = 250_000_000  # kept of one file (2 GB): 72 h of 30 Hz rows with 32 columns
 MAX_LINE_BYTES: Final = 1 << 20  # of a text file; the widest layout known takes 6.3 kB a line
 HEAD_BYTES: Final = 1 << 16  # how much of a file is looked at to tell its format
-# What a packed file may unpack to, however small it is, and as a multiple of its size. Recordings
-# pack to a quarter or a twentieth; what packs to less than a hundredth is no measurement.
+# What a packed file may unpack to in all, however small it is, and as a multiple of its size:
+# recordings pack to a quarter or a twentieth; what packs to a hundredth is no measurement.
 _SMALL_BYTES: Final = 1 << 26
 _MOST_PACKED: Final = 100
+MOST_PIECE_BYTES: Final = 1 << 26  # of a message or chunk; recorders write about 1 MB
+_STEP_BYTES: Final = 1 << 20  # that are unpacked at a time, between which Ctrl-C is heard
+
+
+class DamagedError(Exception):
+    """What is packed is cut short or damaged."""
+
+
+@dataclass
+class Allowance:
+    """What a file may unpack to, of which its chunks, messages and pages take their parts."""
+
+    path: Path | str
+    most: int  # bytes in all
+    what: str = "unpacks to"
+    taken: int = 0
+
+    @classmethod
+    def of_size(cls, path: Path | str, size: int) -> Self:
+        """Give what a packed file of `size` bytes may unpack to."""
+        return cls(path, max(_SMALL_BYTES, _MOST_PACKED * size))
+
+    def take(self, size: int) -> None:
+        """Count bytes that were, or would be, unpacked; raises RecordingError past the bound."""
+        self.taken += size
+        if self.taken > self.most:
+            raise RecordingError(
+                f"{self.path}: {self.what} more than {self.most} bytes, the most that is read; "
+                "cut the recording into parts"
+            )
+
+    def check_piece(self, size: int) -> None:
+        """Refuse, with RecordingError, a message or chunk of so many bytes, once it is unpacked."""
+        if size > MOST_PIECE_BYTES:
+            raise RecordingError(
+                f"{self.path}: a message or chunk of more than {MOST_PIECE_BYTES} bytes, the most "
+                "that is read; record in smaller chunks"
+            )
+
+    def pieces(self, file: BinaryIO, packing: str) -> Iterator[bytes]:
+        """Unpack what a file holds, a little at a time.
+
+        Raises RecordingError past the bound, DamagedError where the file is not whole or `packing`
+        is unknown.
+        """
+        if packing not in _OPENERS:
+            raise DamagedError(f"packed as {packing!r:.40}")
+        with _OPENERS[packing](file) as packed:
+            while piece := _read(packed):
+                self.take(len(piece))
+                yield piece
+
+    def unpack(self, data: bytes, packing: str) -> bytes:
+        """Unpack a chunk or a message, or as much as there is of one that is not whole."""
+        content = bytearray()
+        with suppress(DamagedError):
+            for piece in self.pieces(io.BytesIO(data), packing):
+                content += piece
+                self.check_piece(len(content))
+        return bytes(content)
+
+
+def _read(packed: Any) -> bytes:
+    """Unpack the next bytes; each packing has errors of its own."""
+    try:
+        return bytes(packed.read1(_STEP_BYTES))
+    except Exception as error:  # noqa: BLE001
+        raise DamagedError(words(error)) from None
+
+
+def _zstd(file: BinaryIO) -> Any:
+    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
+    return require(module, "ros", "unpacking Zstandard").ZstdFile(file)
+
+
+_OPENERS: Final[dict[str, Any]] = {
+    "gzip": lambda file: gzip.GzipFile(fileobj=file),
+    "bz2": bz2.BZ2File,
+    "lz4": lambda file: require("lz4.frame", "ros", "unpacking LZ4").LZ4FrameFile(file),
+    "zstd": _zstd,
+}
 
 
 class BoundedFile(io.RawIOBase):
@@ -35,15 +125,15 @@ class BoundedFile(io.RawIOBase):
 
     def __init__(self, path: Path, limit: int = MAX_UNPACKED_BYTES, *, lines: bool = False) -> None:
         super().__init__()
-        self._path, self._limit, self._lines = path, limit, lines
-        self._taken = self._line = 0
+        self._path, self._lines, self._line = path, lines, 0
         self._hash = hashlib.sha256()
         self._plain = io.FileIO(path)
-        self._packed = self._plain.read(2) == b"\x1f\x8b"  # whatever the file is called
+        packed = self._plain.read(2) == b"\x1f\x8b"  # whatever the file is called
         self._plain.seek(0)
-        if self._packed:
-            self._limit = min(limit, most_unpacked(path.stat().st_size))
-        self._file: Any = gzip.GzipFile(fileobj=self._plain) if self._packed else self._plain
+        size = path.stat().st_size
+        self._room = Allowance.of_size(path, size) if packed else Allowance(path, limit, "holds")
+        self._room.most = min(limit, self._room.most)
+        self._file: Any = gzip.GzipFile(fileobj=self._plain) if packed else self._plain
 
     def readable(self) -> bool:
         """Say that it is made for reading."""
@@ -57,13 +147,7 @@ class BoundedFile(io.RawIOBase):
             raise RecordingError(
                 f"{self._path}: the gzip file is cut short or damaged ({error}); fetch it again"
             ) from None
-        self._taken += len(data)
-        if self._taken > self._limit:
-            what = "unpacks to" if self._packed else "holds"
-            raise RecordingError(
-                f"{self._path}: {what} more than {self._limit} bytes, the most that is read; "
-                "cut the recording into parts"
-            )
+        self._room.take(len(data))
         if self._lines:
             end = data.rfind(b"\n")
             self._line = len(data) - end - 1 if end >= 0 else self._line + len(data)
@@ -87,11 +171,6 @@ class BoundedFile(io.RawIOBase):
         self._file.close()
         self._plain.close()
         super().close()
-
-
-def most_unpacked(size: int) -> int:
-    """Most bytes that a packed file of `size` bytes may unpack to."""
-    return max(_SMALL_BYTES, _MOST_PACKED * size)
 
 
 def require_file(path: Path) -> Path:

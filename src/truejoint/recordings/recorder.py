@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 import threading
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, dataclass, field, replace
 from pathlib import Path
@@ -24,6 +24,7 @@ from truejoint.recordings.table.parquet import recording_header, write_parquet
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.recordings.table.stream import BRIDGED_TIME, Stream
 
+_STREAMS: Final = stream_file.STATE, stream_file.TRUTH
 _PIECE: Final = 0.5  # [s] that are worked on, and written, at a time
 LONGEST: Final = 12 * 3600.0
 """Rows later than this after the first [s] are counted and not kept."""
@@ -183,7 +184,7 @@ class Recorder:
     @property
     def rows(self) -> int:
         """Rows of the state that are kept so far."""
-        return len(self._state)
+        return sum(len(piece.t) for piece in self._pieces[stream_file.STATE])
 
     @property
     def size(self) -> int:
@@ -209,7 +210,7 @@ class Recorder:
             notes=self._stopped,
             dropped={PAST_END: self._past_end},
         )
-        state, truth = self._state.joined(), self._truth.joined()
+        state, truth = (_joined(self._pieces[name]) for name in _STREAMS)
         robot, limit = self.arm.robot, self.gap_limit
         return stream_file.recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
 
@@ -249,9 +250,9 @@ class Recorder:
         stream.path.unlink(missing_ok=True)
 
     def _clear(self) -> None:
-        self._state = _Rows(stream_file.STATE, self.state_rate)
-        self._truth = _Rows(stream_file.TRUTH, math.inf)
-        self._thinning = {topic: Decimator(rate) for topic, rate in self.topics.items()}
+        rates = dict(zip(_STREAMS, (self.state_rate, math.inf), strict=True))
+        self._thinning = {name: Decimator(rate) for name, rate in {**rates, **self.topics}.items()}
+        self._pieces: dict[str, list[Stream]] = {name: [] for name in _STREAMS}
         self._states: list[OperatingState] = []  # not yet written
         self._first = math.nan
         self._past_end = 0
@@ -263,9 +264,10 @@ class Recorder:
             self._receive(block)
 
     def _receive(self, block: StateBlock | TruthBlock) -> None:
-        stream = self._truth if isinstance(block, TruthBlock) else self._state
-        chosen = stream.decimator.pick(block.t)
-        if stream is self._state and math.isnan(self._first) and chosen.any():
+        state, truth = _STREAMS
+        name = truth if isinstance(block, TruthBlock) else state
+        chosen = self._thinning[name].pick(block.t)
+        if name == state and math.isnan(self._first) and chosen.any():
             self._first = float(block.t[chosen][0])
         late = block.t - self._first > LONGEST  # never, before the first state
         if isinstance(block, TruthBlock):
@@ -275,16 +277,17 @@ class Recorder:
             columns = block.columns()
         piece = Stream(block.t, columns).rows(chosen & ~late)
         with self._lock:  # state and truth may come in threads of their own
-            stream.pieces.append(piece)
+            self._pieces[name].append(piece)
             if self._stream is not None and len(piece.t):
-                self._stream.write(stream.name, piece.t, piece.columns)
+                self._stream.write(name, piece.t, piece.columns)
         if isinstance(block, StateBlock) and self.topics:
             self._keep_topics(block.rows(~late))
 
     def _keep_topics(self, block: StateBlock) -> None:
         """Write what an arm's topics say of a block of its state messages."""
         robot = self.arm.robot
-        for topic, decimator in self._thinning.items():
+        for topic in self.topics:
+            decimator = self._thinning[topic]
             if topic == OPERATING_STATE:
                 if decimator.pick(block.t[-1:]).any():
                     self._keep_state(self.arm.operating_state())
@@ -315,22 +318,11 @@ def topics_beside(path: str | os.PathLike[str]) -> Path:
     return Path(path).with_suffix(stream_file.TOPICS_SUFFIX)
 
 
-class _Rows:
-    """Rows kept of one stream, in the pieces that they came in."""
-
-    def __init__(self, name: str, rate: float) -> None:
-        self.name = name
-        self.decimator = Decimator(rate)
-        self.pieces: list[Stream] = []
-
-    def __len__(self) -> int:
-        return sum(len(piece.t) for piece in self.pieces)
-
-    def joined(self) -> Stream | None:
-        """One stream of all rows; None without any."""
-        pieces = tuple(self.pieces)  # others may come in another thread meanwhile
-        if not pieces:
-            return None
-        names = pieces[0].columns
-        columns = {name: np.concatenate([p.columns[name] for p in pieces]) for name in names}
-        return Stream(np.concatenate([piece.t for piece in pieces]), columns)
+def _joined(pieces: Sequence[Stream]) -> Stream | None:
+    """One stream of its pieces; None without any."""
+    pieces = tuple(pieces)  # others may come in another thread meanwhile
+    if not pieces:
+        return None
+    names = pieces[0].columns
+    columns = {name: np.concatenate([p.columns[name] for p in pieces]) for name in names}
+    return Stream(np.concatenate([piece.t for piece in pieces]), columns)

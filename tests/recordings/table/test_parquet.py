@@ -122,7 +122,7 @@ def test_what_unpacks_to_more_than_a_measurement_does_is_refused(tmp_path):
     path = tmp_path / "a.parquet"
     zeros = pa.array(np.zeros(9_000_000))
     rewrite(path, GOOD, **{"t": zeros, "measured/joint1": zeros})
-    with pytest.raises(RecordingError, match="unpack to 144000000, which no measurement does"):
+    with pytest.raises(RecordingError, match="unpacks to more than"):
         read_parquet(path)
 
 

@@ -205,10 +205,6 @@ def _require_upstream(dataset: Dataset, folder: Path, file: DatasetFile) -> Path
     return path
 
 
-class _TooLongError(Exception):
-    """More bytes arrive than the file has."""
-
-
 def _fetch_one(
     store: Any, dataset: Dataset, file: DatasetFile, report: Callable[[int], None]
 ) -> None:
@@ -222,28 +218,27 @@ def _fetch_one(
             for chunk in answer.iter_content(_CHUNK):
                 taken += part.write(chunk)
                 if taken > file.size:
-                    raise _TooLongError
+                    raise OverflowError  # which pooch does not try again
                 report(taken)
 
     try:
         # Not by pooch, which fails where another process makes the same folder meanwhile.
         (store.abspath / file.name).parent.mkdir(parents=True, exist_ok=True)
         store.fetch(file.name, downloader=download)
-        return
-    except _TooLongError:
-        too_long = f"is longer than the {file.size} bytes that are known"
-        fault = f"{too_long}; it is not the file that was published"
+    except OverflowError:
+        raise RecordingError(
+            f"{dataset.url(file)}: is longer than the {file.size} bytes that are known; it is not "
+            "the file that was published"
+        ) from None
     except requests.RequestException as error:
-        fault = (
-            f"cannot be fetched ({type(error).__name__}); check the network, "
+        raise RecordingError(
+            f"{dataset.url(file)}: cannot be fetched ({type(error).__name__}); check the network, "
             f"or copy the data set yourself and set {DATA_VARIABLE}"
-        )
-    except ValueError:
-        # pooch's word for a wrong hash; it has removed the file.
-        fault = (
-            f"its SHA-256 is not {file.sha256[:16]}...; it is not the file "
+        ) from None
+    except ValueError:  # pooch's word for a wrong hash; it has removed the file
+        raise RecordingError(
+            f"{dataset.url(file)}: its SHA-256 is not {file.sha256[:16]}...; it is not the file "
             "that was published: try again later"
-        )
+        ) from None
     except OSError as error:
         raise RecordingError(f"{file.name}: cannot be written to the cache ({error})") from None
-    raise RecordingError(f"{dataset.url(file)}: {fault}")

@@ -22,7 +22,7 @@ from scipy.io import loadmat
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, words
-from truejoint.recordings.bounded_file import MAX_BINARY_BYTES, most_unpacked, read_bounded
+from truejoint.recordings.bounded_file import MAX_BINARY_BYTES, Allowance, read_bounded
 
 NPY_MAGIC: Final = b"\x93NUMPY"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
@@ -85,7 +85,7 @@ def read_mat(data: bytes, source: str) -> dict[str, Array]:
     try:
         with warnings.catch_warnings(action="error"):
             if b"\0" not in data[:4]:
-                return _read_version_5(data)
+                return _read_version_5(data, source)
             # A file of version 4, whose sizes SciPy checks.
             arrays = loadmat(io.BytesIO(data)).items()  # type: ignore[arg-type]
             return {
@@ -93,26 +93,27 @@ def read_mat(data: bytes, source: str) -> dict[str, Array]:
                 for name, value in arrays
                 if isinstance(value, np.ndarray) and value.dtype.kind in "fiub"
             }
+    except RecordingError:
+        raise
     except Exception as error:  # noqa: BLE001  # damage shows in many ways
         raise RecordingError(
             f"{source}: cannot be read as a MAT file ({words(error, 120)}); is it whole?"
         ) from None
 
 
-def _read_version_5(data: bytes) -> dict[str, Array]:
+def _read_version_5(data: bytes, source: str) -> dict[str, Array]:
     if data[126:128] not in (b"IM", b"MI"):
         raise _MatError("its header is cut short")
     order = "<" if data[126:128] == b"IM" else ">"
-    limit = room = min(MAX_MAT_BYTES, most_unpacked(len(data)))
+    room = Allowance.of_size(source, len(data))
+    room.most = min(MAX_MAT_BYTES, room.most)
     variables: dict[str, Array] = {}
     for element in _elements(memoryview(data)[_HEADER_BYTES:], order, aligned=False):
         kind, body = element
         if kind == _COMPRESSED:
             unpack = zlib.decompressobj()
-            content = unpack.decompress(body, room + 1)
-            room -= len(content)
-            if room < 0:
-                raise _MatError(f"unpacks to more than {limit} bytes")
+            content = unpack.decompress(body, room.most - room.taken + 1)
+            room.take(len(content))
             if not unpack.eof:
                 raise _MatError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))

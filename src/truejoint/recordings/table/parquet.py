@@ -18,7 +18,7 @@ import pyarrow.parquet as pq
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, RobotError, words
 from truejoint.files import check_ending, content_hash, is_as_written, write_atomically
-from truejoint.recordings.bounded_file import MAX_VALUES, most_unpacked, require_file
+from truejoint.recordings.bounded_file import MAX_VALUES, Allowance, require_file
 from truejoint.recordings.table.recording import Provenance, Recording, as_recording
 from truejoint.robots import Robot, robot_of
 
@@ -274,12 +274,7 @@ def check_size(source: Path, file: Any) -> None:
             f"{source}: {metadata.num_rows} rows of {metadata.num_columns} columns; at most "
             f"{MAX_VALUES} values in {_MAX_COLUMNS} columns are read"
         )
-    size = source.stat().st_size
-    if 8 * values > most_unpacked(size):
-        raise RecordingError(
-            f"{source}: its {size} bytes unpack to {8 * values}, which no measurement does; "
-            "is it one?"
-        )
+    Allowance.of_size(source, source.stat().st_size).take(8 * values)
 
 
 def _check_schema(source: Path, schema: Any, texts: Collection[str]) -> dict[str, Any]:

@@ -121,6 +121,9 @@ def read_streams(
     blocks: dict[str, list[tuple[list[str], Array, Array]]] = {}
     whole, total = False, 0
     try:
+        with pa.memory_map(str(source)) as file, suppress(*_DAMAGE):
+            if any(map(_is_packed, pa.ipc.MessageReader.open_stream(file))):
+                raise RecordingError(f"{source}: was packed, as no recorder's stream is")
         with source.open("rb") as file, pa.ipc.open_stream(file) as reader:
             header = _header(source, reader.schema)
             while True:
@@ -268,6 +271,26 @@ def _block(source: Path, batch: Any, metadata: Any) -> tuple[str, tuple[list[str
     raise RecordingError(
         f"{source}: a block is not as it was written; the file was damaged or edited"
     )
+
+
+def _is_packed(message: Any) -> bool:
+    """Whether a message of Arrow is compressed, which Arrow itself would unpack without a bound.
+
+    Arrow has checked that its metadata is a flatbuffer (format/Message.fbs).
+    """
+    data = message.metadata.to_pybytes()
+
+    def number(at: int, size: int = 4) -> int:
+        return int.from_bytes(data[at : at + size], "little")
+
+    def field(table: int, index: int) -> int:
+        """Place of what a field of a table refers to; 0 if it has no such field."""
+        names = (table - number(table)) % (1 << 32)
+        there = 4 + 2 * index < number(names, 2) and number(names + 4 + 2 * index, 2)
+        return table + there + number(table + there) if there else 0
+
+    header = field(number(0), 2)
+    return bool(header and field(header, 3))
 
 
 def _joined(source: Path, name: str, parts: list[tuple[list[str], Array, Array]]) -> Stream:

@@ -12,12 +12,14 @@ from pathlib import Path
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from rosbags import rosbag1
 from tests.recordings.read.bags.conftest import make_session
 
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings import bag_topics, read_bag, read_topic, write_bag
+from truejoint.recordings.bounded_file import Allowance
 from truejoint.recordings.read.bags.container import DAMAGED, MCAP_MAGIC, Topic
-from truejoint.recordings.read.bags.fields import Decoder
+from truejoint.recordings.read.bags.fields import Decoder, typesys
 
 zstd = pytest.importorskip("backports.zstd" if sys.version_info < (3, 14) else "compression.zstd")
 
@@ -187,3 +189,26 @@ def test_a_folder_in_the_folder_of_a_bag_is_no_part_of_it(tmp_path):
     (folder / "plots").mkdir(parents=True)
     _mcap(folder / "run_0.mcap", _state(_JOINTS, _JAW))
     assert len(read_bag(folder, "davinci_grasper")) == 20
+
+
+def test_topics_are_listed_without_unpacking_a_message(tmp_path, monkeypatch):
+    """Of MCAP by its summary, of tables by their rows, which may be packed."""
+    write_bag(make_session(rows=20), tmp_path / "run.mcap")
+    _tables(tmp_path / "run.db3", spoilt=None)
+    with closing(sqlite3.connect(tmp_path / "run.db3")) as base:
+        (message,) = base.execute("SELECT data FROM messages").fetchone()
+        base.execute("UPDATE messages SET data = ?", [zstd.compress(message)])
+        base.commit()
+    monkeypatch.setattr(Allowance, "unpack", None)
+    assert bag_topics(tmp_path / "run.mcap")["/ravenstate"][1] == 20
+    assert bag_topics(tmp_path / "run.db3")["/measured_js"][1] == 21
+
+
+def test_two_who_publish_one_topic_are_counted_together(tmp_path):
+    """Of ROS 1 each has a number of its own, in the index too."""
+    store = typesys().get_typestore(typesys().Stores.ROS1_NOETIC)
+    with rosbag1.Writer(tmp_path / "two.bag") as writer:
+        for caller in ("/a", "/b"):
+            topic = writer.add_connection("/t", _JOINT_STATE, typestore=store, callerid=caller)
+            writer.write(topic, 1, bytes(28))
+    assert bag_topics(tmp_path / "two.bag") == {"/t": ("sensor_msgs/JointState", 2)}

@@ -34,6 +34,7 @@ from truejoint.recordings import (
     read_topic,
     write_bag,
 )
+from truejoint.recordings.bounded_file import Allowance
 from truejoint.recordings.datasets.store import data_folders
 from truejoint.recordings.read.bags import assembling, container
 from truejoint.recordings.read.bags.assembling import find_wiring
@@ -204,9 +205,8 @@ def test_what_is_packed_and_damaged_is_counted(session, tmp_path):
     lost: Counter[str] = Counter()
     with suppress(RecordingError):  # nothing is left of it
         list(read_batches(tmp_path / "a.mcap.zstd", lambda _: True, lost))
-    assert lost[DAMAGED] == 1
-    assert not container._unpacked(bytes(packed), "zstd", lost)  # of a chunk
-    assert lost[DAMAGED] == 2
+    assert lost == {UNPACKED_IN_PART: 1}
+    assert not Allowance("a chunk", 1 << 20).unpack(bytes(packed), "zstd")
 
 
 def test_an_endless_file_packed_as_a_whole_is_refused(tmp_path):

@@ -69,7 +69,6 @@ def find_wiring(
     for named in filter(None, (state, truth)):
         require_topic(path, topics, named)
     corrected = f"/{messages.CORRECTED}/"
-    corrected = f"/{messages.CORRECTED}/"
     of_robot = {name: about for name, about in topics.items() if corrected not in name}
     if not state:
         state = _find_state(path, of_robot, robot, chosen)

@@ -2,30 +2,33 @@
 
 Every file is read once from its beginning, chunk by chunk, whether it has an index or not: so one
 that was never closed (``.bag.active``) or cut short gives what is in it, and a long one takes no
-more memory than a chunk. One that was packed as a whole is first unpacked into a temporary file.
-Layouts: wiki.ros.org/Bags/Format/2.0, mcap.dev/spec, and the tables of
-ros2/rosbag2:rosbag2_storage_sqlite3.
+more memory than a chunk. Which topics there are is read from the index, where there is one. One
+that was packed as a whole is first unpacked into a temporary file. Nothing that a file holds is
+run, and what it may unpack to has its bounds (`Allowance`). Layouts: wiki.ros.org/Bags/Format/2.0,
+mcap.dev/spec, and the tables of ros2/rosbag2:rosbag2_storage_sqlite3.
 """
 
 from __future__ import annotations
 
-import bz2
 import io
 import sqlite3
 import struct
-import sys
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Literal
+from typing import Any, BinaryIO, Final, Literal, NamedTuple
 
 from truejoint.errors import RecordingError
-from truejoint.extras import require
 from truejoint.files import reason
-from truejoint.recordings.bounded_file import most_unpacked, require_file
+from truejoint.recordings.bounded_file import (
+    MOST_PIECE_BYTES,
+    Allowance,
+    DamagedError,
+    require_file,
+)
 
 ROS1_MAGIC: Final = b"#ROSBAG V2.0\n"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
@@ -33,28 +36,45 @@ SQLITE_MAGIC: Final = b"SQLite format 3\x00"
 ZSTD_MAGIC: Final = b"\x28\xb5\x2f\xfd"
 
 CUT_SHORT: Final = "bytes behind the last whole record of a file that was cut short"
-UNPACKED_IN_PART: Final = "file packed as a whole that was cut short"
+UNPACKED_IN_PART: Final = "file packed as a whole that was cut short or damaged"
 DAMAGED: Final = "chunks that do not unpack, or records of a wrong length"
 
-_MOST_CHUNK: Final = 1 << 28  # bytes of a chunk once unpacked; recorders write about 1 MB
-_MOST_HEADER: Final = 1 << 20  # bytes of a record's header
-_PIECE: Final = 1 << 20  # bytes of a packed file that are unpacked at a time
-_ROWS: Final = 4096  # of a table that are fetched at a time
+_HEADERS: Final = range(30, 1 << 20)  # bytes that a record's header may have
+_ROWS, _BYTES = 4096, 1 << 24  # of messages that are given out together
 
-_DEFINITIONS: Final = (
-    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+# Those of which no column is computed, which may take for ever.
+_PLAIN_TABLES: Final = (
+    "SELECT name FROM sqlite_master AS here WHERE type = 'table' AND rootpage > 0 "
+    "AND NOT EXISTS (SELECT 1 FROM pragma_table_xinfo(here.name) WHERE hidden)"
 )
+_DEFINITIONS: Final = (
+    "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions NOT INDEXED"
+)
+_TOPICS: Final = "SELECT id, name, type, serialization_format FROM topics NOT INDEXED"
+_MESSAGES: Final = "SELECT topic_id, timestamp, data FROM messages NOT INDEXED"
+_COUNTED: Final = (
+    "SELECT topic_id FROM messages NOT INDEXED "
+    "WHERE typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+)
+_STEPS: Final = 10_000  # of SQLite's machine between two looks at Ctrl-C
+_STEPS_PER_BYTE: Final = 10  # that reading a table may take: it takes about one
 
+_ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
 _U32: Final = struct.Struct("<I")
 _U64: Final = struct.Struct("<Q")
-_ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
 _ROS1_TOPIC: Final = b"\x07"
 _ROS1_TIME: Final = struct.Struct("<II")  # s and ns
 _MCAP_RECORD: Final = struct.Struct("<BQ")  # what it is, and its length
-_MCAP_SCHEMA, _MCAP_MESSAGE = 0x03, 0x05
-_MCAP_MESSAGE_HEAD: Final = struct.Struct("<HIQ")  # channel, sequence, log time; then publish time
+_MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE, _MCAP_CHUNK = 0x03, 0x04, 0x05, 0x06
+_MCAP_STATISTICS, _MCAP_DATA_END, _MCAP_FOOTER = 0x0B, 0x0F, 0x02
+_MCAP_OF_CHUNKS: Final = (_MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE)
+_MCAP_FOOTER_HEAD: Final = struct.Struct("<BQQ")  # a record's, and where the summary begins
+_MCAP_END: Final = 37  # bytes of the footer and of what a file ends with
+_MCAP_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+_MCAP_STATISTICS_HEAD: Final = struct.Struct("<Q34sI")  # messages, of what is here, bytes of counts
+_MCAP_COUNT: Final = struct.Struct("<HQ")  # channel, messages
 _LATEST: Final = (1 << 63) - 1  # [ns] that a stamp may be
-_MCAP_CHUNK: Final = struct.Struct("<QQQI")  # first and last time, size unpacked, checksum
+_MCAP_CHUNK_HEAD: Final = 28  # bytes: first and last time, size unpacked, checksum
 
 
 @dataclass(frozen=True)
@@ -72,26 +92,73 @@ Batch = tuple[Topic, list[int], list[bytes]]
 """Messages of one topic that lie together: when each was received [ns], and its bytes."""
 
 Wanted = Callable[[Topic], bool]
+_Messages = Iterator[tuple[Topic, int, bytes]]
+
+
+@dataclass
+class _Bag:
+    """One file while it is read: whose messages are wanted, what was seen and lost so far."""
+
+    path: Path
+    wanted: Wanted
+    lost: Counter[str]
+    room: Allowance
+    size: int  # bytes of it
+    topics: dict[Any, Topic | None] = field(default_factory=dict)  # by key; None if not wanted
+    schemas: dict[int, tuple[str, str, str]] = field(default_factory=dict)
+    """Type, language and text of each definition of an MCAP."""
+
+    def announce(self, key: object, topic: Topic, *, readable: bool = True) -> None:
+        """Say which topic the messages with a key are of."""
+        self.topics[key] = topic if readable and self.wanted(topic) else None
+
+    def read(self, file: BinaryIO, size: int) -> bytes:
+        """Read a message or a chunk; raises RecordingError where it is too large."""
+        self.room.check_piece(size)
+        return file.read(size)
+
+    def unpack(self, data: bytes, packing: str) -> bytes:
+        """Unpack a chunk, or as much as there is of it; one of which nothing comes is counted."""
+        if packing in ("none", ""):
+            return data
+        content = self.room.unpack(data, packing)
+        self.lost[DAMAGED] += not content
+        return content
+
+
+class _Kind(NamedTuple):
+    """How a kind of file is read; both raise struct.error or KeyError where it is damaged."""
+
+    messages: Callable[[BinaryIO, _Bag], _Messages]
+    indexed: Callable[[BinaryIO, _Bag], Counter[Any]]  # messages by key of the topic
 
 
 def is_bag(path: Path, head: bytes) -> bool:
     """Whether a file that begins with `head`, or a folder, is a bag."""
     if path.is_dir():  # not any folder in which bags lie
-        named = [part.name.startswith(f"{path.name}_") for part in _parts(path)]
-        return bool(named) and (all(named) or (path / "metadata.yaml").exists())
-    magics = (ROS1_MAGIC, MCAP_MAGIC, SQLITE_MAGIC)
-    return head.startswith(magics) or (head.startswith(ZSTD_MAGIC) and bool(_inner_suffix(path)))
+        with suppress(RecordingError):
+            named = [part.name.startswith(f"{path.name}_") for part in _parts(path)]
+            return all(named) or (path / "metadata.yaml").exists()
+        return False
+    return head.startswith(tuple(_KINDS)) or (
+        head.startswith(ZSTD_MAGIC) and bool(_inner_suffix(path))
+    )
 
 
 def list_topics(path: Path) -> dict[Topic, int]:
     """Topics of a bag and how many messages each has; an index tells, where there is one."""
-    if not path.is_dir():
-        with require_file(path).open("rb") as file, suppress(struct.error, KeyError):
-            return _ros1_index(file)
-    count: Counter[Topic] = Counter()
-    for topic, times, _ in read_batches(path, lambda _: True, Counter()):
-        count[topic] += len(times)
-    return dict(count)
+    counts: Counter[Topic] = Counter()
+    for kind, file, bag in _opened(path, lambda _: True, Counter()):
+        begin = file.tell()
+        try:
+            by_key = kind.indexed(file, bag)
+            for key, topic in bag.topics.items():
+                counts.update({topic: by_key[key]} if topic else {})
+        except (struct.error, KeyError):  # no index: read through
+            file.seek(begin)
+            bag.topics.clear()
+            counts.update(topic for topic, _, _ in kind.messages(file, bag))
+    return dict(counts)
 
 
 def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Batch]:
@@ -99,33 +166,64 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
 
     Raises RecordingError if a file is no bag or a folder holds none.
     """
+    waiting: dict[Topic, tuple[list[int], list[bytes]]] = {}
+    count = size = 0
+    for kind, file, bag in _opened(path, wanted, lost):
+        for topic, time, message in kind.messages(file, bag):
+            times, messages = waiting.setdefault(topic, ([], []))
+            times.append(time)
+            messages.append(message)
+            count, size = count + 1, size + len(message)
+            if count == _ROWS or size >= _BYTES:
+                yield from ((topic, *both) for topic, both in waiting.items())
+                waiting, count, size = {}, 0, 0
+    yield from ((topic, *both) for topic, both in waiting.items())
+
+
+def _opened(
+    path: Path, wanted: Wanted, lost: Counter[str], packed: Path | None = None
+) -> Iterator[tuple[_Kind, BinaryIO, _Bag]]:
+    """Open each file of a bag behind the first bytes, which tell its kind.
+
+    Messages name the file that was `packed` as a whole. Raises RecordingError if it is no bag.
+    """
+    shown = packed or path
     if path.is_dir():
-        parts = _parts(path)
-        if not parts:
-            raise RecordingError(f"{path}: no .mcap or .db3 file in that folder; is it a bag?")
-        for part in parts:
-            yield from read_batches(part, wanted, lost)
+        for part in _parts(path):
+            yield from _opened(part, wanted, lost)
         return
-    messages = _Messages(wanted, lost)
     with require_file(path).open("rb") as file:
         head = file.read(len(SQLITE_MAGIC))
-        file.seek(0)
-        if head.startswith(ROS1_MAGIC):
-            file.seek(len(ROS1_MAGIC))
-            yield from _ros1(file, messages)
-        elif head.startswith(MCAP_MAGIC):
-            file.seek(len(MCAP_MAGIC))
-            yield from _mcap(file, messages, {})
-        elif head.startswith(SQLITE_MAGIC):
-            yield from _sqlite(path, messages)
-        elif head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
-            with _unpacked_file(path, lost) as plain:
-                yield from read_batches(plain, wanted, lost)
-        elif head.startswith(b"#ROSBAG"):
-            version = head.split(b"\n")[0].decode(errors="replace")
-            raise RecordingError(f"{path}: is {version[1:]}; rosbag migrates it: rosbag fix")
-        else:
-            raise RecordingError(f"{path}: is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)")
+        for magic, kind in _KINDS.items():
+            if head.startswith(magic):
+                file.seek(len(magic))
+                log = path.with_name(f"{path.name}-wal")  # where SQLite writes at first
+                size = path.stat().st_size + (log.stat().st_size if log.exists() else 0)
+                yield kind, file, _Bag(path, wanted, lost, Allowance.of_size(shown, size), size)
+                return
+        if head.startswith(ZSTD_MAGIC) and _inner_suffix(path):
+            file.seek(0)
+            with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
+                plain = Path(folder) / path.stem
+                _unpack(path, file, plain, lost)
+                yield from _opened(plain, wanted, lost, path)
+            return
+    if head.startswith(b"#ROSBAG"):
+        version = head.split(b"\n")[0].decode(errors="replace")
+        raise RecordingError(f"{shown}: is {version[1:]}; rosbag migrates it: rosbag fix")
+    raise RecordingError(f"{shown}: is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)")
+
+
+def _unpack(path: Path, file: BinaryIO, plain: Path, lost: Counter[str]) -> None:
+    """Unpack a file that was packed as a whole, as far as it goes."""
+    try:
+        with plain.open("wb") as unpacked:
+            for piece in Allowance.of_size(path, path.stat().st_size).pieces(file, "zstd"):
+                unpacked.write(piece)
+    except DamagedError:
+        lost[UNPACKED_IN_PART] += 1
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
 
 
 def _inner_suffix(path: Path) -> str:
@@ -134,89 +232,20 @@ def _inner_suffix(path: Path) -> str:
     return inner if path.suffix == ".zstd" and inner in (".mcap", ".db3") else ""
 
 
-@contextmanager
-def _unpacked_file(path: Path, lost: Counter[str]) -> Iterator[Path]:
-    """Unpack a file that was packed as a whole, as far as it can be, while the block lasts."""
-    most, size = most_unpacked(path.stat().st_size), 0
-    with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
-        plain = Path(folder) / path.stem
-        try:
-            with _zstd().open(path) as packed, plain.open("wb") as file:
-                while piece := packed.read1(_PIECE):
-                    size += file.write(piece)
-                    if size > most:
-                        raise RecordingError(f"{path}: unpacks to more than {most} bytes")
-        except EOFError:
-            lost[UNPACKED_IN_PART] += 1
-        except _zstd().ZstdError:
-            lost[DAMAGED] += 1
-        except OSError as error:
-            raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
-        try:
-            yield plain
-        except RecordingError as error:
-            raise RecordingError(str(error).replace(str(plain), str(path))) from None
-
-
 def _parts(folder: Path) -> list[Path]:
-    """Files of a bag of ROS 2 in the order in which they were recorded: name_0, name_1, ..."""
+    """Files of a bag of ROS 2 in the order in which they were recorded: name_0, name_1, ...
+
+    Raises RecordingError if there are none.
+    """
     parts = [p for p in folder.iterdir() if p.suffix in (".mcap", ".db3") or _inner_suffix(p)]
+    if not parts:
+        raise RecordingError(f"{folder}: no .mcap or .db3 file in that folder; is it a bag?")
 
     def number(path: Path) -> tuple[int, str]:
         digits = path.name.partition(".")[0].rpartition("_")[2]
         return int(digits) if digits.isdecimal() else 0, path.name
 
     return sorted(parts, key=number)
-
-
-class _Messages:
-    """Messages of the `wanted` topics that wait to be given out, a batch a topic; what was lost."""
-
-    def __init__(self, wanted: Wanted, lost: Counter[str]) -> None:
-        self._wanted, self.lost = wanted, lost
-        self.topics: dict[Any, Topic | None] = {}  # as far as a file was read; None if not wanted
-        self._waiting: dict[Topic, tuple[list[int], list[bytes]]] = {}
-        self.count = 0
-
-    def announce(self, key: object, topic: Topic, *, readable: bool = True) -> None:
-        """Say which topic the messages with a key are of."""
-        self.topics[key] = topic if readable and self._wanted(topic) else None
-
-    def add(self, topic: Topic | None, time: int, message: bytes) -> None:
-        """Keep a message that came at `time` [ns], unless its topic is not wanted."""
-        if topic is not None:
-            times, messages = self._waiting.setdefault(topic, ([], []))
-            times.append(time)
-            messages.append(message)
-            self.count += 1
-
-    def take(self) -> Iterator[Batch]:
-        """Give out what there is."""
-        waiting, self._waiting, self.count = self._waiting, {}, 0
-        yield from ((topic, *messages) for topic, messages in waiting.items())
-
-
-def _unpacked(data: bytes, packing: str, lost: Counter[str]) -> bytes:
-    """Unpack a chunk, or as much as there is of it; one of which nothing comes is counted."""
-    if packing in ("none", ""):
-        return data
-    unpackers: dict[str, Callable[[], Any]] = {
-        "bz2": bz2.BZ2Decompressor,
-        "lz4": lambda: require("lz4.frame", "ros", "a bag packed with LZ4").LZ4FrameDecompressor(),
-        "zstd": lambda: _zstd().ZstdDecompressor(),
-    }
-    content = b""
-    if packing in unpackers:
-        unpacker = unpackers[packing]()
-        with suppress(Exception):  # each packing has errors of its own
-            content = unpacker.decompress(data, _MOST_CHUNK)
-    lost[DAMAGED] += not content
-    return content
-
-
-def _zstd() -> Any:
-    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-    return require(module, "ros", "a bag packed with Zstandard")
 
 
 # ---------------------------------------------------------------------------------------- ROS 1
@@ -252,7 +281,7 @@ def _ros1_records(file: BinaryIO) -> Iterator[tuple[dict[bytes, bytes], int, int
     at = file.tell()
     while start := file.read(4):
         (size,) = _U32.unpack(start)
-        if size > _MOST_HEADER:
+        if size not in _HEADERS:
             raise struct.error("no header")
         header = file.read(size + 4)
         (length,) = _U32.unpack_from(header, size)
@@ -261,38 +290,29 @@ def _ros1_records(file: BinaryIO) -> Iterator[tuple[dict[bytes, bytes], int, int
         file.seek(at)
 
 
-def _ros1_index(file: BinaryIO) -> dict[Topic, int]:
-    """Topics and counts by a bag's index; raises struct.error or KeyError without one.
-
-    Nor is an index one that counts more messages than a file so long has places for.
-    """
-    end, _ = file.seek(0, 2), file.seek(0)
-    is_ros1 = file.read(len(ROS1_MAGIC)) == ROS1_MAGIC
+def _ros1_index(file: BinaryIO, bag: _Bag) -> Counter[bytes]:
+    """Count messages by a bag's index."""
     first: dict[bytes, bytes] = next((fields for fields, _, _ in _ros1_records(file)), {})
     (begin,) = _U64.unpack(first.get(b"index_pos", b""))
-    if not (is_ros1 and 0 < begin < end):
+    end = file.seek(0, 2)
+    if not 0 < begin < end:
         raise struct.error("no index")
     file.seek(begin)
-    topics: dict[bytes, Topic] = {}
     counts: Counter[bytes] = Counter()
     for fields, at, length in _ros1_records(file):
         if at + length > end:
             raise struct.error("no index")
-        data = file.read(length)
         if fields.get(b"op") == _ROS1_TOPIC:
-            topics[fields[b"conn"]] = _ros1_topic(fields, data)
+            bag.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
         elif fields.get(b"op") == b"\x06":
-            for place in range(0, length, 8):
-                counts[data[place : place + 4]] += _U32.unpack_from(data, place + 4)[0]
-    if counts.total() * _ROS1_ENTRY > end:
+            for key, count in struct.iter_unpack("<4sI", file.read(length)):
+                counts[key] += count
+    if counts.total() * _ROS1_ENTRY > end:  # nor is it one that counts what has no place there
         raise struct.error("no index")
-    by_topic: Counter[Topic] = Counter()
-    for key, topic in topics.items():
-        by_topic[topic] += counts[key]
-    return dict(by_topic)
+    return counts
 
 
-def _ros1(file: BinaryIO, messages: _Messages, *, in_chunk: bool = False) -> Iterator[Batch]:
+def _ros1(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
     """Messages of a file, or of a chunk of one.
 
     The last chunk of a bag that was never closed states no length: what should be in it lies in the
@@ -300,7 +320,7 @@ def _ros1(file: BinaryIO, messages: _Messages, *, in_chunk: bool = False) -> Ite
     """
     whole, end = file.tell(), file.seek(0, 2)
     file.seek(whole)
-    topics, lost = messages.topics, messages.lost
+    topics, lost = bag.topics, bag.lost
     try:
         for fields, begin, length in _ros1_records(file):
             op = fields.get(b"op")
@@ -308,23 +328,20 @@ def _ros1(file: BinaryIO, messages: _Messages, *, in_chunk: bool = False) -> Ite
                 if begin + length > end:
                     lost[CUT_SHORT] += end - begin
                 packing = fields.get(b"compression", b"").decode(errors="replace")
-                chunk = _unpacked(file.read(min(length, _MOST_CHUNK)), packing, lost)
-                yield from _ros1(io.BytesIO(chunk), messages, in_chunk=True)
+                chunk = bag.unpack(bag.read(file, min(length, end - begin)), packing)
+                yield from _ros1(io.BytesIO(chunk), bag, in_chunk=True)
             elif begin + length > end:
                 raise struct.error("not whole")
             elif op == b"\x02":
                 topic = topics[fields[b"conn"]]
                 seconds, rest = _ROS1_TIME.unpack(fields[b"time"])
                 if topic is not None:
-                    messages.add(topic, seconds * 1_000_000_000 + rest, file.read(length))
-                if messages.count >= _ROWS:
-                    yield from messages.take()
+                    yield topic, seconds * 1_000_000_000 + rest, bag.read(file, length)
             elif op == _ROS1_TOPIC and fields[b"conn"] not in topics:
-                messages.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
+                bag.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
             whole = min(begin + length, end)
     except (struct.error, KeyError):
         lost[CUT_SHORT] += end - whole
-    yield from messages.take()
 
 
 # ----------------------------------------------------------------------------------------- MCAP
@@ -335,93 +352,160 @@ def _text(data: bytes, at: int) -> tuple[str, int]:
     return data[at + 4 : at + 4 + size].decode(errors="replace"), at + 4 + size
 
 
-_Schemas = dict[int, tuple[str, str, str]]
-"""Type, language and text of each definition of a file as far as it was read."""
-
-
-def _take_mcap(op: int, data: bytes, schemas: _Schemas, messages: _Messages) -> None:
-    """Take a schema, a channel or a message; raises struct.error if it is damaged."""
-    if op == _MCAP_MESSAGE:
-        channel, _, time = _MCAP_MESSAGE_HEAD.unpack_from(data)
-        message = data[_MCAP_MESSAGE_HEAD.size + 8 :]
-        messages.add(messages.topics.get(channel), min(time, _LATEST), message)
-    elif op == _MCAP_SCHEMA:
+def _announce_mcap(op: int, data: bytes, bag: _Bag) -> None:
+    """Take a schema or a channel."""
+    if op == _MCAP_SCHEMA:
         name, at = _text(data, 2)
         language, at = _text(data, at)
-        schemas[int.from_bytes(data[:2], "little")] = name, language, _text(data, at)[0]
-    else:
-        key, schema = struct.unpack_from("<HH", data)
-        name, at = _text(data, 4)
-        encoding = _text(data, at)[0]
-        kind, language, definition = schemas.get(schema, ("", "", ""))
-        form: Literal["ros1", "cdr"] = "ros1" if encoding == "ros1" else "cdr"
-        topic = Topic(name, kind, definition, form, "idl" if "idl" in language else "msg")
-        messages.announce(key, topic, readable=encoding in ("ros1", "cdr"))
+        bag.schemas[int.from_bytes(data[:2], "little")] = name, language, _text(data, at)[0]
+        return
+    key, schema = struct.unpack_from("<HH", data)
+    name, at = _text(data, 4)
+    encoding = _text(data, at)[0]
+    kind, language, definition = bag.schemas.get(schema, ("", "", ""))
+    form: Literal["ros1", "cdr"] = "ros1" if encoding == "ros1" else "cdr"
+    topic = Topic(name, kind, definition, form, "idl" if "idl" in language else "msg")
+    bag.announce(key, topic, readable=encoding in ("ros1", "cdr"))
 
 
-def _mcap(
-    file: BinaryIO, messages: _Messages, schemas: _Schemas, *, in_chunk: bool = False
-) -> Iterator[Batch]:
-    """Messages of a file, or of the records of a chunk."""
-    at, end, lost = file.tell(), file.seek(0, 2), messages.lost
+def _mcap_records(file: BinaryIO, end: int) -> Iterator[tuple[int, int, int]]:
+    """Give what each record up to `end` is, where its data begin, and how long they are."""
+    at = file.tell()
     while at + _MCAP_RECORD.size <= end:
-        file.seek(at)
         op, length = _MCAP_RECORD.unpack(file.read(_MCAP_RECORD.size))
-        if op in (0x0F, 0x02):  # end of the data
-            at = end
+        yield op, at + _MCAP_RECORD.size, length
+        at = min(at + _MCAP_RECORD.size + length, end)
+        file.seek(at)
+
+
+def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
+    """Count messages by the summary at the end of a file, which repeats what topics there are."""
+    end = file.seek(0, 2) - _MCAP_END
+    file.seek(max(end, 0))
+    op, _, begin = _MCAP_FOOTER_HEAD.unpack(file.read(_MCAP_FOOTER_HEAD.size))
+    if op != _MCAP_FOOTER or not 0 < begin < end:
+        raise struct.error("no summary")
+    file.seek(begin)
+    total, counts = -1, Counter[int]()
+    for op, _, length in _mcap_records(file, end):
+        if op in (_MCAP_SCHEMA, _MCAP_CHANNEL):
+            _announce_mcap(op, file.read(min(length, end)), bag)
+        elif op == _MCAP_STATISTICS:
+            total, _, size = _MCAP_STATISTICS_HEAD.unpack(file.read(_MCAP_STATISTICS_HEAD.size))
+            pairs = file.read(min(size, length) // _MCAP_COUNT.size * _MCAP_COUNT.size)
+            counts.update(dict(_MCAP_COUNT.iter_unpack(pairs)))
+    if counts.total() != total or not counts.keys() <= bag.topics.keys():
+        raise struct.error("no statistics")
+    return counts
+
+
+def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
+    """Messages of a file, or of the records of a chunk."""
+    whole, end = file.tell(), file.seek(0, 2)
+    file.seek(whole)
+    for op, begin, length in _mcap_records(file, end):
+        if op in (_MCAP_DATA_END, _MCAP_FOOTER):
+            return
+        is_known = op in _MCAP_OF_CHUNKS or not (in_chunk or op == 0)
+        if not is_known or (begin + length > end and op != _MCAP_CHUNK):
             break
-        begin = at + _MCAP_RECORD.size
         try:
-            if op == 0x06 and not in_chunk:
-                chunk = file.read(min(length, _MOST_CHUNK, end - begin))
-                packing, place = _text(chunk, _MCAP_CHUNK.size)
+            if op == _MCAP_CHUNK:
+                chunk = bag.read(file, min(length, end - begin))
+                packing, place = _text(chunk, _MCAP_CHUNK_HEAD)
                 (size,) = _U64.unpack_from(chunk, place)
-                records = _unpacked(chunk[place + 8 : place + 8 + size], packing, lost)
-                yield from _mcap(io.BytesIO(records), messages, schemas, in_chunk=True)
-            elif op in (_MCAP_SCHEMA, 0x04, _MCAP_MESSAGE) and begin + length <= end:
-                _take_mcap(op, file.read(length), schemas, messages)
+                records = bag.unpack(chunk[place + 8 : place + 8 + size], packing)
+                yield from _mcap(io.BytesIO(records), bag, in_chunk=True)
+            elif op == _MCAP_MESSAGE:
+                yield from _mcap_message(file, length, bag)
+            elif op in _MCAP_OF_CHUNKS:
+                _announce_mcap(op, file.read(length), bag)
         except struct.error:
-            lost[DAMAGED] += 1
-        if messages.count >= _ROWS:
-            yield from messages.take()
-        if begin + length > end:
-            break
-        at = begin + length
-    if at < end:  # the last record is not whole
-        lost[CUT_SHORT] += end - at
-    yield from messages.take()
+            bag.lost[DAMAGED] += 1
+        whole = begin + length if begin + length <= end else whole
+    if whole < end:  # the last record is not whole
+        bag.lost[CUT_SHORT] += end - whole
+
+
+def _mcap_message(file: BinaryIO, length: int, bag: _Bag) -> _Messages:
+    size = _MCAP_MESSAGE_HEAD.size
+    channel, _, time, _ = _MCAP_MESSAGE_HEAD.unpack(file.read(min(length, size)))
+    if (topic := bag.topics.get(channel)) is not None:
+        yield topic, min(time, _LATEST), bag.read(file, length - size)
 
 
 # --------------------------------------------------------------------------------------- SQLite
 
 
-def _sqlite(path: Path, messages: _Messages) -> Iterator[Batch]:
-    lost = messages.lost
-    with closing(sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+@contextmanager
+def _tables(bag: _Bag) -> Iterator[sqlite3.Connection]:
+    """Open a file of tables so that every query ends: by itself, or by Ctrl-C.
+
+    A query may take as many steps as tables of the size do. One that is damaged ends the block.
+    """
+    looks = iter(range(1000 + _STEPS_PER_BYTE * bag.size // _STEPS))
+    with closing(sqlite3.connect(f"{bag.path.resolve().as_uri()}?mode=ro", uri=True)) as base:
+        base.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, MOST_PIECE_BYTES)
+        base.set_progress_handler(lambda: next(looks, None) is None, _STEPS)
         try:
-            texts = {}
-            with suppress(sqlite3.OperationalError):  # bags from before 2023 have no such table
-                texts = {kind: (form, text) for kind, form, text in base.execute(_DEFINITIONS)}
-            rows = base.execute("SELECT id, name, type, serialization_format FROM topics")
-            for key, name, kind, form in rows:
-                if not (isinstance(name, str) and isinstance(kind, str)):
-                    continue  # a table of SQLite may hold anything anywhere
-                encoding, text = map(str, texts.get(kind, ("", "")))
-                announced = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
-                messages.announce(key, announced, readable=form == "cdr")
-            rows = base.execute("SELECT topic_id, timestamp, data FROM messages ORDER BY rowid")
-            while batch := rows.fetchmany(_ROWS):
-                for key, time, data in batch:
-                    if (topic := messages.topics.get(key)) is None:
-                        continue
-                    if not (isinstance(time, int) and isinstance(data, bytes)):
-                        lost[DAMAGED] += 1
-                        continue
-                    packing = "zstd" if data[:4] == ZSTD_MAGIC else ""  # each message by itself
-                    if message := _unpacked(data, packing, lost):
-                        messages.add(topic, time, message)
-                yield from messages.take()
+            yield base
         except (sqlite3.DatabaseError, TypeError) as error:
-            if isinstance(error, sqlite3.OperationalError) and "no such table" in str(error):
-                raise RecordingError(f"{path}: is an SQLite file, but no bag of ROS 2") from None
-            lost["tables that cannot be read further: the file is damaged"] += 1
+            if getattr(error, "sqlite_errorcode", 0) != sqlite3.SQLITE_INTERRUPT:
+                bag.lost["tables that cannot be read further: the file is damaged"] += 1
+            elif next(looks, None) is not None:
+                raise KeyboardInterrupt from None  # which Python told to SQLite alone
+            else:
+                raise RecordingError(
+                    f"{bag.room.path}: its tables take more steps to read than any of "
+                    f"{bag.size} bytes do; is it a bag?"
+                ) from None
+
+
+def _sqlite_topics(base: sqlite3.Connection, bag: _Bag) -> None:
+    """Take the topics of a bag, all of it of plain tables: nothing that a file defines is run."""
+    base.execute("PRAGMA trusted_schema = OFF")
+    tables = {name for (name,) in base.execute(_PLAIN_TABLES)}
+    if not {"topics", "messages"} <= tables:
+        raise RecordingError(
+            f"{bag.room.path}: is no bag of ROS 2: it has no plain tables of topics and messages"
+        )
+    # Bags from before 2023 have no definitions.
+    rows = base.execute(_DEFINITIONS) if "message_definitions" in tables else ()
+    texts = {kind: (form, text) for kind, form, text in rows}
+    for key, name, kind, form in base.execute(_TOPICS):
+        if isinstance(name, str) and isinstance(kind, str):  # SQLite holds anything anywhere
+            encoding, text = map(str, texts.get(kind, ("", "")))
+            topic = Topic(name, kind, text, "cdr", "idl" if "idl" in encoding else "msg")
+            bag.announce(key, topic, readable=form == "cdr")
+
+
+def _sqlite_index(_: BinaryIO, bag: _Bag) -> Counter[Any]:
+    """Count the rows of the messages."""
+    counts: Counter[Any] = Counter()
+    with _tables(bag) as base:
+        _sqlite_topics(base, bag)
+        counts.update(key for (key,) in base.execute(_COUNTED))
+    return counts
+
+
+def _sqlite(_: BinaryIO, bag: _Bag) -> _Messages:
+    """Messages of a file of tables."""
+    with _tables(bag) as base:
+        _sqlite_topics(base, bag)
+        for key, time, data in base.execute(_MESSAGES):
+            if (topic := bag.topics.get(key)) is None:
+                continue
+            if not (isinstance(time, int) and isinstance(data, bytes)):
+                bag.lost[DAMAGED] += 1
+                continue
+            bag.room.take(len(data))  # a page of a damaged file may stand for many rows
+            packing = "zstd" if data[:4] == ZSTD_MAGIC else ""  # each message by itself
+            if message := bag.unpack(data, packing):
+                yield topic, time, message
+
+
+_KINDS: Final = {
+    ROS1_MAGIC: _Kind(_ros1, _ros1_index),
+    MCAP_MAGIC: _Kind(_mcap, _mcap_index),
+    SQLITE_MAGIC: _Kind(_sqlite, _sqlite_index),
+}

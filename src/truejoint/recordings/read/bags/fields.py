@@ -32,10 +32,13 @@ _SIZES: Final = {
     "uint16": "u2", "int32": "i4", "uint32": "u4", "int64": "i8", "uint64": "u8",
     "float32": "f4", "float64": "f8",
 }  # fmt: skip
-_MOST_LAYOUTS: Final = 1000  # of messages of one topic: joints do not come and go that often
+# Fields of one topic to walk through, and those that take as long as the rest of a walk: joints do
+# not come and go that often.
+_MOST_WALKED, _START = 1 << 20, 50
+_MOST_DEFINITION: Final = 1 << 17  # bytes of a definition, which takes long to parse
 _ONE_INTEGER: Final = tuple((order + kind, 1) for order in "<>" for kind in ("i4", "u4"))
 _DEEPEST: Final = 20  # messages within messages
-_MOST_VALUES: Final = 1 << 20  # in one list of a message
+_BASE, _MESSAGE, _SEQUENCE = 1, 2, 4  # what rosbags says of a field: 3 is a list of fixed length
 _MOST_FIELDS: Final = 1 << 16  # of a message, with those of messages within it
 PURPOSE: Final = "reading and writing bags"
 
@@ -63,6 +66,8 @@ def field_types(topic: Topic) -> Types:
     definitions = dict(system.get_typestore(system.Stores.EMPTY).fielddefs)
     name = full_name(topic.type)
     try:
+        if len(topic.definition) > _MOST_DEFINITION:
+            raise ValueError(f"more than {_MOST_DEFINITION} bytes")
         if not topic.definition:
             definitions |= system.get_typestore(system.Stores.LATEST).fielddefs
             for kind in DEFINITIONS:
@@ -74,16 +79,19 @@ def field_types(topic: Topic) -> Types:
         else:
             definitions |= system.get_types_from_msg(topic.definition, name)
     except Exception as error:  # noqa: BLE001 - parsers of others' texts raise what they like
-        raise RecordingError(
-            f"{topic.name}: the definition of {topic.type} in the bag is damaged "
-            f"({words(error, 60)})"
-        ) from None
+        raise _damaged(topic, words(error, 60)) from None
     if name not in definitions:
         raise RecordingError(
             f"{topic.name}: the bag has no definition of {topic.type}, nor has truejoint; record "
             "with MCAP, which brings it"
         )
     return definitions
+
+
+def _damaged(topic: Topic, why: str) -> RecordingError:
+    return RecordingError(
+        f"{topic.name}: the definition of {topic.type} in the bag is damaged ({why})"
+    )
 
 
 def full_name(kind: str) -> str:
@@ -99,16 +107,13 @@ class Decoder:
     topic: Topic
     wanted: Collection[str]  # fields, ``pose.position.x`` for one within another
     damaged: int = 0  # messages left out because they are not as their definition says
-    _layouts: int = field(default=0, init=False)
+    _walked: int = field(default=0, init=False)  # fields, to tell where they stand
 
     def __post_init__(self) -> None:
         self._types = field_types(self.topic)
         fields = list(islice(self._leaves(full_name(self.topic.type), ""), _MOST_FIELDS + 1))
         if len(fields) > _MOST_FIELDS:
-            raise RecordingError(
-                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
-                f"(more than {_MOST_FIELDS} fields)"
-            )
+            raise _damaged(self.topic, f"more than {_MOST_FIELDS} fields")
         missing = sorted(set(self.wanted) - set(fields))
         if missing:
             has = ", ".join(name for name, _ in self._types[full_name(self.topic.type)][1])
@@ -119,13 +124,10 @@ class Decoder:
 
     def _leaves(self, kind: str, prefix: str, depth: int = 0) -> Iterator[str]:
         if depth > _DEEPEST:
-            raise RecordingError(
-                f"{self.topic.name}: the definition of {self.topic.type} in the bag is damaged "
-                f"(messages within messages, {_DEEPEST} deep)"
-            )
+            raise _damaged(self.topic, f"messages within messages, {_DEEPEST} deep")
         for name, (shape, inner) in self._types[kind][1]:
             yield prefix + name
-            if int(shape) == 2 and inner in self._types:
+            if shape == _MESSAGE and inner in self._types:
                 yield from self._leaves(inner, f"{prefix}{name}.", depth + 1)
 
     def decode(
@@ -144,25 +146,22 @@ class Decoder:
             raw = np.frombuffer(b"".join([messages[row] for row in rows]), dtype=np.uint8)
             raw = raw.reshape(len(rows), size)
             while len(rows):
-                try:
-                    layout = _Walk(self._types, self.topic.encoding, raw[0].tobytes())
-                    layout.walk(full_name(self.topic.type), "")
-                except (_DamagedError, KeyError, UnicodeDecodeError):
-                    self.damaged += 1
-                    rows, raw = rows[1:], raw[1:]
-                    continue
+                layout = _Walk(self._types, self.topic.encoding, raw[0].tobytes())
+                is_whole = layout.is_whole(full_name(self.topic.type))
+                self._walked += layout.walked
+                if self._walked > _MOST_WALKED:
+                    raise RecordingError(
+                        f"{self.topic.name}: its messages change their lengths all the time; "
+                        "is it a joint state?"
+                    )
                 alike = np.ones(len(rows), dtype=np.bool_)
-                for begin, end in layout.fixed:
+                for begin, end in layout.fixed if is_whole else [(0, size)]:
                     alike &= (raw[:, begin:end] == raw[0, begin:end]).all(axis=1)
-                if not alike.all():
-                    self._layouts += 1
-                    if self._layouts > _MOST_LAYOUTS:
-                        raise RecordingError(
-                            f"{self.topic.name}: its messages change their lengths all the time; "
-                            "is it a joint state?"
-                        )
-                lot = raw if alike.all() else raw[alike]
-                yield rows[alike], layout.read(lot, self.wanted), layout.texts
+                if is_whole:
+                    lot = raw if alike.all() else raw[alike]
+                    yield rows[alike], layout.read(lot, self.wanted), layout.texts
+                else:
+                    self.damaged += int(alike.sum())
                 rows, raw = rows[~alike], raw[~alike]
 
 
@@ -175,65 +174,61 @@ class _Walk:
         self._at = self._origin = 4 if self._aligned else 0
         # The first bytes of CDR tell the order of bytes.
         self.fixed: list[tuple[int, int]] = [(0, 4)] if self._aligned else []
-        if self._aligned and (len(data) < 4 or data[0] or data[1] > 1):
-            raise _DamagedError
-        self._order = ">" if self._aligned and data[1] == 0 else "<"
-        self._left = _MOST_VALUES  # fields to walk through: those of an empty type take no bytes
+        self._order = ">" if self._aligned and data[1:2] == b"\0" else "<"
+        self.walked = _START  # fields so far: those of an empty type take no bytes
         self.places: dict[str, tuple[int, str, int]] = {}
         self.texts: dict[str, tuple[str, ...]] = {}
 
-    def walk(self, kind: str, prefix: str, depth: int = 0) -> None:
-        """Go through the fields of a type."""
+    def is_whole(self, kind: str) -> bool:
+        """Go through the fields of a message; False if it is not as its type says."""
+        if self._aligned and self._data[:2] not in (b"\0\0", b"\0\1"):
+            return False
+        try:
+            self._walk("", (_MESSAGE, kind))
+        except (_DamagedError, KeyError, UnicodeDecodeError):
+            return False
+        return True
+
+    def _walk(self, path: str, what: tuple[int, Any], depth: int = 0) -> None:
+        """Go through a value, a message or a list."""
+        shape, inner = what
+        self._count()
         if depth > _DEEPEST:
             raise _DamagedError
-        for name, (shape, inner) in self._types[kind][1]:
-            if int(shape) <= 2:
-                self._value(prefix + name, (shape, inner), depth)
-                continue
-            element, count = inner
-            count = self._length() if int(shape) == 4 else count
-            if count > _MOST_VALUES:
-                raise _DamagedError
-            self._values(prefix + name, element, count, depth)
-
-    def _value(self, path: str, what: tuple[Any, Any], depth: int) -> None:
-        shape, inner = what
-        self._left -= 1
-        if self._left < 0:
-            raise _DamagedError
-        if int(shape) == 2:
-            self.walk(inner, f"{path}.", depth + 1)
-        elif inner[0] in ("string", "wstring"):
+        if shape == _MESSAGE:
+            for name, part in self._types[inner][1]:
+                self._walk(f"{path}.{name}" if path else name, part, depth + 1)
+            return
+        element, count = (what, 1) if shape == _BASE else inner
+        if shape == _SEQUENCE:
+            count = self._length()
+        begin, base = self._at, element[1][0] if element[0] == _BASE else ""
+        if base in _SIZES:
+            size = int(_SIZES[base][1])
+            begin = self._take(size * count, size if count else 1)
+            self.places[path] = begin, self._order + _SIZES[base], count
+        elif not base:
+            for k in range(count):
+                self._walk(f"{path}[{k}]", element, depth)
+        elif shape == _BASE:
             self._text()
         else:
-            self._numbers(path, inner[0], 1)
-
-    def _values(self, path: str, element: tuple[Any, Any], count: int, depth: int) -> None:
-        shape, inner = element
-        if int(shape) == 1 and inner[0] in ("string", "wstring"):
-            begin = self._at
             self.texts[path] = tuple(self._text() for _ in range(count))
             self.fixed.append((begin, self._at))
-        elif int(shape) == 1:
-            self._numbers(path, inner[0], count)
-        else:
-            for k in range(count):
-                self._value(f"{path}[{k}]", element, depth)
 
-    def _numbers(self, path: str, kind: str, count: int) -> None:
-        size = int(_SIZES[kind][1])
-        begin = self._take(size * count, size if count else 1)
-        self.places[path] = begin, self._order + _SIZES[kind], count
+    def _count(self) -> None:
+        self.walked += 1
+        if self.walked > _MOST_WALKED // 4:
+            raise _DamagedError
 
     def _length(self) -> int:
         begin = self._take(4, 4)
         self.fixed.append((begin, self._at))
-        number = np.frombuffer(self._data, self._order + "u4", 1, begin)
-        return int(number[0])
+        return int(np.frombuffer(self._data, self._order + "u4", 1, begin)[0])
 
     def _text(self) -> str:
-        length = self._length()
-        begin = self._take(length)
+        self._count()
+        begin = self._take(self._length())
         return self._data[begin : self._at].rstrip(b"\0").decode()
 
     def _take(self, size: int, step: int = 1) -> int:

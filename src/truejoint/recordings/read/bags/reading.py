@@ -117,9 +117,8 @@ def read_other_arm(bags: Bags, recording: Recording) -> Recording | None:
     True
     """
     robot, paths = recording.robot, _paths(bags)
-    topics = bag_topics(paths)
-    has_state = any(kind.endswith(assembling.RAVEN_TYPE) for kind, _ in topics.values())
-    if robot.name != "raven2" or not has_state:
+    topics = bag_topics(paths) if robot.name == "raven2" else {}
+    if not any(kind.endswith(assembling.RAVEN_TYPE) for kind, _ in topics.values()):
         return None
     other = get_robot(robot.name, next(arm for arm in ARMS if arm != robot.arm))
     # Without the truth, which is not of this arm: no motion of it would tell a clock's offset.

@@ -68,27 +68,20 @@ def write_bag(
     if not topics:
         raise RecordingError(f"{target}: the recording has no position of a joint to write")
 
+    system, ros1 = typesys(), target.suffix == ".bag"
+    store = system.get_typestore(getattr(system.Stores, "ROS1_NOETIC" if ros1 else "ROS2_HUMBLE"))
+    for kind, text in messages.DEFINITIONS.items():
+        definition = text if ros1 else messages.ros2_definition(kind)
+        store.register(system.get_types_from_msg(definition, full_name(kind)))
+    module = require("rosbags.rosbag1" if ros1 else "rosbags.rosbag2", "ros", PURPOSE)
+    how = {} if ros1 else {"version": 9, "storage_plugin": module.StoragePlugin.MCAP}
+
     def write(part: Path) -> None:
-        system = typesys()
-        if target.suffix == ".bag":
-            writer_type = require("rosbags.rosbag1", "ros", PURPOSE).Writer
-            store = system.get_typestore(system.Stores.ROS1_NOETIC)
-            for kind, text in messages.DEFINITIONS.items():
-                store.register(system.get_types_from_msg(text, full_name(kind)))
-            part.unlink()  # rosbags makes its own
-            with writer_type(part) as writer:
-                _write(writer, store, topics, store.serialize_ros1)
-            return
-        module = require("rosbags.rosbag2", "ros", PURPOSE)
-        store = system.get_typestore(system.Stores.ROS2_HUMBLE)
-        for kind in messages.DEFINITIONS:
-            text = messages.ros2_definition(kind)
-            store.register(system.get_types_from_msg(text, full_name(kind)))
         with tempfile.TemporaryDirectory(dir=part.parent, prefix=".truejoint-") as folder:
-            bag, mcap = Path(folder) / "bag", module.StoragePlugin.MCAP
-            with module.Writer(bag, version=9, storage_plugin=mcap) as writer:
-                _write(writer, store, topics, store.serialize_cdr)
-            (bag / "bag.mcap").replace(part)
+            bag = Path(folder) / "bag"
+            with module.Writer(bag, **how) as writer:
+                _write(writer, store, topics, store.serialize_ros1 if ros1 else store.serialize_cdr)
+            (bag if ros1 else bag / "bag.mcap").replace(part)
 
     write_atomically(target, write, overwrite=overwrite, error=RecordingError)
 

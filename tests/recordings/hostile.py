@@ -1,0 +1,611 @@
+"""Files made to exhaust whoever reads them: time, memory, or patience with Ctrl-C.
+
+`KINDS` writes each into a folder, small as it is. As a program it gives every one to the commands
+that read recordings, a process each, with bounded memory, and prints what they took:
+
+    python -m tests.recordings.hostile [--some] [KIND ...]
+"""
+
+# ruff: noqa: PLC0415, S608, T201  # SQL of its own constants; truejoint once a command runs
+
+from __future__ import annotations
+
+import bz2
+import contextlib
+import gzip
+import io
+import json
+import os
+import resource
+import signal
+import sqlite3
+import struct
+import sys
+import tempfile
+import time
+import zipfile
+import zlib
+from collections.abc import Callable, Sequence
+from itertools import cycle, pairwise
+from pathlib import Path
+from typing import Any
+
+import lz4.frame
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from rosbags import rosbag1
+from rosbags.typesys import Stores, get_typestore
+
+if sys.version_info >= (3, 14):
+    from compression import zstd
+else:
+    from backports import zstd
+
+MEMORY = 1 << 30  # bytes, beyond what is loaded
+LONGEST = 10.0  # s
+SOON = 1.0  # s after Ctrl-C
+
+ENDLESS = "WITH RECURSIVE r(x) AS (SELECT 1 UNION ALL SELECT x + 1 FROM r)"
+JOINTS = "string[] name\nfloat64[] position\nfloat64[] velocity\nfloat64[] effort\n"
+STATE = "sensor_msgs/msg/JointState"
+MESSAGE = b"\0\1\0\0" + struct.pack("<II4sIdII", 1, 4, b"jaw\0", 1, 0.5, 0, 0)
+RULE = "=" * 80
+
+KINDS: dict[str, Callable[[Path], Path]] = {}
+
+
+def kind(name: str) -> Callable[[Callable[[Path], Any]], Callable[[Path], Any]]:
+    """Register what writes a file of that name."""
+
+    def register(write: Callable[[Path], Any]) -> Callable[[Path], Any]:
+        def make(folder: Path) -> Path:
+            path = folder / name
+            content = write(path)
+            if isinstance(content, bytes):
+                path.write_bytes(content)
+            return path
+
+        KINDS[name] = make
+        return write
+
+    return register
+
+
+# ---------------------------------------------------------------------------------------- SQLite
+
+TOPICS = "CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type, serialization_format)"
+COLUMNS = "id INTEGER PRIMARY KEY, topic_id, timestamp"
+MESSAGES = f"CREATE TABLE messages ({COLUMNS}, data)"
+INSERT = "INSERT INTO messages (topic_id, timestamp, data) VALUES (1, ?, ?)"
+DEFINITIONS = (
+    "CREATE TABLE message_definitions (topic_type, encoding, encoded_message_definition);"
+    f"INSERT INTO message_definitions VALUES ('{STATE}', 'ros2msg', '{JOINTS}')"
+)
+
+
+def tables(
+    path: Path,
+    messages: str = MESSAGES,
+    rows: Sequence[bytes] = (),
+    topics: str = TOPICS,
+    definitions: str = DEFINITIONS,
+) -> None:
+    """Write a bag of tables, or of what is called so."""
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.executescript(f"{definitions};{topics};{messages}")
+        if topics == TOPICS:
+            base.execute("INSERT INTO topics VALUES (1, '/measured_js', ?, 'cdr')", [STATE])
+        for number, row in enumerate(rows):
+            base.execute(INSERT, [number * 10**7, row])
+        base.commit()
+
+
+@kind("view.db3")
+def _view(path: Path) -> None:
+    tables(
+        path, f"CREATE VIEW messages AS {ENDLESS} SELECT 1 topic_id, x timestamp, x'00' data FROM r"
+    )
+
+
+@kind("view_joined.db3")
+def _view_joined(path: Path) -> None:
+    many = ", ".join(f"(VALUES (1), (2), (3), (4)) v{n}" for n in range(40))
+    columns = "1 topic_id, 1 timestamp, x'00' data"
+    tables(path, f"CREATE VIEW messages AS SELECT {columns} FROM {many}")
+
+
+@kind("view_of_topics.db3")
+def _view_of_topics(path: Path) -> None:
+    columns = f"x id, '/t' || x name, '{STATE}' type, 'cdr' serialization_format"
+    tables(path, topics=f"CREATE VIEW topics AS {ENDLESS} SELECT {columns} FROM r")
+
+
+@kind("view_of_definitions.db3")
+def _view_of_definitions(path: Path) -> None:
+    columns = "x topic_type, 'ros2msg' encoding, 'int8 x' encoded_message_definition"
+    view = f"CREATE VIEW message_definitions AS {ENDLESS} SELECT {columns} FROM r"
+    tables(path, rows=[MESSAGE] * 20, definitions=view)
+
+
+@kind("view_called_table.db3")
+def _view_called_table(path: Path) -> None:
+    _view(path)
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute("PRAGMA writable_schema = ON")
+        base.execute("UPDATE sqlite_master SET type = 'table', rootpage = 2 WHERE type = 'view'")
+        base.commit()
+
+
+@kind("virtual.db3")
+def _virtual(path: Path) -> None:
+    tables(path, "CREATE VIRTUAL TABLE messages USING fts5(topic_id, timestamp, data)")
+
+
+@kind("computed.db3")
+def _computed(path: Path) -> None:
+    column = "data AS (zeroblob(1000000000))"
+    tables(path, f"CREATE TABLE messages ({COLUMNS}, {column})")
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute("INSERT INTO messages VALUES (1, 1, 1)")
+        base.commit()
+
+
+@kind("computed_slowly.db3")
+def _computed_slowly(path: Path) -> None:
+    slow = f"'{'a' * 400}' LIKE '{'%a' * 40}b'"
+    tables(path, f"CREATE TABLE messages ({COLUMNS}, wait AS ({slow}), data AS (wait || x'00'))")
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute("INSERT INTO messages VALUES (1, 1, 1)")
+        base.commit()
+
+
+@kind("index_computed.db3")
+def _index_computed(path: Path) -> None:
+    tables(path, rows=[MESSAGE] * 20)
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        base.execute("CREATE INDEX slow ON messages (topic_id, timestamp, data, 'a' LIKE 'a%a')")
+        base.commit()
+
+
+@kind("trigger.db3")
+def _trigger(path: Path) -> None:
+    tables(path, rows=[MESSAGE] * 20)
+    with contextlib.closing(sqlite3.connect(path)) as base:
+        wait = f"{ENDLESS} SELECT count(*) FROM r"
+        base.execute(f"CREATE TRIGGER t AFTER INSERT ON messages BEGIN {wait}; END")
+        base.commit()
+
+
+@kind("pages_that_multiply.db3")
+def _pages(path: Path) -> None:
+    """Each inner page of the tree of messages points to the next a hundred times."""
+    tables(path, rows=[MESSAGE] * 9000)
+    data = bytearray(path.read_bytes())
+    inner = [at for at in range(0, len(data), 4096) if data[at + 100 * (at == 0)] == 5]
+    pages = [*inner, *range(len(data), len(data) + 12 * 4096, 4096)]
+    data += bytes(12 * 4096)
+    leaf = next(at for at in range(4096, len(data), 4096) if data[at] == 13)
+    for at, below in pairwise([*pages, leaf]):
+        page = bytearray(4096)
+        page[0], page[3:5], page[5:7] = 5, (100).to_bytes(2, "big"), (2000).to_bytes(2, "big")
+        number = (below // 4096 + 1).to_bytes(4, "big")
+        page[8:12] = number
+        for cell in range(100):
+            page[12 + 2 * cell : 14 + 2 * cell] = (2000 + 6 * cell).to_bytes(2, "big")
+            page[2000 + 6 * cell : 2006 + 6 * cell] = number + bytes([cell + 1, 0])
+        data[at : at + 4096] = page
+    data[28:32] = (len(data) // 4096).to_bytes(4, "big")
+    path.write_bytes(data)
+
+
+@kind("messages_zstd.db3")
+def _messages_zstd(path: Path) -> None:
+    tables(path, rows=[zstd.compress(MESSAGE + bytes(64_000_000))] * 60)
+
+
+@kind("definition_long.db3")
+def _definition_long(path: Path) -> None:
+    text = JOINTS + "".join(f"int32 a{n}\n" for n in range(200_000))
+    tables(path, rows=[MESSAGE] * 20, definitions=DEFINITIONS.replace(JOINTS, text))
+
+
+# ------------------------------------------------------------------------------------------ MCAP
+
+
+def record(op: int, data: bytes) -> bytes:
+    """Record of an MCAP."""
+    return struct.pack("<BQ", op, len(data)) + data
+
+
+def text(words: str) -> bytes:
+    """Text of an MCAP."""
+    return struct.pack("<I", len(words)) + words.encode()
+
+
+PACK = {"zstd": zstd.compress, "lz4": lz4.frame.compress}
+FOOTER = record(2, bytes(20)) + b"\x89MCAP0\r\n"
+
+
+def state_records(messages: Sequence[bytes], definition: str = JOINTS) -> bytes:
+    """Schema, channel and messages of a joint state."""
+    schema = struct.pack("<H", 1) + text(STATE) + text("ros2msg") + text(definition)
+    channel = struct.pack("<HH", 1, 1) + text("/measured_js") + text("cdr") + bytes(4)
+    rows = [
+        record(5, struct.pack("<HIQQ", 1, number, number * 10**7, 0) + message)
+        for number, message in enumerate(messages)
+    ]
+    return b"".join([record(3, schema), record(4, channel), *rows])
+
+
+def chunk(content: bytes, packing: str) -> bytes:
+    """Chunk of an MCAP."""
+    packed, size = PACK[packing](content), len(content)
+    return record(6, struct.pack("<QQQI", 0, 0, size, 0) + text(packing)
+                  + struct.pack("<Q", len(packed)) + packed)  # fmt: skip
+
+
+def mcap(*records: bytes) -> bytes:
+    """MCAP without a summary."""
+    return b"".join([b"\x89MCAP0\r\n", record(1, text("ros2") + text("")), *records, FOOTER])
+
+
+@kind("chunks_zstd.mcap")
+def _chunks_zstd(_: Path) -> bytes:
+    return mcap(*[chunk(state_records([MESSAGE]) + record(5, bytes(1 << 28)), "zstd")] * 200)
+
+
+@kind("chunks_lz4.mcap")
+def _chunks_lz4(_: Path) -> bytes:
+    return mcap(*[chunk(state_records([MESSAGE]) + record(5, bytes(1 << 28)), "lz4")] * 4)
+
+
+@kind("chunk_of_small_records.mcap")
+def _small_records(_: Path) -> bytes:
+    few = record(5, struct.pack("<HIQQ", 1, 0, 0, 0))
+    return mcap(chunk(state_records([MESSAGE]) + few * 1_000_000, "zstd"))
+
+
+@kind("chunk_of_nothing.mcap")
+def _nothing(_: Path) -> bytes:
+    return mcap(chunk(state_records([MESSAGE]) + bytes(30_000_000), "zstd"))
+
+
+@kind("chunk_within_chunk.mcap")
+def _nested(_: Path) -> bytes:
+    records = state_records([MESSAGE] * 20)
+    for _round in range(50):
+        records = chunk(records * 2, "zstd")
+    return mcap(records)
+
+
+@kind("length.mcap")
+def _length(_: Path) -> bytes:
+    huge = struct.pack("<BQ", 5, (1 << 63) - 1) + bytes(100)
+    return mcap(state_records([MESSAGE] * 20), huge)
+
+
+@kind("summary.mcap")
+def _summary(_: Path) -> bytes:
+    """A summary that counts what is not there, and begins at itself."""
+    body = mcap(state_records([MESSAGE] * 20)).removesuffix(FOOTER)
+    counts = struct.pack("<QHIIIIQQI", 1 << 62, 1, 1, 0, 0, 0, 0, 0, 0xFFFFFFFF)
+    summary = record(0x0B, counts + struct.pack("<HQ", 1, 1 << 62))
+    end = record(2, struct.pack("<QQI", len(body), 0, 0))
+    return body + summary + end + b"\x89MCAP0\r\n"
+
+
+@kind("definition_multiplies.mcap")
+def _multiplies(_: Path) -> bytes:
+    nested = "".join(
+        f"\n{RULE}\nMSG: own/a{k}\n" + "".join(f"own/a{k + 1} f{j}\n" for j in range(9))
+        for k in range(1, 19)
+    )
+    definition = f"{JOINTS}own/a1 f\n{nested}\n{RULE}\nMSG: own/a19\nfloat64 x\n"
+    return mcap(state_records([MESSAGE + bytes(400)] * 20, definition))
+
+
+@kind("lists_that_change.mcap")
+def _lists(_: Path) -> bytes:
+    """Every message has a length of its own, and many elements that take no bytes."""
+    definition = f"{JOINTS}own/a[] f\n{RULE}\nMSG: own/a\nown/b b\n{RULE}\nMSG: own/b\n"
+    count = struct.pack("<I", 60_000)
+    return mcap(state_records([MESSAGE + count + bytes(n) for n in range(2000)], definition))
+
+
+# ----------------------------------------------------------------------------------------- ROS 1
+
+
+def ros1_record(header: dict[str, bytes], data: bytes = b"", length: int | None = None) -> bytes:
+    """Record of a ROS 1 bag."""
+    fields = [name.encode() + b"=" + value for name, value in header.items()]
+    packed = b"".join(struct.pack("<I", len(field)) + field for field in fields)
+    size = len(data) if length is None else length
+    return struct.pack("<I", len(packed)) + packed + struct.pack("<I", size) + data
+
+
+def ros1_state(count: int) -> bytes:
+    """Connection and messages of a joint state."""
+    conn = struct.pack("<I", 0)
+    about = {"topic": b"/measured_js", "type": b"sensor_msgs/JointState", "md5sum": b"0" * 32,
+             "message_definition": JOINTS.encode()}  # fmt: skip
+    data = b"".join(
+        struct.pack("<I", len(name) + 1 + len(value)) + name.encode() + b"=" + value
+        for name, value in about.items()
+    )
+    message = struct.pack("<II3sIdII", 1, 3, b"jaw", 1, 0.5, 0, 0)
+    rows = [
+        ros1_record({"op": b"\2", "conn": conn, "time": struct.pack("<II", 1, n)}, message)
+        for n in range(count)
+    ]
+    topic = ros1_record({"op": b"\7", "conn": conn, "topic": b"/measured_js"}, data)
+    return b"".join([topic, *rows])
+
+
+def ros1_chunk(packed: bytes, packing: bytes, length: int | None = None) -> bytes:
+    """Chunk of a ROS 1 bag."""
+    header = {"op": b"\5", "compression": packing, "size": bytes(4)}
+    return ros1_record(header, packed, length)
+
+
+def ros1(*records: bytes, index: int = 0) -> bytes:
+    """Bag of ROS 1 whose index is said to begin there."""
+    one = struct.pack("<I", 1)
+    at = struct.pack("<Q", index)
+    header = {"op": b"\3", "index_pos": at, "conn_count": one, "chunk_count": one}
+    return b"".join([b"#ROSBAG V2.0\n", ros1_record(header, b" " * 4000), *records])
+
+
+@kind("chunks_bz2.bag")
+def _chunks_bz2(_: Path) -> bytes:
+    bomb = bz2.compress(ros1_state(20) + bytes(1 << 27))
+    return ros1(*[ros1_chunk(bomb, b"bz2")] * 30)
+
+
+@kind("chunks_bz2_indexed.bag")
+def _indexed(path: Path) -> None:
+    store = get_typestore(Stores.ROS1_NOETIC)
+    writer = rosbag1.Writer(path)
+    writer.set_compression(rosbag1.Writer.CompressionFormat.BZ2)
+    with writer:
+        topic = writer.add_connection("/measured_js", STATE, typestore=store)
+        for number in range(2):
+            writer.write(topic, number, bytes(1 << 26))
+
+
+@kind("chunks_lz4.bag")
+def _chunks_lz4_ros1(_: Path) -> bytes:
+    bomb = lz4.frame.compress(ros1_state(20) + bytes(1 << 27))
+    return ros1(*[ros1_chunk(bomb, b"lz4")] * 3)
+
+
+@kind("chunk_of_small_records.bag")
+def _small_records_ros1(_: Path) -> bytes:
+    few = ros1_record({"op": b"\2", "conn": bytes(4), "time": bytes(8)})
+    return ros1(ros1_chunk(lz4.frame.compress(ros1_state(20) + few * 700_000), b"lz4"))
+
+
+@kind("chunk_cut.bag")
+def _chunk_cut(_: Path) -> bytes:
+    return ros1(ros1_chunk(bz2.compress(ros1_state(2000))[:-40], b"bz2", (1 << 32) - 1))
+
+
+@kind("length.bag")
+def _length_ros1(_: Path) -> bytes:
+    return ros1(ros1_state(20), struct.pack("<I", (1 << 32) - 1) + bytes(100))
+
+
+@kind("index.bag")
+def _index(_: Path) -> bytes:
+    """An index that counts what is not there, in a record that is said to be long."""
+    body = ros1(ros1_state(20))
+    header = {"op": b"\6", "ver": struct.pack("<I", 1), "chunk_pos": bytes(8),
+              "start_time": bytes(8), "end_time": bytes(8), "count": b"\xff" * 4}  # fmt: skip
+    entries = struct.pack("<II", 0, 0xFFFFFFFF) * 50_000
+    index = ros1_record(header, entries) + ros1_record(header, b"", 0xFFFFFFFF)
+    return ros1(ros1_state(20), index, index=len(body))
+
+
+# ----------------------------------------------------------------------------------- other files
+
+
+@kind("whole.mcap.zstd")
+def _whole_mcap(_: Path) -> bytes:
+    return zstd.compress(mcap(state_records([MESSAGE] * 20)) + bytes(1 << 28))
+
+
+@kind("whole.db3.zstd")
+def _whole_tables(path: Path) -> bytes:
+    tables(plain := path.with_name("plain.db3"), rows=[MESSAGE] * 20)
+    return zstd.compress(plain.read_bytes() + bytes(1 << 28))
+
+
+@kind("table.csv.gz")
+def _gzip(_: Path) -> bytes:
+    return gzip.compress(b"t,measured/jaw\n" + b"0.1,0.2\n" * 10_000_000, 1)
+
+
+@kind("rows.npz")
+def _npz(path: Path) -> None:
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        header = io.BytesIO()
+        np.lib.format.write_array_header_1_0(
+            header, {"descr": "<f8", "fortran_order": False, "shape": (1 << 22, 1)}
+        )
+        file.writestr("rows.npy", header.getvalue() + bytes(1 << 25))
+
+
+@kind("rows.npy")
+def _npy(_: Path) -> bytes:
+    header = io.BytesIO()
+    shape = {"descr": "<f8", "fortran_order": False, "shape": (1 << 40, 3)}
+    np.lib.format.write_array_header_1_0(header, shape)
+    return header.getvalue() + bytes(100)
+
+
+@kind("rows.mat")
+def _mat(_: Path) -> bytes:
+    bomb = zlib.compress(struct.pack("<II", 14, 1 << 27) + bytes(1 << 27))
+    head = b"MATLAB 5.0 MAT-file".ljust(124) + b"\x00\x01IM"
+    return head + struct.pack("<II", 15, len(bomb)) + bomb
+
+
+@kind("rows.parquet")
+def _parquet(path: Path) -> None:
+    """Few rows are stated, in pages that unpack to much."""
+    table = pa.table({"t": np.zeros(1 << 23), "measured/jaw": np.zeros(1 << 23)})
+    pq.write_table(table, path, compression="zstd", use_dictionary=False, data_page_size=1 << 30)
+
+
+@kind("blocks.arrows")
+def _arrow(path: Path) -> None:
+    """A recorder's stream whose blocks are packed, as none of a recorder's are."""
+    from truejoint.recordings.table import parquet, stream_file
+
+    header = {"version": 1, "provenance": {"robot": "raven2"}, "robot": {}, "gap_limit": 0.1}
+    signed = {parquet.KEY: parquet.sign(header, {})}
+    schema = stream_file._SCHEMA.with_metadata(signed)
+    options = pa.ipc.IpcWriteOptions(compression="zstd")
+    row = [pa.array([value], pa.binary()) for value in (bytes(1 << 30), b"")]
+    with pa.ipc.new_stream(path, schema, options=options) as stream:
+        stream.write_batch(pa.record_batch(row, schema=stream_file._SCHEMA))
+
+
+@kind("header.safetensors")
+def _safetensors(_: Path) -> bytes:
+    return struct.pack("<Q", 1 << 62) + b'{"a":' * 1000
+
+
+# ----------------------------------------------------------------------------------------- trial
+
+COMMANDS = {
+    "extract": ("extract", "-o", "out.parquet"),
+    "doctor": ("doctor",),
+    "calibrate": ("calibrate", "-e", "offset", "-o", "m.safetensors"),
+    "list": ("extract",),
+}
+ROBOT = "--robot", "davinci_grasper"  # where a file does not say it
+STOPPED = "Ctrl-C"
+"""Besides: extract without the bounds, and Ctrl-C while it runs."""
+ENDLESS_KINDS = ("view.db3", "view_joined.db3", "pages_that_multiply.db3", "messages_zstd.db3",
+                 "chunks_zstd.mcap", "chunk_of_small_records.mcap", "chunks_bz2.bag")  # fmt: skip
+"""Those that without the bounds take longer than it takes to press Ctrl-C."""
+
+
+def attempts(*, some: bool, kinds: Sequence[str] = ()) -> list[tuple[str, str]]:
+    """Kinds with commands: all, or one command for each kind in turn, and Ctrl-C."""
+    chosen = kinds or list(KINDS)
+    if some:
+        turn = cycle(COMMANDS)
+        return [(name, next(turn)) for name in chosen] + [(name, STOPPED) for name in ENDLESS_KINDS]
+    return [(name, command) for name in chosen for command in (*COMMANDS, STOPPED)]
+
+
+def lift_bounds() -> None:
+    """Take away what ends the reading of a hostile file by itself."""
+    from truejoint.recordings import bounded_file
+    from truejoint.recordings.read.bags import container
+
+    bounded_file.Allowance.take = bounded_file.Allowance.check_piece = lambda *_: None
+    container._STEPS_PER_BYTE = 10**9
+    container._PLAIN_TABLES = (
+        "SELECT name FROM sqlite_master AS here WHERE NOT EXISTS (SELECT 1 FROM "
+        "pragma_table_xinfo(here.name) WHERE hidden)"
+    )
+
+
+def run(words: Sequence[str]) -> int:
+    """Run a command in this process; its exit code."""
+    from truejoint.cli.app import main as truejoint_main
+
+    sys.argv = ["truejoint", *words]
+    try:
+        truejoint_main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def child(words: Sequence[str], said: int) -> None:
+    """Run a command with bounded memory in this process, which ends with it."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + MEMORY,) * 2)
+    for stream in (1, 2):
+        os.dup2(said, stream)
+    code = 1
+    try:
+        code = run(words)
+        sys.stdout.flush()
+        sys.stderr.flush()
+    finally:
+        os._exit(code)
+
+
+def attempt(path: Path, command: str, folder: Path) -> dict[str, Any]:
+    """Give a file to a command: exit code, seconds, MB beyond what was loaded, what it said."""
+    words = [*COMMANDS["extract" if command == STOPPED else command], str(path)]
+    if command != "list" and path.suffix not in (".arrows", ".mat", ".parquet"):
+        words += ROBOT
+    for made in ("out.parquet", "m.safetensors"):
+        (folder / made).unlink(missing_ok=True)
+    with tempfile.TemporaryFile(dir=folder) as said:
+        began, stop_at, asked = time.monotonic(), 0.0, 0.0
+        process = os.fork()
+        if process == 0:
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+            os.chdir(folder)
+            if command == STOPPED:
+                lift_bounds()
+            child(words, said.fileno())
+        while True:
+            done, status, usage = os.wait4(process, os.WNOHANG)
+            took = time.monotonic() - began
+            if done:
+                break
+            if asked == 0.0 and stop_at == 0.0 and os.fstat(said.fileno()).st_size:
+                stop_at = took + 0.1  # it reads
+            if command == STOPPED and asked == 0.0 and took > (stop_at or 1.0):
+                asked = took
+                os.kill(process, signal.SIGINT)
+            if took > 2 * LONGEST:
+                os.kill(process, signal.SIGKILL)
+            time.sleep(0.005)
+        said.seek(0)
+        lines = [line for line in said.read().decode(errors="replace").splitlines() if line.strip()]
+        lines = [line for line in lines if not line.endswith(" ...")]  # what it is at
+    memory = usage.ru_maxrss * 1024
+    return {"kind": path.name, "command": command, "code": os.waitstatus_to_exitcode(status),
+            "took": round(took - asked, 2), "memory": memory, "said": lines}  # fmt: skip
+
+
+def main() -> None:
+    """Try every kind, or those that are named, and print a line of JSON for each attempt."""
+    from tests.synthetic import build_recording
+
+    import truejoint
+
+    asked = sys.argv[1:]
+    kinds = [word for word in asked if word != "--some"]
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        os.chdir(folder)
+        good = folder / "good.bag"
+        truejoint.recordings.write_bag(build_recording(400), good)
+        nowhere = io.StringIO()
+        with contextlib.redirect_stdout(nowhere), contextlib.redirect_stderr(nowhere):
+            for words in COMMANDS.values():  # modules and kernels, before the memory is counted
+                run([*words, str(good)])
+        for made, command in attempts(some="--some" in asked, kinds=kinds):
+            path = folder / made
+            if not path.exists():
+                if (writer := os.fork()) == 0:  # what it takes is not counted
+                    with contextlib.suppress(Exception):
+                        KINDS[made](folder)
+                    os._exit(0)
+                os.waitpid(writer, 0)
+            print(json.dumps(attempt(path, command, folder)), flush=True)
+        os.chdir("/")
+
+
+if __name__ == "__main__":
+    main()
