@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -181,18 +182,27 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
     models = [session / "m.st", tmp_path / "curved.st"]
     page = tmp_path / "models.html"
-    result = call("compare", *models, random, "--json", "--report", page)
+    result = call("compare", *models, random, "--json", "--report", page, *ANYHOW)
     assert result.code == 0, result.err
     text = page.read_text(encoding="utf-8")
-    for word in ("2 models compared", ">m<", ">curved<", "residual-1", 'id="distribution"'):
+    for word in (
+        "2 models compared",
+        ">m (linear)<",
+        ">curved (poly2)<",
+        "residual-1",
+        'id="distribution"',
+    ):
         assert word in text
     found = json.loads(result.out)
     rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}
     for joint, best in found["best"].items():
-        assert rmse[best, joint] == min(rmse["m", joint], rmse["curved", joint])
+        assert rmse[best, joint] == min(rmse["m (linear)", joint], rmse["curved (poly2)", joint])
     assert ("poly2", "elbow") not in rmse  # the model given stands for its baseline
-    assert found["deploy"] in {"raw", "offset", "linear", "m", "curved"}
-    assert set(found["verdicts"]) == {"m", "curved"}
+    assert found["deploy"] in {"", "raw", "offset", "linear", "m (linear)", "curved (poly2)"}
+    assert found["advice"] in html.unescape(text)
+    assert "instead" not in found["advice"]
+    assert set(found["verdicts"]) == {"m (linear)", "curved (poly2)"}
+    assert call("compare", *models, random).code == 1, "the check fails unless it is accepted"
     seen = call("compare", *models, zigzag)
     assert seen.code == 1
     assert seen.out.count("cannot be believed") == 2
