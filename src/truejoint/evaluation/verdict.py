@@ -305,7 +305,7 @@ class Advice:
     rivals : tuple of str
         Where it is, estimators that may be the best, the one with the smallest error first.
     stretches : int
-        Fewest stretches of the test that two estimators were compared over.
+        Fewest stretches of all recordings together that two estimators were compared over.
     text : str
         The sentence for a person.
 
@@ -422,7 +422,7 @@ def _advice_text(advice: Advice, chosen: str, *, automatic: bool) -> str:
         )
     why = (
         f"where the loop corrects, all joints together, none of these models is closer by more "
-        f"than {100 * MARGIN:g} % of the error (95 %, over {advice.stretches} stretches)"
+        f"than {100 * MARGIN:g} % of the error, at 95 %"
     )
     if advice.deploy == RAW:
         return f"Deploy none of these models, but the raw position: {why}{other}."
