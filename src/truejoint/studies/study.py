@@ -37,6 +37,8 @@ MAX_SEED: Final = 2**31 - 1
 class PartResult:
     """Result of one part: tidy `rows`, flat JSON values in SI, and `arrays` by name.
 
+    `sources` are digests of the files that made it, by name; the runner notes them.
+
     Examples
     --------
     >>> PartResult([{"method": "linear", "rms": 0.01}]).rows[0]["rms"]
@@ -45,6 +47,7 @@ class PartResult:
 
     rows: Sequence[Row]
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -278,8 +281,6 @@ class Study:
         Where ``parts(settings)``, a sequence of `Part`, and ``summarise(results)``, a `Summary` of
         `Results`, are defined.
     options : tuple of Option
-    version : int
-        Raised when its parts compute something else from the same arguments.
 
     Examples
     --------
@@ -292,7 +293,6 @@ class Study:
     source: str
     module: str
     options: tuple[Option, ...] = ()
-    version: int = 1
 
     def settings(
         self, preset: str = "full", seed: int = 0, options: Mapping[str, object] | None = None
