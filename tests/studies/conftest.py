@@ -51,6 +51,7 @@ def summarise(results):
     table = Table("Means [1] <b>", ("part", "mean [/x]"), rows, ("a | note",))
     figure = Figure("Toy", ((Panel(curves, "row", "value", log="x", legend=True),),), "What it is.")
     claims = [Claim("means differ", "toy2020", holds, "so") for holds in (True, False, None)]
+    claims.append(Claim("means differ", "toy2020", False, "better", flaw=True))
     return Summary((table,), {"toy": figure}, claims)
 """
 

@@ -75,7 +75,9 @@ class StudyResult:
         return {
             "study": self.study.name,
             "settings": self.settings.to_dict(),
-            "claims": [{**vars(c), "verdict": c.verdict} for c in self.summary.claims],
+            "claims": [
+                {**vars(c), "verdict": c.verdict, "look": c.look} for c in self.summary.claims
+            ],
             "tables": [vars(table) for table in self.summary.tables],
             "parts": json_values({key: part.rows for key, part in self.parts.items()}),
         }
@@ -125,7 +127,8 @@ def run_study(
 
     Examples
     --------
-    >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
+    >>> few = {"specimen": "B", "methods": "lsm,play_gated", "draws": 1}
+    >>> result = run_study("forceps-unloaded", few)
     >>> rms = result.rows.set_index(["motion", "method"]).rms
     >>> print(f"{rms['verification', 'play_gated']:.5f} rad")
     0.00060 rad
@@ -218,7 +221,7 @@ def _sources(module: str) -> dict[str, str]:
     and more where the process did something before. The command line computes nothing.
     """
     files = [
-        Path(loaded.__file__)
+        Path(str(loaded.__file__))
         for name, loaded in list(sys.modules.items())
         if name.partition(".")[0] == "truejoint" and not name.startswith("truejoint.cli")
         if getattr(loaded, "__file__", None)
