@@ -71,7 +71,7 @@ class Part:
     --------
     >>> study = get_study("forceps-unloaded")
     >>> [part.key for part in study.parts(study.settings("small"))]
-    ['unloaded']
+    ['unloaded-0', 'unloaded-1', 'unloaded-2']
     """
 
     key: str
