@@ -97,8 +97,8 @@ def test_table_1_stands_beside_the_papers(table_1, drawn):
 def test_directions_have_arms_and_tests_of_their_own(table_1):
     study = get_study("directions")
     parts = study.parts(study.settings("full"))
-    assert len({part.arguments["seed"] for part in parts}) == 21  # the same on both specimens
-    assert len(parts) == 42
+    assert len({part.arguments["seed"] for part in parts}) == 35  # the same on both specimens
+    assert len(parts) == 70
     raw = select(table_1.rows, kind="fine", method="raw", joint="elbow").rmse
     assert raw.nunique() == 2
 
