@@ -64,13 +64,6 @@ def test_an_objection_forbids_a_pass_and_opens_the_sentence() -> None:
     assert verdict.text == "This test cannot be believed: trained on rows of a.csv."
 
 
-def test_a_baseline_that_is_closer_is_named() -> None:
-    scores = [*_scores(shoulder=0.5), _score("linear", "shoulder", math.radians(0.3))]
-    (remark,) = judge(scores, "dnn").remarks
-    assert remark == "Smaller RMSE: the linear model in shoulder (0.300 against 0.500 deg)."
-    assert judge(scores, "linear").remarks == ()
-
-
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_a_tolerance_that_is_no_length_is_refused(value: float) -> None:
     with pytest.raises(CalibrationError, match="positive number"):
@@ -197,3 +190,6 @@ def test_where_another_is_advised_the_sentence_says_how_to_get_it() -> None:
     assert "-e auto" in found.text
     assert "-e auto" not in advise(traces, "dnn").text
     assert "instead" not in advise(traces).text
+    kept = [_trace(row, **BASE, linear=0.8, dnn=0.2) for row in range(2)]
+    assert "Keep" in advise(kept, "dnn", automatic=False).text
+    assert "-e auto" in advise(kept, "dnn", automatic=False).text

@@ -114,7 +114,6 @@ def judge(
         joints=tuple(verdicts),
         objections=tuple(objections),
         doubts=(*doubts, *reservations),
-        remarks=_better_models(scores, verdicts),
         deploy=deploy,
         advice=sentence,
     )
@@ -209,19 +208,6 @@ def _beside(verdict: JointVerdict) -> str:
 def limit_phrase(verdict: JointVerdict) -> str:
     """Name what a joint was held to, within a sentence and before its value."""
     return "the tolerance of" if verdict.stated else f"{estimator_phrase(verdict.against)}'s"
-
-
-def _better_models(scores: Sequence[Score], verdicts: Sequence[JointVerdict]) -> tuple[str, ...]:
-    """Say where another estimator of the table beats the chosen one."""
-    better = []
-    for verdict in verdicts:
-        best = min((row for row in scores if row.joint == verdict.joint), key=lambda row: row.rmse)
-        if best.rmse < verdict.rmse:
-            unit = display_unit(verdict.unit)
-            value, ours = shown([best.rmse * unit.scale, verdict.rmse * unit.scale])
-            name = estimator_phrase(best.estimator)
-            better.append(f"{name} in {verdict.joint} ({value} against {ours} {unit.name})")
-    return (f"Smaller RMSE: {_and(better)}.",) if better else ()
 
 
 def _and(parts: Sequence[str]) -> str:
@@ -427,7 +413,7 @@ def _advice_text(advice: Advice, chosen: str, *, automatic: bool) -> str:
     if advice.deploy == RAW:
         return f"Deploy none of these models, but the raw position: {why}{other}."
     if advice.deploy == chosen:
-        return f"Keep {estimator_phrase(chosen)}: {why}."
+        return f"Keep {estimator_phrase(chosen)}: {why}{other}."
     how = f" (truejoint calibrate -e {advice.deploy})" if advice.deploy in BASELINES else ""
     instead = " instead" if chosen else ""
     return f"Deploy {estimator_phrase(advice.deploy)}{instead}{how}: {why}{other}."
