@@ -107,7 +107,7 @@ def test_models_of_two_estimators_are_compared(model: Calibration) -> None:
             "list, not a Recording",
         ),
         (lambda model: truejoint.evaluation.compare([], []), "one at least"),
-        (lambda model: truejoint.evaluation.to_deploy([]), "the traces of one"),
+        (lambda model: truejoint.evaluation.advise([]), "the traces of one"),
         (lambda model: truejoint.evaluation.tool_error(RAVEN, [0], [0]), "not a Kinematics"),
         (lambda model: truejoint.evaluation.write_tables(model, "tables"), "not an Evaluation"),
         (lambda model: truejoint.evaluate(model, motion(1)).score("lin", "jaw"), "'linear'?"),

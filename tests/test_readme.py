@@ -70,7 +70,7 @@ def workplace(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_demo_judges_four_tests_and_says_what_to_deploy(workplace: Path) -> None:
     said = json.loads((workplace / "said.json").read_text())
     assert list(said["tests"]) == ["inside", "all over", "new homing", "500 g"]
-    assert said["deploy"] in {"raw", "offset", "linear", "poly2", "dnn"}
+    assert said["deploy"] in {"", "raw", "offset", "linear", "poly2", "dnn"}
     assert said["tolerance"]["insertion"] == 0.25e-3
     assert np.isfinite(said["interval"]["half_width"]).all()
     assert (np.array(said["interval"]["coverage"]) > 0.5).all()

@@ -100,6 +100,13 @@ def test_few_homings_are_left_out_whole():
     assert (interval.trajectories, interval.folds, interval.cut, interval.whole) == (30, 3, 6, 3)
     rezeroed = cross_interval(homed, "linear", rezero=0.5).interval
     assert (rezeroed.folds, rezeroed.whole) == (5, 6)
+    assert not interval.any_homing
+    assert "after the 3 homings of its 30 trajectories only" in interval.meaning
+    assert "takes 9 homings for 90 %" in interval.meaning
+    many = [homed_as(bent(seed, 0.2), f"h{seed}") for seed in range(10)]
+    drawn = cross_interval(many, "linear").interval
+    assert drawn.any_homing
+    assert "after any homing (10 homings seen)" in drawn.meaning
 
 
 def of_joints(moving: str, seed: int) -> Recording:

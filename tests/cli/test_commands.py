@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 import shlex
 from dataclasses import replace
@@ -54,7 +55,8 @@ def test_evaluate_judges_and_reports(call: Call, session: Path, tmp_path: Path) 
     assert result.code == 0
     values = json.loads(result.out)
     assert values["verdict"]["passed"] is True
-    assert values["verdict"]["deploy"] in values["estimators"]
+    assert values["verdict"]["deploy"] in {"", *values["estimators"]}
+    assert values["verdict"]["advice"] in html.unescape(report.read_text())
     assert values["domain"]["inside"] > 0.5
     assert (tmp_path / "tables" / "elbow.tex").exists()
     assert {row["estimator"] for row in values["scores"]} >= {"raw", "offset", "linear"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,8 @@ import pytest
 from tests.cli.conftest import Call
 
 from truejoint import calibrate, read_calibration, read_recording, write_calibration, write_parquet
+from truejoint.calibration import with_interval
+from truejoint.evaluation import part_by_time
 from truejoint.recordings import read_corrected
 from truejoint.runtime import Corrector, Status
 
@@ -33,11 +36,20 @@ def test_a_corrected_table_is_what_the_loop_gives(
     expected = []
     for t, sample in zip(recording.t, rows, strict=True):
         status = corrector.step(t, sample)
-        expected.append([t, *corrector.position, *corrector.half_width, Status(status).name])
+        expected.append([*corrector.position, Status(status).name])
     found = pd.read_csv(table)
-    quantities = [f"{q}/{j}" for q in ("corrected", "half_width") for j in corrector.joints]
-    assert list(found) == ["t", *quantities, "status"]
-    pd.testing.assert_frame_equal(found, pd.DataFrame(expected, columns=found.columns))
+    measured, corrected = (
+        [f"{quantity}/{joint}" for joint in corrector.joints]
+        for quantity in ("measured", "corrected")
+    )
+    assert list(found) == ["t", *measured, *corrected, "status"]
+    assert "no half_width: the model states no interval" in result.err
+    frame = pd.DataFrame(expected, columns=[*corrected, "status"])
+    pd.testing.assert_frame_equal(found[[*frame]], frame, rtol=0, atol=1e-9)
+    before = recording.table[["t", *measured]]
+    pd.testing.assert_frame_equal(found[[*before]], before, rtol=0, atol=1e-6)
+    stamps = table.read_text().splitlines()[1:]
+    assert max(len(line.partition(",")[0]) for line in stamps) <= 12
     (counts,) = json.loads(result.out)["recordings"]
     assert counts["rows"] == len(found) == counts["corrected"] + sum(counts["flagged"].values())
     assert counts["corrected"] == (found["status"] == "OK").sum()
@@ -69,8 +81,34 @@ def test_rows_of_another_homing_stay_as_measured_and_fail(
     assert "HOMED_AGAIN: the model is for homing seed 0, homing 1" in result.err
     found = pd.read_csv(tmp_path / "a.csv")
     measured = read_recording(session / "random.parquet").column("measured/elbow")
-    np.testing.assert_allclose(found["corrected/elbow"], measured, rtol=1e-14)
-    assert np.isinf(found["half_width/elbow"]).all()
+    np.testing.assert_allclose(found["corrected/elbow"], measured, atol=1e-9)
+    assert "half_width/elbow" not in found
+
+
+def test_a_table_is_in_the_units_of_the_column_map_and_says_where_no_width_is_stated(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    recording = read_recording(session / "random.parquet")
+    parts = [part_by_time(recording, k / 9, (k + 1) / 9) for k in range(9)]
+    write_calibration(with_interval(read_calibration(session / "m.st"), parts), tmp_path / "m.st")
+    table, text = recording.table, 'robot = "raven2"\n[columns]\nt = "t"\n'
+    for name, unit in recording.units.items():
+        angle = name.startswith(("measured/", "truth/")) and unit == "rad"
+        text += f'"{name}" = {{ column = "{name}", unit = "{"deg" if angle else unit}" }}\n'
+        table[name] = np.rad2deg(table[name]) if angle else table[name]
+    table.loc[0, "truth/elbow"] += 500.0  # truth is not needed, so it cannot fail
+    table.to_csv(tmp_path / "run.csv", index=False)
+    (tmp_path / "map.toml").write_text(text.replace('\n"t" = { column = "t", unit = "s" }', ""))
+    arguments = ["correct", tmp_path / "m.st", tmp_path / "run.csv", "--accept", "range"]
+    result = call(*arguments, "--columns", tmp_path / "map.toml", "-o", tmp_path / "a.csv")
+    assert result.code == 0, result.err
+    found = pd.read_csv(tmp_path / "a.csv")
+    np.testing.assert_allclose(found["measured/elbow [deg]"], table["measured/elbow"], atol=1e-8)
+    assert np.isfinite(found["measured/insertion [m]"]).all()
+    empty = found["half_width/elbow [deg]"].isna()
+    assert f"half_width is empty in {empty.sum()} rows" in result.err
+    assert 0 < empty.sum() < len(found)
+    assert found["status"][~empty].eq("OK").all()
 
 
 def test_a_recording_that_begins_with_truth_is_re_zeroed(
@@ -107,7 +145,7 @@ def test_stamps_since_1970_are_given_as_the_file_had_them(
     model = session / "m.st"
     assert call("correct", model, tmp_path / "run.csv", "-o", tmp_path / "a.csv", *ANYHOW).code == 0
     found = pd.read_csv(tmp_path / "a.csv")
-    np.testing.assert_array_equal(found["t"], table["t"])
+    np.testing.assert_allclose(found["t"], table["t"], rtol=0, atol=1e-6)
 
 
 @pytest.mark.parametrize("command", [("correct", "-o", "out.csv"), ("evaluate",)])
@@ -181,18 +219,27 @@ def test_compare_judges_models_beside_each_other(call: Call, session: Path, tmp_
     write_calibration(calibrate(read_recording(zigzag), "poly2"), tmp_path / "curved.st")
     models = [session / "m.st", tmp_path / "curved.st"]
     page = tmp_path / "models.html"
-    result = call("compare", *models, random, "--json", "--report", page)
+    result = call("compare", *models, random, "--json", "--report", page, *ANYHOW)
     assert result.code == 0, result.err
     text = page.read_text(encoding="utf-8")
-    for word in ("2 models compared", ">m<", ">curved<", "residual-1", 'id="distribution"'):
+    for word in (
+        "2 models compared",
+        ">m (linear)<",
+        ">curved (poly2)<",
+        "residual-1",
+        'id="distribution"',
+    ):
         assert word in text
     found = json.loads(result.out)
     rmse = {(row["estimator"], row["joint"]): row["rmse"] for row in found["scores"]}
     for joint, best in found["best"].items():
-        assert rmse[best, joint] == min(rmse["m", joint], rmse["curved", joint])
+        assert rmse[best, joint] == min(rmse["m (linear)", joint], rmse["curved (poly2)", joint])
     assert ("poly2", "elbow") not in rmse  # the model given stands for its baseline
-    assert found["deploy"] in {"raw", "offset", "linear", "m", "curved"}
-    assert set(found["verdicts"]) == {"m", "curved"}
+    assert found["deploy"] in {"", "raw", "offset", "linear", "m (linear)", "curved (poly2)"}
+    assert found["advice"] in html.unescape(text)
+    assert "instead" not in found["advice"]
+    assert set(found["verdicts"]) == {"m (linear)", "curved (poly2)"}
+    assert call("compare", *models, random).code == 1, "the check fails unless it is accepted"
     seen = call("compare", *models, zigzag)
     assert seen.code == 1
     assert seen.out.count("cannot be believed") == 2

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 
-from truejoint.studies import Option, Study, StudyResult, write_study
+from truejoint.studies import Option, Study, StudyResult, runner, write_study
 
 MODULE = """
 import os
@@ -51,6 +51,7 @@ def summarise(results):
     table = Table("Means [1] <b>", ("part", "mean [/x]"), rows, ("a | note",))
     figure = Figure("Toy", ((Panel(curves, "row", "value", log="x", legend=True),),), "What it is.")
     claims = [Claim("means differ", "toy2020", holds, "so") for holds in (True, False, None)]
+    claims.append(Claim("means differ", "toy2020", False, "better", flaw=True))
     return Summary((table,), {"toy": figure}, claims)
 """
 
@@ -70,9 +71,6 @@ class Toy:
         self.log.unlink(missing_ok=True)
         return [int(line) for line in lines]
 
-    def of_version(self, version: int) -> Study:
-        return replace(self.study, version=version)
-
 
 @pytest.fixture
 def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
@@ -84,6 +82,7 @@ def toy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Toy:
     monkeypatch.setenv("TOY_LOG", str(tmp_path / "log"))
     options = (Option("count", 4, "parts", small=2), Option("scale", 1.0, "size"))
     study = Study("toy", "A toy & its <parts>", "toy2020", "toy_study", options)
+    runner._digest_of.cache_clear()
     return Toy(study, tmp_path / "log", lambda text: monkeypatch.setenv("TOY_TROUBLE", text))
 
 

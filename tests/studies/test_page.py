@@ -26,9 +26,9 @@ def test_a_study_leaves_page_table_numbers_and_pictures(result, tmp_path):
     values = json.loads(numbers)
     assert values["origin"]["command"] == "truejoint study toy"
     assert values["parts"]["part-3"] == result.parts["part-3"].rows
-    assert [claim["verdict"] for claim in values["claims"]][1] == "does not agree"
+    assert [claim["verdict"] for claim in values["claims"]][1] == "does not"
     text = page.decode()
-    for verdict in ("agrees", "does not agree", "cannot be told"):
+    for verdict in ("holds", "does not", "cannot be told"):
         assert f">{verdict}</span>" in text
     assert "A toy &amp; its &lt;parts&gt;" in text
     assert "<b>" not in text
@@ -73,9 +73,11 @@ def folder(toy, tmp_path, monkeypatch, coarse):
 
 def test_one_page_holds_every_claim_with_its_verdict(folder):
     page = write_overview(folder, command="truejoint study all").read_text()
-    for verdict in ("agrees", "does not agree", "cannot be told"):
+    for verdict in ("holds", "does not", "cannot be told"):
         assert f">{verdict}</span>" in page
-    assert page.count("means differ") == 3
+    assert page.count("means differ") == 4
+    assert "2 (1 better)" in page
+    assert page.count('badge fail">') == 1, "what is better here is not red"
     assert 'href="toy/toy.html"' in page
     assert "1 of 2 studies" in page
     assert "truejoint study other" in page  # how to get what is missing

@@ -2,12 +2,13 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from truejoint.errors import StudyError
-from truejoint.studies import run_study
+from truejoint.studies import run_study, runner
 
 
 def test_parts_are_computed_once(toy, tmp_path):
@@ -35,8 +36,26 @@ def test_other_settings_are_other_parts(toy, tmp_path):
     for changed in ({"options": {"scale": 2}}, {"seed": 1}):
         run_study(toy.study, folder=tmp_path, **changed)
         assert toy.computed == [0, 1, 2, 3]
-    run_study(toy.of_version(2), folder=tmp_path)
-    assert toy.computed == [0, 1, 2, 3]
+
+
+def test_parts_of_other_sources_are_left_aside_and_counted(toy, tmp_path, monkeypatch):
+    run_study(toy.study, folder=tmp_path, preset="small")
+    assert toy.computed == [0, 1]
+    (file,) = (tmp_path / "parts").glob("part-0-*.part")
+    sources = runner.read_part(file).sources
+    assert {"toy_study", "studies/study.py", "errors.py"} <= sources.keys()
+    assert not any(name.startswith("cli/") for name in sources)
+    for changed in ("toy_study", "errors.py"):
+        digest = runner._digest_of
+        monkeypatch.setattr(
+            runner, "_digest_of", lambda name, d=digest, c=changed: d(name) + "x" * (name == c)
+        )
+        result = run_study(toy.study, folder=tmp_path, preset="small")
+        assert (toy.computed, result.computed, result.aside) == ([0, 1], 2, 2)
+        assert run_study(toy.study, folder=tmp_path, preset="small").aside == 0
+        assert toy.computed == []
+    runner.write_part(file, replace(runner.read_part(file), sources={}))
+    assert run_study(toy.study, folder=tmp_path, preset="small").aside == 1, "of nobody knows which"
 
 
 def test_an_interrupt_loses_the_part_in_hand_alone(toy, tmp_path):

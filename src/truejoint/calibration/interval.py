@@ -72,6 +72,15 @@ class Interval:
     cut: int = 0
     whole: int = 0
 
+    @property
+    def any_homing(self) -> bool:
+        """Whether homings were what was drawn, so that it holds after others without a re-zeroing.
+
+        Of fewer homings than a level takes, their recordings' parts are; what a further homing adds
+        is not among them.
+        """
+        return self.homings > 1 and not self.cut and self.rezero == 0.0
+
     def half_width(self, level: float = 0.9) -> Array:
         """Half-width (n_joints,) [rad or m] at one level, within the trained range.
 
@@ -99,12 +108,14 @@ class Interval:
                 f"for motions that begin with re-zeroing from {self.rezero:g} s of truth "
                 f"({self.trajectories} trajectories seen)"
             )
-        elif self.homings > 1:
+        elif self.any_homing:
             what = f"for motions after any homing ({self.homings} homings seen)"
         else:
+            only = f"{self.homings} homings" if self.homings > 1 else "homing"
             what = (
-                f"for motions after the homing of its {self.trajectories} trajectories only; it "
-                "says nothing of another homing"
+                f"for motions after the {only} of its {self.trajectories} trajectories only; it "
+                f"says nothing of another homing, which takes {needed_trajectories(LEVEL)} homings "
+                f"for {100 * LEVEL:g} %, or re-zeroing"
             )
         if not self.folds:
             return what
@@ -112,7 +123,7 @@ class Interval:
         if self.cut:
             plural = "s" if self.cut > 1 else ""
             of = f"the {self.trajectories} parts of its {self.cut} recording{plural}"
-            beyond = ", nor of another day"
+            beyond = ", nor of another day or tool"
         if self.whole:
             beyond = (
                 f"; one more recording that errs in its own way may lie outside altogether in 1 of "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -13,6 +14,7 @@ from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck, Files, say_failed
 from truejoint.errors import RecordingError
 from truejoint.files import check_target, write_atomically
+from truejoint.units import SI_UNITS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -21,6 +23,8 @@ if TYPE_CHECKING:
 # Fewer corrected rows than this share of a recording, and the model is not for it.
 _LEAST_CORRECTED = 0.5
 _NOT_JUDGED = "NOT_JUDGED"
+_POSITIONS = ("measured", "corrected", "half_width")
+_DECIMALS = (9, 6)  # of a text's numbers, and of its stamps [s]
 
 
 def correct(
@@ -37,7 +41,8 @@ def correct(
 ) -> Result:
     """Correct recordings, which need no truth; exit code 1 when most of one could not be.
 
-    A row is corrected, or flagged where the corrector is in doubt, just as in the robot's loop.
+    A row is corrected, or flagged where the corrector is in doubt, just as in the robot's loop. A
+    .csv is in the units of a column map, a .parquet in rad and m.
     With --rezero-s, each recording begins with truth that sets its zero.
     """
     if output.suffix not in {".csv", ".parquet"}:
@@ -48,7 +53,8 @@ def correct(
     inputs = calibration.feature_set
     loaded = files.find(recordings, part=part, model=calibration, inputs=inputs)()
     names = _names(loaded)
-    check = data_check.run(loaded, model=calibration, needs_truth=False)
+    judged = loaded if rezero_s else [_without_truth(recording) for recording in loaded]
+    check = data_check.run(judged, model=calibration, needs_truth=False)
     tables = []
     with progress(f"Correcting {plural(len(loaded), 'recording')}") as done:
         for count, recording in enumerate(loaded, 1):
@@ -59,8 +65,9 @@ def correct(
             tables.append(correct_rows(at_zero, recording, level, on_fault))
             done(count / len(loaded))
     counts = [_counts(name, table) for name, table in zip(names, tables, strict=True)]
-    _write(names, tables, output, force)
+    _write(names, tables, output, _source_units(files, calibration), force)
     _show(counts, output)
+    say(_interval_line(tables))
     if any("HOMED_AGAIN" in name for each in counts for name in each["flagged"]):
         homings = ", ".join(calibration.origin.homing_ids) or "none"
         say(
@@ -80,9 +87,10 @@ def correct_rows(
     level: float | None,
     on_fault: Literal["hold", "raw", "silent"] = "hold",
 ) -> pd.DataFrame:
-    """Time, corrected positions, half-widths and status of every row, by the loop's own kernel.
+    """Time, measured and corrected positions, half-widths, status of every row, as in the loop.
 
-    An estimator that works on whole recordings only has no such kernel; nothing is judged then.
+    Half-widths are NaN where none is stated, and have no column where the model states none. An
+    estimator that works on whole recordings only has no row for a loop; nothing is judged then.
     """
     import numpy as np
     import pandas as pd
@@ -92,22 +100,34 @@ def correct_rows(
 
     start = recording.provenance.start
     t = recording.t + (start if start > EPOCH else 0.0)  # as the file had them, since 1970
+    joints = calibration.joints
+    before = {"t": t} | {f"measured/{j}": recording.column(f"measured/{j}") for j in joints}
     if calibration.family.row is None:
-        table = calibration.correct_table(recording, level)
-        return table.assign(t=t, status=_NOT_JUDGED)
+        table = calibration.correct_table(recording, level).drop(columns="t")
+        return pd.DataFrame(before).join(table).assign(status=_NOT_JUDGED)
     calibration.check_recording(recording)
     corrector = corrector_for(calibration, [recording], level=level, on_fault=on_fault)
     corrector.set_homing(True, recording.provenance.homing_id or None)
     trace = corrector.run(recording)
-    columns = {"t": t}
-    for name, values in (("corrected", trace.position), ("half_width", trace.half_width)):
-        columns |= {f"{name}/{joint}": values[:, k] for k, joint in enumerate(calibration.joints)}
+    half_width = np.where(np.isfinite(trace.half_width), trace.half_width, np.nan)
+    values = {"corrected": trace.position, "half_width": half_width}
+    if calibration.interval is None and np.isnan(half_width).all():
+        del values["half_width"]
+    columns = before | {
+        f"{name}/{joint}": array[:, k]
+        for name, array in values.items()
+        for k, joint in enumerate(joints)
+    }
     for name, quantity in trace.beside.items():
-        joint = calibration.joints[0]
-        columns |= {f"{name}/{joint}": quantity[:, 0], f"{name}_half_width/{joint}": quantity[:, 1]}
+        columns[f"{name}/{joints[0]}"], columns[f"{name}_half_width/{joints[0]}"] = quantity.T
     bits, place = np.unique(trace.status, return_inverse=True)
     status = np.array([truejoint.runtime.Status(int(b)).name for b in bits], dtype=object)[place]
     return pd.DataFrame(columns).assign(status=status)
+
+
+def _without_truth(recording: truejoint.Recording) -> truejoint.Recording:
+    units = {name: u for name, u in recording.units.items() if not name.startswith("truth/")}
+    return replace(recording, table=recording.table[["t", *units]], units=units)
 
 
 def _names(loaded: list[truejoint.Recording]) -> list[str]:
@@ -125,7 +145,27 @@ def _counts(name: str, table: pd.DataFrame) -> dict[str, Any]:
     return {"recording": name, "rows": len(table), "corrected": corrected, "flagged": counts}
 
 
-def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bool) -> None:
+def _source_units(files: Files, calibration: truejoint.Calibration) -> dict[str, str]:
+    """Give the unit of each joint's position in the file, where a column map says another."""
+    if files.columns is None:
+        return {}
+    columns = truejoint.recordings.read_column_map(files.columns).columns
+    names = {joint: f"measured/{joint}" for joint in calibration.joints}
+    return {j: columns[name].unit for j, name in names.items() if name in columns}
+
+
+def _interval_line(tables: list[pd.DataFrame]) -> str:
+    """Say where a half-width is stated."""
+    widths = [table.filter(like="half_width/") for table in tables]
+    if not any(width.size for width in widths):
+        return "no half_width: the model states no interval (truejoint calibrate --interval ...)"
+    empty = sum(int(width.isna().any(axis=1).sum()) for width in widths)
+    return f"half_width is empty in {plural(empty, 'row')}, of which nothing is stated"
+
+
+def _write(
+    names: list[str], tables: list[pd.DataFrame], output: Path, units: dict[str, str], force: bool
+) -> None:
     """One table: of several recordings each row says of which it is."""
     import pandas as pd
 
@@ -136,6 +176,12 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     if output.suffix == ".parquet":
         truejoint.recordings.write_corrected(whole, output, overwrite=force)
         return
+    for name in whole.select_dtypes("number").columns:
+        quantity, _, joint = str(name).partition("/")
+        unit = units.get(joint, "") if quantity in _POSITIONS else ""
+        whole[name] = (whole[name] / SI_UNITS.get(unit, ("", 1.0))[1]).round(_DECIMALS[name == "t"])
+        if unit:
+            whole = whole.rename(columns={name: f"{name} [{unit}]"})
     write = partial(whole.to_csv, index=False)
     write_atomically(output, write, overwrite=force, error=RecordingError)
 

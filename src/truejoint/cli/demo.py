@@ -94,7 +94,7 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
         "tests": {name: result.to_dict()["scores"] for name, result in judged.items()},
         "tolerance": TOLERANCE,
         "interval": {"level": LEVEL, **interval},
-        "deploy": advised(judged),
+        "deploy": advised(judged).deploy,
         "passed": whole.verdict.passed,
         "real": real if isinstance(real, str) else real.to_dict()["scores"],
     }
@@ -183,11 +183,12 @@ def on_a_real_robot() -> truejoint.evaluation.Evaluation | str:
     return truejoint.evaluate(model, test)
 
 
-def advised(judged: Mapping[str, truejoint.evaluation.Evaluation]) -> str:
-    """Name the model to deploy: by the rule of every evaluation, over all tests together."""
-    return truejoint.evaluation.to_deploy(
-        [trace for result in judged.values() for trace in result.traces]
-    )
+def advised(
+    judged: Mapping[str, truejoint.evaluation.Evaluation],
+) -> truejoint.evaluation.Advice:
+    """Say which model to deploy: by the rule of every evaluation, over all tests together."""
+    traces = [trace for result in judged.values() for trace in result.traces]
+    return truejoint.evaluation.advise(traces, next(iter(judged.values())).chosen)
 
 
 def _show(
@@ -226,9 +227,8 @@ def _show(
         f"{100 * LEVEL:.0f} % interval of the network after any homing and {REZERO:g} s of truth, "
         f"on {len(coverage[0].shares)} motions of its own: {'; '.join(stated)}\n"
     )
-    chosen = advised(judged)
     advice = []
-    for name in (chosen, "linear" if chosen != "linear" else first.chosen):
+    for name in dict.fromkeys((first.chosen, "linear")):
         share, where = max(
             (score.rmse / TOLERANCE[score.joint], f"{score.joint}, {test}")
             for test, result in judged.items()
@@ -237,7 +237,7 @@ def _show(
         )
         title = truejoint.evaluation.estimator_title(name)
         advice.append(f"{title}, at worst {100 * share:.0f} % of the tolerance ({where})")
-    out.print(f"Deploy: {advice[0]}. Beside it: {advice[1]}.")
+    out.print(f"{advised(judged).text} {'; '.join(advice)}.")
     out.print(
         f"\nOpen {folder / 'report.html'} in a browser. In Python go on by docs/first_steps.md."
     )

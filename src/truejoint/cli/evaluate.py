@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Final
 
@@ -118,7 +119,7 @@ def show_verdict(verdict: truejoint.evaluation.Verdict, title: str = "") -> None
         out.print(f"  {line}")
 
 
-def compare(names: list[str], how: Judging, files: Files) -> Result:
+def compare(names: list[str], how: Judging, data_check: DataCheck, files: Files) -> Result:
     """Compare models on the same recordings; exit code 1 when a test cannot be believed."""
     paths = [name for name in names if is_model(Path(name))]
     if len(paths) < 2:
@@ -130,14 +131,13 @@ def compare(names: list[str], how: Judging, files: Files) -> Result:
     first = next(iter(models.values()))
     accepted, rezero = parse_tolerances(how.tolerance, first), how.rezero_s
     tested = files.find(recordings, part=how.part, split=how.split, model=first)()
+    check = data_check.run(tested, model=first)
+    judge = partial(
+        truejoint.evaluate, recordings=tested, tolerance=accepted, rezero=rezero, check=check
+    )
     with progress(f"Judging {len(models)} models"):
-        together = truejoint.evaluate(
-            {title: [m] for title, m in models.items()}, tested, tolerance=accepted, rezero=rezero
-        )
-        alone = {
-            title: truejoint.evaluate(m, tested, tolerance=accepted, rezero=rezero)
-            for title, m in models.items()
-        }
+        together = judge({title: [model] for title, model in models.items()})
+        alone = {title: judge(model) for title, model in models.items()}
     if how.report is not None:
         with progress(f"Writing {how.report}"):
             truejoint.evaluation.write_comparison(
@@ -159,22 +159,25 @@ def compare(names: list[str], how: Judging, files: Files) -> Result:
         show_verdict(evaluation.verdict, f"{title}: ")
     if together.verdict.advice and not objections:
         out.print(together.verdict.advice)
+    say_failed(check)
     values = {
+        "check": check.to_dict(),
         "scores": together.to_dict()["scores"],
         "best": {joint: score.estimator for joint, score in best.items()},
         "deploy": "" if objections else together.verdict.deploy,
+        "advice": "" if objections else together.verdict.advice,
         "verdicts": {title: judged.to_dict()["verdict"] for title, judged in alone.items()},
         "objections": objections,
     }
-    return Result(values, passed=not objections)
+    return Result(values, passed=not objections and not check.failed)
 
 
 def _by_title(paths: Sequence[str]) -> dict[str, truejoint.Calibration]:
-    """Read models; one called as another, or as one of the table's own rows, goes by its path."""
-    from truejoint.evaluation.results import BASELINES
-
+    """Read models by file and estimator; those whose files are called alike go by their paths."""
     stems = [Path(path).stem for path in paths]
-    return {
-        path if [*stems, *BASELINES].count(stem) > 1 else stem: truejoint.read_calibration(path)
-        for path, stem in zip(paths, stems, strict=True)
-    }
+    models = {}
+    for path, stem in zip(paths, stems, strict=True):
+        model = truejoint.read_calibration(path)
+        estimator = "auto" if "choice" in model.metadata else model.estimator
+        models[f"{path if stems.count(stem) > 1 else stem} ({estimator})"] = model
+    return models

@@ -92,7 +92,8 @@ def _made(
         say(f"Stopped; what is done is kept in {target}, and the same command goes on from there")
         raise
     files = page.write_study(result, target, command=command_line(), overwrite=force)
-    say(f"{study.name}: parts: {len(result.parts)}, computed now: {result.computed}")
+    aside = f" ({result.aside} of other sources left aside)" if result.aside else ""
+    say(f"{study.name}: parts: {len(result.parts)}, computed now: {result.computed}{aside}")
     say(f"Written: {', '.join(str(path) for path in files)}")
     return result
 

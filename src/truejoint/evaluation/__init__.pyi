@@ -24,5 +24,6 @@ from .score_rows import interval_table as interval_table
 from .score_rows import score_table as score_table
 from .score_rows import score_tables as score_tables
 from .score_rows import write_tables as write_tables
+from .verdict import Advice as Advice
+from .verdict import advise as advise
 from .verdict import judge as judge
-from .verdict import to_deploy as to_deploy

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Mapping, Sequence
-from itertools import product
+from itertools import chain, product
 from numbers import Real
 from pathlib import PurePath
 from typing import Any, Final
@@ -29,15 +29,15 @@ from truejoint.evaluation.judge import (
     why_no_cartesian,
     worst_stretches,
 )
-from truejoint.evaluation.paired_test import compare
+from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.results import BASELINES, OFFSET, RAW, TOOL, Comparison, Evaluation, Trace
 from truejoint.evaluation.verdict import (
     PLAIN,
+    advise,
     doubts_about,
     judge,
     objections_to,
     rezero_remark,
-    to_deploy,
 )
 from truejoint.recordings import check_data
 from truejoint.recordings.datasets import Dataset, HeldOut
@@ -78,7 +78,8 @@ def evaluate(
     recordings : Recording or sequence of Recording
         With ``truth/<joint>`` of every calibrated joint.
     chosen : str, optional
-        Estimator that the verdict is about; the first of `models` by default.
+        Estimator that the verdict is about, and that the advice keeps where nothing better is
+        certain; the first of `models` by default, and of several none is kept.
     tolerance : mapping of str to float, optional
         Largest RMSE [rad or m] that the user accepts, by joint; see `judge`.
     window : float
@@ -120,6 +121,7 @@ def evaluate(
             _REZEROED_RAW if name == RAW else name: own for name, own in by_estimator.items()
         }
         chosen = _REZEROED_RAW if chosen == RAW else chosen
+    in_use = chosen or (next(iter(by_estimator)) if len(by_estimator) == 1 else "")
     calibrations = {
         name: [seed.for_rezeroing if rezero > 0.0 else seed for seed in seeds]
         for name, seeds in by_estimator.items()
@@ -146,7 +148,12 @@ def evaluate(
         chosen,
         tolerance=tolerance or {},
         comparisons=comparisons,
-        deploy=to_deploy(traces, PLAIN | of_plain),
+        advice=advise(
+            traces,
+            in_use,
+            plain=PLAIN | of_plain,
+            automatic=any("choice" in own.metadata for own in chain(*calibrations.values())),
+        ),
         objections=tuple(dict.fromkeys(objections_to(model.origin, recordings, domain))),
         doubts=tuple(doubts_about(model.origin, model.zero, recordings, domain, check, rezero)),
     )
@@ -184,12 +191,13 @@ def _comparisons(
 ) -> Iterator[Comparison]:
     """Compare the chosen model with each other one, in each joint, over all rows."""
     step = float(np.median(np.concatenate([np.diff(trace.t) for trace in traces])))
+    least = cycle_rows([trace.direction for trace in traces])
     others = [name for name in traces[0].estimates if name != chosen]
     for (column, joint), other in product(enumerate(joints), others):
         errors, other_errors = (
             [t.error(name)[:, column] for t in traces] for name in (chosen, other)
         )
-        difference = compare(errors, other_errors)
+        difference = compare(errors, other_errors, least)
         yield Comparison(
             other, joint, difference.outcome, difference.stretches, difference.rows * step
         )

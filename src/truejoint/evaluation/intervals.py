@@ -67,7 +67,7 @@ def judge_interval(
             names_of.setdefault(reason, []).append(trace.name)
             continue
         judged.append(trace)
-        shared = homing and interval.homings > 1 and interval.rezero == 0.0
+        shared = homing and interval.any_homing
         unit = units.setdefault(f"homing {homing}" if shared else trace.name, [])
         unit.append(((truth[has_truth] - position)[scored], widening[scored]))
     objections = []
@@ -87,7 +87,7 @@ def judge_interval(
 
 def _allows_offset(interval: Interval) -> bool:
     """Whether the interval holds after a fresh homing, which brings an offset."""
-    return interval.rezero > 0.0 or interval.homings > 1
+    return interval.rezero > 0.0 or interval.any_homing
 
 
 def _own_homings(calibration: Calibration) -> set[str]:

@@ -63,7 +63,32 @@ class Difference:
         return "worse" if self.low > 0.0 else "cannot be told"
 
 
-def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
+def cycle_rows(directions: Sequence[Array]) -> float:
+    """Rows of one motion to and fro, of the joint that turns most often, in the slowest recording.
+
+    A shorter stretch sees a part of a hysteresis loop, which says nothing of the whole. A recording
+    in which nothing turns is one stretch.
+
+    Parameters
+    ----------
+    directions : sequence of ndarray, shape (n, n_joints)
+        Direction of motion in each recording: 1, -1, or 0 while a joint stands.
+
+    Examples
+    --------
+    >>> up = np.ones((30, 1))
+    >>> cycle_rows([np.concatenate([up, -up, up, -up])])
+    60.0
+    """
+    longest = 1.0
+    for rows in directions:
+        moves = [column[column != 0.0] for column in rows.T]
+        legs = 1 + max((int(np.count_nonzero(np.diff(move))) for move in moves), default=0)
+        longest = max(longest, len(rows) * min(1.0, 2.0 / legs))
+    return longest
+
+
+def compare(errors: Sequence[Array], other: Sequence[Array], least: float = 1.0) -> Difference:
     """Compare the errors of two models, paired over stretches of the same recordings.
 
     The loss differential of Diebold and Mariano (1995), Comparing predictive accuracy, J. Bus.
@@ -78,6 +103,8 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
     errors, other : sequence of ndarray, shape (n,) or (n, k)
         Errors of each recording; of k outputs the squares are added. Recordings without a row are
         passed over.
+    least : float
+        Rows that a stretch holds at least, unless its recording is shorter: see `cycle_rows`.
 
     Raises
     ------
@@ -103,7 +130,7 @@ def compare(errors: Sequence[Array], other: Sequence[Array]) -> Difference:
     rows = np.concatenate(parts)
     mean = float(rows.mean())
     memory = _TIMES * correlation_time([part - mean for part in parts])
-    shortest = [max(memory, len(rows) / count) for count in _COUNTS]
+    shortest = [max(memory, least, len(rows) / count) for count in _COUNTS]
     margins = [_margin(rows, list(map(len, parts)), length) for length in shortest]
     finite = [margin for margin in margins if math.isfinite(margin[0])]  # recordings may be too few
     margin, stretches, longest = max(finite or margins)

@@ -28,7 +28,11 @@ OFFSET: Final = registry.OFFSET
 # Always in the table, in this order; what was chosen stands after them.
 BASELINES: Final = (RAW, *registry.BASELINES)
 
-_TITLES: Final = {RAW: ("Raw", "the raw position"), **registry.TITLES}
+_TITLES: Final = {
+    RAW: ("Raw", "the raw position"),
+    "stack": ("Combination", "the combination of models"),
+    **registry.TITLES,
+}
 
 TOOL: Final = "tool position"
 """Stands for a joint in scores of the tool."""
@@ -280,14 +284,13 @@ class Verdict:
     remarks : tuple of str
         What a reader should know though it changes nothing.
     deploy, advice : str
-        Estimator of the table that belongs on the robot, and the sentence that says so: the best
-        of raw position, fixed offset and linear model, unless another beats it beyond chance, all
-        joints together. Empty where the test cannot be believed.
+        Estimator of the table that belongs on the robot, empty where that cannot be told, and the
+        sentence that says so: see `advise`. Both are empty where the test cannot be believed.
 
     Examples
     --------
     >>> evaluation.verdict.level, evaluation.verdict.deploy
-    ('pass', 'linear')
+    ('pass', '')
     """
 
     passed: bool

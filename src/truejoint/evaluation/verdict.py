@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from pathlib import PurePath
 from typing import Final
@@ -15,7 +15,7 @@ from truejoint.array_types import Array
 from truejoint.calibration.origin import Origin
 from truejoint.calibration.zero import Zero
 from truejoint.errors import CalibrationError, unknown
-from truejoint.evaluation.paired_test import Outcome, compare
+from truejoint.evaluation.paired_test import Outcome, compare, cycle_rows
 from truejoint.evaluation.results import (
     BASELINES,
     OFFSET,
@@ -36,8 +36,11 @@ from truejoint.units import display_unit
 _FEW: Final = 0.02  # share of the rows that the loop refuses which is worth a word
 _MOST: Final = 0.5  # share of the rows that must be as in training for a verdict
 
+MARGIN: Final = 0.05
+"""Share by which the RMSE of the model that is deployed may exceed that of the best."""
+
 PLAIN: Final = frozenset({RAW, OFFSET, "linear"})
-"""What needs no proof that it is better than something simpler."""
+"""What is preferred where nothing richer is closer."""
 
 
 def judge(
@@ -46,7 +49,7 @@ def judge(
     *,
     tolerance: Mapping[str, float] | None = None,
     comparisons: Sequence[Comparison] = (),
-    deploy: str = "",
+    advice: Advice | None = None,
     objections: Sequence[str] = (),
     doubts: Sequence[str] = (),
 ) -> Verdict:
@@ -63,8 +66,8 @@ def judge(
         the raw position and the fixed offset, and no simpler model may beat it.
     comparisons : sequence of Comparison
         Of the chosen model with others; where there is none, the RMSE alone decides.
-    deploy : str
-        Estimator that belongs on the robot.
+    advice : Advice, optional
+        Which estimator belongs on the robot: see `advise`.
     objections, doubts : sequence of str
         Reasons not to believe the test, of which any fails the verdict, and to pass it with
         reservations.
@@ -98,11 +101,12 @@ def judge(
         else:
             verdict = _beside_simpler(row, others or [row], outcomes)
         verdicts.append(verdict)
-    deploy = "" if objections else deploy
-    advice = _advice(deploy, chosen)
+    advice = None if objections else advice
+    deploy = advice.deploy if advice else ""
+    sentence = advice.text if advice else ""
     reservations = list(_alike(verdicts, comparisons))
     if deploy not in ("", chosen) and not all(verdict.stated for verdict in verdicts):
-        reservations.append(advice)
+        reservations.append(sentence)
     return Verdict(
         passed=all(v.passed for v in verdicts) and not objections,
         text=_text(chosen, verdicts, objections),
@@ -110,9 +114,8 @@ def judge(
         joints=tuple(verdicts),
         objections=tuple(objections),
         doubts=(*doubts, *reservations),
-        remarks=_better_models(scores, verdicts),
         deploy=deploy,
-        advice=advice,
+        advice=sentence,
     )
 
 
@@ -188,7 +191,7 @@ def _text(chosen: str, verdicts: Sequence[JointVerdict], objections: Sequence[st
         return f"{title} is not good enough in {count}: {_and(parts)}."
     subject = "the joint" if len(verdicts) == 1 else f"all {len(verdicts)} joints"
     if not any(v.stated for v in verdicts):
-        return f"{title} is closer to the truth than raw position and fixed offset in {subject}."
+        return f"{title} has a smaller RMSE than raw position and fixed offset in {subject}."
     if all(v.stated for v in verdicts):
         return f"{title} is within the stated tolerance in {subject}."
     return f"{title} is within tolerance, or below raw and fixed offset where none is stated."
@@ -205,35 +208,6 @@ def _beside(verdict: JointVerdict) -> str:
 def limit_phrase(verdict: JointVerdict) -> str:
     """Name what a joint was held to, within a sentence and before its value."""
     return "the tolerance of" if verdict.stated else f"{estimator_phrase(verdict.against)}'s"
-
-
-def _advice(deploy: str, chosen: str) -> str:
-    """Say which model of the table belongs on the robot, and how to get it."""
-    if not deploy:
-        return ""
-    why = (
-        "where the loop corrects, it is closer to the truth than what is simpler, and nothing "
-        "else here beats it beyond chance"
-    )
-    if deploy == RAW:
-        return "Deploy none of these models: beyond chance, none is better than the raw position."
-    if deploy == chosen:
-        return f"Deploy {estimator_phrase(deploy)}: {why}."
-    how = f" (truejoint calibrate -e {deploy})" if deploy in BASELINES else ""
-    return f"Deploy {estimator_phrase(deploy)} instead{how}: {why}."
-
-
-def _better_models(scores: Sequence[Score], verdicts: Sequence[JointVerdict]) -> tuple[str, ...]:
-    """Say where another estimator of the table beats the chosen one."""
-    better = []
-    for verdict in verdicts:
-        best = min((row for row in scores if row.joint == verdict.joint), key=lambda row: row.rmse)
-        if best.rmse < verdict.rmse:
-            unit = display_unit(verdict.unit)
-            value, ours = shown([best.rmse * unit.scale, verdict.rmse * unit.scale])
-            name = estimator_phrase(best.estimator)
-            better.append(f"{name} in {verdict.joint} ({value} against {ours} {unit.name})")
-    return (f"Smaller RMSE: {_and(better)}.",) if better else ()
 
 
 def _and(parts: Sequence[str]) -> str:
@@ -305,20 +279,62 @@ def doubts_about(
             return
 
 
-def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
-    """Name the best of the `plain` estimators, unless a richer one beats it beyond chance.
+@dataclass(frozen=True)
+class Advice:
+    """Which model belongs on the robot, or that a test cannot tell.
 
-    It does over all recordings together, or in each by itself: where one shows a larger difference
-    than another, that is no doubt of either. Counted are the rows that the loop would correct (all,
-    where there are none), each by its error as a multiple of the fixed offset's in that joint. Of
-    richer ones that do and cannot be told apart, the first named is the one.
+    Attributes
+    ----------
+    deploy : str
+        Estimator whose error exceeds that of no other one by more than `MARGIN`; empty where that
+        is certain of none.
+    rivals : tuple of str
+        Where it is, estimators that may be the best, the one with the smallest error first.
+    stretches : int
+        Fewest stretches of all recordings together that two estimators were compared over.
+    text : str
+        The sentence for a person.
+
+    Examples
+    --------
+    >>> advise(evaluation.traces, "linear").stretches  # of four seconds
+    4
+    """
+
+    deploy: str
+    rivals: tuple[str, ...]
+    stretches: int
+    text: str
+
+
+def advise(
+    traces: Sequence[Trace],
+    chosen: str = "",
+    *,
+    plain: Collection[str] = PLAIN,
+    automatic: bool = True,
+) -> Advice:
+    """Say which estimator to deploy, by the one rule that report, command line and JSON share.
+
+    An estimator may be deployed when its mean squared error exceeds that of no other one by more
+    than that of a `MARGIN` of the RMSE, each at 95 % (`compare`), over all recordings together or
+    in each by itself: where one shows a larger difference than another, that is no doubt of
+    either. A stretch holds a motion to and fro at least, and fewer than four tell nothing. Of
+    several such estimators a `plain` one goes first, then the `chosen` one, then the closest.
+
+    Counted are the rows that the loop would correct (all, where there are none), each by its error
+    as a multiple of the fixed offset's in that joint.
 
     Parameters
     ----------
     traces : sequence of Trace
         Of one or more evaluations of the same estimators.
+    chosen : str
+        Estimator that is in use; empty for none.
     plain : collection of str
-        Estimators that need no proof.
+        Estimators that are preferred where a richer one is not closer.
+    automatic : bool
+        Whether the chosen one was chosen among many already; else the text names ``-e auto``.
 
     Raises
     ------
@@ -327,8 +343,8 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
 
     Examples
     --------
-    >>> to_deploy(evaluation.traces)
-    'linear'
+    >>> advise(evaluation.traces).text
+    'It cannot be told which of these models to deploy: ...'
     """
     if not traces:
         raise CalibrationError("there is no evaluation to choose by; give the traces of one")
@@ -343,21 +359,64 @@ def to_deploy(traces: Sequence[Trace], plain: Collection[str] = PLAIN) -> str:
     scale[scale == 0.0] = 1.0
     errors = {name: [error / scale for error in parts] for name, parts in errors.items()}
     size = {name: sum(float(np.sum(e**2)) for e in parts) for name, parts in errors.items()}
-    best = min((name for name in errors if name in plain), key=size.__getitem__)
-    richer = [name for name in errors if name not in plain and _beats(errors[name], errors[best])]
-    closest = min(richer, key=size.__getitem__, default="")
-    for name in richer:
-        if name == closest or compare(errors[closest], errors[name]).outcome != "better":
-            return name
-    return best
-
-
-def _beats(errors: Sequence[Array], other: Sequence[Array]) -> bool:
-    """Whether errors are smaller beyond chance: of all recordings, or of each that has rows."""
-    pairs = [([a], [b]) for a, b in zip(errors, other, strict=True) if len(a)]
-    return compare(errors, other).outcome == "better" or all(
-        compare(*pair).outcome == "better" for pair in pairs
+    least = cycle_rows([trace.direction[row] for trace, row in zip(traces, rows, strict=True)])
+    closest = sorted(errors, key=size.__getitem__)
+    good = [
+        name
+        for name in closest
+        if all(_is_within(errors[name], errors[other], least) for other in closest if other != name)
+    ]
+    first = errors[closest[0]]
+    differences = [compare(errors[name], _enlarged(first), least) for name in closest[1:]]
+    rivals = [n for n, d in zip(closest[1:], differences, strict=True) if d.outcome != "worse"]
+    plainest = sorted(good, key=lambda name: (name not in plain, name != chosen))  # stable
+    found = Advice(
+        next(iter(plainest), ""),
+        () if good else (closest[0], *rivals),
+        min((difference.stretches for difference in differences), default=0),
+        "",
     )
+    return replace(found, text=_advice_text(found, chosen, automatic=automatic))
+
+
+def _enlarged(errors: Sequence[Array]) -> list[Array]:
+    return [(1.0 + MARGIN) * error for error in errors]
+
+
+def _is_within(errors: Sequence[Array], other: Sequence[Array], least: float) -> bool:
+    """Whether errors exceed others by less than `MARGIN`, over all recordings or in each."""
+    allowed = _enlarged(other)
+    if sum(np.sum(a**2) for a in errors) > sum(np.sum(b**2) for b in allowed):
+        return False  # neither can be
+    pairs = [([a], [b]) for a, b in zip(errors, allowed, strict=True) if len(a)]
+    return compare(errors, allowed, least).outcome == "better" or all(
+        compare(*pair, least).outcome == "better" for pair in pairs
+    )
+
+
+def _advice_text(advice: Advice, chosen: str, *, automatic: bool) -> str:
+    """Sentence that says what to deploy, and how to get it."""
+    other = "" if automatic else "; `truejoint calibrate -e auto` chooses among more models"
+    if not advice.deploy:
+        rivals = [estimator_phrase(name) for name in advice.rivals]
+        few = f"{_and(rivals)} cannot be told apart" if len(rivals) > 1 else "too little is certain"
+        keep = f"keep {estimator_phrase(chosen)}" if chosen else "change nothing"
+        return (
+            f"It cannot be told which of these models to deploy: {few} to {100 * MARGIN:g} % of "
+            f"the error, over {advice.stretches} stretches of this test. Record a longer motion to "
+            f"tell; until then, {keep}{other}."
+        )
+    why = (
+        f"where the loop corrects, all joints together, none of these models is closer by more "
+        f"than {100 * MARGIN:g} % of the error, at 95 %"
+    )
+    if advice.deploy == RAW:
+        return f"Deploy none of these models, but the raw position: {why}{other}."
+    if advice.deploy == chosen:
+        return f"Keep {estimator_phrase(chosen)}: {why}{other}."
+    how = f" (truejoint calibrate -e {advice.deploy})" if advice.deploy in BASELINES else ""
+    instead = " instead" if chosen else ""
+    return f"Deploy {estimator_phrase(advice.deploy)}{instead}{how}: {why}{other}."
 
 
 def rezero_remark(

@@ -15,12 +15,11 @@ from truejoint.errors import StudyError, other_kind
 from truejoint.evaluation.report.page import render_page, versions
 from truejoint.recordings import write_parquet
 from truejoint.studies.runner import StudyResult, write_bytes
-from truejoint.studies.study import STUDIES, Settings, Study
+from truejoint.studies.study import STUDIES, VERDICTS, Settings, Study
 
 OVERVIEW: Final = "index.html"
 _MAX_BYTES: Final = 200_000_000  # of results that are read
-_CLAIM: Final = ("verdict", "text", "source", "on", "found")
-_VERDICTS: Final = ("agrees", "does not agree", "cannot be told")
+_CLAIM: Final = ("verdict", "text", "source", "on", "found", "look")
 
 
 def check_folder(study: Study, settings: Settings, folder: str | Path) -> None:
@@ -111,7 +110,7 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
     >>> write_overview("studies")  # doctest: +SKIP
     PosixPath('studies/index.html')
     """
-    results, counts, unusual = {}, {}, {}
+    results, counts, unusual, better = {}, {}, {}, {}
     for name, study in STUDIES.items():
         result = _read(Path(folder) / name / f"{name}.json")
         with suppress(KeyError, TypeError, AttributeError, StudyError):  # as if it were not there
@@ -121,6 +120,7 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
             unusual[name] = [f"{key} {value}" for key, value in options if usual.get(key) != value]
             shown = [tuple(claim[key] for key in _CLAIM) for claim in claims]
             counts[name] = Counter(verdict for verdict, *_ in shown)
+            better[name] = sum(own[0] == VERDICTS[2] and own[-1] != "fail" for own in shown)
             results[name] = result
     page = render_page(
         "overview.html.j2",
@@ -129,7 +129,8 @@ def write_overview(folder: str | Path, *, command: str = "") -> Path:
         results=results,
         counts=counts,
         unusual=unusual,
-        verdicts=_VERDICTS,
+        better=better,
+        verdicts=VERDICTS,
         total=sum(counts.values(), Counter()),
         created=f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC",
         command=command,

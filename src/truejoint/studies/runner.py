@@ -1,6 +1,7 @@
 """Compute the parts of a study, here or in a pool of processes, and keep each as it is done.
 
-A part on disk is a hash and NumPy's archive without pickle, named after what it depends on.
+A part on disk is a hash and NumPy's archive without pickle, named after study and arguments. It
+carries digests of the sources that made it, and counts for nothing once one of them has changed.
 """
 
 from __future__ import annotations
@@ -9,12 +10,13 @@ import hashlib
 import io
 import json
 import signal
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import suppress
-from dataclasses import dataclass
-from importlib.metadata import version
+from dataclasses import dataclass, replace
+from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+import truejoint
 from truejoint.errors import StudyError, TruejointError
 from truejoint.files import write_atomically
 from truejoint.studies.cluster import on_cluster
@@ -38,6 +41,10 @@ Outcome = PartResult | TruejointError
 
 _POOLS: Final = 3  # how often workers may die before it is given up
 _ROWS: Final = "rows"
+_SOURCES: Final = "sources"
+_PACKAGE: Final = Path(truejoint.__file__).parent
+_HERE: Final = Path(__file__).parent
+_DATA: Final = (".toml", ".csv")
 _DIGEST: Final = 32  # bytes of a SHA-256
 _ARRAY: Final = "array/"
 
@@ -46,7 +53,8 @@ _ARRAY: Final = "array/"
 class StudyResult:
     """A study that was run: its parts by key, and the tidy `rows` of all of them.
 
-    `computed` is the number of parts that were not stored before.
+    `computed` is the number of parts that were not stored before, `aside` that of those among them
+    that were, by other sources than today's.
 
     Examples
     --------
@@ -60,13 +68,16 @@ class StudyResult:
     rows: DataFrame
     summary: Summary
     computed: int
+    aside: int
 
     def to_dict(self) -> dict[str, Any]:
         """JSON values: settings, claims and tables for a person, rows of every part in SI."""
         return {
             "study": self.study.name,
             "settings": self.settings.to_dict(),
-            "claims": [{**vars(c), "verdict": c.verdict} for c in self.summary.claims],
+            "claims": [
+                {**vars(c), "verdict": c.verdict, "look": c.look} for c in self.summary.claims
+            ],
             "tables": [vars(table) for table in self.summary.tables],
             "parts": json_values({key: part.rows for key, part in self.parts.items()}),
         }
@@ -98,7 +109,7 @@ def run_study(
     seed : int
     folder : str or Path, optional
         Where parts are kept, in ``parts/``, as they are done, and taken from when the study is run
-        again; nothing is kept by default.
+        again with the same sources; nothing is kept by default.
     jobs : int
         Processes, one thread each; with 1 the parts are computed in this one. With more, a script
         must stand behind ``if __name__ == "__main__":``.
@@ -116,7 +127,8 @@ def run_study(
 
     Examples
     --------
-    >>> result = run_study("forceps-unloaded", {"specimen": "B", "methods": "lsm,play_gated"})
+    >>> few = {"specimen": "B", "methods": "lsm,play_gated", "draws": 1}
+    >>> result = run_study("forceps-unloaded", few)
     >>> rms = result.rows.set_index(["motion", "method"]).rms
     >>> print(f"{rms['verification', 'play_gated']:.5f} rad")
     0.00060 rad
@@ -131,7 +143,9 @@ def run_study(
         files = {part.key: part_file(place, chosen, part) for part in parts}
         if not len(files) == len(parts) > 0:
             raise StudyError(f"{chosen.name}: no parts, or two of one key")
-        missing = [part for part in parts if read_part(files[part.key]) is None]
+        before = {part.key: read_part(files[part.key]) for part in parts}
+        missing = [part for part in parts if not _is_current(before[part.key])]
+        aside = sum(before[part.key] is not None for part in missing)
         failed = []
         for count, (part, result) in enumerate(_computed(missing, jobs, cluster), 1):
             if isinstance(result, TruejointError):
@@ -149,7 +163,8 @@ def run_study(
     if len(results) < len(parts):
         raise StudyError(f"{chosen.name}: a part cannot be read back")
     every = Results.of(settings, parts, results)
-    return StudyResult(chosen, settings, results, every.rows, chosen.summarise(every), len(missing))
+    summary, counts = chosen.summarise(every), (len(missing), aside)
+    return StudyResult(chosen, settings, results, every.rows, summary, *counts)
 
 
 def _computed(
@@ -195,12 +210,49 @@ def compute(part: Part) -> Outcome:
             result = part.compute(**part.arguments)
     except TruejointError as error:
         return error
-    return result if isinstance(result, PartResult) else PartResult(result)
+    result = result if isinstance(result, PartResult) else PartResult(result)
+    return replace(result, sources=_sources(part.compute.__module__))
+
+
+def _sources(module: str) -> dict[str, str]:
+    """Digests of a module, of every file of truejoint that this process runs, and of their data.
+
+    Modules are imported when they are needed, so those that are there are those that made a result,
+    and more where the process did something before. The command line computes nothing.
+    """
+    files = [
+        Path(str(loaded.__file__))
+        for name, loaded in list(sys.modules.items())
+        if name.partition(".")[0] == "truejoint" and not name.startswith("truejoint.cli")
+        if getattr(loaded, "__file__", None)
+    ]
+    data = {
+        file
+        for folder in {file.parent for file in files} - {_PACKAGE, _HERE}  # which compute nothing
+        for file in folder.rglob("*")
+        if file.suffix in _DATA
+    }
+    names = [file.relative_to(_PACKAGE).as_posix() for file in (*files, *data)]
+    return {name: _digest_of(name) for name in sorted({*names, module})}
+
+
+@cache
+def _digest_of(name: str) -> str:
+    """Digest of a file of truejoint, or of an imported module's; empty where there is none."""
+    path = Path(getattr(sys.modules.get(name), "__file__", None) or _PACKAGE / name)
+    return hashlib.sha256(path.read_bytes()).hexdigest()[:16] if path.is_file() else ""
+
+
+def _is_current(part: PartResult | None) -> bool:
+    """Whether a part was made by the sources of today."""
+    return part is not None and all(
+        _digest_of(name) == digest for name, digest in (part.sources or {"": "none"}).items()
+    )
 
 
 def part_file(folder: Path, study: Study, part: Part) -> Path:
-    """Where a part is kept: another argument, seed or version is another file."""
-    origin = (study.name, version("truejoint"), study.version, part.key, part.arguments)
+    """Where a part is kept: another argument or seed is another file."""
+    origin = (study.name, part.key, part.arguments)
     digest = hashlib.sha256(json.dumps(origin, sort_keys=True).encode()).hexdigest()
     return folder / f"{part.key}-{digest[:16]}.part"
 
@@ -208,9 +260,10 @@ def part_file(folder: Path, study: Study, part: Part) -> Path:
 def write_part(path: Path, result: PartResult) -> None:
     """Write a part whole or not at all; raises RecordingError or OSError where it cannot."""
     content = io.BytesIO()
-    rows = np.frombuffer(json.dumps(list(result.rows)).encode(), np.uint8)
+    texts = {_ROWS: list(result.rows), _SOURCES: dict(result.sources)}
+    packed = {key: np.frombuffer(json.dumps(v).encode(), np.uint8) for key, v in texts.items()}
     arrays = {_ARRAY + name: values for name, values in result.arrays.items()}
-    np.savez(content, allow_pickle=False, **{_ROWS: rows}, **arrays)
+    np.savez(content, allow_pickle=False, **packed, **arrays)
     write_bytes(path, hashlib.sha256(content.getvalue()).digest() + content.getvalue())
 
 
@@ -222,7 +275,10 @@ def read_part(path: Path) -> PartResult | None:
         return None
     with np.load(io.BytesIO(content), allow_pickle=False) as archive:
         arrays = {name.removeprefix(_ARRAY): archive[name] for name in archive.files}
-    return PartResult(json.loads(arrays.pop(_ROWS).tobytes()), arrays)
+    none = np.frombuffer(b"{}", np.uint8)  # of a part that an earlier truejoint wrote
+    texts = arrays.pop(_ROWS), arrays.pop(_SOURCES, none)
+    rows, sources = (json.loads(text.tobytes()) for text in texts)
+    return PartResult(rows, arrays, sources)
 
 
 def write_bytes(path: Path, data: bytes) -> None:

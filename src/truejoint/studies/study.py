@@ -25,17 +25,21 @@ if TYPE_CHECKING:
 Scalar = int | float | str
 Value = Scalar | tuple[Scalar, ...]
 Preset = Literal["small", "full"]
+Holds = bool | None | Literal["more"]
 Row = Mapping[str, Any]
 """Flat JSON values by column."""
 Rows = list[Row]
 
 PRESETS: Final = get_args(Preset)
+VERDICTS: Final = ("holds", "holds more strongly", "does not", "cannot be told")
 MAX_SEED: Final = 2**31 - 1
 
 
 @dataclass(frozen=True)
 class PartResult:
     """Result of one part: tidy `rows`, flat JSON values in SI, and `arrays` by name.
+
+    `sources` are digests of the files that made it, by name; the runner notes them.
 
     Examples
     --------
@@ -45,6 +49,7 @@ class PartResult:
 
     rows: Sequence[Row]
     arrays: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    sources: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +71,7 @@ class Part:
     --------
     >>> study = get_study("forceps-unloaded")
     >>> [part.key for part in study.parts(study.settings("small"))]
-    ['unloaded']
+    ['unloaded-0', 'unloaded-1', 'unloaded-2']
     """
 
     key: str
@@ -206,44 +211,58 @@ class Results:
 class Claim:
     """What a paper states, whether it `holds` here (None: cannot be told), and what was `found`.
 
-    `on` names what it was judged on, where that is one of several.
+    ``"more"``: it holds, and more strongly than it is stated. `on` names what it was judged on,
+    where that is one of several. A `flaw` is stated of the paper's own method or robot: where it
+    does not hold, what is here is better.
 
     Examples
     --------
     >>> Claim("the error stays below 1 deg", "yan2020", True, "0.4 deg").verdict
-    'agrees'
+    'holds'
     """
 
     text: str
     source: str
-    holds: bool | None
+    holds: Holds
     found: str
     on: str = ""
+    flaw: bool = False
 
     @property
     def verdict(self) -> str:
-        """``"agrees"``, ``"does not agree"`` or ``"cannot be told"``."""
-        return {True: "agrees", False: "does not agree", None: "cannot be told"}[self.holds]
+        """One of `VERDICTS`."""
+        return VERDICTS[(True, "more", False, None).index(self.holds)]
+
+    @property
+    def look(self) -> str:
+        """Colour of the verdict: ``"pass"``, ``"warn"`` or ``"fail"``."""
+        better = self.holds is False and self.flaw
+        return "pass" if self.holds else "warn" if self.holds is None or better else "fail"
 
 
 @dataclass(frozen=True)
 class Statement:
     """What a paper states, before it is judged: `judge` turns what was found into verdict and text.
 
+    `flaw` is as for a `Claim`.
+
     Examples
     --------
     >>> stated = Statement("below 1 deg", "yan2020", lambda rms: (rms < 1.0, f"{rms} deg"))
     >>> stated.judged(0.4).verdict
-    'agrees'
+    'holds'
     """
 
     text: str
     source: str
-    judge: Callable[[Any], tuple[bool | None, str]]
+    judge: Callable[[Any], tuple[Holds, str]]
+    flaw: bool = False
 
     def judged(self, found: Any, on: str = "") -> Claim:
         """Claim on what was found, on one of several where that has a name."""
-        return Claim(self.text, self.source, *self.judge(found), on)
+        holds, text = self.judge(found)
+        better = "; better than stated" if holds is False and self.flaw else ""
+        return Claim(self.text, self.source, holds, text + better, on, self.flaw)
 
 
 @dataclass(frozen=True)
@@ -278,8 +297,6 @@ class Study:
         Where ``parts(settings)``, a sequence of `Part`, and ``summarise(results)``, a `Summary` of
         `Results`, are defined.
     options : tuple of Option
-    version : int
-        Raised when its parts compute something else from the same arguments.
 
     Examples
     --------
@@ -292,7 +309,6 @@ class Study:
     source: str
     module: str
     options: tuple[Option, ...] = ()
-    version: int = 1
 
     def settings(
         self, preset: str = "full", seed: int = 0, options: Mapping[str, object] | None = None

@@ -48,6 +48,8 @@ def test_a_rational_error_is_found_again():
     error = printed_form(TRUE, motor * scale[0], reset * scale[1])
     model = fit_rational(motor, reset, error)
     assert np.abs(predicted(model, motor, reset) - error).max() < 2e-3 * np.ptp(error)
+    reach = np.array([error.min(), error.max()]) + 0.25 * np.ptp(error) * np.array([-1.0, 1.0])
+    assert model["error_range"] == pytest.approx(reach, rel=1e-12)
 
 
 def test_projection_reaches_the_optimum_of_a_plain_search():

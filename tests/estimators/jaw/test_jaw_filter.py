@@ -107,6 +107,20 @@ def test_filter_is_a_kalman_filter(pair):
     assert states.nis[-1] == pytest.approx(surprise @ np.linalg.solve(spread, surprise), rel=1e-6)
 
 
+def test_the_half_width_is_that_of_the_covariance(pair):
+    """Which an ordinary Kalman filter has, too: see above."""
+    run = pair.verification
+    model = calibrate(pair.calibration, "ukf_compensated", target="position")
+    corrector = Corrector(model, level=0.9)
+    corrector.set_homing(True, run.provenance.homing_id)
+    trace, filtered = corrector.run(run), model.model
+    states = filtered.states(columns(run, filtered), steps(run))
+    believed = np.isfinite(trace.half_width[:, 0])
+    assert believed.mean() > 0.9
+    expected = 1.6448536 * np.sqrt(states.P[:, 0, 0])
+    np.testing.assert_allclose(trace.half_width[believed, 0], expected[believed], rtol=1e-6)
+
+
 @pytest.mark.parametrize("lambda_", [-1.0, 3.0])
 def test_lambda_has_no_effect(pair, lambda_):
     X = columns(pair.verification, JawFilter())[:2000]

@@ -21,7 +21,7 @@ import numpy as np
 from truejoint import drawing
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.evaluation import score_rows as view
-from truejoint.evaluation.paired_test import compare
+from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.report import figures, plot
 from truejoint.evaluation.results import (
     OFFSET,
@@ -205,11 +205,11 @@ def write_comparison(
 
 
 def _render_comparison(together: Evaluation, alone: Mapping[str, Evaluation], command: str) -> str:
-    pairs = []
+    pairs, least = [], cycle_rows([trace.direction for trace in together.traces])
     for column, joint, _ in together.shown_joints():
         for names in combinations(alone, 2):
-            errors = [[t.error(name)[:, column] for t in together.traces] for name in names]
-            difference = compare(*errors)
+            own, other = ([t.error(name)[:, column] for t in together.traces] for name in names)
+            difference = compare(own, other, least)
             cells = [names[0], difference.outcome, names[1], str(difference.stretches)]
             pairs.append(view.Row(joint, cells))
     verdicts = {name: evaluation.verdict for name, evaluation in alone.items()}

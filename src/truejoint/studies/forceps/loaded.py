@@ -13,6 +13,7 @@ from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.errors import StudyError
 from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.studies.claim_tests import RULE, against, below
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, load_test, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
@@ -108,6 +109,7 @@ def summarise(results: Results) -> Summary:
         f"loaded; {draws} draws of the hand that hangs the weight and of the sensors' noise. The "
         "paper's numbers are of its filter; which way it loaded it does not say.",
         *m.note_left_out(settings, rows),
+        RULE,
     )
     name = f"yan2020 Table 3, specimen {specimen}"
     tables = (
@@ -133,7 +135,10 @@ def _printed(condition: str, metric: str) -> str:
 
 
 def _claims(rows: DataFrame) -> Iterator[Claim]:
-    """Judge the largest angle of each direction: the paper does not say which way it loaded."""
+    """Judge the largest angle of each direction, over the draws.
+
+    The paper does not say which way it loaded: where one direction differs, it cannot be told.
+    """
     limits: list[tuple[str, str, float, DataFrame]] = [
         (
             f"the filter's RMS error in phase {phase} stays within {limit} deg at every weight",
@@ -148,11 +153,15 @@ def _claims(rows: DataFrame) -> Iterator[Claim]:
         text = "a weight below 50 g hardly turns the jaw: less than 0.5 deg"
         limits.append((text, "yan2020, IV-D", 0.5, light.assign(angle=light.turn.abs())))
     for text, source, limit, judged in limits:
-        angles = np.degrees(judged.groupby("direction", sort=False).angle.max())
-        within = set(angles <= limit)
-        numbers = ", ".join(f"{angle:.2f} deg {way}" for way, angle in angles.items())
-        holds = bool(within.pop()) if len(within) == 1 else None
-        yield Claim(text, source, holds, f"worst {numbers}")
+        worst = {
+            way: np.degrees(own.groupby("draw").angle.max())
+            for way, own in groups(judged, "direction")
+        }
+        numbers = ", ".join(
+            f"{angles.max():.2f} deg {way}{against(angles, limit)}" for way, angles in worst.items()
+        )
+        within = {below(angles, limit) for angles in worst.values()}
+        yield Claim(text, source, within.pop() if len(within) == 1 else None, f"worst {numbers}")
 
 
 def _figures(results: Results, methods: Sequence[str], name: str) -> dict[str, Figure]:

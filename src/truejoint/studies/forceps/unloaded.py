@@ -11,10 +11,11 @@ from pandas import DataFrame
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel
 from truejoint.simulation.forceps.parameters import ForcepsParameters
+from truejoint.studies.claim_tests import RULE, about, against, below, below_all
 from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.motions import Plain, record, title_of
 from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.rows import frame_table, select
+from truejoint.studies.rows import frame_table, groups, select
 from truejoint.studies.study import Claim, Part, PartResult, Results, Rows, Settings, Summary
 from truejoint.tables import fixed
 
@@ -23,8 +24,13 @@ _OURS: Final = (m.PAPERS_BEST, "ukf_friction", m.BEST)
 
 
 def parts(settings: Settings) -> Sequence[Part]:
-    """One: a specimen on both motions."""
-    return (Part("unloaded", compare, m.common_arguments(settings)),)
+    """One a draw of the sensors' noise: a specimen on both motions."""
+    common = m.common_arguments(settings)
+    seeds = range(settings.seed, settings.seed + settings["draws"])
+    return [
+        Part(f"unloaded-{draw}", compare, {**common, "seed": seed}, {"draw": draw})
+        for draw, seed in enumerate(seeds)
+    ]
 
 
 def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
@@ -41,8 +47,9 @@ def compare(forceps: Plain, methods: Sequence[str], seed: int) -> PartResult:
 
 def summarise(results: Results) -> Summary:
     """Table 2, figures 6 and 7, beside the paper's."""
-    settings, rows = results.settings, results.rows.set_index("method", drop=False)
-    verified, name = select(rows, motion="verification"), title_of(settings["specimen"])
+    settings, name = results.settings, title_of(results.settings["specimen"])
+    rows = select(results.rows, draw=0).set_index("method", drop=False)
+    verified = select(rows, motion="verification")
 
     def paper(table: str, motion: int, metric: str) -> list[str]:
         there = (reported("yan2020", table, f"trajectory {motion}", key) for key in verified.index)
@@ -65,7 +72,9 @@ def summarise(results: Results) -> Summary:
     }
     notes = (
         "Degrees, on trajectory (28) against the reference encoder at the jaw, from 2.2 s on; "
-        "fitted on (27).",
+        "fitted on (27). Of the first draw of the sensors' noise; claims are judged over all "
+        f"{settings['draws']}.",
+        RULE,
         "The last column is against the jaw itself: it holds the encoder's own error, which "
         "every calibrated method learns.",
         *m.note_left_out(settings, verified),
@@ -74,35 +83,40 @@ def summarise(results: Results) -> Summary:
     table = frame_table(
         title, DataFrame(cells, [m.TITLES[key] for key in verified.index]), notes, head="method"
     )
-    figure = _figure(results.arrays["unloaded"], name)
-    return Summary((table,), {"forceps-unloaded": figure}, [*_claims(verified)])
+    figure = _figure(results.arrays["unloaded-0"], name)
+    claims = _claims(select(results.rows, motion="verification"))
+    return Summary((table,), {"forceps-unloaded": figure}, [*claims])
 
 
 def _claims(verified: DataFrame) -> Iterator[Claim]:
-    """Judge what the paper states of its methods on (28)."""
-    errors = verified[["rms", "largest", "smallest"]].map(np.degrees)
-    if m.PAPERS_BEST in errors.index:
-        rms, largest, smallest = map(float, errors.loc[m.PAPERS_BEST].to_numpy())
-        there = reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST)
-        for what, value, limit, printed in (
-            ("RMS", rms, 0.2, there["rms"]),
-            ("largest", max(largest, -smallest), 0.5, max(there["max"], -there["min"])),
+    """Judge what the paper states of its methods on (28), over the draws."""
+    errors = {
+        str(method): own[["rms", "largest", "smallest"]].map(np.degrees)
+        for method, own in groups(verified, "method")
+    }
+    if m.PAPERS_BEST in errors:
+        own, there = errors[m.PAPERS_BEST], reported("yan2020", "2", "trajectory 28", m.PAPERS_BEST)
+        largest = np.maximum(own.largest, -own.smallest)
+        for what, values, limit, printed in (
+            ("RMS", own.rms, 0.2, there["rms"]),
+            ("largest", largest, 0.5, max(there["max"], -there["min"])),
         ):
             text = f"the filter's {what} error on (28) stays below {limit} deg"
-            found = f"{value:.3f} deg; in the paper {printed:.2f}"
-            yield Claim(text, "yan2020, IV-B", bool(value < limit), found)
-    if set(m.PAPERS) <= set(errors.index):
-        one, two, best = map(float, errors.rms[list(m.PAPERS)].to_numpy())
+            found = f"{values.mean():.3f} deg{against(values, limit)}; in the paper {printed:.2f}"
+            yield Claim(text, "yan2020, IV-B", below(values, limit), found)
+    if set(m.PAPERS) <= errors.keys():
+        one, two, best = (errors[method].rms.to_numpy() for method in m.PAPERS)
         text = "least squares err more than compensated ones, and those more than the filter"
-        found = f"{one:.3f}, {two:.3f}, {best:.3f} deg RMS"
-        yield Claim(text, "yan2020, Table 2", bool(one > two > best), found)
+        found = f"{one.mean():.3f}, {two.mean():.3f}, {best.mean():.3f} deg RMS"
+        yield Claim(text, "yan2020, Table 2", below_all([(two, one), (best, two)]), found)
         saved = 1.0 - best / two
         text = "the filter's RMS error is about 54 % below that of compensated least squares"
-        found = f"{100 * saved:.0f} % below; 44 to 64 % counts as about"
-        yield Claim(text, "yan2020, IV-C", bool(0.44 <= saved <= 0.64), found)
+        found = f"{100 * saved.mean():.0f} % below; 44 to 64 % counts as about"
+        yield Claim(text, "yan2020, IV-C", about(saved, 0.44, 0.64), found)
         text = "one sensor, on the reset cable, is enough: its filter beats least squares on both"
-        found = f"{best:.3f} deg with x2; with x1 and x2 {min(one, two):.3f} deg"
-        yield Claim(text, "yan2020, IV-C", best < min(one, two), found)
+        both = np.minimum(one, two)
+        found = f"{best.mean():.3f} deg with x2{against(best, both)}; with x1 and x2 "
+        yield Claim(text, "yan2020, IV-C", below(best, both), f"{found}{both.mean():.3f} deg")
 
 
 def _figure(arrays: Mapping[str, Array], name: str) -> Figure:

@@ -8,7 +8,9 @@ from typing import Any, Final
 import numpy as np
 from pandas import DataFrame
 
+from truejoint.array_types import Array
 from truejoint.motion import DIRECTIONS
+from truejoint.studies.claim_tests import RULE, against, below_all
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
@@ -66,7 +68,7 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     made = (
         tables.accuracy_table(
             f"{name}, trained on {settings['fine']}", fine, s.METHODS, _printed,
-            (tables.ZIGZAGS, claims.RULE),
+            (tables.ZIGZAGS, RULE),
         ),
         tables.percent_table(
             f"Share of the fixed offset's error, specimen {title}", fine, _printed
@@ -96,46 +98,46 @@ def _best_overall(fine: DataFrame) -> claims.Verdict:
     }
     order = sorted(shares, key=lambda name: float(shares[name].mean()))
     text = ", ".join(f"{name} {shares[name].mean():.1f} %" for name in order[:3])
-    others = [claims.below(shares[s.BEST], shares[name]) for name in DIRECTIONS if name != s.BEST]
-    return claims.whole(*others), f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
+    holds = below_all([(shares[s.BEST], shares[name]) for name in DIRECTIONS if name != s.BEST])
+    return holds, f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
 
 
 def _best_of_joint(joint: int, *expected: str) -> Callable[[DataFrame], claims.Verdict]:
     """Whether the `expected` direction of each of `MODELS` errs least in a joint."""
 
     def judge(fine: DataFrame) -> claims.Verdict:
-        verdicts, texts = [], []
+        pairs, texts = [], []
         for method, direction in zip(s.MODELS, expected, strict=True):
             of: dict[str, Any] = {"joint": s.JOINTS[joint], "method": method}
             errors = {name: tables.by_session(fine, condition=name, **of) for name in DIRECTIONS}
             least = min(errors, key=lambda name: float(errors[name].mean()))
-            others = (claims.below(errors[direction], errors[n]) for n in errors if n != direction)
-            verdicts.append(claims.whole(*others))
+            pairs += [(errors[direction], errors[n]) for n in errors if n != direction]
             texts.append(f"{method}: {least} {errors[least].mean():.3f}")
             if least != direction:
                 texts[-1] += f", {direction} {errors[direction].mean():.3f}"
-        return claims.whole(*verdicts), "; ".join(texts)
+                texts[-1] += against(errors[direction], errors[least])
+        return below_all(pairs), "; ".join(texts)
 
     return judge
 
 
 def _removed(fine: DataFrame) -> claims.Verdict:
-    share = tables.percent(fine, method="dnn", condition=s.BEST).mean(axis=0)
-    return bool(share.max() <= 25.0), f"the network leaves {_percents(share)}"
+    share = tables.percent(fine, method="dnn", condition=s.BEST)
+    return below_all([(own, 25.0) for own in share.T]), f"the network leaves {_percents(share)}"
 
 
 def _offset_of_raw(fine: DataFrame) -> claims.Verdict:
     offset, raw = (
-        np.array([tables.by_session(fine, joint=j, method=m, condition=s.BEST).mean()
-                  for j in s.JOINTS])
+        np.array([tables.by_session(fine, joint=j, method=m, condition=s.BEST) for j in s.JOINTS]).T
         for m in ("offset", "raw")
-    )  # fmt: skip
+    )
     share = 100.0 * offset / raw
-    return bool(share.max() < 50.0), f"it leaves {_percents(share)} of the raw error"
+    holds = below_all([(own, 50.0) for own in share.T])
+    return holds, f"it leaves {_percents(share)} of the raw error"
 
 
-def _percents(shares: Any) -> str:
-    return ", ".join(f"{v:.0f} %" for v in shares)
+def _percents(shares: Array) -> str:
+    return ", ".join(f"{v:.0f} %" for v in shares.mean(axis=0))
 
 
 _TABLE: Final = "peng2024, Table I"

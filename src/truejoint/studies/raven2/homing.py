@@ -9,6 +9,7 @@ from pandas import DataFrame
 
 from truejoint.drawing import by_condition
 from truejoint.errors import StudyError
+from truejoint.studies.claim_tests import RULE
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
@@ -67,7 +68,7 @@ def summarise(_results: Results, title: str, rows: DataFrame) -> Summary:
     after = rows.homings.map(lambda n: f", after homing {n}" if n else ", before")
     rows = rows.assign(condition=rows.seen + after, name=rows.method + ", " + rows.seen)
     name = f"peng2024 figure 9, specimen {title}"
-    table = tables.accuracy_table(name, rows, _METHODS, notes=(claims.RULE,))
+    table = tables.accuracy_table(name, rows, _METHODS, notes=(RULE,))
     drawn = select(rows, method=("dnn", "linear", "offset"))
     caption = "RMSE of a random motion after each homing; median over the sessions."
     look = {"condition": "homings", "by": "name", "x": "homings since"}

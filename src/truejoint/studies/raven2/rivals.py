@@ -14,6 +14,7 @@ from truejoint.estimators import estimator_names
 from truejoint.evaluation.judge import rmse, tool_error
 from truejoint.motion import PROFILES, follow, random_motion
 from truejoint.recordings import Recording
+from truejoint.studies.claim_tests import RULE
 from truejoint.studies.paper_tables import reported, reported_text
 from truejoint.studies.raven2 import claims
 from truejoint.studies.raven2 import sessions as s
@@ -113,7 +114,7 @@ def _table(title: str, rows: DataFrame, table: str) -> Table:
             body.append((f"paper: {condition}, {method}", *cells))
     notes = (
         "RMSE in the first to the last hour of unloaded work after one calibration.",
-        claims.RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
+        RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
     )
     columns = s.TITLES if joints else tuple(f"{axis} [mm]" for axis in _AXES)
     return Table(

@@ -9,6 +9,7 @@ import numpy as np
 from pandas import DataFrame
 
 from truejoint.array_types import Array
+from truejoint.studies.claim_tests import RULE
 from truejoint.studies.raven2 import claims, tables
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
@@ -39,7 +40,7 @@ def predict(raven: s.Plain, seed: int, sets: Sequence[str], networks: int, hours
 def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     """Table II beside the paper's."""
     hours = results.settings["hours"]
-    notes = (f"Mean over {hours} hours of unloaded work and all trainings.", claims.RULE)
+    notes = (f"Mean over {hours} hours of unloaded work and all trainings.", RULE)
     table = tables.accuracy_table(
         f"peng2024 Table II, specimen {title}", rows.assign(condition=rows.target), s.MODELS,
         tables.printed("II", "target={}"), notes,

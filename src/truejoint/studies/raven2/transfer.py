@@ -14,6 +14,7 @@ from truejoint.crtk import Arm
 from truejoint.drawing import Figure, Panel, by_condition
 from truejoint.errors import CalibrationError
 from truejoint.motion import designed_motion
+from truejoint.studies.claim_tests import below
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.raven2.efficiency import accuracy_line, features, rmse_of, shares, until
 from truejoint.studies.rows import groups, select
@@ -28,7 +29,6 @@ _OTHER: Final = 0.2  # share by which another arm's parameters may differ
 _HEAVIER: Final = 0.1  # [kg] of another tool
 _STIFFER: Final = 1.5  # friction of another tool
 _SAME: Final = 1.1  # of the error of a whole calibration, up to which the accuracy is the same
-_MOST: Final = 0.8  # share of the sessions that shall be as accurate
 
 _REFERENCE: Final = "prior, reference"
 BEFORE, OWN = "before", "own"
@@ -174,4 +174,4 @@ def _claim(title: str, change: str, rows: DataFrame) -> Claim:
         f"{same} of {len(rows)} sessions within {_SAME:g} of it, median {rows[OWN].median():.2f}; "
         f"of the error before the change {rows[BEFORE].median():.2f}"
     )
-    return Claim(text, "ours", same >= _MOST * len(rows), found, title)
+    return Claim(text, "ours", below(rows[OWN], _SAME), found, title)

@@ -1,0 +1,130 @@
+"""Tests behind every verdict: errors of repetitions beside others, or beside a limit, at 95 %."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+from scipy import stats
+
+from truejoint.array_types import Array
+from truejoint.studies.study import Holds
+
+LEVEL: Final = 0.95
+"""At which a difference is told."""
+RULE: Final = (
+    f"A claim holds, or does not, at {100 * LEVEL:.0f} % by Student's t over the repetitions, "
+    "shared among its comparisons where one of them speaks against it; one repetition tells "
+    "nothing."
+)
+_SHOWN: Final = 4  # comparisons at most that a text gives
+
+
+def below(lower: ArrayLike, higher: ArrayLike, among: int = 1) -> bool | None:
+    """Whether values (k,) are below others, or a limit, in k repetitions; None if not told.
+
+    That they are not is told at the level shared `among` so many comparisons (Bonferroni), as one
+    that is told so refutes a claim on all.
+
+    >>> below([1.0, 1.1, 0.9], [2.0, 2.2, 2.1]), below([1.0, 3.0], [2.0, 2.2]), below([2.0], 1.0)
+    (True, None, None)
+    """
+    difference = np.subtract(higher, lower, dtype=float)
+    if difference.size < 2:
+        return None
+    mean, count = float(difference.mean()), difference.size
+    holds = mean > 0.0
+    level = LEVEL if holds else 1.0 - (1.0 - LEVEL) / among
+    quantile = float(stats.t.ppf(0.5 + 0.5 * level, count - 1))
+    told = abs(mean) > quantile * float(difference.std(ddof=1)) / np.sqrt(count)
+    return holds if told else None
+
+
+def below_all(pairs: Sequence[tuple[ArrayLike, ArrayLike]]) -> bool | None:
+    """Whether the first of every pair is `below` the second.
+
+    >>> below_all([([1.0, 1.1, 0.9], 2.0), ([1.0, 1.1, 0.9], 0.5)])
+    False
+    """
+    return whole(*(below(low, high, len(pairs)) for low, high in pairs))
+
+
+def whole(*verdicts: bool | None) -> bool | None:
+    """Verdict on all of several: False if one is, else None if one is, else True.
+
+    >>> whole(True, None, False), whole(True, None), whole(True, True)
+    (False, None, True)
+    """
+    return False if False in verdicts else None if None in verdicts else True
+
+
+def about(values: ArrayLike, least: float, most: float) -> Holds:
+    """Whether values (k,) lie between two limits: ``"more"`` where they are told to be above both.
+
+    >>> about([0.5, 0.51, 0.52], 0.4, 0.6), about([0.7, 0.71, 0.72], 0.4, 0.6)
+    (True, 'more')
+    """
+    above, beneath = below(least, values), below(values, most)
+    return "more" if above and beneath is False else whole(above, beneath)
+
+
+def mostly(count: int, of: int) -> bool | None:
+    """Whether something is so in more than half of all cases, by `count` of so many drawn.
+
+    By the exact interval of a share (Clopper and Pearson, 1934).
+
+    >>> mostly(9, 10), mostly(6, 10), mostly(1, 10)
+    (True, None, False)
+    """
+    share = stats.binomtest(count, of).proportion_ci(LEVEL)
+    return True if share.low > 0.5 else False if share.high < 0.5 else None
+
+
+def scatters_more(values: ArrayLike, others: Sequence[ArrayLike]) -> bool | None:
+    """Whether values (k,) scatter more than each of others (k,), by the F test of variances.
+
+    >>> scatters_more([0.0, 9.0, -9.0, 5.0], [[0.0, 0.1, -0.1, 0.0]])
+    True
+    """
+    first = np.asarray(values, dtype=float)
+    verdicts = []
+    for other in map(np.asarray, others):
+        if first.size < 2 or other.size < 2:
+            return None
+        ratio = float(first.var(ddof=1) / other.var(ddof=1))
+        rest = 0.5 * (1.0 - LEVEL) / (len(others) if ratio < 1.0 else 1)  # see `below`
+        low, high = (
+            float(stats.f.ppf(p, first.size - 1, other.size - 1)) for p in (rest, 1 - rest)
+        )
+        verdicts.append(True if ratio > high else False if ratio < low else None)
+    return whole(*verdicts)
+
+
+def against(lower: ArrayLike, higher: ArrayLike) -> str:
+    """Say in how many repetitions values (k,) are not below others; empty where in none.
+
+    >>> against([1.0, 3.0], 2.0)
+    ', the other way in 1 of 2'
+    """
+    difference = np.subtract(higher, lower, dtype=float)
+    count = int(np.sum(difference <= 0.0))
+    return f", the other way in {count} of {difference.size}" if count else ""
+
+
+def pair_texts(pairs: Sequence[tuple[str, Array, Array]], allowed: float = 0.0) -> str:
+    """Means of named pairs, of more than `_SHOWN` those that decide, and repetitions against them.
+
+    The first of a pair is to be the smaller one or, where a growth by a factor is `allowed`, the
+    second no larger than that.
+    """
+    sign = -1.0 if allowed else 1.0
+    nearest = sorted(pairs, key=lambda pair: sign * float(np.mean(pair[2]) / np.mean(pair[1])))
+    shown = pairs if len(pairs) <= _SHOWN else nearest[:_SHOWN]
+    text = "; ".join(
+        f"{name}: {np.mean(a):.3f} against {np.mean(b):.3f}"
+        + (against(b, allowed * a) if allowed else against(a, b))
+        for name, a, b in shown
+    )
+    return text if shown is pairs else f"{text} ({len(pairs)} pairs, these the nearest)"
