@@ -12,23 +12,16 @@ import urllib.request
 
 import numpy as np
 import pytest
-import viser
 from tests import chromium
 from tests.crtk.faulty_backend import Fault, FaultyBackend
-from websockets.exceptions import ConnectionClosed
-from websockets.sync.client import connect
-from websockets.typing import Subprotocol
 
 from truejoint.crtk import Arm
 from truejoint.errors import CalibrationError, CommandRefused, RecordingError, TruejointError
 from truejoint.monitor import ArmPage, RecordingPage, pages
-from truejoint.monitor.page import PLOT_EVERY, is_own_page
+from truejoint.monitor.page import PLOT_EVERY
 from truejoint.monitor.process import ArmView, PageProcess, _plain, _samples
 from truejoint.monitor.samples import Condition, Samples
 from truejoint.recordings import Recording
-
-SPOKEN = [Subprotocol(f"viser-v{viser.__version__}")]
-
 
 LOOP = pages._Pictures._loop
 
@@ -182,34 +175,6 @@ def test_the_plots_of_a_recording_end_where_it_is(by_hand):
             assert window.t[-1] == pytest.approx(at)
             assert window.t[0] >= at - 10.001
             assert len(window) <= 650
-
-
-def test_only_its_own_page_may_connect(page):
-    address = page.url.replace("http", "ws")
-    with connect(address, subprotocols=SPOKEN, origin="http://evil.example") as stranger:
-        with pytest.raises(ConnectionClosed):
-            stranger.recv(timeout=20)
-        assert stranger.protocol.close_rcvd.code == 1008
-    with connect(address, subprotocols=SPOKEN, origin=page.url) as own:
-        assert own.recv(timeout=20)
-
-
-@pytest.mark.parametrize(
-    ("origin", "asked", "host", "own"),
-    [
-        ("http://127.0.0.1:8080", "127.0.0.1:8080", "127.0.0.1", True),
-        ("http://localhost:8080", "localhost:8080", "127.0.0.1", True),
-        (None, "127.0.0.1:8080", "127.0.0.1", True),
-        ("http://127.0.0.1:9000", "127.0.0.1:8080", "127.0.0.1", False),
-        ("null", "127.0.0.1:8080", "127.0.0.1", False),
-        ("http://rebound.example:8080", "rebound.example:8080", "127.0.0.1", False),
-        ("http://robot.lab:8080", "robot.lab:8080", "192.0.2.7", True),
-        ("http://evil.example", "robot.lab:8080", "192.0.2.7", False),
-    ],
-)
-def test_whose_page_it_is(origin, asked, host, own):
-    headers = {"Host": asked} | ({} if origin is None else {"Origin": origin})
-    assert is_own_page(headers, host) is own
 
 
 def test_nothing_is_shared_with_the_outside(page):

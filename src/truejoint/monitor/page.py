@@ -8,7 +8,6 @@ import socket
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final
-from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -30,7 +29,6 @@ PLOT_EVERY: Final = 5
 WINDOW: Final = 10.0
 """Time that the plots show [s]."""
 
-_LOOPBACK_NAMES: Final = ("127.0.0.1", "localhost")
 # The truth is a halo: what is right lies inside.
 _OPACITY: Final = {"reported": None, "corrected": None, "truth": 0.25}
 _THICKNESS: Final = {"reported": 0.7, "corrected": 0.72, "truth": 1.25}
@@ -69,8 +67,7 @@ class Page:
         self._bodies: dict[str, _Body] = {}
         self._plots: dict[str, Any] = {}
         self._titles: dict[str, tuple[str, ...]] = {}
-        self._server = _listening(host, port)
-        self.url: Final = f"http://{host}:{self._server.get_port()}"
+        self._server, self.url, self.is_remote = _listening(host, port)
         self._lay_out(controls)
 
     def _lay_out(self, controls: Callable[[Any], None]) -> None:
@@ -300,53 +297,28 @@ def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
 
-def _listening(host: str, port: int) -> Any:
-    """Give a server of viser's that talks to this computer's own pages, and to nobody outside."""
+def _listening(host: str, port: int) -> tuple[Any, str, bool]:
+    """Give a server of viser's behind `access`, its address, and whether others may reach it."""
     viser = require("viser", "monitor", "the monitor")
+    from truejoint.monitor import access  # noqa: PLC0415  # it needs what viser brings
+
     try:  # viser would look for another port, or forever
         with socket.create_server((host, port)):
             pass
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         why = (getattr(error, "strerror", None) or str(error)).partition(" (while ")[0]
         raise TruejointError(
             f"{host}, port {port}: cannot listen there: {why}; give another --port"
         ) from None
-    with _silent():
+    allowed = access.Access.of(host)
+    with _silent(), access.guarded(allowed):
         server = viser.ViserServer(host=host, port=port, verbose=False)
     if port and server.get_port() != port:
         with _silent():
             server.stop()
         raise TruejointError(f"{host}, port {port}: taken; give another --port")
     server.request_share_url = lambda **_: None  # whoever asks: nothing leaves this computer
-    sockets = server._websock_server  # viser looks at no origin itself
-
-    async def refuse_strangers(client: Any) -> None:
-        connection = sockets._live_connections[client.client_id]
-        if not is_own_page(connection.request.headers, host):
-            await connection.close(1008, "a page of another origin")
-
-    sockets.on_client_connect(refuse_strangers)
-    return server
-
-
-def is_own_page(headers: Any, host: str) -> bool:
-    """Whether a browser that wants to connect shows the monitor's own page.
-
-    Any page that is open in the same browser could connect and press the buttons. A browser says
-    of which origin the page is; programs, which need no browser to do so, say nothing.
-
-    Examples
-    --------
-    >>> is_own_page({"Origin": "http://evil.example", "Host": "127.0.0.1:8080"}, "127.0.0.1")
-    False
-    """
-    origin = headers.get("Origin")
-    if origin is None:
-        return True
-    asked = urlsplit(origin)
-    if asked.netloc != headers.get("Host"):
-        return False
-    return host not in _LOOPBACK_NAMES or asked.hostname in _LOOPBACK_NAMES
+    return server, allowed.url(server.get_port()), bool(allowed.token)
 
 
 @contextlib.contextmanager

@@ -91,9 +91,12 @@ class ArmPage(_Pictures):
     calibration : Calibration, optional
         Of this arm.
     host : str
-        Other computers reach the page, and its buttons, only where this says so.
+        Where the page listens. Beyond loopback its address holds a token, without which nobody
+        opens it, and it offers to pause the arm alone.
     port : int
         0 for any that is free.
+    remote_control : bool
+        Whether the page offers to resume the arm beyond loopback, too.
 
     Attributes
     ----------
@@ -126,13 +129,16 @@ class ArmPage(_Pictures):
         *,
         host: str = LOOPBACK,
         port: int = PORT,
+        remote_control: bool = False,
     ) -> None:
         self._arm = as_arm(arm)
         self._live = LiveSamples(arm.robot, calibration)
         self._inbox: deque[tuple[float, StateBlock | TruthBlock]] = deque(maxlen=2 * MOST_ROWS)
         self._last_arrival = math.nan
         self._refusal = ""
-        self._page: PageProcess = PageProcess(arm.robot, self._command, host=host, port=port)
+        self._page: PageProcess = PageProcess(
+            arm.robot, self._command, host=host, port=port, remote_control=remote_control
+        )
         self._switched = sys.getswitchinterval()
         sys.setswitchinterval(min(self._switched, _SWITCH_INTERVAL))
         arm.subscribe(self._receive)

@@ -38,12 +38,10 @@ class PageProcess:
     """Starts the process, and tells it what to show.
 
     `on_command` is called with one of `COMMANDS`, in a thread of its own, when a button is pressed.
-    Raises as `Page`.
+    `place` goes to `ArmView`. Raises as `Page`.
     """
 
-    def __init__(
-        self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
-    ) -> None:
+    def __init__(self, robot: Robot, on_command: Callable[[str], None], **place: Any) -> None:
         package = str(Path(truejoint.__file__).parents[1])
         paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
         self._telling = threading.Lock()
@@ -59,7 +57,7 @@ class PageProcess:
         output: Any = self._process.stdout
         self._output = output
         with suppress(BrokenPipeError):
-            self._tell({"robot": robot.to_dict(), "host": host, "port": port})
+            self._tell({"robot": robot.to_dict(), "place": place})
         said: dict[str, str] = json.loads(output.readline() or "{}")
         if "url" not in said:
             self.close()
@@ -114,12 +112,21 @@ class PageProcess:
 
 
 class ArmView(Page):
-    """The page of an arm, in the process that draws it; `on_command` as of `PageProcess`."""
+    """The page of an arm, in the process that draws it; `on_command` as of `PageProcess`.
+
+    Where other computers reach it, it has no button that moves the arm without `remote_control`.
+    """
 
     def __init__(
-        self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
+        self,
+        robot: Robot,
+        on_command: Callable[[str], None],
+        *,
+        host: str,
+        port: int,
+        remote_control: bool = False,
     ) -> None:
-        self._on_command = on_command
+        self._on_command, self._remote_control = on_command, remote_control
         self.rows: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
         self._condition = Condition("no answer", "the arm has said nothing yet", is_fresh=False)
         self._samples: Samples | None = None  # all rows, once joined
@@ -137,15 +144,17 @@ class ArmView(Page):
         if self._samples is None and self.rows:
             self._samples = Samples.joined(self.rows)
         paused = self._condition.state.startswith("PAUSED")
-        if self.resume.visible != paused:
+        if self.resume is not None and self.resume.visible != paused:
             self.resume.visible = paused
         self.render(self._samples, self._condition)
 
     def _add_buttons(self, gui: Any) -> None:
-        pause = gui.add_button("Pause the arm", color="red")
-        pause.on_click(lambda _: self._on_command("pause"))
-        self.resume = gui.add_button("Resume", visible=False)
-        self.resume.on_click(lambda _: self._on_command("resume"))
+        self.pause = gui.add_button("Pause the arm", color="red")
+        self.pause.on_click(lambda _: self._on_command("pause"))
+        self.resume: Any = None
+        if self._remote_control or not self.is_remote:
+            self.resume = gui.add_button("Resume", visible=False)
+            self.resume.on_click(lambda _: self._on_command("resume"))
 
 
 def _plain(row: Samples) -> dict[str, Any]:
@@ -171,9 +180,8 @@ def main() -> None:
 
     asked = json.loads(sys.stdin.readline())
     robot = Robot.from_dict(asked["robot"], "the arm")
-    place = {"host": asked["host"], "port": asked["port"]}
     try:
-        view = ArmView(robot, lambda name: tell(command=name), **place)
+        view = ArmView(robot, lambda name: tell(command=name), **asked["place"])
     except TruejointError as error:
         tell(error=str(error))
         return
