@@ -129,6 +129,8 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     """One table: of several recordings each row says of which it is."""
     import pandas as pd
 
+    from truejoint.tables import csv_text
+
     whole = tables[0]
     if len(tables) > 1:
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
@@ -136,7 +138,7 @@ def _write(names: list[str], tables: list[pd.DataFrame], output: Path, force: bo
     if output.suffix == ".parquet":
         truejoint.recordings.write_corrected(whole, output, overwrite=force)
         return
-    write = partial(whole.to_csv, index=False)
+    write = partial(Path.write_text, data=csv_text(whole), encoding="utf-8")
     write_atomically(output, write, overwrite=force, error=RecordingError)
 
 
