@@ -62,6 +62,11 @@ def _escape(match: re.Match[str]) -> str:
     return chr(byte).encode("unicode_escape").decode()
 
 
+def shown_text(value: object) -> object:
+    """Give what a template shows of a value: `printable` text, unless it is markup already."""
+    return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
+
+
 def words(error: BaseException, most: int = 100) -> str:
     r"""Give what an exception says in one line, at most so many characters; its kind if nothing.
 

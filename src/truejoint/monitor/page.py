@@ -26,15 +26,16 @@ FRAME_RATE: Final = 25.0
 """Pictures a second."""
 PLOT_EVERY: Final = 5
 """Pictures after which the plots are drawn anew."""
-WINDOW: Final = 10.0
-"""Time that the plots show [s]."""
+WINDOW: Final = 60.0
+"""Time that the plots show at most [s]."""
+_SPANS: Final = ("10 s", f"{WINDOW:.0f} s")
 
 # The truth is a halo: what is right lies inside.
 _OPACITY: Final = {"reported": None, "corrected": None, "truth": 0.25}
 _THICKNESS: Final = {"reported": 0.7, "corrected": 0.72, "truth": 1.25}
 _NARROW: Final = 0.75  # width by height of a window
 _SIDES: Final = 8  # of a tube: without graphics hardware each corner costs
-_PANEL_WIDTH: Final = 384  # [px]
+_PANEL_WIDTH: Final = 416  # [px]
 _PLOT_HEIGHT: Final = 118  # [px]
 _WIDE, _TALL = 880, 170  # [px] of the plots where no arm is drawn
 _BAND: Final = {"series": (1, 2), "fill": panels.COLOURS["band"]}
@@ -65,8 +66,7 @@ class Page:
         self._window: Samples | None = None  # what the plots show
         self._since = 0  # pictures since they were drawn
         self._bodies: dict[str, _Body] = {}
-        self._plots: dict[str, Any] = {}
-        self._titles: dict[str, tuple[str, ...]] = {}
+        self._plots: dict[tuple[str, ...], Any] = {}  # by what they show
         self._server, self.url, self.is_remote = _listening(host, port)
         self._lay_out(controls)
 
@@ -97,9 +97,12 @@ class Page:
         panel.set_width(_PANEL_WIDTH if self._drawing is not None else _WIDE)
         self._plot_tab = panel.add_tab("Plots")
         with self._plot_tab:
-            self._joint = gui.add_dropdown("Joint", self._joints, order=0.0)
-            self._joint.visible = len(self._joints) > 1
+            several = (panels.EVERY,) if len(self._joints) > 1 else ()
+            self._joint = gui.add_dropdown("Joint", (*several, *self._joints), order=0.0)
+            self._joint.visible = bool(several)
+            self._span = gui.add_dropdown("Last", _SPANS, initial_value=_SPANS[-1], order=0.1)
         self._joint.on_update(lambda _: self._replot())
+        self._span.on_update(lambda _: self._replot())
 
     def close(self) -> None:
         """Let the port go."""
@@ -107,13 +110,21 @@ class Page:
             self._server.stop()
 
     def render(
-        self, samples: Samples | None, condition: Condition, *, at_once: bool = False
+        self,
+        samples: Samples | None,
+        condition: Condition,
+        *,
+        silence: float = 0.0,
+        at_once: bool = False,
     ) -> None:
-        """Show the last row of `samples`, and every few pictures or `at_once` all over time."""
+        """Show the last row of `samples`, and every few pictures or `at_once` all over time.
+
+        `silence` is for how long nothing has been heard [s].
+        """
         with self._lock, self._server.atomic():
             self._latest = samples
             self._since += 1
-            self._status.content = panels.status_html(condition, samples)
+            self._status.content = panels.status_html(condition, samples, silence)
             if samples is None:
                 return
             table = panels.table_html(samples, self._robot, is_fresh=condition.is_fresh)
@@ -130,9 +141,9 @@ class Page:
             client.add_notification("Refused", str(error), color="red", auto_close_seconds=8.0)
 
     def stopped(self, error: Exception) -> None:
-        """Say that nothing new will be shown, and why."""
-        condition = Condition("the page has stopped", str(error), is_fresh=False)
-        self._status.content = panels.status_html(condition, self._latest)
+        """Say that nothing new will be shown, and why; what was shown last turns grey."""
+        self.render(self._latest, Condition("the page has stopped", str(error), is_fresh=False))
+        self._server.flush()
 
     def _set_theme(self, *, dark: bool) -> None:
         self._server.gui.configure_theme(
@@ -199,38 +210,45 @@ class Page:
             body.show(name in poses, is_fresh)
 
     def _replot(self) -> None:
+        """Draw the plots; they are made anew only when other curves are known."""
         with self._lock, self._server.atomic():
-            if self._window is not None:
-                plots = panels.plots(self._window, self._robot, self._joint.value)
-                for name in panels.PLOTS:
-                    self._plot(name, plots.get(name))
+            if self._window is None:
+                return
+            span = float(self._span.value.removesuffix(" s"))
+            shown = self._window.window(self._window.t[-1], span)
+            plots = self._panels(shown, self._joint.value)
+            shapes = [(plot.y, *(curve.label for curve in plot.curves)) for plot in plots]
+            if shapes != list(self._plots):
+                for handle in self._plots.values():
+                    handle.remove()
+                with self._plot_tab:
+                    self._plots = {
+                        shape: self._add_plot(plot, 1.0 + k)
+                        for k, (shape, plot) in enumerate(zip(shapes, plots, strict=True))
+                    }
+            for handle, plot in zip(self._plots.values(), plots, strict=True):
+                handle.data = _data(plot)
 
-    def _plot(self, name: str, plot: Panel | None) -> None:
-        """Give a plot new values; made anew only when other curves are known."""
-        handle = self._plots.get(name)
-        if handle is not None:
-            handle.visible = plot is not None
-        if plot is None:
-            return
-        data = (plot.curves[0].x, *(curve.y for curve in plot.curves))
-        shape = (plot.y, *(curve.label for curve in plot.curves))
-        if handle is not None and shape == self._titles[name]:
-            handle.data = data
-            return
-        if handle is not None:
-            handle.remove()
-        with self._plot_tab:
-            self._plots[name] = self._server.gui.add_uplot(
-                data, _series(plot), title=plot.y,
-                height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
-                bands=(_BAND,) if len(plot.curves) > 2 and not plot.curves[1].label else (),
-                scales={"x": {"time": False}},
-                axes=(_axis(24), _axis(44)),
-                legend={"show": len(plot.curves) > 1, "live": False},
-                padding=(4, 12, 0, 0),
-                order=1.0 + panels.PLOTS.index(name),
-            )  # fmt: skip
-        self._titles[name] = shape
+    def _panels(self, samples: Samples, joint: str) -> list[Panel]:
+        """Give the plots of a joint over time, from above."""
+        return list(panels.plots(samples, self._robot, joint).values())
+
+    def _add_plot(self, plot: Panel, order: float) -> Any:
+        has_band = len(plot.curves) > 2 and not plot.curves[1].label
+        return self._server.gui.add_uplot(
+            _data(plot), _series(plot), title=plot.y,
+            height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
+            bands=(_BAND,) if has_band else (),
+            scales={"x": {"time": False}},
+            axes=(_axis(24), _axis(44)),
+            legend={"show": sum(bool(curve.label) for curve in plot.curves) > 1, "live": False},
+            padding=(4, 12, 0, 0),
+            order=order,
+        )  # fmt: skip
+
+
+def _data(plot: Panel) -> tuple[Any, ...]:
+    return plot.curves[0].x, *(curve.y for curve in plot.curves)
 
 
 def _axis(size: int) -> dict[str, Any]:

@@ -21,7 +21,7 @@ import jinja2
 import numpy as np
 
 from truejoint import drawing
-from truejoint.errors import CalibrationError, RecordingError, printable
+from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_rows as view
 from truejoint.evaluation.paired_test import compare
 from truejoint.evaluation.report import figures, plot
@@ -342,11 +342,6 @@ def _environment(package: str) -> jinja2.Environment:
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
         loader=jinja2.ChoiceLoader(loaders), finalize=shown_text,
     )  # fmt: skip
-
-
-def shown_text(value: Any) -> Any:
-    """Give what a template shows: text of anyone's is `printable`, what is markup stays."""
-    return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 
 def script_json(value: Any) -> str:
