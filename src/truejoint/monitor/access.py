@@ -213,8 +213,7 @@ def check_message(message: bytes | str) -> None:
     if isinstance(decoded, _Camera):
         numbers = (*decoded.wxyz, *decoded.position, *decoded.look_at, *decoded.up_direction)
         sizes = (decoded.fov, decoded.near, decoded.far)
-        size = math.hypot(*decoded.wxyz)
-        if not all(map(math.isfinite, (*numbers, *sizes, size))) or size < 1e-6:
+        if not all(map(math.isfinite, numbers + sizes)) or math.hypot(*decoded.wxyz) < 1e-6:
             raise ValueError("a camera that looks nowhere")
         if not 0 < min(decoded.image_height, decoded.image_width) < 1 << 16:
             raise ValueError("a picture of no size")
