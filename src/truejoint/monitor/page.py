@@ -215,7 +215,7 @@ class Page:
             if self._window is None:
                 return
             span = float(self._span.value.removesuffix(" s"))
-            shown = self._window.window(self._window.t[-1], span)
+            shown = self._window.window(self._window.t[-1], span).thinned()
             plots = self._panels(shown, self._joint.value)
             shapes = [(plot.y, *(curve.label for curve in plot.curves)) for plot in plots]
             if shapes != list(self._plots):

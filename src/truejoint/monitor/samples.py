@@ -68,14 +68,14 @@ class Samples:
         return replace(self, **{name: getattr(self, name)[selection] for name in _ARRAYS})
 
     def window(self, end: float, span: float) -> Samples:
-        """Rows of the last `span` until `end` [s], thinned out to what a plot shows.
-
-        The latest row is among them; there is always one.
-        """
+        """Rows of the last `span` until `end` [s], one at least."""
         last = max(int(np.searchsorted(self.t, end, side="right")), 1)
-        first = min(int(np.searchsorted(self.t, end - span)), last - 1)
-        step = max((last - first) // MOST_POINTS, 1)
-        return self.rows(slice(first + (last - 1 - first) % step, last, step))
+        return self.rows(slice(min(int(np.searchsorted(self.t, end - span)), last - 1), last))
+
+    def thinned(self) -> Samples:
+        """Rows that a curve shows, the latest among them."""
+        step = max(len(self) // MOST_POINTS, 1)
+        return self.rows(slice((len(self) - 1) % step, None, step))
 
     def largest(self, values: Array) -> Integers:
         """Rows of the largest of `values` (n,) in size, one in each of `MOST_POINTS` stretches."""
