@@ -63,7 +63,13 @@ def _escape(match: re.Match[str]) -> str:
 
 
 def shown_text(value: object) -> object:
-    """Give what a template shows of a value: `printable` text, unless it is markup already."""
+    r"""Give what a template shows of a value: `printable` text, unless it is markup already.
+
+    Examples
+    --------
+    >>> shown_text("run\x1b[31m.csv"), shown_text(1.5)
+    ('run\\x1b[31m.csv', 1.5)
+    """
     return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 

@@ -35,7 +35,7 @@ MOST_BYTES: Final = 16_384
 """Of one message; a browser's are a few hundred."""
 
 _LOOPBACK_NAMES: Final = frozenset({"127.0.0.1", "localhost", "::1"})
-_EVERYWHERE: Final = ("0.0.0.0", "::")  # noqa: S104  # the user's choice, not ours
+_EVERYWHERE: Final = ("", "0.0.0.0", "::")  # noqa: S104  # the user's choice, not ours
 _LOG_PERIOD: Final = 10.0  # [s] in which the same is said once
 HEADERS: Final = {
     "X-Frame-Options": "DENY",
@@ -81,7 +81,7 @@ class Access:
 
     def refusal(self, path: str, headers: Any, address: str) -> str:
         """Why a request that came in at `address` is refused; empty if it is not."""
-        names = [name.lower() for name, _ in _items(headers)]
+        names = [name.lower() for name, _ in getattr(headers, "raw_items", headers.items)()]
         if twice := [name for name in names if names.count(name) > 1]:
             return f"two headers {twice[0]!r:.40}"
         host, origin = headers.get("Host", ""), headers.get("Origin")
@@ -277,7 +277,3 @@ def _note_failure(_loop: Any, context: dict[str, Any]) -> None:
 
 def _peer(connection: Any) -> str:
     return str((connection.remote_address or ("somebody",))[0])
-
-
-def _items(headers: Any) -> Any:
-    return headers.raw_items() if hasattr(headers, "raw_items") else headers.items()
