@@ -24,14 +24,15 @@ from websockets.typing import Subprotocol
 from .cases import FRAMES, Draw
 
 SERVER = """
-import time
+import os, time
 from truejoint.monitor.process import ArmView
 from truejoint.monitor.samples import Condition
 from truejoint.robots import get_robot
 view = ArmView(get_robot("raven2"), lambda name: None, host="127.0.0.1", port=0)
 names = [view.pause._impl.uuid, view.resume._impl.uuid, view._joint._impl.uuid]
 print(view.url, *names, flush=True)
-while True:
+started_by = os.getppid()
+while os.getppid() == started_by:
     view.show(None, Condition("ENABLED"))
     view.draw()
     time.sleep(0.1)

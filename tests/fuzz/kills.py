@@ -139,8 +139,9 @@ class Kills:
                 wrong.append(f"{path.name} is not whole")
         for path in self.trial.rglob("*"):
             is_new = not (self.base / path.relative_to(self.trial)).exists()
-            is_rest = path.suffix == ".part" or ".unfinished" in path.name
-            if is_new and path.is_file() and (not is_rest or moment in {"two writers"}):
+            # A recording that was stopped is kept under a name that says so.
+            is_rest = path.suffix == ".part" or {".unfinished", ".partial"} & set(path.suffixes)
+            if is_new and path.is_file() and (not is_rest or moment == "two writers"):
                 wrong.append(f"{path.name} is left")
             if is_rest and path.suffix == ".part" and moment in {"SIGINT", "full disk"}:
                 wrong.append(f"{path.name} is left")
