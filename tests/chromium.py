@@ -10,6 +10,7 @@ import json
 import shutil
 import subprocess
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -28,10 +29,12 @@ _LIMIT = 60.0  # [s] for anything
 class Chromium:
     """One page of a browser of its own; `folder` keeps its profile."""
 
-    def __init__(self, folder: Path, width: int = 1280, height: int = 800) -> None:
+    def __init__(
+        self, folder: Path, width: int = 1280, height: int = 800, flags: Sequence[str] = ()
+    ) -> None:
         profile = folder / "profile"
         self._process = subprocess.Popen(
-            [FOUND or "chromium", *_FLAGS, f"--user-data-dir={profile}",
+            [FOUND or "chromium", *_FLAGS, *flags, f"--user-data-dir={profile}",
              f"--window-size={width},{height}", "about:blank"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip

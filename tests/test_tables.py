@@ -1,8 +1,10 @@
 import math
 
+import pandas as pd
 import pytest
 
 from truejoint.tables import (
+    csv_text,
     decimals_for,
     fixed,
     percent_text,
@@ -48,4 +50,13 @@ def test_a_spread_too_small_for_its_decimals_is_not_shown_as_none() -> None:
 def test_a_share_is_not_rounded_to_nothing_nor_to_all() -> None:
     assert [share_text(x) for x in (0.0, 0.004, 0.042, 0.53, 0.997, 1.0)] == [
         "0 %", "0.4 %", "4.2 %", "53 %", "99.7 %", "100 %",
+    ]  # fmt: skip
+
+
+def test_no_text_of_a_csv_is_a_formula_or_steers_a_terminal() -> None:
+    frame = pd.DataFrame({"=a": ["=1", "+1", "-1", "@x", "a=1", "\x1b[31m"], "b": [-1.5] * 6})
+    lines = csv_text(frame).splitlines()
+    assert lines[0] == "'=a,b"
+    assert [line.removesuffix(",-1.5") for line in lines[1:]] == [
+        "'=1", "'+1", "'-1", "'@x", "a=1", "\\x1b[31m",
     ]  # fmt: skip

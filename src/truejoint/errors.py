@@ -2,8 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from difflib import get_close_matches
+from typing import Final
+
+# Control characters but tab and line end, marks that turn the direction of text, half characters.
+_UNSAFE: Final = re.compile(
+    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
+)
 
 
 def unknown(kind: str, name: str, choices: Iterable[str]) -> str:
@@ -34,6 +41,36 @@ def meant(name: str, choices: Iterable[str]) -> str:
         alike = [name for name in near if name.isdecimal() and len(name) == len(asked)]
         near = sorted(alike, key=lambda number: abs(int(number) - int(asked))) or near
     return f" did you mean {near[0]!r}?" if near else ""
+
+
+def printable(text: str) -> str:
+    r"""Text of anyone's as a person may see it: what could steer a terminal becomes an escape.
+
+    So does a byte of a file's name that is no UTF-8. Terminal and pages pass all text through here.
+
+    Examples
+    --------
+    >>> printable("run\x1b[31m\udcff.csv")
+    'run\\x1b[31m\\xff.csv'
+    """
+    return _UNSAFE.sub(_escape, text)
+
+
+def _escape(match: re.Match[str]) -> str:
+    code = ord(match[0])
+    byte = code - 0xDC00 if 0xDC80 <= code <= 0xDCFF else code  # as `os.fsdecode` keeps bytes
+    return chr(byte).encode("unicode_escape").decode()
+
+
+def shown_text(value: object) -> object:
+    r"""Give what a template shows of a value: `printable` text, unless it is markup already.
+
+    Examples
+    --------
+    >>> shown_text("run\x1b[31m.csv"), shown_text(1.5)
+    ('run\\x1b[31m.csv', 1.5)
+    """
+    return printable(value) if isinstance(value, str) and not hasattr(value, "__html__") else value
 
 
 def words(error: BaseException, most: int = 100) -> str:

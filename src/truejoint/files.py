@@ -14,7 +14,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from truejoint.errors import TruejointError
+from truejoint.errors import TruejointError, words
 
 if TYPE_CHECKING:  # a command that only answers does without NumPy
     from truejoint.array_types import Array
@@ -175,6 +175,17 @@ def read_small(path: Path, error: Kind, most: int, kind: str) -> bytes:
     if len(data) > most:
         raise error(f"{path}: holds more than {most} bytes; is it {kind}?")
     return data
+
+
+def head_of(path: Path, most: int) -> bytes:
+    """First bytes of a file, at most so many; none where there is no file."""
+    try:
+        if not path.is_file():
+            return b""
+        with path.open("rb") as file:
+            return file.read(most)
+    except (OSError, ValueError) as fault:  # a name that no file can have
+        raise TruejointError(f"{path}: cannot be read ({words(fault)}); check the path") from None
 
 
 def require_ordinary(path: Path, error: Kind) -> None:

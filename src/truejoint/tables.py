@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from rich import box
@@ -13,8 +13,13 @@ from rich import table as rich_table
 from rich.text import Text
 
 from truejoint.array_types import Array
+from truejoint.errors import printable
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 DASH: Final = "\N{EN DASH}"
+_FORMULA: Final = ("=", "+", "-", "@", "\t", "\r")
 _CELL: Final = 24
 """Cells up to this wide are kept in one piece."""
 
@@ -81,6 +86,28 @@ def median_text(values: Array, decimals: int = 2) -> str:
         return DASH
     middle, largest = (fixed(float(f(values)), decimals) for f in (np.median, np.max))
     return f"{middle} ({largest})"
+
+
+def csv_text(frame: DataFrame) -> str:
+    r"""CSV of a table in which no text is a formula to a spreadsheet.
+
+    A text that begins like one gets an apostrophe before it; all are `printable`.
+
+    Examples
+    --------
+    >>> csv_text(pd.DataFrame({"recording": ["=1+2"], "jaw": [-0.5]}))
+    "recording,jaw\\n'=1+2,-0.5\\n"
+    """
+
+    def quoted(cell: Any) -> Any:
+        if not isinstance(cell, str):
+            return cell
+        return f"'{printable(cell)}" if cell.startswith(_FORMULA) else printable(cell)
+
+    texts = frame.select_dtypes(exclude=["number", "bool"])
+    plain = frame.assign(**{str(name): column.map(quoted) for name, column in texts.items()})
+    header = [quoted(name) for name in frame.columns]
+    return plain.to_csv(index=False, header=header, lineterminator="\n")
 
 
 @dataclass(frozen=True)

@@ -176,7 +176,7 @@ def test_two_recordings_of_one_name_are_refused(call: Call, session: Path, tmp_p
 def test_show_tells_what_a_model_is(call: Call, session: Path) -> None:
     model = read_calibration(session / "m.st")
     (shown,) = json.loads(call("show", session / "m.st", "--json").out)["shown"]
-    assert shown["homings"] == "seed 0, homing 1"
+    assert shown["homings"] == ["seed 0, homing 1"]
     assert shown["sample"].split(", ") == list(model.loop_signals)
     assert [column["column"] for column in shown["columns"]] == list(model.signals)
     assert shown["columns"][1]["lowest"] == model.lower[1]

@@ -16,8 +16,9 @@ from hypothesis import strategies as st
 from tests.cli.conftest import Call
 
 import truejoint
-from truejoint.cli import app
-from truejoint.cli.console import one_line, printable
+from truejoint.cli import app, show
+from truejoint.cli.console import one_line
+from truejoint.errors import printable
 from truejoint.recordings import Provenance
 
 HUGE = "9" * 400
@@ -50,6 +51,39 @@ def test_a_name_is_shown_as_it_is_but_for_what_steers(
     assert "\x1b" not in result.err
     assert (printable(name) if "\n" not in name else "two lines") in result.err
     assert result.err.splitlines()[-1].startswith("truejoint: ")
+
+
+def test_a_name_that_is_no_utf8_is_read_and_written(
+    call: Call, session: Path, tmp_path: Path
+) -> None:
+    recording, model = tmp_path / "r\udcff.parquet", tmp_path / "m\udcff.st"
+    recording.write_bytes((session / "random.parquet").read_bytes())
+    model.write_bytes((session / "m.st").read_bytes())
+    text = tmp_path / "c\udcff.csv"
+    text.write_text("t,measured/elbow\n0.0,0.1\n0.1,0.2\n")
+    for arguments in (
+        ("show", recording), ("show", model),
+        ("correct", model, recording, "-o", tmp_path / "o\udcff.csv"),
+        ("correct", model, recording, "-o", tmp_path / "o\udcff.parquet"),
+        ("extract", recording, "-o", tmp_path / "x\udcff.parquet"),
+        ("evaluate", model, recording, "--report", tmp_path / "e\udcff.html"),
+        ("columns", text, "--robot", "raven2", "-o", tmp_path / "t\udcff.toml"),
+    ):  # fmt: skip
+        result = call(*arguments)
+        assert result.code in {0, 1}, result.err
+        assert "\udcff" not in result.out + result.err
+    assert b"\\xff" in (tmp_path / "e\udcff.html").read_bytes()
+    assert len(list(tmp_path.iterdir())) == 8
+
+
+def test_what_cannot_be_read_is_named_and_a_long_list_is_cut(call: Call, session: Path) -> None:
+    result = call("show", "/proc/self/mem")
+    assert result.code == 2
+    assert result.err.startswith("truejoint: /proc/self/mem: cannot be read")
+    forty = {"homings": [f"h{k}" for k in range(40)], "interval_sessions": [{"load": 0.0}] * 40}
+    texts = dict(show._texts(forty))
+    assert texts["homings"].endswith("h11 and 28 more (--json)")
+    assert texts["interval_sessions"] == "40"
 
 
 def test_a_session_of_half_a_character_goes_into_any_output(

@@ -20,14 +20,16 @@ import sys
 import tempfile
 import time
 import traceback
+from collections import Counter
 from pathlib import Path
 
-from .cases import make, make_seeds
+from .cases import everything, make, make_seeds
 
 MEMORY = 1 << 30  # bytes
 LONGEST = 20  # s of processor time
 LONGEST_WAIT = 200  # s by the clock: for what waits for something that never comes
 BATCH = 500  # cases in one process
+COVERED: Counter[str] = Counter()  # how often the cases of this process tried what
 
 
 class TooLongError(BaseException):
@@ -43,7 +45,8 @@ def run_case(seed: int, number: int, seeds: Path, folder: Path) -> str | None:
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir()
     os.chdir(folder)
-    what, case = make(seed, number, seeds, folder)
+    what, case, covered = make(seed, number, seeds, folder)
+    COVERED.update(covered)
     signal.signal(signal.SIGVTALRM, stop)
     signal.signal(signal.SIGALRM, stop)
     signal.setitimer(signal.ITIMER_VIRTUAL, LONGEST)
@@ -65,12 +68,34 @@ def run_batch(seed: int, first: int, seeds: Path, folder: Path, at: mmap.mmap, e
     for number in range(first, first + BATCH):
         at[:8] = number.to_bytes(8, "little")
         if time.monotonic() > ends:
+            note_covered(seeds)
             os._exit(1)
         wrong = run_case(seed, number, seeds, folder)
         if wrong:
             with (seeds.parent / "found.jsonl").open("a") as file:
                 file.write(json.dumps([number, wrong]) + "\n")
+    note_covered(seeds)
     os._exit(0)
+
+
+def note_covered(seeds: Path) -> None:
+    """Add what the cases of this process tried to that of all."""
+    with (seeds.parent / "covered.jsonl").open("a") as file:
+        file.write(json.dumps(COVERED) + "\n")
+
+
+def report_covered(seeds: Path) -> None:
+    """Print how much of what can be tried was tried, by its kind."""
+    covered: Counter[str] = Counter()
+    for line in (seeds.parent / "covered.jsonl").read_text().splitlines():
+        covered.update(json.loads(line))
+    whole = everything(seeds)
+    for kind in sorted({name.split()[0] for name in whole}):
+        names = {name for name in whole if name.split()[0] == kind}
+        tried = sum(covered[name] for name in names)
+        print(f"  {kind}: {len(names & set(covered))} of {len(names)}, {tried} times")
+        for name in sorted(names - set(covered))[:20]:
+            print(f"    not tried: {name}")
 
 
 def main() -> int:
@@ -91,6 +116,7 @@ def main() -> int:
         print(f"seed {options.seed}, {options.minutes:g} minutes", flush=True)
         for warm in range(30):  # kernels and modules, before the memory is counted
             run_case(0, warm, seeds, folder)
+        COVERED.clear()
         at, ends, number = mmap.mmap(-1, 8), time.monotonic() + 60 * options.minutes, 0
         while time.monotonic() < ends:
             child = os.fork()
@@ -110,6 +136,7 @@ def main() -> int:
             case, wrong = json.loads(line)
             print(f"\n--seed {options.seed} --case {case}: {wrong}")
         print(f"\n{number} cases, seed {options.seed}: {len(lines)} went wrong")
+        report_covered(seeds)
     return bool(lines)
 
 

@@ -9,6 +9,7 @@ import truejoint
 from truejoint.errors import TruejointError
 
 from .cases import make, make_seeds, run
+from .kills import Kills
 
 
 @pytest.fixture(scope="module")
@@ -21,12 +22,11 @@ def seeds(tmp_path_factory):
 @pytest.mark.parametrize("number", range(40))
 def test_random_cases_work_or_are_refused(seeds, tmp_path, monkeypatch, number):
     monkeypatch.chdir(tmp_path)
-    _, case = make(1, number, seeds, tmp_path)
-    case()
+    make(1, number, seeds, tmp_path).run()
 
 
 def test_a_case_is_made_again_by_its_number(seeds, tmp_path):
-    assert make(1, 7, seeds, tmp_path)[0] == make(1, 7, seeds, tmp_path)[0]
+    assert make(1, 7, seeds, tmp_path).what == make(1, 7, seeds, tmp_path).what
 
 
 @pytest.mark.parametrize("duration", [-1.0, 0.0, np.nan])
@@ -35,6 +35,13 @@ def test_a_zero_is_not_looked_for_in_no_time(seeds, duration):
     test = truejoint.read_recording(seeds / "test.parquet")
     with pytest.raises(TruejointError, match="give more than 0 s"):
         truejoint.calibration.find_zero(model, test, duration)
+
+
+def test_what_is_killed_loses_no_file(tmp_path):
+    kills, rng = Kills(tmp_path), np.random.default_rng(1)
+    for _ in range(12):
+        what, wrong = kills.one(rng)
+        assert not wrong, f"{what}: {wrong}"
 
 
 WORDS = [

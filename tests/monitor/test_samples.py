@@ -100,6 +100,23 @@ def test_what_is_not_vouched_for_is_not_shown(jaw_recording, jaw_model, live):
     assert np.isfinite(row.reported).all()
 
 
+def test_a_braked_arm_that_stands_keeps_its_correction(jaw_recording, live):
+    state, _ = _blocks(jaw_recording, 0, 100)
+    assert live.row([state], []).status[0] == Status.OK
+    still = state.rows(np.full(400, 99))
+    still = replace(still, t=state.t[-1] + np.arange(1, 401) / 100)
+    rows = [
+        live.row([still.rows(slice(i, i + 4))], [], is_braked=is_braked)
+        for i, is_braked in zip(range(0, 400, 4), [True] * 50 + [False] * 50, strict=True)
+    ]
+    braked, moving = rows[49], rows[-1]
+    assert moving.status[0] == Status.FROZEN  # of an arm that should move it is a fault
+    assert np.isnan(moving.corrected).all()
+    assert braked.status[0] == Status.OK
+    assert braked.corrected - braked.reported == pytest.approx(rows[0].corrected - rows[0].reported)
+    assert np.isfinite(braked.half_width).all()
+
+
 def test_an_arm_faster_than_real_time_is_shown_where_it_is_now(jaw_recording):
     live = LiveSamples(get_robot("davinci_grasper"))
     n = MOST_ROWS + 100

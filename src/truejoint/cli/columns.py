@@ -8,7 +8,7 @@ from pathlib import Path
 import truejoint
 from truejoint.cli import options
 from truejoint.cli.console import out
-from truejoint.errors import RecordingError
+from truejoint.errors import RecordingError, printable
 from truejoint.files import check_target, write_atomically
 
 
@@ -23,6 +23,6 @@ def columns(path: Path, robot: str = "", output: Path | None = None, force: bool
     if output is None:
         out.print(text, end="", soft_wrap=True)
     else:
-        write = partial(Path.write_text, data=text, encoding="utf-8")
+        write = partial(Path.write_text, data=printable(text), encoding="utf-8")
         write_atomically(output, write, overwrite=force, error=RecordingError)
         out.print(f"{output}: mend it, then give it with --columns")

@@ -2,37 +2,22 @@
 
 from __future__ import annotations
 
-import re
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, cast
+from typing import TYPE_CHECKING, Any, cast
+
+from truejoint.errors import printable
 
 if TYPE_CHECKING:  # a shell that completes a word waits for what is imported
     from rich.console import Console, ConsoleOptions, RenderableType
     from rich.segment import Segment
 
-# Control characters but tab and line end, marks that turn the direction of text, half characters.
-_UNSAFE: Final = re.compile(
-    r"[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]"
-)
-
 # A file or pipe has no width of its own; neither tables nor lines are to be folded there.
 _LOG_WIDTH = 132
-
-
-def printable(text: str) -> str:
-    r"""Text of anyone's as it may be printed: what could steer a terminal becomes an escape.
-
-    Examples
-    --------
-    >>> printable("run\x1b[31m.csv")
-    'run\\x1b[31m.csv'
-    """
-    return _UNSAFE.sub(lambda match: match[0].encode("unicode_escape").decode(), text)
 
 
 def one_line(text: str) -> str:

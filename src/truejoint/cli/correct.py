@@ -169,6 +169,8 @@ def _write(
     """One table: of several recordings each row says of which it is."""
     import pandas as pd
 
+    from truejoint.tables import csv_text
+
     whole = tables[0]
     if len(tables) > 1:
         whole = pd.concat(dict(zip(names, tables, strict=True)), names=["recording", None])
@@ -182,7 +184,7 @@ def _write(
         whole[name] = (whole[name] / SI_UNITS.get(unit, ("", 1.0))[1]).round(_DECIMALS[name == "t"])
         if unit:
             whole = whole.rename(columns={name: f"{name} [{unit}]"})
-    write = partial(whole.to_csv, index=False)
+    write = partial(Path.write_text, data=csv_text(whole), encoding="utf-8")
     write_atomically(output, write, overwrite=force, error=RecordingError)
 
 

@@ -26,11 +26,12 @@ def monitor(
     seed: int | None = None,
     host: str = "127.0.0.1",
     port: int = 8080,
+    remote_control: bool = False,
 ) -> None:
     """Show an arm in the browser: reported, corrected and true pose, plots, statuses.
 
-    The page is on this computer alone. A simulated arm homes and moves in real time until Ctrl-C;
-    the page's buttons pause and resume it.
+    The page is on this computer alone unless --host says otherwise. A simulated arm homes and
+    moves in real time until Ctrl-C; the page's buttons pause and resume it.
     """
     calibration = None if model is None else truejoint.read_calibration(model)
     try:
@@ -50,7 +51,9 @@ def monitor(
                     robot or DEFAULT, arm_name, parameters=twin or "nominal", seed=seed or 0
                 )
                 arm = stack.enter_context(truejoint.crtk.Arm(truejoint.crtk.PacedBackend(made)))
-                live = truejoint.monitor.ArmPage(arm, calibration, host=host, port=port)
+                live = truejoint.monitor.ArmPage(
+                    arm, calibration, host=host, port=port, remote_control=remote_control
+                )
                 _open(stack.enter_context(live))
                 _move(arm, motions)
             _wait()

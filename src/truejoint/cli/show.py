@@ -11,6 +11,7 @@ from truejoint.cli import datasets, options
 from truejoint.cli.console import out, print_facts, print_table, shortened
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import Files
+from truejoint.files import head_of
 from truejoint.robots.catalogue import DEFAULT
 from truejoint.units import display_unit
 
@@ -56,10 +57,9 @@ def show(name: str, files: Files) -> Result:
 
 def _is_trajectory(path: Path) -> bool:
     """Whether a file begins as our trajectories do, or with the laboratory's three numbers."""
-    if path.suffix != ".csv" or not path.is_file():
+    if path.suffix != ".csv":
         return False
-    with path.open("rb") as file:
-        first = file.readline(1000)
+    first = head_of(path, 1000).partition(b"\n")[0]
     try:
         return first.startswith(b"# truejoint trajectory") or len(
             [float(field) for field in first.split(b",")]
@@ -93,10 +93,7 @@ def tell_trajectory(
 
 def is_model(path: Path) -> bool:
     """Whether a file begins as a safetensors file does: a length, then JSON."""
-    if not path.is_file():
-        return False
-    with path.open("rb") as file:
-        return file.read(9)[8:] == b"{"
+    return head_of(path, 9)[8:] == b"{"
 
 
 def _corrected_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
@@ -116,13 +113,12 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     ranges = zip(model.feature_set.features, model.lower, model.upper, strict=True)
     trained = {f.signal: (low, high) for f, low, high in ranges if f.operation == "value"}
     columns = [_column(name, model.units[name], trained.get(name, ())) for name in model.signals]
-    homings = ", ".join(model.origin.homing_ids)
     loads = {session.load for session in model.origin.sessions if session.load >= 0.0}
     facts = {
         **model.summary(),
         "features": ", ".join(model.feature_set.names),
         "sample": ", ".join(model.loop_signals),
-        "homings": homings or "any one, the first that the loop is told: training named none",
+        "homings": list(model.origin.homing_ids),
         "loads": ", ".join(f"{1000.0 * load:g} g" for load in sorted(loads)),
         **{key: value for key, value in model.facts.items() if key not in _TOLD},
         "sha256": sha256_of(path),
@@ -130,6 +126,8 @@ def model_facts(path: Path) -> tuple[dict[str, Any], list[dict[str, Any]]]:
     return facts, columns
 
 
+_ANY_HOMING: Final = "any one, the first that the loop is told: training named none"
+_MOST: Final = 12  # items of a list that are shown
 # What stands in a model's summary, or beside it in other words.
 _TOLD = frozenset({"estimator", "rows", "duration", "fit_seconds", "homing_ids", "held_out"})
 
@@ -164,15 +162,20 @@ def _column_texts(column: Mapping[str, Any]) -> list[str]:
 
 
 def _texts(facts: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Facts as text; of what is nested in them each a line, of sessions how many there are.
+    """Facts as text; of what is nested in them each a line, of a long list its beginning.
 
     Settings may hold a whole mechanism, of which begin and end are enough beside ``--json``.
     """
     for key, value in facts.items():
         if isinstance(value, Mapping):
             yield from ((f"{key}.{name}", text) for name, text in _texts(value))
-        elif isinstance(value, list):
-            yield key, f"{len(value)}" if key == "sessions" else ", ".join(map(str, value))
-        elif value not in (None, ""):
+        elif isinstance(value, list) and value and isinstance(value[0], Mapping):
+            yield key, f"{len(value)}"
+        elif key == "homings" and not value:
+            yield key, _ANY_HOMING
+        elif isinstance(value, list) and value:
+            more = f" and {len(value) - _MOST} more (--json)" if len(value) > _MOST else ""
+            yield key, ", ".join(map(str, value[:_MOST])) + more
+        elif value not in (None, "", []):
             text = f"{value:.6g}" if isinstance(value, float) else str(value)
             yield key, shortened(text, 300) if key == "settings" else text

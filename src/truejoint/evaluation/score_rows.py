@@ -32,6 +32,7 @@ from truejoint.recordings import JointCoverage
 from truejoint.tables import (
     DASH,
     Table,
+    csv_text,
     decimals_for,
     fixed,
     percent_text,
@@ -341,7 +342,7 @@ class ScoreTable:
 
     def csv(self) -> str:
         """All digits, one row per estimator."""
-        return self.data.to_csv(index=False, lineterminator="\n")
+        return csv_text(self.data)
 
     def latex(self) -> str:
         """Table as `booktabs` draws it, with as many decimals as the page shows."""

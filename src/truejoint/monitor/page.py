@@ -8,7 +8,6 @@ import socket
 import threading
 from collections.abc import Callable, Sequence
 from typing import Any, Final
-from urllib.parse import urlsplit
 
 import numpy as np
 
@@ -27,16 +26,16 @@ FRAME_RATE: Final = 25.0
 """Pictures a second."""
 PLOT_EVERY: Final = 5
 """Pictures after which the plots are drawn anew."""
-WINDOW: Final = 10.0
-"""Time that the plots show [s]."""
+WINDOW: Final = 60.0
+"""Time that the plots show at most [s]."""
+_SPANS: Final = ("10 s", f"{WINDOW:.0f} s")
 
-_LOOPBACK_NAMES: Final = ("127.0.0.1", "localhost")
 # The truth is a halo: what is right lies inside.
 _OPACITY: Final = {"reported": None, "corrected": None, "truth": 0.25}
 _THICKNESS: Final = {"reported": 0.7, "corrected": 0.72, "truth": 1.25}
 _NARROW: Final = 0.75  # width by height of a window
 _SIDES: Final = 8  # of a tube: without graphics hardware each corner costs
-_PANEL_WIDTH: Final = 384  # [px]
+_PANEL_WIDTH: Final = 416  # [px]
 _PLOT_HEIGHT: Final = 118  # [px]
 _WIDE, _TALL = 880, 170  # [px] of the plots where no arm is drawn
 _BAND: Final = {"series": (1, 2), "fill": panels.COLOURS["band"]}
@@ -67,10 +66,8 @@ class Page:
         self._window: Samples | None = None  # what the plots show
         self._since = 0  # pictures since they were drawn
         self._bodies: dict[str, _Body] = {}
-        self._plots: dict[str, Any] = {}
-        self._titles: dict[str, tuple[str, ...]] = {}
-        self._server = _listening(host, port)
-        self.url: Final = f"http://{host}:{self._server.get_port()}"
+        self._plots: dict[tuple[str, ...], Any] = {}  # by what they show
+        self._server, self.url, self.is_remote = _listening(host, port)
         self._lay_out(controls)
 
     def _lay_out(self, controls: Callable[[Any], None]) -> None:
@@ -100,9 +97,12 @@ class Page:
         panel.set_width(_PANEL_WIDTH if self._drawing is not None else _WIDE)
         self._plot_tab = panel.add_tab("Plots")
         with self._plot_tab:
-            self._joint = gui.add_dropdown("Joint", self._joints, order=0.0)
-            self._joint.visible = len(self._joints) > 1
+            several = (panels.EVERY,) if len(self._joints) > 1 else ()
+            self._joint = gui.add_dropdown("Joint", (*several, *self._joints), order=0.0)
+            self._joint.visible = bool(several)
+            self._span = gui.add_dropdown("Last", _SPANS, initial_value=_SPANS[-1], order=0.1)
         self._joint.on_update(lambda _: self._replot())
+        self._span.on_update(lambda _: self._replot())
 
     def close(self) -> None:
         """Let the port go."""
@@ -110,13 +110,21 @@ class Page:
             self._server.stop()
 
     def render(
-        self, samples: Samples | None, condition: Condition, *, at_once: bool = False
+        self,
+        samples: Samples | None,
+        condition: Condition,
+        *,
+        silence: float = 0.0,
+        at_once: bool = False,
     ) -> None:
-        """Show the last row of `samples`, and every few pictures or `at_once` all over time."""
+        """Show the last row of `samples`, and every few pictures or `at_once` all over time.
+
+        `silence` is for how long nothing has been heard [s].
+        """
         with self._lock, self._server.atomic():
             self._latest = samples
             self._since += 1
-            self._status.content = panels.status_html(condition, samples)
+            self._status.content = panels.status_html(condition, samples, silence)
             if samples is None:
                 return
             table = panels.table_html(samples, self._robot, is_fresh=condition.is_fresh)
@@ -133,9 +141,9 @@ class Page:
             client.add_notification("Refused", str(error), color="red", auto_close_seconds=8.0)
 
     def stopped(self, error: Exception) -> None:
-        """Say that nothing new will be shown, and why."""
-        condition = Condition("the page has stopped", str(error), is_fresh=False)
-        self._status.content = panels.status_html(condition, self._latest)
+        """Say that nothing new will be shown, and why; what was shown last turns grey."""
+        self.render(self._latest, Condition("the page has stopped", str(error), is_fresh=False))
+        self._server.flush()
 
     def _set_theme(self, *, dark: bool) -> None:
         self._server.gui.configure_theme(
@@ -202,38 +210,45 @@ class Page:
             body.show(name in poses, is_fresh)
 
     def _replot(self) -> None:
+        """Draw the plots; they are made anew only when other curves are known."""
         with self._lock, self._server.atomic():
-            if self._window is not None:
-                plots = panels.plots(self._window, self._robot, self._joint.value)
-                for name in panels.PLOTS:
-                    self._plot(name, plots.get(name))
+            if self._window is None:
+                return
+            span = float(self._span.value.removesuffix(" s"))
+            shown = self._window.window(self._window.t[-1], span).thinned()
+            plots = self._panels(shown, self._joint.value)
+            shapes = [(plot.y, *(curve.label for curve in plot.curves)) for plot in plots]
+            if shapes != list(self._plots):
+                for handle in self._plots.values():
+                    handle.remove()
+                with self._plot_tab:
+                    self._plots = {
+                        shape: self._add_plot(plot, 1.0 + k)
+                        for k, (shape, plot) in enumerate(zip(shapes, plots, strict=True))
+                    }
+            for handle, plot in zip(self._plots.values(), plots, strict=True):
+                handle.data = _data(plot)
 
-    def _plot(self, name: str, plot: Panel | None) -> None:
-        """Give a plot new values; made anew only when other curves are known."""
-        handle = self._plots.get(name)
-        if handle is not None:
-            handle.visible = plot is not None
-        if plot is None:
-            return
-        data = (plot.curves[0].x, *(curve.y for curve in plot.curves))
-        shape = (plot.y, *(curve.label for curve in plot.curves))
-        if handle is not None and shape == self._titles[name]:
-            handle.data = data
-            return
-        if handle is not None:
-            handle.remove()
-        with self._plot_tab:
-            self._plots[name] = self._server.gui.add_uplot(
-                data, _series(plot), title=plot.y,
-                height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
-                bands=(_BAND,) if len(plot.curves) > 2 and not plot.curves[1].label else (),
-                scales={"x": {"time": False}},
-                axes=(_axis(24), _axis(44)),
-                legend={"show": len(plot.curves) > 1, "live": False},
-                padding=(4, 12, 0, 0),
-                order=1.0 + panels.PLOTS.index(name),
-            )  # fmt: skip
-        self._titles[name] = shape
+    def _panels(self, samples: Samples, joint: str) -> list[Panel]:
+        """Give the plots of a joint over time, from above."""
+        return list(panels.plots(samples, self._robot, joint).values())
+
+    def _add_plot(self, plot: Panel, order: float) -> Any:
+        has_band = len(plot.curves) > 2 and not plot.curves[1].label
+        return self._server.gui.add_uplot(
+            _data(plot), _series(plot), title=plot.y,
+            height=_PLOT_HEIGHT if self._drawing is not None else _TALL,
+            bands=(_BAND,) if has_band else (),
+            scales={"x": {"time": False}},
+            axes=(_axis(24), _axis(44)),
+            legend={"show": sum(bool(curve.label) for curve in plot.curves) > 1, "live": False},
+            padding=(4, 12, 0, 0),
+            order=order,
+        )  # fmt: skip
+
+
+def _data(plot: Panel) -> tuple[Any, ...]:
+    return plot.curves[0].x, *(curve.y for curve in plot.curves)
 
 
 def _axis(size: int) -> dict[str, Any]:
@@ -300,53 +315,28 @@ def _rgb(colour: str) -> tuple[int, ...]:
     return tuple(int(colour[i : i + 2], 16) for i in (1, 3, 5))
 
 
-def _listening(host: str, port: int) -> Any:
-    """Give a server of viser's that talks to this computer's own pages, and to nobody outside."""
+def _listening(host: str, port: int) -> tuple[Any, str, bool]:
+    """Give a server of viser's behind `access`, its address, and whether others may reach it."""
     viser = require("viser", "monitor", "the monitor")
+    from truejoint.monitor import access  # noqa: PLC0415  # it needs what viser brings
+
     try:  # viser would look for another port, or forever
         with socket.create_server((host, port)):
             pass
-    except (OSError, OverflowError) as error:
+    except (OSError, OverflowError, UnicodeError) as error:
         why = (getattr(error, "strerror", None) or str(error)).partition(" (while ")[0]
         raise TruejointError(
             f"{host}, port {port}: cannot listen there: {why}; give another --port"
         ) from None
-    with _silent():
+    allowed = access.Access.of(host)
+    with _silent(), access.guarded(allowed):
         server = viser.ViserServer(host=host, port=port, verbose=False)
     if port and server.get_port() != port:
         with _silent():
             server.stop()
         raise TruejointError(f"{host}, port {port}: taken; give another --port")
     server.request_share_url = lambda **_: None  # whoever asks: nothing leaves this computer
-    sockets = server._websock_server  # viser looks at no origin itself
-
-    async def refuse_strangers(client: Any) -> None:
-        connection = sockets._live_connections[client.client_id]
-        if not is_own_page(connection.request.headers, host):
-            await connection.close(1008, "a page of another origin")
-
-    sockets.on_client_connect(refuse_strangers)
-    return server
-
-
-def is_own_page(headers: Any, host: str) -> bool:
-    """Whether a browser that wants to connect shows the monitor's own page.
-
-    Any page that is open in the same browser could connect and press the buttons. A browser says
-    of which origin the page is; programs, which need no browser to do so, say nothing.
-
-    Examples
-    --------
-    >>> is_own_page({"Origin": "http://evil.example", "Host": "127.0.0.1:8080"}, "127.0.0.1")
-    False
-    """
-    origin = headers.get("Origin")
-    if origin is None:
-        return True
-    asked = urlsplit(origin)
-    if asked.netloc != headers.get("Host"):
-        return False
-    return host not in _LOOPBACK_NAMES or asked.hostname in _LOOPBACK_NAMES
+    return server, allowed.url(server.get_port()), bool(allowed.token)
 
 
 @contextlib.contextmanager

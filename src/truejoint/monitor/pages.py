@@ -8,22 +8,26 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from typing import Any, Final, Self
 
 import numpy as np
 
 from truejoint.calibration import Calibration
 from truejoint.crtk.arm import Arm, as_arm
+from truejoint.drawing import Panel
 from truejoint.errors import TruejointError
 from truejoint.monitor.page import FRAME_RATE, LOOPBACK, PORT, WINDOW, Page
+from truejoint.monitor.panels import COLOURS, EVERY, overview
 from truejoint.monitor.process import PageProcess
 from truejoint.monitor.samples import MOST_ROWS, Condition, LiveSamples, Samples
 from truejoint.recordings.table.recording import Recording, as_recording
+from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
-_MOST_POINTS: Final = 600  # of a curve
 # A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s]:
 # a fifth of what makes a period late (`LoopTiming`).
 _SWITCH_INTERVAL: Final = 1e-4
@@ -91,9 +95,12 @@ class ArmPage(_Pictures):
     calibration : Calibration, optional
         Of this arm.
     host : str
-        Other computers reach the page, and its buttons, only where this says so.
+        Where the page listens. Beyond loopback its address holds a token, without which nobody
+        opens it, and it offers to pause the arm alone.
     port : int
         0 for any that is free.
+    remote_control : bool
+        Whether the page offers to resume the arm beyond loopback, too.
 
     Attributes
     ----------
@@ -126,13 +133,16 @@ class ArmPage(_Pictures):
         *,
         host: str = LOOPBACK,
         port: int = PORT,
+        remote_control: bool = False,
     ) -> None:
         self._arm = as_arm(arm)
         self._live = LiveSamples(arm.robot, calibration)
         self._inbox: deque[tuple[float, StateBlock | TruthBlock]] = deque(maxlen=2 * MOST_ROWS)
         self._last_arrival = math.nan
         self._refusal = ""
-        self._page: PageProcess = PageProcess(arm.robot, self._command, host=host, port=port)
+        self._page: PageProcess = PageProcess(
+            arm.robot, self._command, host=host, port=port, remote_control=remote_control
+        )
         self._switched = sys.getswitchinterval()
         sys.setswitchinterval(min(self._switched, _SWITCH_INTERVAL))
         arm.subscribe(self._receive)
@@ -187,7 +197,7 @@ class ArmPage(_Pictures):
         with suppress(Exception):  # no answer now: homed as it last said
             self._live.set_homing(self._arm.operating_state().is_homed, self._arm.homing_id)
         try:
-            return self._live.row(states, truths, float(longest))
+            return self._live.row(states, truths, float(longest), is_braked=condition.is_braked)
         except TruejointError as error:
             self._refusal = str(error)
             self._live = LiveSamples(self._arm.robot)
@@ -236,11 +246,12 @@ class RecordingPage(_Pictures):
     ) -> None:
         self._samples = Samples.of_recording(as_recording(recording), calibration)
         t = self._samples.t
-        self._t, self._end = round(float(t[0]), 2), round(float(t[-1]), 2)  # as they are shown
+        self._begin, self._end = round(float(t[0]), 2), round(float(t[-1]), 2)  # as they are shown
+        self._t = min(self._begin + WINDOW, self._end)  # so that there is something to see
         self._drawn = math.nan
         self._last = time.monotonic()
-        self._page: Page = Page(
-            recording.robot, self._samples.joints, self._add_controls, host=host, port=port
+        self._page: Page = _RecordingView(
+            recording.robot, self._samples, self._add_controls, host=host, port=port
         )
         self._start()
 
@@ -249,7 +260,7 @@ class RecordingPage(_Pictures):
             self._t = float(self._slider.value)
 
     def _add_controls(self, gui: Any) -> None:
-        self._slider = gui.add_slider("Time [s]", self._t, self._end, 0.01, self._t)
+        self._slider = gui.add_slider("Time [s]", self._begin, self._end, 0.01, self._t)
         self._slider.on_update(self._scrub)
         self._play = gui.add_checkbox("Play", initial_value=False)
         self._speed = gui.add_dropdown("Speed", _SPEEDS, initial_value="1")
@@ -258,20 +269,36 @@ class RecordingPage(_Pictures):
         now = time.monotonic()
         passed, self._last = now - self._last, now
         if self._play.value:
+            self._t = self._t if self._t < self._end else self._begin  # played to its end: again
             self._t = min(self._t + passed * float(self._speed.value), self._end)
             self._slider.value = self._t
             self._play.value = self._t < self._end
         if self._t == self._drawn:
             return
         self._drawn = self._t
-        window, at_once = self.window(self._t), not self._play.value
-        condition = Condition("recording", t=float(window.t[-1]))
-        self._page.render(window, condition, at_once=at_once)
+        condition, at_once = Condition("recording", t=self._t), not self._play.value
+        self._page.render(self._samples.window(self._t, WINDOW), condition, at_once=at_once)
 
-    def window(self, t: float) -> Samples:
-        """Rows that the plots show at `t` [s]: the 10 s before it, thinned out to what is seen."""
-        last = max(int(np.searchsorted(self._samples.t, t, side="right")), 1)
-        first = min(int(np.searchsorted(self._samples.t, t - WINDOW)), last - 1)
-        step = max((last - first) // _MOST_POINTS, 1)
-        first += (last - 1 - first) % step  # the latest row is among them
-        return self._samples.rows(slice(first, last, step))
+
+class _RecordingView(Page):
+    """The page of a recording, with an overview of the whole of it above the other plots."""
+
+    def __init__(
+        self, robot: Robot, samples: Samples, controls: Callable[[Any], None], **place: Any
+    ) -> None:
+        self._whole = samples
+        super().__init__(robot, samples.joints, controls, **place)
+
+    def _panels(self, samples: Samples, joint: str) -> list[Panel]:
+        known = (*self._whole.calibrated, *self._whole.joints)
+        whole = self._overview(known[0] if joint == EVERY else joint)
+        # What the other plots show of it stands out; elsewhere that curve has no value.
+        line = whole.curves[0]
+        is_shown = (line.x >= samples.t[0]) & (line.x <= samples.t[-1])
+        values = np.where(is_shown, line.y, np.nan)
+        shown = replace(line, y=values, label="shown below", colour=COLOURS["corrected"])
+        return [replace(whole, curves=[line, shown]), *super()._panels(samples, joint)]
+
+    @cache  # noqa: B019  # as long as the page, of which there is one
+    def _overview(self, joint: str) -> Panel:
+        return overview(self._whole, self._robot, joint)

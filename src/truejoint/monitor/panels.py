@@ -13,6 +13,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Panel
+from truejoint.errors import shown_text
 from truejoint.monitor.samples import Condition, Samples
 from truejoint.robots import Robot
 from truejoint.runtime.status import Status
@@ -29,9 +30,9 @@ COLOURS: Final = {
     "fault": "#d1242f",
 }  # fmt: skip
 
+EVERY: Final = "all calibrated"
+"""In place of a joint."""
 _LATE: Final = 1.0  # [s]
-
-PLOTS: Final = ("position", "correction", "effort", "messages")
 
 
 def poses(samples: Samples, robot: Robot) -> dict[str, Array]:
@@ -56,44 +57,80 @@ def poses(samples: Samples, robot: Robot) -> dict[str, Array]:
     return shown
 
 
-def plots(samples: Samples, robot: Robot, joint: str) -> dict[str, Panel]:
-    """Give the plots of one joint, of `PLOTS` those of which something is known, by name.
+def plots(samples: Samples, robot: Robot, joint: str = EVERY) -> dict[str, Panel]:
+    """Give the plots of one joint, or of every calibrated one, of which something is known.
+
+    They go by their titles. A correction has its interval as a band; so has the error that is left
+    where the truth is known.
 
     Examples
     --------
-    >>> sorted(plots(Samples.of_recording(test, model), test.robot, "jaw"))
-    ['correction', 'effort', 'messages', 'position']
+    >>> list(plots(Samples.of_recording(test, model), test.robot))
+    ['correction of jaw [deg]', 'corrected - true, jaw [deg]', 'between state messages [ms]']
     """
+    every = samples.calibrated if joint == EVERY else ()
+    curves: dict[str, list[Curve]] = {}
+    for name in every or (samples.joints[0] if joint == EVERY else joint,):
+        curves |= _joint_curves(samples, robot, name, is_alone=not every)
+    interval = Curve(samples.t, 1e3 * samples.interval, "longest interval", COLOURS["setpoint"])
+    curves["between state messages [ms]"] = [interval]
+    panels = {title: Panel(_finite(lines, samples.t), y=title) for title, lines in curves.items()}
+    return {title: panel for title, panel in panels.items() if panel.curves}
+
+
+def _joint_curves(
+    samples: Samples, robot: Robot, joint: str, *, is_alone: bool
+) -> dict[str, list[Curve]]:
+    """Curves of a joint by title; with positions and effort where it `is_alone`."""
     k, unit = samples.joints.index(joint), display_unit(robot.joint(joint).unit)
     reported, truth = samples.reported[:, k], samples.truth[:, k]
-    correction, width = samples.corrected[:, k] - reported, samples.half_width[:, k]
+    corrected, width = samples.corrected[:, k], samples.half_width[:, k]
 
     def curve(label: str, colour: str, values: Array) -> Curve:
         return Curve(samples.t, values, label, COLOURS[colour])
 
-    bounds = [curve("", "band", unit.scale * (correction + side * width)) for side in (1, -1)]
-    errors = [
-        curve("corrected - reported", "corrected", unit.scale * correction),
-        curve("true - reported", "truth", unit.scale * (truth - reported)),
+    def with_band(values: Array, *more: Curve) -> list[Curve]:
+        bounds = [curve("", "band", unit.scale * (values + side * width)) for side in (1, -1)]
+        return [*(bounds if np.isfinite(width).any() else []), *more]
+
+    shown = f"{joint} [{unit.name}]"
+    positions = [
+        curve(title, name, unit.scale * getattr(samples, name)[:, k])
+        for name, title in TITLES.items()
     ]
-    curves = {
-        f"{joint} [{unit.name}]": [
-            curve(title, name, unit.scale * getattr(samples, name)[:, k])
-            for name, title in TITLES.items()
-        ],
-        f"error of {joint} [{unit.name}]": (bounds if np.isfinite(width).any() else []) + errors,
-        f"effort of {joint} [{samples.effort_units[k]}]": [
-            curve("reported", "reported", samples.effort[:, k])
-        ],
-        "between state messages [ms]": [
-            curve("longest interval", "setpoint", 1e3 * samples.interval)
-        ],
-    }
-    panels = {
-        name: Panel(_finite(lines, samples.t), y=title)
-        for name, (title, lines) in zip(PLOTS, curves.items(), strict=True)
-    }
-    return {name: panel for name, panel in panels.items() if panel.curves}
+    correction = with_band(
+        corrected - reported,
+        curve("corrected - reported", "corrected", unit.scale * (corrected - reported)),
+        curve("true - reported", "truth", unit.scale * (truth - reported)),
+    )
+    error = curve("corrected - true", "corrected", unit.scale * (corrected - truth))
+    curves = {f"correction of {shown}": correction}
+    if np.isfinite(corrected - truth).any():
+        curves[f"corrected - true, {shown}"] = with_band(np.zeros_like(truth), error)
+    if not is_alone:
+        return curves
+    effort = curve("reported", "reported", samples.effort[:, k])
+    return {shown: positions, **curves, f"effort of {joint} [{samples.effort_units[k]}]": [effort]}
+
+
+def overview(samples: Samples, robot: Robot, joint: str) -> Panel:
+    """Plot over a whole recording: what is left of a joint's error, else its correction.
+
+    Of each of its stretches the largest is shown. Without either it has no curves.
+    """
+    k, unit = samples.joints.index(joint), display_unit(robot.joint(joint).unit)
+    left = samples.corrected[:, k] - samples.truth[:, k]
+    for title, values in (
+        ("corrected - true", left),
+        ("corrected - reported", samples.corrected[:, k] - samples.reported[:, k]),
+        ("reported", samples.reported[:, k]),
+    ):
+        if np.isfinite(values).any():
+            rows = samples.largest(values)
+            rows = rows[np.isfinite(values[rows])]
+            curve = Curve(samples.t[rows], unit.scale * values[rows], title, COLOURS["setpoint"])
+            return Panel([curve], y=f"whole recording: {title}, {joint} [{unit.name}]")
+    return Panel([])
 
 
 def _finite(curves: Sequence[Curve], t: Array) -> list[Curve]:
@@ -109,16 +146,19 @@ def _finite(curves: Sequence[Curve], t: Array) -> list[Curve]:
     return [replace(c, x=t[rows], y=np.asarray(c.y)[rows]) for c in recent] if rows.any() else []
 
 
-def status_html(condition: Condition, samples: Samples | None) -> str:
-    """Say how the arm stands: state, why, clock, and what the corrector says."""
+def status_html(condition: Condition, samples: Samples | None, silence: float = 0.0) -> str:
+    """Say how the arm stands: state, why, clock, and what the corrector says.
+
+    `silence` is how long nothing has been heard [s], where the arm's own clock does not say.
+    """
     colour = COLOURS["truth" if not condition.reason else "reported"]
     if condition.state in ("FAULT", "no answer"):
         colour = COLOURS["fault"]
     if samples is None:
         return filled("status", colour, condition, None, "", "")
     t, age = float(samples.t[-1]), ""
-    if not condition.is_fresh and (seconds := condition.t - t) > 0.0:
-        age = f"{seconds:.1f} s" if seconds < 60.0 else f"{seconds / 60.0:.0f} min"
+    if not condition.is_fresh and (seconds := np.fmax(condition.t - t, silence)) > 0.0:
+        age = f"{seconds:.0f} s" if seconds < 120.0 else f"{seconds / 60.0:.0f} min"
     words = Status(int(samples.status[-1]))
     return filled("status", colour, condition, t, age, words.words if words else "")
 
@@ -131,7 +171,9 @@ def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
     >>> "0.2" in table_html(Samples.of_recording(test, model), test.robot, is_fresh=True)
     True
     """
-    columns = [name for name in POSES if np.isfinite(getattr(samples, name)).any()]
+    columns = {name: getattr(samples, name) for name in POSES}
+    columns["error"] = samples.corrected - samples.truth
+    columns = {name: values for name, values in columns.items() if np.isfinite(values).any()}
     has_effort = bool(np.isfinite(samples.effort).any())
     rows = []
     for k, joint in enumerate(samples.joints):
@@ -139,16 +181,18 @@ def table_html(samples: Samples, robot: Robot, *, is_fresh: bool) -> str:
         width = unit.scale * samples.half_width[-1, k]
         cells = [
             (
-                _number(unit.scale * getattr(samples, name)[-1, k], 2),
+                _number(unit.scale * values[-1, k], 2),
                 f"{width:.2f}" if name == "corrected" and np.isfinite(width) else "",
             )
-            for name in columns
+            for name, values in columns.items()
         ]
         effort = _number(samples.effort[-1, k], 3), samples.effort_units[k]
         rows.append(
             {"joint": joint, "unit": unit.name, "cells": cells, "effort": has_effort and effort}
         )
-    return filled("table", [(TITLES[name], COLOURS[name]) for name in columns], rows, is_fresh)
+    titles = TITLES | {"error": "error"}
+    header = [(titles[name], COLOURS.get(name, "inherit")) for name in columns]
+    return filled("table", header, rows, is_fresh)
 
 
 def filled(macro: str, *values: Any) -> str:
@@ -159,7 +203,9 @@ def filled(macro: str, *values: Any) -> str:
 @cache
 def _macros() -> Any:
     loader = jinja2.PackageLoader("truejoint.monitor", "assets")
-    environment = jinja2.Environment(loader=loader, autoescape=True, trim_blocks=True)
+    environment = jinja2.Environment(
+        loader=loader, autoescape=True, trim_blocks=True, finalize=shown_text
+    )
     return environment.get_template("samples.html.j2").module
 
 

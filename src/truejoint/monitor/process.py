@@ -12,11 +12,12 @@ import signal
 import subprocess
 import sys
 import threading
-from collections import deque
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
-from queue import SimpleQueue
+from queue import Empty, SimpleQueue
 from typing import Any, Final
 
 import numpy as np
@@ -32,18 +33,19 @@ COMMANDS: Final = ("pause", "resume")
 
 _NAMES: Final = ("joints", "effort_units")  # of samples: the rest are arrays
 _PATIENCE: Final = 2.0  # [s] for it to end by itself
+SILENCE: Final = 1.0
+"""Time without a line from who drives the arm [s] after which the page says so."""
+_LAST_WORDS: Final = 0.3  # [s] in which browsers hear that it ends
 
 
 class PageProcess:
     """Starts the process, and tells it what to show.
 
     `on_command` is called with one of `COMMANDS`, in a thread of its own, when a button is pressed.
-    Raises as `Page`.
+    `place` goes to `ArmView`. Raises as `Page`.
     """
 
-    def __init__(
-        self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
-    ) -> None:
+    def __init__(self, robot: Robot, on_command: Callable[[str], None], **place: Any) -> None:
         package = str(Path(truejoint.__file__).parents[1])
         paths = [package, *filter(None, [os.environ.get("PYTHONPATH")])]
         self._telling = threading.Lock()
@@ -59,7 +61,7 @@ class PageProcess:
         output: Any = self._process.stdout
         self._output = output
         with suppress(BrokenPipeError):
-            self._tell({"robot": robot.to_dict(), "host": host, "port": port})
+            self._tell({"robot": robot.to_dict(), "place": place})
         said: dict[str, str] = json.loads(output.readline() or "{}")
         if "url" not in said:
             self.close()
@@ -114,38 +116,53 @@ class PageProcess:
 
 
 class ArmView(Page):
-    """The page of an arm, in the process that draws it; `on_command` as of `PageProcess`."""
+    """The page of an arm, in the process that draws it; `on_command` as of `PageProcess`.
+
+    Where other computers reach it, it has no button that moves the arm without `remote_control`.
+    """
 
     def __init__(
-        self, robot: Robot, on_command: Callable[[str], None], *, host: str, port: int
+        self,
+        robot: Robot,
+        on_command: Callable[[str], None],
+        *,
+        host: str,
+        port: int,
+        remote_control: bool = False,
     ) -> None:
-        self._on_command = on_command
-        self.rows: deque[Samples] = deque(maxlen=round(WINDOW * FRAME_RATE))
+        self._on_command, self._remote_control = on_command, remote_control
+        self.samples: Samples | None = None  # all rows that the plots may show
         self._condition = Condition("no answer", "the arm has said nothing yet", is_fresh=False)
-        self._samples: Samples | None = None  # all rows, once joined
+        self._heard = self._reported = time.monotonic()
         super().__init__(robot, robot.joint_names, self._add_buttons, host=host, port=port)
 
     def show(self, row: Samples | None, condition: Condition) -> None:
         """Take what is to be shown in the next picture."""
-        self._condition = condition
+        self._condition, self._heard = condition, time.monotonic()
         if row is not None:
-            self.rows.append(row)
-            self._samples = None
+            self._reported = self._heard
+            latest = slice(-round(WINDOW * FRAME_RATE), None)
+            before = [] if self.samples is None else [self.samples]
+            self.samples = Samples.joined([*before, row]).rows(latest)
 
     def draw(self) -> None:
         """Make a picture of what is to be shown by now."""
-        if self._samples is None and self.rows:
-            self._samples = Samples.joined(self.rows)
-        paused = self._condition.state.startswith("PAUSED")
-        if self.resume.visible != paused:
+        now, condition = time.monotonic(), self._condition
+        if now - self._heard > SILENCE:
+            why = f"of the program that drives the arm; it said last: {condition.state}"
+            condition = replace(condition, state="no answer", reason=why, is_fresh=False)
+        paused = condition.state.startswith("PAUSED")
+        if self.resume is not None and self.resume.visible != paused:
             self.resume.visible = paused
-        self.render(self._samples, self._condition)
+        self.render(self.samples, condition, silence=now - self._reported)
 
     def _add_buttons(self, gui: Any) -> None:
-        pause = gui.add_button("Pause the arm", color="red")
-        pause.on_click(lambda _: self._on_command("pause"))
-        self.resume = gui.add_button("Resume", visible=False)
-        self.resume.on_click(lambda _: self._on_command("resume"))
+        self.pause = gui.add_button("Pause the arm", color="red")
+        self.pause.on_click(lambda _: self._on_command("pause"))
+        self.resume: Any = None
+        if self._remote_control or not self.is_remote:
+            self.resume = gui.add_button("Resume", visible=False)
+            self.resume.on_click(lambda _: self._on_command("resume"))
 
 
 def _plain(row: Samples) -> dict[str, Any]:
@@ -171,9 +188,8 @@ def main() -> None:
 
     asked = json.loads(sys.stdin.readline())
     robot = Robot.from_dict(asked["robot"], "the arm")
-    place = {"host": asked["host"], "port": asked["port"]}
     try:
-        view = ArmView(robot, lambda name: tell(command=name), **place)
+        view = ArmView(robot, lambda name: tell(command=name), **asked["place"])
     except TruejointError as error:
         tell(error=str(error))
         return
@@ -189,15 +205,20 @@ def main() -> None:
             messages.put(message)
     messages.put(None)
     drawing.join(_PATIENCE)
+    view.stopped(TruejointError("the program that drives the arm has ended"))
+    time.sleep(_LAST_WORDS)
     view.close()
 
 
 def _draw(view: ArmView, messages: SimpleQueue[dict[str, Any] | None]) -> None:
     """Draw what comes, all that has come meanwhile in one picture, until None comes."""
     try:
-        while (message := messages.get()) is not None:
-            row = message["row"]
-            view.show(None if row is None else _samples(row), Condition(**message["condition"]))
+        while True:
+            with suppress(Empty):
+                if (message := messages.get(timeout=SILENCE)) is None:
+                    return
+                row = message["row"]
+                view.show(None if row is None else _samples(row), Condition(**message["condition"]))
             if messages.empty():
                 view.draw()
     except Exception as error:

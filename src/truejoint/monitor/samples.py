@@ -24,6 +24,8 @@ if TYPE_CHECKING:  # the process that draws needs neither them nor the corrector
 MOST_ROWS: Final = 5000
 """State messages that are corrected for one picture; of more, as an arm faster than real time
 sends them, the latest count."""
+MOST_POINTS: Final = 600
+"""Of a curve."""
 _TRUTH_AGE: Final = 0.15  # of the latest reading of the joint encoders [s], to count as the truth
 _STAMP_ERROR: Final = 1e-4  # [s]
 
@@ -61,9 +63,35 @@ class Samples:
         }
         return replace(parts[0], **rows)
 
-    def rows(self, selection: slice) -> Samples:
+    def rows(self, selection: slice | Integers) -> Samples:
         """Keep some rows."""
         return replace(self, **{name: getattr(self, name)[selection] for name in _ARRAYS})
+
+    def window(self, end: float, span: float) -> Samples:
+        """Rows of the last `span` until `end` [s], one at least."""
+        last = max(int(np.searchsorted(self.t, end, side="right")), 1)
+        return self.rows(slice(min(int(np.searchsorted(self.t, end - span)), last - 1), last))
+
+    def thinned(self) -> Samples:
+        """Rows that a curve shows, the latest among them."""
+        step = max(len(self) // MOST_POINTS, 1)
+        return self.rows(slice((len(self) - 1) % step, None, step))
+
+    def largest(self, values: Array) -> Integers:
+        """Rows of the largest of `values` (n,) in size, one in each of `MOST_POINTS` stretches."""
+        starts = np.unique(np.linspace(0, len(self), MOST_POINTS + 1, dtype=int)[:-1])
+        sizes = np.nan_to_num(np.abs(values), nan=-1.0)
+        ends = np.append(starts[1:], len(self))
+        pieces = zip(starts.tolist(), ends.tolist(), strict=True)
+        return np.array([start + int(np.argmax(sizes[start:end])) for start, end in pieces])
+
+    @property
+    def calibrated(self) -> tuple[str, ...]:
+        """Joints that are corrected somewhere; without any, those of which the truth is known."""
+        for values in (self.corrected, self.truth):
+            if (known := np.isfinite(values).any(axis=0)).any():
+                return tuple(np.array(self.joints)[known].tolist())
+        return ()
 
     @classmethod
     def of_recording(cls, recording: Recording, calibration: Calibration | None = None) -> Samples:
@@ -140,6 +168,8 @@ class LiveSamples:
             self._period = calibration.origin.sample_dt
         self._due = -math.inf  # stamp of the next sample [s]
         self._truth: TruthBlock | None = None  # latest readings
+        # Correction and half-width (n_joints,) that the corrector vouched for last.
+        self._held = np.full((2, len(names)), np.nan)
 
     def set_homing(self, is_homed: bool, homing_id: str) -> None:
         """Tell the corrector whether the arm is homed, and which homing it is."""
@@ -147,9 +177,16 @@ class LiveSamples:
             self.corrector.set_homing(is_homed, homing_id or None)
 
     def row(
-        self, states: Sequence[StateBlock], truths: Sequence[TruthBlock], interval: float = math.nan
+        self,
+        states: Sequence[StateBlock],
+        truths: Sequence[TruthBlock],
+        interval: float = math.nan,
+        *,
+        is_braked: bool = False,
     ) -> Samples | None:
         """Correct consecutive state messages, one or more, and show one that has a truth.
+
+        Of an arm that `is_braked` signals may stand still: it keeps its correction.
 
         That is the latest one that a reading of the joint encoders follows, which are taken
         between the readings; without encoders the latest of all. None where the next reading is
@@ -168,6 +205,11 @@ class LiveSamples:
         corrected, half_width, status = self._correct(state, used, shown)
         if shown < 0:
             return None
+        reported = state.measured[shown, self._channels]
+        if np.isfinite(corrected).any():
+            self._held = np.stack([corrected - reported, half_width])
+        elif is_braked and status == Status.FROZEN:
+            corrected, half_width, status = reported + self._held[0], self._held[1], Status.OK
         truth, effort = np.full((2, len(self.robot.joints)), np.nan)
         if readings is not None:
             for name, positions in zip(readings.name, readings.position.T, strict=True):
@@ -178,7 +220,7 @@ class LiveSamples:
         return Samples(
             joints=self.robot.joint_names,
             t=state.t[[shown]],
-            reported=state.measured[[shown]][:, self._channels],
+            reported=reported[None],
             corrected=corrected[None],
             half_width=half_width[None],
             truth=truth[None],
@@ -256,6 +298,11 @@ class Condition:
     reason: str = ""  # why it takes no commands, or reports nothing new; empty where all is well
     is_fresh: bool = True  # whether the latest sample is of now
     t: float = math.nan  # now, on the robot's clock [s]; NaN if it does not say
+
+    @property
+    def is_braked(self) -> bool:
+        """Whether the arm stands because it was told to."""
+        return self.state in ("PAUSED", "DISABLED")
 
     @classmethod
     def of(cls, arm: Arm) -> Self:

@@ -5,11 +5,13 @@ from __future__ import annotations
 import importlib.metadata
 import json
 import platform
+import re
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
+from hashlib import sha256
 from importlib.resources import files
 from itertools import combinations, cycle
 from pathlib import Path
@@ -19,7 +21,7 @@ import jinja2
 import numpy as np
 
 from truejoint import drawing
-from truejoint.errors import CalibrationError, RecordingError
+from truejoint.errors import CalibrationError, RecordingError, printable, shown_text
 from truejoint.evaluation import score_rows as view
 from truejoint.evaluation.paired_test import compare, cycle_rows
 from truejoint.evaluation.report import figures, plot
@@ -40,6 +42,9 @@ if TYPE_CHECKING:
     from truejoint.tip import TouchReport
 
 _DATA_URI: Final = "data:text/plain;base64,"
+_POLICY: Final = "script-src 'self'"  # as the template has it
+_SCRIPT: Final = re.compile(r"<script>(.*?)</script>", re.DOTALL)
+_ESCAPED: Final = re.compile(r"\\ud[89ab]..\\ud[c-f]..|\\u.{4}|\\.")  # what JSON's writer escapes
 _PACKAGES: Final = ("truejoint", "numpy", "scipy", "numba", "scikit-learn", "pandas")
 
 
@@ -322,7 +327,11 @@ def render_figures(template: str, drawn: Mapping[str, Iterable[plot.Figure]], **
 
 def render_page(template: str, *, package: str = __package__, **values: Any) -> str:
     """Fill a template of the ``assets`` of `package`, which extends our ``base.html.j2``."""
-    return _environment(package).get_template(template).render(**values, versions=versions())
+    page = _environment(package).get_template(template).render(**values, versions=versions())
+    # The page's own scripts run, no other does: a policy in it names each by its hash.
+    digests = (sha256(script.encode()).digest() for script in _SCRIPT.findall(page))
+    allowed = [f"'sha256-{b64encode(digest).decode()}'" for digest in digests]
+    return page.replace(_POLICY, " ".join(["script-src", *(allowed or ["'none'"])]), 1)
 
 
 @cache
@@ -331,13 +340,19 @@ def _environment(package: str) -> jinja2.Environment:
     loaders = [jinja2.PackageLoader(name, "assets") for name in (package, __package__)]
     return jinja2.Environment(
         autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True,
-        loader=jinja2.ChoiceLoader(loaders),
+        loader=jinja2.ChoiceLoader(loaders), finalize=shown_text,
     )  # fmt: skip
 
 
 def script_json(value: Any) -> str:
-    """JSON that may stand inside a script element: nothing in it can end the element."""
+    """JSON that may stand inside a script element: nothing in it can end the element.
+
+    Texts in it are `printable`.
+    """
     text = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    text = _ESCAPED.sub(
+        lambda found: json.dumps(printable(json.loads(f'"{found[0]}"')))[1:-1], text
+    )
     for character in "<>&\u2028\u2029":
         text = text.replace(character, f"\\u{ord(character):04x}")
     return text

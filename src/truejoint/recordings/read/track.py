@@ -225,7 +225,7 @@ def _text(head: Head) -> Array:
 
 def _parquet(source: Path) -> Array:
     try:
-        with pq.ParquetFile(source) as file:
+        with source.open("rb") as raw, pq.ParquetFile(raw) as file:
             names = _wanted(source, file.schema_arrow.names)
             check_size(source, file)
             table = file.read(columns=names, use_threads=False)

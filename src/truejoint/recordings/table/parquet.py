@@ -6,7 +6,6 @@ import json
 import os
 from collections.abc import Collection, Mapping
 from contextlib import suppress
-from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
@@ -204,7 +203,8 @@ def read_corrected(path: str | os.PathLike[str]) -> pd.DataFrame:
 def is_corrected(path: Path) -> bool:
     """Whether a file says that it is a table of corrected positions."""
     with suppress(pa.ArrowException, OSError, ValueError):
-        header = parse_header(pq.read_schema(path).metadata) or {}
+        with path.open("rb") as file:
+            header = parse_header(pq.read_schema(file).metadata) or {}
         return header.get("kind") == _CORRECTED
     return False
 
@@ -222,16 +222,24 @@ def _write(
         "use_dictionary": [name for name in columns if name not in numbers],
         "use_byte_stream_split": list(numbers),
     }
-    write = partial(pq.write_table, pa.table(columns, metadata=metadata), **packing)
+    table = pa.table(columns, metadata=metadata)
+
+    def write(path: Path) -> None:
+        with path.open("wb") as file:  # Arrow itself opens no name that is not UTF-8
+            pq.write_table(table, file, **packing)
+
     write_atomically(path, write, overwrite=overwrite, error=RecordingError)
 
 
 def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], dict[str, Any]]:
     """Header and columns of a file, those in `texts` lists of text."""
     try:
-        with pq.ParquetFile(
-            source, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
-        ) as file:
+        with (
+            source.open("rb") as raw,
+            pq.ParquetFile(
+                raw, thrift_string_size_limit=_MAX_METADATA_BYTES, thrift_container_size_limit=10**6
+            ) as file,
+        ):
             check_size(source, file)
             header = _check_schema(source, file.schema_arrow, texts)
             table = file.read(use_threads=False)
