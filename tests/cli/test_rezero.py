@@ -53,6 +53,7 @@ def test_a_block_is_bolted_and_a_model_re_zeroed_by_it(call, folder, tmp_path):
     done = call("rezero", *arguments, "-o", model)
     assert done.code == 0, done.err
     assert "re-zeroed by 6 touches" in done.out
+    assert re.search(r"hold a move of the block by [\d.]+ mm since its pose was found", done.out)
     again = truejoint.read_calibration(model)
     assert again.offset[1] == pytest.approx(0.006, abs=0.003)
     assert again.zero.homing_id == "2"
@@ -208,7 +209,8 @@ def test_a_model_is_made_of_touches_alone(call, rests, tmp_path):
     how = ["--touches", rests / "t.csv", "--block", rests / "block.toml"]
     made = call(*arguments, *how, "--report", tmp_path / "touches.html")
     assert made.code == 0, made.err
-    assert re.search(r"the tip is within [\d.]+ mm ± [\d.]+ mm \(RMS\) in the block", made.out)
+    assert re.search(r"points left out in turn are [\d.]+ mm off", made.out)
+    assert re.search(r"at most [\d.]+ mm off near the touches, of which the noise", made.out)
     assert "zero of shoulder: not seen" in made.out
     assert "not seen" in call("show", tmp_path / "m.safetensors").out
     page = (tmp_path / "touches.html").read_text()

@@ -147,7 +147,7 @@ def test_each_point_is_judged_by_the_others():
 
 def test_points_of_another_plate_are_refused():
     rows = rows_of()
-    with pytest.raises(CalibrationError, match="is this the block"):
+    with pytest.raises(CalibrationError, match="do not fit the others: are they all of this arm"):
         fit_rows(replace(rows, point=rows.point[::-1]), prior(pose_sd=0.0))
 
 

@@ -139,13 +139,15 @@ def test_a_guide_leads_an_arm_of_which_nothing_is_known(block):
     pose = design_pose(block, ROBOT)
     guide = Guide(learning(ROBOT, pose), 8)
     stops, verdicts = run(guide, block)
-    assert len({stop.dimple for stop in stops}) == len(guide.touches()) == 8
+    assert len({stop.dimple for stop in stops}) == 8
+    assert len(guide.touches()) == 9  # the fifth twice
+    assert stops[4].dimple == stops[5].dimple
     sd = [v.tip_sd for v in verdicts]
     assert sd[:3] == [None] * 3
     assert sd[7] < sd[3]
     helped = Guide(learning(ROBOT, pose, (fitted(),)), 5)
     _, judged = run(helped, block)
-    assert judged[4].tip_sd < 0.5 * sd[4]
+    assert judged[4].tip_sd < 0.7 * sd[4]
     with pytest.raises(CalibrationError, match="or a folder of 3 or more"):
         learning(ROBOT, pose, (replace(fitted(), machine=get_robot("raven2", "right")),))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +14,8 @@ from truejoint.errors import CalibrationError
 from truejoint.recordings import Recording
 from truejoint.runtime import Corrector
 from truejoint.tip import Block, Touches, calibrate_by_touch
-from truejoint.tip.block import TOUCH_SD
 from truejoint.tip.terms import Terms
+from truejoint.units import with_unit
 
 TRUE_ZERO = np.array([0.01, 0.02, 1e-3])
 
@@ -84,7 +85,7 @@ def test_the_tip_is_right_in_the_block(calibrated):
     uncorrected = raw.error(model.joints)
     assert error < 3e-4
     assert np.abs(uncorrected[:, 1]).mean() * 0.1 > 5 * error
-    assert report.left_out_error < 4e-4
+    assert 0.5 * error < report.tip.rms < 2.0 * error
     assert not report.fit.left_out.any()
 
 
@@ -97,7 +98,7 @@ def test_what_was_not_seen_is_said_and_no_joint_accuracy_stated(calibrated):
     with pytest.raises(CalibrationError, match="states no interval"):
         model.required_interval()
     assert (model.effort_baseline.residual >= report.zero_sd).all()
-    assert "30 touches; tip within" in str(model)
+    assert re.search(r"30 touches; tip [\d.]+ mm off near them, [\d.]+ mm over", str(model))
     assert "zero of shoulder: not seen" in str(model)
 
 
@@ -127,7 +128,7 @@ def test_wrong_touches_are_named_and_do_little_harm():
     shift = session(30, 2)[3] - session()[3]
     off = found - (true - shift @ ROTATION)
     assert np.sqrt((off**2).sum(axis=1).mean()) < 4e-4
-    assert report.left_out_error < 5e-4
+    assert report.tip.rms < 5e-4
 
 
 @pytest.mark.parametrize(
@@ -179,16 +180,25 @@ def test_the_size_of_a_print_is_found_by_a_prior_and_named_without():
     assert "measure it, and enter measured_mm" in told
     assert model.metadata["touch"]["scale"] == pytest.approx(0.99, abs=4 * report.fit.sd[-4])
     measured, calm = calibrate_by_touch(recording, touches, block)
-    assert not any("size" in text for text in calm.not_seen)
+    (taken,) = (text for text in calm.not_seen if text.startswith("size of the print"))
+    assert taken.startswith("size of the print: not seen, taken as stated; 1 % of it is 0.")
     assert measured.metadata["touch"]["scale"] == pytest.approx(1.0, abs=2e-3)
 
 
-def test_what_touches_state_has_a_deviation_of_its_own(calibrated):
-    _, report = calibrated
+def test_the_raw_error_is_stated_and_never_nothing(calibrated):
+    model, report = calibrated
     squares = (report.left_out**2).sum(axis=1)
-    expected = np.sqrt(max(squares.mean() - 3 * TOUCH_SD**2, 0.0))
-    assert report.left_out_error == pytest.approx(expected)
-    assert report.left_out_sd > 0.0
+    assert report.left_out_rms == pytest.approx(np.sqrt(squares.mean()))
+    assert report.tip.sd > 0.0
+    assert report.tip.rms > np.sqrt((report.fit.residual**2).sum(axis=1).mean() / 30)
+    assert model.metadata["touch"]["tip_error"] == report.tip.rms
+    assert report.workspace.rms > report.tip.rms
+    assert not report.is_measured
+    raw, most, where = report.statement
+    assert f"left out in turn are {with_unit(report.left_out_rms, 'm')} off" in raw
+    assert f"at most {with_unit(report.left_out_rms, 'm')} off" in most
+    assert "of which the noise that you stated may be 0.346 mm" in most
+    assert f"{report.reach:.0%} of which lies amid the touches" in where
     # Before: as measured, with the block laid over the tip.
     assert np.abs(report.before.mean(axis=0)).max() < 1e-9
     assert np.linalg.norm(report.before) > 2 * np.linalg.norm(report.left_out)

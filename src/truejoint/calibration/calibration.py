@@ -441,9 +441,9 @@ def _accuracy_summary(facts: Mapping[str, Any], estimator: str) -> dict[str, str
     about, touch, held_out = {}, facts.get("touch"), facts.get("held_out")
     try:
         if touch is not None:
-            near = with_unit(touch["left_out_error"], "m")
-            where = "in the block's frame"
-            about["truth"] = f"{touch['touches']} touches; tip within {near} {where}"
+            near, far = (with_unit(touch[k], "m") for k in ("tip_error", "tip_error_workspace"))
+            where = f"near them, {far} over the workspace, in the block's frame"
+            about["truth"] = f"{touch['touches']} touches; tip {near} off {where}"
             about["not seen"] = "; ".join(touch["not_seen"]) or "-"
         if held_out is not None:
             about["held out"] = "RMSE " + ", ".join(

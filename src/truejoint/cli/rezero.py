@@ -61,6 +61,12 @@ def rezero(
         zero, fit = truejoint.tip.zero_by_touch(calibration, loaded, made, pose, touch_sd=sd)
         result = _write(calibration, zero, new, report_touches(fit, made))
         out.print(f"{new.output}: re-zeroed by {len(made)} touches of {pose.title}")
+        move = with_unit(zero.details["unnoticed_move"], "m")
+        out.print(
+            f"The deviations hold a move of the block by {move} since its pose was found, which "
+            "these touches do not show; references do (docs/touch.md)",
+            soft_wrap=True,
+        )
         return result
     loaded = files.one(name, model=calibration)
     if source.motor is not None:

@@ -352,14 +352,8 @@ def calibrate(
     if report is not None:
         write_touch_report(fitted, touch_report, report, command=command, overwrite=new.force)
     report_touches(touch_report.fit, touch_report.touches)
-    near = with_unit(touch_report.left_out_error, "m")
-    sd_of_it = with_unit(touch_report.left_out_sd, "m")
-    out.print(
-        f"{new.output}: the tip is within {near} ± {sd_of_it} (RMS) in the block's frame, by "
-        "touches left out in turn",
-        soft_wrap=True,
-    )
-    for text in touch_report.not_seen:
+    out.print(f"{new.output}, in the block's frame:")
+    for text in (*touch_report.statement, *touch_report.not_seen):
         out.print(f"  {text}", soft_wrap=True)
     return Result({"model": str(new.output), "metadata": fitted.metadata})
 

@@ -29,6 +29,7 @@ TOUCH_SD: Final = 2e-4
 _COMMENTS: Final = {
     "calliper_mm": "Measure the print here with a calliper and enter measured_mm = ... below.",
     "rotation": "Where it stands in the robot's base.",
+    "references_mm": "Dimples that are bolted down on their own.",
     "points_mm": "Where the tip rests in each dimple, in the block's frame.",
     "covariance": "Of a turn about the block's axes [rad] and a shift along the base's [m].",
 }
@@ -56,6 +57,9 @@ class Block:
         The same by a calliper [m]; NaN until somebody measures it.
     rotation, translation : ndarray, shape (3, 3) and (3,)
         Where it is meant to stand in the robot's base [m], within a hand's breadth.
+    references : mapping of str to ndarray, shape (3,)
+        Dimples that are bolted down on their own, and show whether the block moves [m]: in its
+        frame, within 20 mm, and in a `BlockPose` as they were found.
 
     Raises
     ------
@@ -79,20 +83,19 @@ class Block:
     translation: Annotated[Array, Shape((3,)), Key("translation_mm", _MM)] = field(
         default_factory=lambda: np.zeros(3)
     )
+    references: Annotated[Mapping[str, Array], Key("references_mm", _MM), Length(0, 100)] = field(
+        default_factory=dict
+    )
 
     def __post_init__(self) -> None:
-        stated = self.points
-        if not isinstance(stated, Mapping) or not stated:
+        if not isinstance(self.points, Mapping) or not self.points:
             raise CalibrationError(f"block {self.name}: it has no dimples; give its points by name")
-        points: dict[str, Array] = {}
-        object.__setattr__(self, "points", points)
-        for number, values in stated.items():
-            points[number] = point = floats(values, f"dimple {number}", CalibrationError)
-            if point.shape != (3,) or not (np.abs(point) < _LARGEST).all():
-                raise CalibrationError(
-                    f"block {self.name}: dimple {number} is at {point.tolist()} m; want three "
-                    f"numbers of less than {_LARGEST:g} m"
-                )
+        if both := set(self.points) & set(self.references):
+            raise CalibrationError(
+                f"block {self.name}: {min(both)} is a dimple and a reference; name them apart"
+            )
+        for key in ("points", "references"):
+            object.__setattr__(self, key, self._checked(getattr(self, key)))
         if not 0.0 < self.calliper < 1.0:
             raise CalibrationError(f"block {self.name}: calliper length {self.calliper:g} m")
         if not (math.isnan(self.measured) or abs(self.measured / self.calliper - 1.0) < 0.03):
@@ -101,6 +104,17 @@ class Block:
                 f"{self.calliper / _MM:g} mm; more than 3 % off is another print: measure again"
             )
         check_rotation(self.rotation)
+
+    def _checked(self, stated: Mapping[str, Array]) -> dict[str, Array]:
+        points: dict[str, Array] = {}
+        for number, values in stated.items():
+            points[number] = point = floats(values, f"dimple {number}", CalibrationError)
+            if point.shape != (3,) or not (np.abs(point) < _LARGEST).all():
+                raise CalibrationError(
+                    f"block {self.name}: dimple {number} is at {point.tolist()} m; want three "
+                    f"numbers of less than {_LARGEST:g} m"
+                )
+        return points
 
     @property
     def scale(self) -> float:
@@ -114,13 +128,14 @@ class Block:
 
     def at(self, dimples: tuple[str, ...]) -> Array:
         """Points (m, 3) of dimples by number [m]; raises CalibrationError for one it has not."""
-        strange = [number for number in dimples if number not in self.points]
+        points = {**self.points, **self.references}
+        strange = [number for number in dimples if number not in points]
         if strange:
             raise CalibrationError(
                 f"block {self.name} has no dimple {strange[0]!r:.20} (it has "
                 f"{len(self.points)}); is this the block that was touched?"
             )
-        return np.array([self.points[number] for number in dimples])
+        return np.array([points[number] for number in dimples])
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,6 +34,8 @@ HUBER: Final = 2.8
 GATE: Final = 4.5
 """Points further than this from what the others expect [deviations] are outliers. In sets of 30
 good points, one set in two hundred has such a point."""
+NORM_MEDIAN: Final = 1.538
+"""Median of the length of three standard normal numbers."""
 _MOST_STEPS: Final = 50
 _SETTLED: Final = 1e-4  # of a parameter's standard deviation
 _OPEN: Final = 1e-13  # eigenvalue of the scaled normal equations below which a direction is open
@@ -435,8 +437,8 @@ def fit_rows(
         inlier[worst] = False
         if (~inlier).sum() > max(1, len(rows) // 5):
             raise CalibrationError(
-                f"{(~inlier).sum()} of {len(rows)} points do not fit the others: is this the "
-                "block that was touched, the arm that touched it, and its pose of this day?"
+                f"{(~inlier).sum()} of {len(rows)} points do not fit the others: are they all of "
+                "this arm, of this day and in this frame?"
             )
         state = fit.state
     # A point that was dropped beside a worse one may fit after all.
@@ -444,7 +446,7 @@ def fit_rows(
     return _fit_inliers(rows, prior, fit.state, inlier | back) if back.any() else fit
 
 
-def _whiten(rows: TipRows, inlier: Mask, state: TipState) -> Whitened:
+def whiten_rows(rows: TipRows, inlier: Mask, state: TipState) -> Whitened:
     """Equations in deviations that the rows state; outliers weigh nothing."""
     equations = rows.equations(state)
     white = Whitened.of(equations, equations.whitening(rows.joint_sd, np.array(rows.point_sd)))
@@ -459,13 +461,13 @@ def huber(distance: Array) -> Array:
 def _fit_inliers(rows: TipRows, prior: TipPrior, state: TipState, inlier: Mask) -> TipFit:
     """Fit to the inliers with Huber's weights, and judge every point."""
     free = np.flatnonzero(prior.free)
-    settled = gauss_newton(prior, state, lambda at: _whiten(rows, inlier, at))
+    settled = gauss_newton(prior, state, lambda at: whiten_rows(rows, inlier, at))
     if not settled.is_settled:
         raise CalibrationError(
             "the points do not settle on one correction; are they of this arm and this frame?"
         )
     state = settled.state
-    white = _whiten(rows, inlier, state)
+    white = whiten_rows(rows, inlier, state)
     jacobian, residual, weight = white.jacobian, white.residual, white.weight
     normal, _ = normal_equations(prior, state, white)
     inverse = inverted(normal[np.ix_(free, free)], prior, free)

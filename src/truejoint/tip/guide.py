@@ -22,10 +22,9 @@ if TYPE_CHECKING:
     from truejoint.calibration.calibration import Calibration
     from truejoint.recordings import Recording
 
-HOMING_SD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
-"""By how much a homing moves a zero, widely."""
 STAND_SD: Final = (0.1, 0.02)
 """How far a block stands from where it is meant to [rad, m]."""
+_REPEATED: Final = 5  # Each such touch is made twice
 _IMPROVEMENTS: Final = 20  # passes of shortening the way
 
 
@@ -63,6 +62,9 @@ class Task:
     fit: Callable[[Recording, touch.Touches], TipFit]
     # Whether the zeros alone count in the stated deviation of the tip, and not the block's pose
     is_zero_alone: bool = False
+    # Whether every fifth touch is made twice, which measures what a touch errs; references of the
+    # block are touched where it is not
+    has_repeats: bool = False
 
     def tip_sd(self, rows: TipRows, fit: TipFit) -> float:
         """Deviation of the tip [m] over all dimples, by what the touches leave open."""
@@ -82,7 +84,7 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
     """
     touch.check_pose(calibration, pose)
     robot, n = calibration.machine, len(calibration.joints)
-    homing = np.array([HOMING_SD[robot.joint(name).unit] for name in calibration.joints])
+    homing = touch.homing_sd(calibration)
     left = pose.joint_sd if len(pose.joint_sd) == n else homing / 10.0
 
     def unknowns(joint: Array, point: Array) -> tuple[TipRows, TipPrior]:
@@ -93,6 +95,7 @@ def of_model(calibration: Calibration, pose: BlockPose, *, finds_block: bool) ->
     def fit(recording: Recording, touches: touch.Touches) -> TipFit:
         if not finds_block:
             return touch.fit_zero(calibration, recording, touches, pose, homing)
+        touches = touches.among(pose.block.references, are_in=False)
         rows = touch.tip_rows(calibration, recording, touches, pose.block, offsets=False)
         return touch.fit_block(rows, pose.block)
 
@@ -118,9 +121,10 @@ def learning(robot: Robot, pose: BlockPose, priors: Sequence[Calibration] = ()) 
 
     def fit(recording: Recording, touches: touch.Touches) -> TipFit:
         features = touch.features_of(recording, terms)
-        return touch.fit_terms(recording, touches, block, terms, features, priors)[0]
+        asked = recording, touches, block, terms, features, priors
+        return touch.fit_terms(*asked, is_checked=False).fit
 
-    return Task(robot, pose, touch.fewest_touches(priors), unknowns, fit)
+    return Task(robot, pose, touch.fewest_touches(priors), unknowns, fit, has_repeats=True)
 
 
 def design_pose(block: Block, robot: Robot) -> BlockPose:
@@ -154,12 +158,16 @@ class Guide:
         moving = robot.index(robot.positioning if space is None else space.joints)
         speed = np.ones(len(moving)) if space is None else space.speed
         chosen = chosen[shortest_order(joint[chosen][:, moving], speed)]
-        sides = approach_sides(count, len(robot.positioning), seed)
-        self._stops = []
-        for k, side in zip(chosen, sides, strict=True):
+        self._references = {} if task.has_repeats else block.references
+        planned = [*self._references, *(names[k] for k in chosen)]
+        sides = approach_sides(len(planned), len(robot.positioning), seed)
+        self._stops: list[Stop] = []
+        for k, (name, side) in enumerate(zip(planned, sides, strict=True)):
             ways = ("rising" if sign < 0 else "falling" for sign in side)
             words = ", ".join(map(" ".join, zip(robot.positioning, ways, strict=True)))
-            self._stops.append(Stop(names[k], block.points[names[k]], side, words))
+            times = 2 if task.has_repeats and k % _REPEATED == _REPEATED - 1 else 1
+            stop = Stop(name, block.at((name,))[0], side, words)
+            self._stops += [replace(stop) for _ in range(times)]
         self._made: list[tuple[float, str]] = []
 
     def next_stop(self) -> Stop | None:
@@ -187,7 +195,8 @@ class Guide:
         touch.resting(recording, touch.Touches((stamp,), (stop.dimple,)))
         self._stops.remove(stop)
         self._made.append((stamp, stop.dimple))
-        if len(self._made) <= touch.FEWEST:
+        working = [name for _, name in self._made if name not in self._references]
+        if stop.dimple in self._references or len(working) <= touch.FEWEST:
             return Verdict(len(self._made), None, None)
         fit = self._task.fit(recording, self.touches())
         off = None

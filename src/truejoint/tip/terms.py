@@ -41,6 +41,7 @@ ALIKE: Final = 0.1
 FEWEST_ARMS: Final = 3
 """Calibrations of other arms that say how much arms differ."""
 _SHARES: Final = (1.0, 0.5, 0.25, 0.12, 0.06)  # of `WIDE`, of squares and plays
+_STEEP: Final = (1.0, 0.4, 0.15)  # of `WIDE`, of slopes
 _GROWN: Final = (1.0, 2.0, 4.0)  # factors by which an arm may differ more than the known ones
 _PROJECTED: Final = 2000  # rows of a recording on which a calibration is taken for its terms
 
@@ -182,10 +183,14 @@ class TermsPrior(NamedTuple):
 
 
 def wide_priors(terms: Terms) -> list[TermsPrior]:
-    """Expect little of any arm, with squares and plays smaller from one prior to the next."""
+    """Expect little of any arm, with all but the zeros smaller from one prior to the next."""
     nothing = np.zeros(len(terms.kinds))
     by_kind = [
-        WIDE | {kind: share * WIDE[kind] for kind in ("square", "play")} for share in _SHARES
+        WIDE
+        | {"slope": steep * WIDE["slope"]}
+        | {kind: share * WIDE[kind] for kind in ("square", "play")}
+        for steep in _STEEP
+        for share in _SHARES
     ]
     return [TermsPrior(nothing, terms.sds(sds)) for sds in by_kind]
 

@@ -5,15 +5,16 @@ from __future__ import annotations
 import csv
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from itertools import chain
 from pathlib import Path
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from truejoint.array_types import Array, floats
+from truejoint.array_types import Array, Integers, Mask, floats
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.compatibility import check_columns, source_of
 from truejoint.calibration.fit import calibrate
@@ -25,9 +26,51 @@ from truejoint.estimators.polynomial.run import of_degree
 from truejoint.features.feature_set import default_gap_limit
 from truejoint.files import read_small
 from truejoint.recordings import Recording
+from truejoint.robots import Robot
+from truejoint.tip.accuracy import (
+    Split,
+    TipError,
+    likeliest,
+    over_workspace,
+    places,
+    refitted,
+    repeat_noise,
+    repeated,
+    split_residuals,
+    tip_error,
+)
 from truejoint.tip.block import TOUCH_SD, Block, BlockPose
-from truejoint.tip.fit import SCALE, TipFit, TipPrior, TipRows, TipState, align, fit_rows
-from truejoint.tip.terms import LEFT, SPREAD, Terms, check_priors, learned_priors, wide_priors
+from truejoint.tip.faults import (
+    Trial,
+    find_fault,
+    fit_loosely,
+    mirrored,
+    moved_against,
+    moved_amid,
+    off_the_tip,
+    renumbered,
+    scaled,
+    shift_of,
+)
+from truejoint.tip.fit import (
+    SCALE,
+    TipFit,
+    TipPrior,
+    TipRows,
+    TipState,
+    align,
+    fit_rows,
+    whiten_rows,
+)
+from truejoint.tip.terms import (
+    LEFT,
+    SPREAD,
+    Terms,
+    TermsPrior,
+    check_priors,
+    learned_priors,
+    wide_priors,
+)
 from truejoint.units import shown, with_unit
 
 FEWEST: Final = 3
@@ -37,10 +80,16 @@ FEWEST_OF_BLOCK: Final = 2 * FEWEST
 _MISFIT: Final = 3.0
 """Squares of residuals, as a multiple of what is expected, beyond which nothing fits. Where block,
 arm and day are right they stay below two on ten arms whose errors are 2.5 times as stated."""
+_HOMING_SD: Final = {"rad": np.deg2rad(1.0), "m": 1e-3}
+"""By how much a homing moves a zero, widely."""
+_MOVES: Final = 11.3  # chi-square of three freedoms that one block in a hundred exceeds at rest
+_MOVED: Final = (0.02, 3e-3)  # rad and m per axis by which a block is looked for elsewhere
+_UNNOTICED: Final = (3e-3, 3e-4)  # the same of a move that touches may not show
+_PASSES: Final = 0.5  # of a homing, which may be a move of the block
 _FARTHEST: Final = {"rad": np.deg2rad(3.0), "m": 3e-3}
 """No homing moves a zero further; a block that has moved may look like one that does."""
-_FACTORS: Final = (1.0, 1.4, 2.0, 2.8, 4.0, 5.6, 8.0)
-"""By which errors of another motion are larger than the training's."""
+_ENLARGED: Final = 3.0  # times the training's errors, with which a block is first fitted
+_SPLITS: Final = 2  # rounds of choosing a prior and splitting the residuals
 _ROUNDS: Final = 5  # of moving the inputs of a model until its output fits
 REST: Final = 0.3
 """Time before a touch's stamp over which positions are averaged [s]."""
@@ -54,6 +103,10 @@ _SIDED: Final = 0.15  # of the touches that come from either side of each joint
 _SEEN: Final = 0.5  # of the prior deviation, above which a zero was not seen
 _SIZED: Final = 0.8  # the same of the size of a print
 _WORTH: Final = 5e-5  # effect of an unmeasured print's size on the tip that is reported [m]
+_STEEP: Final = 3.5  # deviations of a slope from what its prior expects that are refused
+_ODD: Final = 1.6  # of the noise that is stated
+_MEASURED: Final = 9  # degrees of freedom of repeats that measure a noise
+_STILL: Final = 0.1  # rad, way of a joint that counts as held
 _UNSURE: Final = 0.2  # deviation of a zero that is reported, in `SPREAD`
 _MAX_BYTES: Final = 1 << 20
 SHOT_SD: Final = 2.5e-4
@@ -100,6 +153,12 @@ class Touches:
 
     def __len__(self) -> int:
         return len(self.t)
+
+    def among(self, dimples: Container[str], *, are_in: bool = True) -> Touches:
+        """Touches of some dimples, or of all others; raises CalibrationError if there are none."""
+        rows = zip(self.t, self.dimple, strict=True)
+        chosen = [(t, name) for t, name in rows if (name in dimples) is are_in]
+        return Touches(tuple(t for t, _ in chosen), tuple(n for _, n in chosen), self.source)
 
 
 def read_touches(path: str | os.PathLike[str]) -> Touches:
@@ -268,10 +327,11 @@ def find_block(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
-    check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
-    rows = tip_rows(calibration, recording, touches, block, touch_sd=touch_sd, offsets=False)
+    working = touches.among(block.references, are_in=False)
+    check_count(working, FEWEST_OF_BLOCK, "find a block's pose")
+    rows = tip_rows(calibration, recording, working, block, touch_sd=touch_sd, offsets=False)
     fit = fit_block(rows, block)
-    _check_misfit(fit, touches)
+    _check_misfit(fit, working)
     robot, state = recording.robot, fit.state
     pose = BlockPose(
         block, robot.name, robot.arm, state.rotation, state.translation, fit.covariance[:6, :6],
@@ -279,7 +339,16 @@ def find_block(
         datetime.now(UTC).isoformat(timespec="seconds"), recording.provenance.homing_id,
         str(calibration.metadata.get("data_sha256", "")),
     )  # fmt: skip
-    return pose, fit
+    if len(working) == len(touches):
+        return replace(pose, block=replace(block, references={})), fit
+    others = touches.among(block.references)
+    rows = tip_rows(calibration, recording, others, block, touch_sd=touch_sd, offsets=False)
+    found = rows.point + rows.residual(state) / state.scale
+    references = {
+        name: found[[other == name for other in others.dimple]].mean(axis=0)
+        for name in dict.fromkeys(others.dimple)
+    }
+    return replace(pose, block=replace(block, references=references)), fit
 
 
 def fit_block(rows: TipRows, block: Block) -> TipFit:
@@ -290,23 +359,9 @@ def fit_block(rows: TipRows, block: Block) -> TipFit:
     rows of the fit state them.
     """
     prior = terms_prior(rows, block, np.empty(0), np.empty(0))
-    return fit_rows(with_estimated_errors(rows, prior), prior)
-
-
-def with_estimated_errors(rows: TipRows, prior: TipPrior) -> TipRows:
-    """Enlarge `joint_sd` by the factor that makes the points likeliest (restricted likelihood).
-
-    By 1 to 8, judged by the points that fit with the errors enlarged fourfold.
-    """
-    enlarged = [replace(rows, joint_sd=factor * rows.joint_sd) for factor in _FACTORS]
-    first = fit_rows(enlarged[len(_FACTORS) // 2], prior)
-    return enlarged[int(np.argmax([likelihood(each, prior, first) for each in enlarged]))]
-
-
-def likelihood(rows: TipRows, prior: TipPrior, first: TipFit) -> float:
-    """Logarithm of the restricted likelihood of the inliers of a `first` fit."""
-    inliers = rows.rows(~first.left_out)
-    return fit_rows(inliers, prior, gate=np.inf, start=first.state).evidence
+    loose = fit_loosely(rows.with_joint_sd(_ENLARGED * rows.corrected_sd), prior)
+    splits = split_residuals(loose, rows, np.arange(len(rows)), least=1.0)
+    return refitted(loose, rows, splits)
 
 
 def zero_prior(pose: BlockPose, offset_sd: Array) -> TipPrior:
@@ -347,8 +402,8 @@ def zero_by_touch(
     rezeroed = calibration.for_rezeroing
     before = rezeroed.offset
     for _ in range(_ROUNDS):
-        fit = fit_zero(rezeroed, recording, touches, pose, np.inf, touch_sd)
-        _check_misfit(fit, touches)
+        rows = zero_rows(rezeroed, recording, touches, pose, touch_sd)
+        fit = _fit_bolted(rows, pose, touches, homing_sd(calibration))
         moved = fit.state.coefficients
         for joint, offset in zip(calibration.joints, moved.tolist(), strict=True):
             unit = recording.robot.joint(joint).unit
@@ -363,9 +418,12 @@ def zero_by_touch(
         if rezeroed.moves is None or (np.abs(moved) < 0.1 * fit.sd[: len(moved)]).all():
             break
     offset = rezeroed.offset - before
+    move = _unnoticed_move(fit, pose, touches, offset)
+    moving = replace(pose, covariance=pose.covariance + move)
+    loose = zero_prior(moving, np.full(len(offset), np.inf))
     zero = Zero(
         offset,
-        fit.sd[: len(offset)],
+        fit_rows(rows, loose, start=fit.state).sd[: len(offset)],
         source="touch",
         file=recording.provenance.source,
         homing_id=recording.provenance.homing_id,
@@ -375,6 +433,7 @@ def zero_by_touch(
         details={
             "block": pose.title,
             "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
+            "unnoticed_move": float(np.sqrt(np.trace(move[3:, 3:]))),
         },
     )
     return zero, fit
@@ -392,11 +451,98 @@ def fit_zero(
 
     Raises as `tip_rows` and `fit_rows`.
     """
+    rows = zero_rows(calibration, recording, touches, pose, touch_sd)
+    return fit_rows(rows, zero_prior(pose, np.broadcast_to(offset_sd, len(rows.columns))))
+
+
+def zero_rows(
+    calibration: Calibration,
+    recording: Recording,
+    touches: Touches,
+    pose: BlockPose,
+    touch_sd: float,
+) -> TipRows:
+    """Rows of touches of a bolted block, with what the calibration leaves of each joint."""
     rows = tip_rows(calibration, recording, touches, pose.block, touch_sd=touch_sd)
-    n = len(rows.columns)
-    if len(pose.joint_sd) == n:
-        rows = rows.with_joint_sd(pose.joint_sd)
-    return fit_rows(rows, zero_prior(pose, np.broadcast_to(offset_sd, n)))
+    return rows.with_joint_sd(pose.joint_sd) if len(pose.joint_sd) == len(rows.columns) else rows
+
+
+def homing_sd(calibration: Calibration) -> Array:
+    """Deviation (n_joints,) by which a homing moves zeros, widely [rad or m]."""
+    machine = calibration.machine
+    return np.array([_HOMING_SD[machine.joint(name).unit] for name in calibration.joints])
+
+
+def _fit_bolted(rows: TipRows, pose: BlockPose, touches: Touches, homing: Array) -> TipFit:
+    """Fit offsets to touches of a bolted block; refuse them, by name, if it has moved."""
+    point = pose.scale * rows.point.mean(axis=0)
+    still, loose = zero_prior(pose, homing), zero_prior(_loosened(pose, _MOVED), homing)
+    is_fixed = _is_reference(pose, touches)
+
+    def words(fit: TipFit) -> str:
+        now, then = (at.rotation @ point + at.translation for at in (fit.state, pose))
+        far = with_unit(float(np.linalg.norm(now - then)), "m")
+        return (
+            f"when the block has moved by {far} since its pose was found: bolt it down, and find "
+            "its pose anew with a fresh calibration"
+        )
+
+    def check() -> None:
+        trials = chain(
+            [Trial(rows, loose, words)],
+            renumbered(rows, pose.block, touches.dimple, lambda _: still),
+            moved_against(rows, still, is_fixed, "the block") if is_fixed.any() else (),
+        )
+        if fault := find_fault(rows, still, trials, np.arange(len(rows))):
+            raise CalibrationError(f"{touches.source}: the points fit only {fault}")
+
+    try:
+        fit = fit_rows(rows, zero_prior(pose, np.full(len(homing), np.inf)))
+        _check_misfit(fit, touches)
+    except CalibrationError:
+        check()
+        raise
+    check()
+    return fit
+
+
+def _loosened(pose: BlockPose, sd: tuple[float, float]) -> BlockPose:
+    """Pose of a block that may have turned and moved by `sd` [rad, m] per axis since."""
+    return replace(pose, covariance=pose.covariance + np.diag(np.repeat(np.square(sd), 3)))
+
+
+def _is_reference(pose: BlockPose, touches: Touches) -> Mask:
+    """Which touches (m,) are of references."""
+    return np.array([name in pose.block.references for name in touches.dimple])
+
+
+def _unnoticed_move(fit: TipFit, pose: BlockPose, touches: Touches, offset: Array) -> Array:
+    """Covariance (6, 6) of a move of the block that would pass for a homing by `offset` (n,).
+
+    Half a millimetre, and half of what the offset does to the tip, unless touched references
+    say less. Refuses a block that has moved against them.
+    """
+    equations = fit.rows.equations(fit.state)
+    way = (equations.by_joint[:, :, list(fit.rows.columns)] @ offset).mean(axis=0)
+    seen = np.eye(3) * _UNNOTICED[1] ** 2 + np.outer(way, way) * _PASSES**2
+    still = _is_reference(pose, touches)
+    if still.any() and not still.all():
+        off, information = shift_of(fit, ~still)
+        # The references' own places were found by as many touches.
+        white = whiten_rows(fit.rows, still, fit.state)
+        turned = white.whitening.transpose(0, 2, 1) * white.weight[:, None, None]
+        spread = np.linalg.inv(information) + np.linalg.inv((turned @ white.whitening).sum(axis=0))
+        if off @ np.linalg.solve(spread, off) > _MOVES:
+            raise CalibrationError(
+                f"{touches.source}: the points fit only when the block has moved by "
+                f"{with_unit(float(np.linalg.norm(off)), 'm')} against its references since its "
+                "pose was found: bolt it down, and find its pose anew with a fresh calibration"
+            )
+        seen = np.linalg.inv(np.linalg.inv(spread) + np.linalg.inv(seen))
+    share = np.trace(seen) / (3.0 * _UNNOTICED[1] ** 2)
+    covariance = np.diag(np.repeat([share * _UNNOTICED[0] ** 2, 0.0], 3))
+    covariance[3:, 3:] = pose.rotation @ seen @ pose.rotation.T
+    return covariance
 
 
 def check_pose(calibration: Calibration, pose: BlockPose) -> None:
@@ -437,11 +583,19 @@ class TouchReport:
     ----------
     touches : Touches
     fit : TipFit
-    left_out_error : float
-        RMS distance [m] of the tip, in the block's frame, from points that a fit without them
-        expects, less the touches' own noise: the cross-validated error.
-    left_out_sd : float
-        Standard deviation of that [m].
+    left_out_rms : float
+        RMS distance [m] of points from where a fit without them expects them, as it is: the points'
+        own noise is in it.
+    tip, workspace : TipError
+        Error of the tip [m] in the block's frame, near the touches and over the workspace, by what
+        the fit leaves open and what joints keep.
+    reach : float
+        Share of the workspace that lies amid the touches.
+    is_measured : bool
+        Whether repeats measured the noise; else it is between what was stated and what residuals
+        allow.
+    stated_noise : float
+        Per axis [m].
     zero_sd : ndarray, shape (n_joints,)
         Standard deviation of each joint's zero amid the workspace [rad or m].
     not_seen : tuple of str
@@ -459,13 +613,35 @@ class TouchReport:
 
     touches: Touches
     fit: TipFit
-    left_out_error: float
-    left_out_sd: float
+    left_out_rms: float
+    tip: TipError
+    workspace: TipError
+    reach: float
+    is_measured: bool
+    stated_noise: float
     zero_sd: Array
     not_seen: tuple[str, ...]
     point: Array
     before: Array
     left_out: Array
+
+    @property
+    def statement(self) -> tuple[str, ...]:
+        """How far off the tip is, for a person: the raw error first."""
+        raw, noise = with_unit(self.left_out_rms, "m"), with_unit(self.fit.rows.point_sd, "m")
+        near = f"{with_unit(self.tip.rms, 'm')} ± {with_unit(self.tip.sd, 'm')}"
+        first = f"points left out in turn are {raw} off (RMS), their own noise in it"
+        if self.is_measured:
+            second = f"the tip is {near} off near the touches (noise {noise} per axis, by repeats)"
+        else:
+            stated = with_unit(math.sqrt(3.0) * self.stated_noise, "m")
+            second = (
+                f"the tip is at most {raw} off near the touches, of which the noise that you "
+                f"stated may be {stated}; by what the fit leaves open {near}"
+            )
+        far = with_unit(self.workspace.rms, "m")
+        third = f"over the workspace, {self.reach:.0%} of which lies amid the touches, {far}"
+        return first, second, third
 
 
 def calibrate_by_touch(
@@ -514,13 +690,14 @@ def calibrate_by_touch(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
+    touches = touches.among(block.points)
     check_count(touches, fewest_touches(priors), "calibrate")
     terms = Terms.of_workspace(recording.robot)
     features = features_of(recording, terms)
     _check_spread(recording, touches, block, terms, features, is_flat_fine=bool(priors))
-    fit, is_learned = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
-    unused = ["the prior: the touches are likelier without it, so it was not used"]
-    report = _report(touches, block, fit, terms, unused if priors and not is_learned else [])
+    fitting = fit_terms(recording, touches, block, terms, features, priors, touch_sd)
+    fit, is_learned = fitting.fit, fitting.is_learned
+    report = _report(touches, block, fitting, terms, recording.robot, has_priors=bool(priors))
     state, corrected_sd = fit.state, fit.rows.corrected_sd
     correction = terms.basis(*terms.columns(features)) @ state.coefficients
     table = {"t": recording.t} | {c: recording.column(c) for c in recording.units}
@@ -549,8 +726,13 @@ def calibrate_by_touch(
             "touches": len(touches),
             "prior": [prior.title for prior in priors] if is_learned else [],
             "left_out": [touches.dimple[i] for i in np.flatnonzero(fit.left_out)],
-            "left_out_error": report.left_out_error,
-            "left_out_sd": report.left_out_sd,
+            "left_out_rms": report.left_out_rms,
+            "tip_error": report.tip.rms,
+            "tip_error_sd": report.tip.sd,
+            "tip_error_workspace": report.workspace.rms,
+            "reach": report.reach,
+            "noise": fit.rows.point_sd,
+            "noise_is_measured": report.is_measured,
             "zero_sd": report.zero_sd.tolist(),
             "joint_sd": corrected_sd.tolist(),
             "scale": state.scale,
@@ -569,6 +751,16 @@ def features_of(recording: Recording, terms: Terms) -> Array:
     return terms.features.compute(recording, default_gap_limit([recording]))
 
 
+class TermsFit(NamedTuple):
+    """Terms and a block's pose that fit touches, and what the residuals are made of."""
+
+    fit: TipFit
+    is_learned: bool  # Whether the prior is of other calibrations
+    splits: list[Split]
+    place: Integers  # (m,), repeats of one place share a number
+    noise: float  # Stated standard deviation of a touch, per axis [m]
+
+
 def fit_terms(
     recording: Recording,
     touches: Touches,
@@ -577,29 +769,94 @@ def fit_terms(
     features: Array,
     priors: Sequence[Calibration],
     touch_sd: float = TOUCH_SD,
-) -> tuple[TipFit, bool]:
+    *,
+    is_checked: bool = True,
+) -> TermsFit:
     """Fit terms and a block's pose to touches, under the likeliest prior.
 
-    Also says whether that prior is of other calibrations.
-
-    `features` (n, k) are the terms', of the recording. The points themselves choose the prior and
-    the errors that joints keep (empirical Bayes). Raises as `fit_rows` and `resting`, and
-    CalibrationError for a prior of another robot or arm.
+    `features` (n, k) are the terms', of the recording. The points themselves choose the prior, the
+    errors that joints keep and what a touch errs (empirical Bayes). Raises as `fit_rows` and
+    `resting`, and CalibrationError for a prior of another robot or arm and, if it `is_checked`, for
+    points that fit only if something is wrong with them, which is named.
     """
     robot = recording.robot
     check_priors(priors, robot)
     measured = recording.columns("measured", robot.joint_names)
+    shared, plays = terms.columns(features)
     rows = TipRows.of(
         robot, at_rest(recording, touches, measured), terms.joints,
-        at_rest(recording, touches, terms.basis(*terms.columns(features))),
+        at_rest(recording, touches, terms.basis(shared, plays)),
         block.at(touches.dimple), touch_sd, LEFT * terms.scale,
     )  # fmt: skip
+    place = repeated(rows, at_rest(recording, touches, plays))
     learned = learned_priors(terms, priors, recording) if priors else []
-    candidates = [terms_prior(rows, block, *each) for each in [*learned, *wide_priors(terms)]]
-    first = fit_rows(rows, candidates[len(learned)])
-    best = int(np.argmax([likelihood(rows, prior, first) for prior in candidates]))
-    rows = with_estimated_errors(rows, candidates[best])
-    return fit_rows(rows, candidates[best], start=first.state), best < len(learned)
+    expected = [*learned, *wide_priors(terms)]
+    candidates = [terms_prior(rows, block, *each) for each in expected]
+    widest = expected[len(learned)]
+    try:
+        fit = fit_loosely(rows, candidates[len(learned)])
+        for _ in range(_SPLITS):
+            best = likeliest(fit, candidates)
+            fit = fit_rows(fit.rows, candidates[best], start=fit.state)
+            splits = split_residuals(fit, rows, place)
+            fit = refitted(fit, rows, splits)
+    except CalibrationError as error:
+        if is_checked:
+            _check_points(rows, touches, block, widest, place, str(error))
+        raise
+    is_learned = best < len(learned)
+    if is_checked:
+        widest = expected[best] if is_learned else widest
+        steep = _steep_slope(fit, terms, widest)
+        is_odd = bool(steep) or fit.rows.point_sd > _ODD * touch_sd
+        how = {"is_odd": is_odd, "is_sized": is_learned}
+        _check_points(rows, touches, block, widest, place, steep, **how)
+    return TermsFit(fit, is_learned, splits, place, touch_sd)
+
+
+def _steep_slope(fit: TipFit, terms: Terms, expected: TermsPrior) -> str:
+    """Say which joint's own slope is away from 1 by more than its prior allows; empty if none."""
+    own = [k for k, kind in enumerate(terms.kinds) if kind == "slope"][:: len(terms.joints) + 1]
+    off = (fit.state.coefficients - expected.mean)[own] / expected.sd[own]
+    k = int(np.argmax(np.abs(off)))
+    if abs(off[k]) < _STEEP:
+        return ""
+    per = terms.scale[k] / terms.half[k]
+    middle, reach = 1.0 + per * expected.mean[own[k]], _STEEP * per * expected.sd[own[k]]
+    return (
+        f"the slope of {terms.joints[k]} would be {1 + per * fit.state.coefficients[own[k]]:.2f}, "
+        f"where {middle - reach:.2f} to {middle + reach:.2f} is allowed; are the points of this "
+        "arm?"
+    )
+
+
+def _check_points(
+    rows: TipRows, touches: Touches, block: Block, expected: TermsPrior, place: Integers,
+    trouble: str, *, is_odd: bool = True, is_sized: bool = False,
+) -> None:  # fmt: skip
+    """Refuse points that fit only if mirrored, scaled, moved, renumbered or not of the tip.
+
+    Where none of that is found, refuse them for their `trouble` if there is one. Mirrors and
+    numbers are tried if the fit `is_odd`, and another size where what is `expected` tells it.
+    """
+
+    def prior_of(each: TipRows) -> TipPrior:
+        return terms_prior(each, block, *expected)
+
+    prior = prior_of(rows)
+    advice = "measure the print and enter measured_mm" if block.robot else "check the tracker"
+    what = "the block" if block.robot else "the tracker"
+    trials = [off_the_tip(rows, prior), moved_amid(rows, prior, touches.t, what)]
+    if is_sized:
+        trials.append(scaled(rows, prior, advice))
+    if is_odd:
+        trials.append(mirrored(rows, block, prior_of))
+    if is_odd and block.robot:
+        trials.append(renumbered(rows, block, touches.dimple, prior_of))
+    if fault := find_fault(rows, prior, chain(*trials), place):
+        raise CalibrationError(f"{touches.source}: the points fit only {fault}")
+    if trouble:
+        raise CalibrationError(f"{touches.source}: {trouble}")
 
 
 def terms_prior(rows: TipRows, block: Block, mean: Array, sd: Array) -> TipPrior:
@@ -640,27 +897,40 @@ def _check_spread(
 
 
 def _report(
-    touches: Touches, block: Block, fit: TipFit, terms: Terms, unused: Sequence[str]
-) -> TouchReport:
-    rows, off, inlier = fit.rows, _held_out_errors(fit), ~fit.left_out
-    squares = (off[inlier] ** 2).sum(axis=1)
-    error = math.sqrt(max(float(squares.mean()) - 3.0 * rows.point_sd**2, 0.0))
-    spread = float(squares.std(ddof=1)) / math.sqrt(len(squares))
-    error_sd = spread / (2.0 * max(error, math.sqrt(spread)))
+    touches: Touches, block: Block, fitting: TermsFit, terms: Terms, robot: Robot, *,
+    has_priors: bool,
+) -> TouchReport:  # fmt: skip
+    fit, splits = fitting.fit, fitting.splits
+    rows, off, inlier = fit.rows, _held_out_errors(fit, fitting.place), ~fit.left_out
     uncorrected = replace(fit.state, coefficients=np.zeros(len(fit.state.coefficients)))
     tip = rows.tool_points(uncorrected)[1]
     turn, shift = align(tip[inlier], rows.point[inlier] * block.scale)
     zero_sd = fit.sd[terms.zeros] * terms.scale
     before = (tip - shift) @ turn - rows.point * block.scale
-    not_seen = (*_unseen(block, fit, terms), *unused)
-    return TouchReport(touches, fit, error, error_sd, zero_sd, not_seen, rows.point, before, off)
+    everywhere, reach = over_workspace(fit, robot)
+    is_measured = repeat_noise(fit, fitting.place)[1] >= _MEASURED
+    return TouchReport(
+        touches=touches,
+        fit=fit,
+        left_out_rms=float(np.sqrt((off[inlier] ** 2).sum(axis=1).mean())),
+        tip=tip_error(fit, splits, places(fit, terms, np.repeat(rows.joint[inlier], 4, axis=0))),
+        workspace=tip_error(fit, splits, places(fit, terms, everywhere)),
+        reach=reach,
+        is_measured=is_measured,
+        stated_noise=fitting.noise,
+        zero_sd=zero_sd,
+        not_seen=tuple(_unseen(block, fitting, terms, has_priors=has_priors)),
+        point=rows.point,
+        before=before,
+        left_out=off,
+    )
 
 
-def _held_out_errors(fit: TipFit) -> Array:
-    """Error of each touch (m, 3) [m] by a fit without it and a few others."""
+def _held_out_errors(fit: TipFit, place: Integers) -> Array:
+    """Error of each touch (m, 3) [m] by a fit without it, its repeats and a few others."""
     rows, inlier = fit.rows, ~fit.left_out
     fold = np.full(len(rows), _FOLDS)
-    fold[inlier] = np.arange(inlier.sum()) % _FOLDS
+    fold[inlier] = np.unique(place[inlier], return_inverse=True)[1] % _FOLDS
     errors = fit.residual.copy()
     for number in range(_FOLDS):
         train = rows.rows(inlier & (fold != number))
@@ -669,8 +939,9 @@ def _held_out_errors(fit: TipFit) -> Array:
     return errors
 
 
-def _unseen(block: Block, fit: TipFit, terms: Terms) -> list[str]:
+def _unseen(block: Block, fitting: TermsFit, terms: Terms, *, has_priors: bool) -> list[str]:
     """Say in words what the touches did not show, and how far off it may be."""
+    fit = fitting.fit
     words = []
     prior_sd = 1.0 / np.sqrt(np.diag(fit.prior.precision)[terms.zeros])
     rows = zip(terms.joints, fit.sd[terms.zeros], prior_sd, terms.scale, strict=True)
@@ -691,4 +962,22 @@ def _unseen(block: Block, fit: TipFit, terms: Terms) -> list[str]:
             f"size of the print: {share}, which is {with_unit(size_sd * size, 'm')} of the tip: "
             "measure it, and enter measured_mm"
         )
+    elif not fitting.is_learned:
+        words.append(
+            f"size of the {'print' if block.robot else 'frame'}: not seen, taken as stated; 1 % of "
+            f"it is {with_unit(0.01 * size, 'm')} of the tip"
+        )
+    held = np.delete(fit.rows.joint, fit.rows.columns, axis=1)
+    if not block.robot and (np.ptp(held, axis=0) < _STILL).all():
+        words.append(
+            "the marker: whether it sits at the tip is not seen, as roll and wrist stand still"
+        )
+    noise = fit.rows.point_sd
+    if not 1.0 / _ODD < noise / fitting.noise < _ODD:
+        words.append(
+            f"noise: the residuals say {with_unit(noise, 'm')} per axis, not "
+            f"{with_unit(fitting.noise, 'm')} as stated"
+        )
+    if has_priors and not fitting.is_learned:
+        words.append("the prior: the touches are likelier without it, so it was not used")
     return words

@@ -31,9 +31,16 @@ from truejoint.robots import Robot
 from truejoint.robots.chain import SerialChain
 from truejoint.robots.parts import Kinematics
 from truejoint.summary import Summarised, json_values
-from truejoint.tip.fit import GATE, MARKER, POSE, TipRows, known_kinematics, pose_matrix
-from truejoint.tip.track_fit import (
+from truejoint.tip.fit import (
+    GATE,
+    MARKER,
     NORM_MEDIAN,
+    POSE,
+    TipRows,
+    known_kinematics,
+    pose_matrix,
+)
+from truejoint.tip.track_fit import (
     Registration,
     TrackedMotion,
     TrackFit,

@@ -25,6 +25,7 @@ from truejoint.robots.parts import Kinematics
 from truejoint.schema import Bounds, Key, Positive, Shape
 from truejoint.tip.fit import (
     GATE,
+    NORM_MEDIAN,
     Settled,
     TipPrior,
     TipRows,
@@ -47,8 +48,6 @@ _OTHER_SD: Final = {"rad": 0.02, "m": 1e-3}  # of a joint that is not to be foun
 _DELAY_SD: Final = 10.0  # s
 _FEWEST: Final = 50  # readings of the recording's time
 _MOST_READINGS: Final = 4000  # that the fit takes, spread over the motion
-NORM_MEDIAN: Final = 1.538
-"""Median of the length of three standard normal numbers."""
 _STEPS: Final = 40
 _SETTLED: Final = 1e-2  # of a parameter's standard deviation
 _STRETCHES: Final = 20  # of the motion, whose differences give the covariance

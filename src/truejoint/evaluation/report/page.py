@@ -282,13 +282,12 @@ def _render_touches(calibration: Calibration, report: TouchReport, command: str)
         with_unit(float(np.sqrt((errors[~left_out] ** 2).sum(axis=1).mean())), "m")
         for errors in (report.before, report.left_out)
     )
-    sentence = (
-        f"The tip is within {with_unit(report.left_out_error, 'm')} ± "
-        f"{with_unit(report.left_out_sd, 'm')} (RMS) in the block's frame, by touches left out in "
-        "turn, less what they err themselves."
-    )
+    first, *statement = report.statement
+    sentence = f"{statement[0][0].upper()}{statement[0][1:]} in the block's frame."
     facts_line = [
         f"{len(report.touches)} touches, {int(left_out.sum())} of them rejected",
+        first,
+        *statement[1:],
         f"before {before}, after {after} off (RMS)",
         f"prior: {', '.join(about['prior']) or 'none'}",
         _now(),
