@@ -13,17 +13,14 @@ from scipy.stats import rankdata
 from truejoint.array_types import Array, Integers
 from truejoint.recordings.join.explained import (
     FEWEST,
-    LATE,
     SLOW,
     Explained,
-    Lag,
     Steps,
-    estimate_lag,
     explain,
     find_steps,
-    lags_unlike_others,
     robust_spread,
 )
+from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
@@ -47,9 +44,8 @@ _MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
 # Their finding, and the share of the step that counts for the truth, which is noisier.
 _REDUNDANT: Final = ("redundant", 0.6)
 _LATE_DROP: Final = 0.05  # of the residual's variance
-_PERHAPS_DROP: Final = 0.02  # of that, for a word only
-_SURE: Final = 5.0  # uncertainties
-_PERHAPS: Final = 2.0  # of those, for a word only
+_MISLEADING_DROP: Final = 0.5  # of it: more than all else that the signals do not explain
+_SURE: Final = 3.0  # uncertainties
 # Between what healthy joints show (a sixth to 1.1) and degrees for radians.
 _RATIO: Final = 7.6
 _OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
@@ -76,21 +72,24 @@ def judge_positions(
             sound = not any(d.level == "fail" for d in scale_defects)
             if sound and (id(recording), joint) not in broken:
                 judged[joint].append(recording)
-    truths: list[tuple[list[Recording], Explained]] = []
-    for joint, whole in judged.items():
-        for quantity in ("truth", *REDUNDANT):
-            column = f"{quantity}/{joint}"
-            if not (telling := [r for r in whole if _tells(r, column)]):
-                continue
-            explained = explain(telling, joint, quantity)
-            steps, defects = _judge_sensor(telling, explained)
-            marked += defects
-            if quantity == "truth":
-                pairs = zip(telling, steps, strict=True)
-                cleaned = [_without(r, column, s.outliers) for r, s in pairs]
-                truths.append((cleaned, explained))
+    telling = {
+        joint: told
+        for joint, sound in judged.items()
+        if (told := [r for r in sound if _tells(r, f"truth/{joint}")])
+    }
+    truths = [(told, explain(told, joint)) for joint, told in telling.items()]
+    delays, late = _judge_delay(truths, recordings)
+    if late:  # a late truth is far off at every turn
+        moved = [[_at_once(r, late.get(id(r), 0.0)) for r in told] for told, _ in truths]
+        truths = [(told, explain(told, e.joint)) for told, (_, e) in zip(moved, truths, strict=True)]
+    for told, explained in truths:
+        marked += _judge_sensor(told, explained)
+    for joint, sound in judged.items():
+        for quantity in REDUNDANT:
+            if told := [r for r in sound if _tells(r, f"{quantity}/{joint}")]:
+                marked += _judge_sensor(told, explain(told, joint, quantity))
     yield from one_line_each(marked, recordings)
-    yield from _judge_delay(truths, recordings)
+    yield from delays
     if truths:
         yield from _judge_instruments(*truths[0])
 
@@ -104,25 +103,28 @@ def _tells(recording: Recording, column: str) -> bool:
     return enough and (column.startswith("truth/") or bool(np.ptp(values) > 0.0))
 
 
-def _without(recording: Recording, column: str, rows: Integers) -> Recording:
-    """Take the truth of some rows away."""
-    truth = recording.column(column).copy()
-    truth[rows] = np.nan
-    return replace(recording, table=recording.table.assign(**{column: truth}))
+def _at_once(recording: Recording, late: float) -> Recording:
+    """State of a recording at the times at which a truth that is `late` [s] was true."""
+    if not late:
+        return recording
+    then = recording.t - late
+    state = {
+        name: np.interp(then, recording.t, recording.column(name))
+        for name in recording.units
+        if not name.startswith("truth/")
+    }
+    return replace(recording, table=recording.table.assign(**state))
 
 
-def _judge_sensor(
-    recordings: Sequence[Recording], explained: Explained
-) -> tuple[list[Steps], list[Marked]]:
+def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list[Marked]:
     """Find steps in, and between, recordings of a truth or of two sensors that may disagree."""
     name, share = ("zero", 1.0) if explained.quantity == "truth" else _REDUNDANT
-    steps = [find_steps(recording, explained, share) for recording in recordings]
     marked = [
         (defect, recording)
-        for recording, of_recording in zip(recordings, steps, strict=True)
-        for defect in _judge_steps(recording, explained, of_recording, name)
+        for recording in recordings
+        for defect in _judge_steps(recording, explained, find_steps(recording, explained, share), name)
     ]
-    return steps, marked + _judge_zeros(recordings, explained, name, marked)
+    return marked + _judge_zeros(recordings, explained, name, marked)
 
 
 def _judge_steps(
@@ -189,44 +191,57 @@ def _judge_zeros(
 
 def _judge_delay(
     truths: Sequence[tuple[list[Recording], Explained]], every: Sequence[Recording]
-) -> Iterable[Finding]:
-    """Truth that is late or early in all joints together, in single recordings or in all."""
+) -> tuple[list[Finding], dict[int, float]]:
+    """Truth that is late or early in all joints together, in single recordings or in all.
+
+    And by how much [s], by the recording's id, where it is surely that.
+    """
     sources = [[r.provenance.source for r in recordings] for recordings, _ in truths]
     if not sources:
-        return
+        return [], {}
     most = max(sources, key=sources.count)  # a joint is not judged where its sensor is broken
     alike = [pair for pair, names in zip(truths, sources, strict=True) if names == most]
     recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
     where = ", ".join(f"truth/{e.joint}" for e in explained)
+    units = [recordings[0][0].units[f"truth/{e.joint}"] for e in explained]
     together = estimate_lag(recordings, explained)
     single = [
-        (defect, recordings[0][number])
-        for number, lag in ([] if together.slow else lags_unlike_others(recordings, explained))
-        for defect in _late(lag, where)
+        (defect, recordings[0][number], lag)
+        for number, lag in lags_unlike_others(recordings, explained)
+        if (defect := _late(lag, where, units))
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
-        yield from one_line_each(single, every)
-    else:
-        for d in _late(together, where):
-            yield Finding(d.level, d.name, d.what, d.where, d.advice)
+        marked = [(defect, recording) for defect, recording, _ in single]
+        return list(one_line_each(marked, every)), {id(r): lag.seconds for _, r, lag in single}
+    if (d := _late(together, where, units)) is None:
+        return [], {}
+    finding = Finding(d.level, d.name, d.what, d.where, d.advice)
+    late = (r for of_joint in recordings for r in of_joint) if together.told else ()
+    return [finding], {id(r): together.seconds for r in late}
 
 
-def _late(lag: Lag, where: str) -> Iterable[Defect]:
-    """Say how late the truth is, if that is not nothing; where rows are far apart, in any case."""
-    beyond = abs(lag.seconds) >= LATE
-    sure = beyond and lag.drop >= _LATE_DROP and abs(lag.seconds) > _SURE * lag.sd
-    likely = beyond and abs(lag.seconds) > _PERHAPS * lag.sd
-    likely = likely and (lag.slow or lag.drop >= _PERHAPS_DROP)
-    if not (likely or lag.slow):
-        return
+def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
+    """Say how late the truth is, if that is not nothing, and how wide the loop is beside it."""
+    if not (abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP):
+        return None
+    misleads = lag.told and lag.drop >= _MISLEADING_DROP
     late = "behind" if lag.seconds > 0.0 else "ahead of"
+    pairs = zip(lag.loops, units, strict=False)
+    loops = ", ".join(f"{shown(w, unit)} (+- {shown(sd, unit)})" for (w, sd), unit in pairs)
     what = (
         f"the truth is {1e3 * abs(lag.seconds):.0f} ms {late} the robot's state "
         f"(+- {1e3 * lag.sd:.0f} ms)"
     )
-    advice = "correct the clocks or shift the truth" if sure else "look at the clocks"
-    level: Level = "fail" if sure else "warn" if likely else "info"
-    yield Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
+    if not lag.told:
+        what += f", or it is a loop of {loops}: one speed cannot tell a late clock from hysteresis"
+    elif loops:
+        what += f", beside a loop of {loops}"
+    advice = (
+        "correct the clocks or shift the truth"
+        if lag.told
+        else "record the same motion at half the speed too"
+    )
+    return Defect("fail" if misleads else "warn", "delay", what, where, advice, size=abs(lag.seconds))
 
 
 def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
