@@ -173,6 +173,8 @@ def _own(values: Array) -> Array:
 
 _STEP: Final = 5.0  # spreads of the residual
 _STEP_OF_SLOW: Final = 8.0  # where rows are far apart, honest ones step too
+_USUAL: Final = 0.95  # of the steps are honest: few rows a stroke turn at once
+_USUAL_STEPS: Final = 2.0  # of the largest of those
 _BACK: Final = 0.7  # of that step, from where it left
 _NEAR: Final = 10  # rows that show the level on either side of a step that stays
 _LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s, and a step that stays at least
@@ -203,6 +205,7 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
     longest = max(_LONGEST, round(1.0 / dt))
     step = np.diff(level)
     step[gaps(t)] = 0.0
+    limit = max(limit, _USUAL_STEPS * float(np.quantile(np.abs(step), _USUAL)))
     far = np.abs(step) > limit
     bad = np.zeros(len(level), dtype=np.bool_)
     stays = []

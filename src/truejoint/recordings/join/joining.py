@@ -181,7 +181,7 @@ def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockO
     with one_thread():
         explained = [explain([joined], joint) for joint in coarse.joints]
         lag = estimate_lag([[joined]] * len(explained), explained)
-    if not (lag.told and lag.sd < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
+    if not (lag.sd < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
         return replace(coarse, sd=math.hypot(coarse.sd, lag.seconds))
     sd = math.hypot(lag.sd, lag.seconds / 2, *_age_sds(recording.t, truth.t))
     return replace(coarse, seconds=coarse.seconds - lag.seconds, sd=sd)

@@ -9,10 +9,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Final
 
 import numpy as np
+from scipy.interpolate import Akima1DInterpolator
 
 from truejoint.array_types import Array, Integers
 from truejoint.features.feature_set import FeatureSet
@@ -29,6 +30,8 @@ _SHIFTS: Final = np.linspace(-0.4, 0.4, 41)  # s
 _HALF_STEP: Final = 0.01  # s, for the derivative by time
 _ROUNDS: Final = 6
 _WEIGHINGS: Final = 3
+_MOST_ROWS: Final = 8_000  # of all recordings of a joint
+_FEWEST_ROWS: Final = 1_000  # of each
 _GROSS: Final = 50.0  # spreads, beyond which a row has no weight at first
 _PARTS: Final = 4  # of each recording, whose scatter tells the deviation
 _WINDOW: Final = 0.04  # s, of the velocity
@@ -64,12 +67,54 @@ class Lag:
 
 
 def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]) -> Lag:
-    """Lag of all truth joints together, of all recordings.
+    """Lag of all truth joints together: the mean of two for each joint.
 
-    Joints weigh by their deviations; by how much they differ adds to the deviation.
+    One is beside plays of many half-widths, one beside those of few and low-passed efforts. By how
+    much these differ is part of the deviation, and so is by how much joints do.
+    """
+    pairs = zip(recordings, explained, strict=True)
+    return _by_two([_Motion.of(of_joint, joint) for of_joint, joint in pairs])
+
+
+def lags_alone_and_together(
+    recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]
+) -> tuple[list[tuple[int, Lag]], Lag]:
+    """Recordings, by number, late by another time than the others; and the lag of all together.
+
+    Each by itself, as loads and friction differ. One whose lag is as long a way as the others' at
+    its speed has their loop, not another clock.
     """
     pairs = zip(recordings, explained, strict=True)
     motions = [_Motion.of(of_joint, joint) for of_joint, joint in pairs]
+    together = _together(motions)
+    count = len(recordings[0])
+    if count < 2:
+        return [], together
+    lags = [_by_two([motion.only(k) for motion in motions]) for k in range(count)]
+    times = np.array([(lag.seconds, lag.sd) for lag in lags])
+    speeds = [motions[0].only(k).speed for k in range(count)]
+    distances = times * np.array([np.sqrt(np.mean(speed**2)) for speed in speeds])[:, None]
+    late = [
+        (k, lag)
+        for k, lag in enumerate(lags)
+        if _is_apart(times, k, LATE) and _is_apart(distances, k, 0.0)
+    ]
+    return late, together
+
+
+def _by_two(motions: Sequence[_Motion]) -> Lag:
+    lags = []
+    for motion in motions:
+        seconds, sd, drop = motion.lag(motion.path)
+        half = (motion.lag(motion.explained)[0] - seconds) / 2.0
+        lags.append((seconds + half, math.hypot(sd, half), drop))
+    drop = float(np.median([lag[2] for lag in lags]))
+    told = any(motion.speeds_differ() for motion in motions)
+    loops = tuple(motion.loop(0.0) for motion in motions)
+    return Lag(*_mean(np.array(lags)[:, :2]), drop, loops, told)
+
+
+def _together(motions: Sequence[_Motion]) -> Lag:
     told = any(motion.speeds_differ() for motion in motions)
     lags = [motion.lag(motion.path if told else motion.places) for motion in motions]
     seconds, sd = _mean(np.array([lag[:2] for lag in lags]))
@@ -77,35 +122,11 @@ def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[
     return Lag(seconds, sd, float(np.median([lag[2] for lag in lags])), loops, told)
 
 
-def lags_unlike_others(
-    recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]
-) -> list[tuple[int, Lag]]:
-    """Find recordings, by number, late by another time than the others.
-
-    Each by itself, as loads and friction differ; the mean of two, one beside plays of fewer
-    half-widths and low-passed efforts. By how much these differ is part of its deviation.
-    """
-    count = len(recordings[0])
-    if count < 2:
-        return []
-    lags = []
-    for k in range(count):
-        of_joints = []
-        for of_joint, joint in zip(recordings, explained, strict=True):
-            alone = replace(joint, samples=joint.samples[k : k + 1])
-            motion = _Motion.of(of_joint[k : k + 1], alone)
-            seconds, sd, drop = motion.lag(motion.path)
-            half = (motion.lag(motion.explained)[0] - seconds) / 2.0
-            of_joints.append((seconds + half, math.hypot(sd, half), drop))
-        drop = float(np.median([lag[2] for lag in of_joints]))
-        lags.append(Lag(*_mean(np.array(of_joints)[:, :2]), drop))
-    values = np.array([(lag.seconds, lag.sd) for lag in lags])
-    late = []
-    for k, lag in enumerate(lags):
-        usual, uncertainty = np.median(np.delete(values, k, axis=0), axis=0)
-        if abs(lag.seconds - usual) > max(LATE, _APART * (lag.sd + float(uncertainty))):
-            late.append((k, lag))
-    return late
+def _is_apart(values: Array, number: int, least: float) -> bool:
+    """Whether one of the values and deviations (n, 2) is unlike the others."""
+    usual, uncertainty = np.median(np.delete(values, number, axis=0), axis=0)
+    value, sd = values[number]
+    return bool(abs(value - usual) > max(least, _APART * (sd + uncertainty)))
 
 
 def _mean(lags: Array) -> tuple[float, float]:
@@ -123,8 +144,8 @@ def _mean(lags: Array) -> tuple[float, float]:
 class _Motion:
     """Rows of one joint, of all recordings."""
 
-    stamps: tuple[Array, ...]  # of the rows, of each recording
-    truths: tuple[tuple[Array, Array], ...]  # stamps and values, of each recording
+    stamps_of: tuple[Array, ...]  # of the rows, of each recording
+    truths_of: tuple[Akima1DInterpolator, ...]  # stamps and values, of each recording
     recording: Integers  # (m,), number of each row's
     block: Integers  # (m,), number of the part that each row is in
     root: Array  # (m,), of the weights; at first all but gross outliers weigh alike
@@ -132,51 +153,66 @@ class _Motion:
     speed: Array  # (m,), velocity [1/s]
     way: Array  # (m,), direction
     places: Array  # (m, k), polynomials of the positions
-    path: Array  # (m, l), those, plays and efforts
+    path: Array  # (m, l), those, direction, plays and efforts
     explained: Array  # (m, j), inputs of `Explained`
 
     @classmethod
     def of(cls, recordings: Sequence[Recording], explained: Explained) -> _Motion:
         measured, true = f"measured/{explained.joint}", f"truth/{explained.joint}"
         span = max(float(np.ptp(np.quantile(r.column(measured), [0.02, 0.98]))) for r in recordings)
-        names = [*explained.features.names, "square", "cube"]
-        efforts = {f.signal for f in explained.features.features if f.operation == "lowpass"}
+        signals = explained.features.features
+        efforts = {f.signal for f in signals if f.operation == "lowpass"}
+        others = [k for k, f in enumerate(signals) if f.operation == "value"]
         plays = [f"play({measured}, {share * span:.4g})" for share in _PLAYS]
         added = FeatureSet.parse([*plays, *sorted(efforts)])
-        others = [k for k, n in enumerate(names) if not n.startswith(("play(", "lag(", "lowpass("))]
+        most = max(_FEWEST_ROWS, _MOST_ROWS // len(recordings))
         stamps, truths, parts = [], [], []
-        for number, (r, sample) in enumerate(zip(recordings, explained.samples, strict=True)):
-            t, x, rows = r.t, r.column(measured), sample.rows
-            has_truth = np.isfinite(r.column(true))
+        for number, r in enumerate(recordings):
+            t, x, truth = r.t, r.column(measured), r.column(true)
+            has_truth = np.isfinite(truth)
+            rows = np.flatnonzero(has_truth)
+            rows = rows[:: -(-len(rows) // most)]
             stamps.append(t[rows])
-            truths.append((t[has_truth], r.column(true)[has_truth]))
-            inputs, more = explained.scaled(sample.inputs), added.compute(r)[rows]
-            loops = more[:, : len(plays)] / span
+            truths.append(Akima1DInterpolator(t[has_truth], truth[has_truth]))
+            fitted, more = explained.features.compute(r)[rows], added.compute(r)[rows]
+            residual = explained.residual(r)[rows]
+            own = (x[rows, None] - np.median(x)) / span
+            places = np.hstack([fitted[:, others], own**2, own**3])
+            way = direction(t, x)[rows]
             part = (
                 np.full(len(rows), number),
                 np.arange(len(rows)) * _PARTS // len(rows) + _PARTS * number,
-                np.abs(explained.residual(r)[rows]) < _GROSS * explained.spread,
-                x[rows] / span,
+                np.abs(residual) < _GROSS * explained.spread,
+                own[:, 0],
                 velocity(t, x, _WINDOW)[rows] / span,
-                direction(t, x)[rows],
-                inputs[:, others],
-                np.hstack([inputs[:, others], more, loops * inputs[:, :1]]),
-                inputs,
+                way,
+                places,
+                np.hstack([places, way[:, None], more, more[:, : len(plays)] * own]),
+                np.hstack([fitted, own**2, own**3]),
             )
             parts.append(part)
         columns = [np.concatenate(values) for values in zip(*parts, strict=True)]
         return cls(tuple(stamps), tuple(truths), *columns)
 
+    def only(self, number: int) -> _Motion:
+        """Rows of one recording."""
+        rows = self.recording == number
+        values = {f.name: getattr(self, f.name) for f in fields(self)}
+        arrays = {name: value[rows] for name, value in values.items() if not name.endswith("s_of")}
+        block = arrays["block"] - arrays["block"][0]
+        one = slice(number, number + 1)
+        alone = {**arrays, "block": block, "recording": np.zeros_like(block)}
+        return _Motion(stamps_of=self.stamps_of[one], truths_of=self.truths_of[one], **alone)
+
     def centred(self, values: Array) -> Array:
         """Values (m, ...) less the weighted mean of each recording, times the root of the weight."""
         columns = values.reshape(len(values), -1)
-        out = np.empty_like(columns)
-        for number in range(len(self.stamps)):
-            rows = self.recording == number
-            root = self.root[rows, None]
-            mean = (root**2 * columns[rows]).sum(axis=0) / max(float(np.sum(root**2)), 1e-12)
-            out[rows] = (columns[rows] - mean) * root
-        return out.reshape(values.shape)
+        starts = np.flatnonzero(np.diff(self.recording, prepend=-1))
+        weights = self.root[:, None] ** 2
+        total = np.maximum(np.add.reduceat(weights, starts), 1e-12)
+        means = np.add.reduceat(weights * columns, starts) / total
+        centred = (columns - means[self.recording]) * self.root[:, None]
+        return np.asarray(centred.reshape(values.shape))
 
     def orthonormal(self, columns: Array) -> Array:
         """Columns (m, l) that project on what `columns` (m, k) explain, with a ridge."""
@@ -188,8 +224,8 @@ class _Motion:
 
     def truth(self, shift: float) -> Array:
         """Truth later by a shift [s], centred (m,)."""
-        parts = zip(self.stamps, self.truths, strict=True)
-        return self.centred(np.concatenate([np.interp(t + shift, *truth) for t, truth in parts]))
+        parts = zip(self.stamps_of, self.truths_of, strict=True)
+        return self.centred(np.concatenate([truth(np.clip(t + shift, *truth.x[[0, -1]])) for t, truth in parts]))
 
     def speeds_differ(self) -> bool:
         """Whether the joint passes the same places, the same way, at different speeds."""
@@ -202,22 +238,23 @@ class _Motion:
 
     def lag(self, columns: Array) -> tuple[float, float, float]:
         """Lag beside what `columns` (m, k) explain, its deviation [s] and the drop."""
-        motion = self
+        motion, start = self, None
         for _ in range(_WEIGHINGS):
-            basis = motion.orthonormal(columns)
-            seconds, sd, drop, residual = motion.solve(basis)
+            start, sd, drop, residual = motion.solve(motion.orthonormal(columns), start)
             limit = BISQUARE * max(robust_spread(residual), 1e-12)
             motion = replace(self, root=np.clip(1.0 - (residual / limit) ** 2, 0.0, None))
-        return seconds, sd, drop
+        return start, sd, drop
 
-    def solve(self, basis: Array) -> tuple[float, float, float, Array]:
+    def solve(self, basis: Array, start: float | None) -> tuple[float, float, float, Array]:
         """Lag and deviation [s] beside what `basis` spans, drop, and residual (m,)."""
 
         def left(values: Array) -> Array:
             return np.asarray(values - basis @ (basis.T @ values))
 
         rest = left(self.centred(self.speed))
-        lag = min(_SHIFTS, key=lambda shift: float(np.sum(left(self.truth(shift)) ** 2)))
+        lag = start
+        if lag is None:
+            lag = min(_SHIFTS, key=lambda shift: float(np.sum(left(self.truth(shift)) ** 2)))
         for _ in range(_ROUNDS):
             rise = self.truth(lag + _HALF_STEP) - self.truth(lag - _HALF_STEP)
             slope = float(rest @ rise) / (2.0 * _HALF_STEP)

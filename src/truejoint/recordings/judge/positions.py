@@ -20,7 +20,7 @@ from truejoint.recordings.join.explained import (
     find_steps,
     robust_spread,
 )
-from truejoint.recordings.join.lag import LATE, Lag, estimate_lag, lags_unlike_others
+from truejoint.recordings.join.lag import LATE, Lag, lags_alone_and_together
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
@@ -46,6 +46,7 @@ _REDUNDANT: Final = ("redundant", 0.6)
 _LATE_DROP: Final = 0.05  # of the residual's variance
 _MISLEADING_DROP: Final = 0.5  # of it: more than all else that the signals do not explain
 _SURE: Final = 3.0  # uncertainties
+_FAR_LATER: Final = 1.5  # times as late as all together
 # Between what healthy joints show (a sixth to 1.1) and degrees for radians.
 _RATIO: Final = 7.6
 _OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
@@ -108,12 +109,15 @@ def _at_once(recording: Recording, late: float) -> Recording:
     if not late:
         return recording
     then = recording.t - late
-    state = {
-        name: np.interp(then, recording.t, recording.column(name))
+    unknown = (then < recording.t[0]) | (then > recording.t[-1])
+    columns = {
+        name: np.where(unknown, math.nan, values)
+        if name.startswith("truth/")
+        else np.interp(then, recording.t, values)
         for name in recording.units
-        if not name.startswith("truth/")
+        for values in (recording.column(name),)
     }
-    return replace(recording, table=recording.table.assign(**state))
+    return replace(recording, table=recording.table.assign(**columns))
 
 
 def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list[Marked]:
@@ -204,25 +208,29 @@ def _judge_delay(
     recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
     where = ", ".join(f"truth/{e.joint}" for e in explained)
     units = [recordings[0][0].units[f"truth/{e.joint}"] for e in explained]
-    together = estimate_lag(recordings, explained)
+    alone, together = lags_alone_and_together(recordings, explained)
+    defect = _late(together, where, units)
     single = [
-        (defect, recordings[0][number], lag)
-        for number, lag in lags_unlike_others(recordings, explained)
-        if (defect := _late(lag, where, units))
+        (own, recordings[0][number], lag)
+        for number, lag in alone
+        if (own := _late(replace(lag, told=True), where, units))
+        # One speed tells a recording from the others, unless all are about as late.
+        and (lag.told or not defect or lag.seconds / together.seconds > _FAR_LATER)
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
-        marked = [(defect, recording) for defect, recording, _ in single]
+        marked = [(own, recording) for own, recording, _ in single]
         return list(one_line_each(marked, every)), {id(r): lag.seconds for _, r, lag in single}
-    if (d := _late(together, where, units)) is None:
+    if defect is None:
         return [], {}
-    finding = Finding(d.level, d.name, d.what, d.where, d.advice)
+    finding = Finding(defect.level, defect.name, defect.what, defect.where, defect.advice)
     late = (r for of_joint in recordings for r in of_joint) if together.told else ()
     return [finding], {id(r): together.seconds for r in late}
 
 
 def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
     """Say how late the truth is, if that is not nothing, and how wide the loop is beside it."""
-    if not (abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP):
+    late = abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP
+    if not late or not (lag.told or any(abs(width) > _SURE * sd for width, sd in lag.loops)):
         return None
     misleads = lag.told and lag.drop >= _MISLEADING_DROP
     late = "behind" if lag.seconds > 0.0 else "ahead of"
