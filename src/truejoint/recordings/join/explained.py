@@ -5,8 +5,9 @@ The rest tells outliers and steps.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings.table.recording import Recording
-from truejoint.recordings.table.stream import gaps
+from truejoint.recordings.table.stream import direction, gaps
 from truejoint.threads import one_thread
 
 SLOW: Final = 0.1
@@ -181,6 +182,74 @@ _LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s, and a step
 FEWEST: Final = 50  # rows with truth of which something can be said
 
 
+_FEWEST_STOPPED: Final = 3  # rows
+_BEYOND: Final = 4.0  # spreads that the motor goes on by
+_LEAST_BEYOND: Final = 0.01  # of the truth's range, at least
+_FLAT: Final = 0.15  # of the usual slope, and of the way gone on, that a stop gives at most
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A mechanical stop: the truth stays while the reported position goes on.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (m,)
+        Rising.
+    level, farthest : float
+        Truth there, and the reported position that is farthest beyond [rad or m].
+    """
+
+    rows: Integers
+    level: float
+    farthest: float
+
+
+def apart_from_stops(recording: Recording, joint: str) -> tuple[Recording, list[Stop]]:
+    """Recording without the truth of `joint` where it is at a stop or all but, and the stops.
+
+    They are at either end, where the truth stays while measured goes on outwards, beyond where the
+    line of truth over measured ends. (On the way back slack keeps it too.)
+    """
+    column, measured = recording.column(f"truth/{joint}"), recording.column(f"measured/{joint}")
+    finite = np.flatnonzero(np.isfinite(column))
+    y, x = column[finite], measured[finite]
+    low, high = (y.min(), y.max()) if len(y) else (0.0, 0.0)
+    middle = (y > low + 0.2 * (high - low)) & (y < high - 0.2 * (high - low))
+    if middle.sum() < FEWEST or not np.ptp(x[middle]):
+        return recording, []
+    design = np.column_stack([x, np.ones(len(x)), direction(recording.t, measured)[finite]])
+    solution = np.linalg.lstsq(design[middle], y[middle])[0]
+    line, rises = design @ solution, design[:, 2] * np.sign(solution[0])
+    spread = robust_spread((y - line)[middle])
+    stops, truth = [], column.copy()
+    for end in (1.0, -1.0):
+        path, way = end * line, end * y
+        outwards = np.flatnonzero(rises == end)
+        if len(outwards) < FEWEST:
+            continue
+        farthest = outwards[np.argsort(path[outwards])][-max(_FEWEST_STOPPED, len(y) // 500) :]
+        level = float(np.median(way[farthest]))
+        gone_on = float(path[outwards].max()) - level
+        beyond = outwards[path[outwards] > level + 2.0 * spread]
+        if (
+            len(beyond) < _FEWEST_STOPPED
+            or gone_on < max(_BEYOND * spread, _LEAST_BEYOND * (high - low))
+            or np.quantile(np.abs(way[beyond] - level), 0.9) > _FLAT * gone_on
+            or np.quantile(way, 0.999) > level + _FLAT * gone_on
+            or np.polyfit(path[beyond], way[beyond], 1)[0] > _FLAT
+        ):
+            continue
+        near = (path > level - 3.0 * spread) & (way < level + 2.0 * _FLAT * gone_on)
+        near &= way > level - 2.0 * _FLAT * gone_on
+        truth[finite[near]] = math.nan
+        stops.append(Stop(finite[near & (path > level + 2.0 * spread)], end * level, float(x[np.argmax(path)])))
+    if not stops:
+        return recording, []
+    table = recording.table.assign(**{f"truth/{joint}": truth})
+    return replace(recording, table=table), stops
+
+
 @dataclass(frozen=True, eq=False)
 class Steps:
     """Rows of one recording that do not belong to their neighbours."""
@@ -232,11 +301,12 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
 
 def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:
     """Rows (n,) of each recording whose truth minus measured of `joint` is grossly off."""
-    enough = [r for r in recordings if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
+    moving = [apart_from_stops(recording, joint)[0] for recording in recordings]
+    enough = [r for r in moving if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
     with one_thread():  # of a few thousand rows
         explained = explain(enough, joint) if enough else None
     masks = []
-    for recording in recordings:
+    for recording in moving:
         mask = np.zeros(len(recording), dtype=np.bool_)
         if explained is not None and recording in enough:
             mask[find_steps(recording, explained).outliers] = True

@@ -16,6 +16,8 @@ from truejoint.recordings.join.explained import (
     SLOW,
     Explained,
     Steps,
+    Stop,
+    apart_from_stops,
     explain,
     find_steps,
     robust_spread,
@@ -73,12 +75,16 @@ def judge_positions(
             sound = not any(d.level == "fail" for d in scale_defects)
             if sound and (id(recording), joint) not in broken:
                 judged[joint].append(recording)
-    telling = {
-        joint: told
-        for joint, sound in judged.items()
-        if (told := [r for r in sound if _tells(r, f"truth/{joint}")])
-    }
-    truths = [(told, explain(told, joint)) for joint, told in telling.items()]
+    truths = []
+    for joint, sound in judged.items():
+        told = []
+        for recording in sound:
+            if _tells(recording, f"truth/{joint}"):
+                moving, stops = apart_from_stops(recording, joint)
+                marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
+                told += [moving] if _tells(moving, f"truth/{joint}") else []
+        if told:
+            truths.append((told, explain(told, joint)))
     delays, late = _judge_delay(truths, recordings)
     if late:  # a late truth is far off at every turn
         moved = [[_at_once(r, late.get(id(r), 0.0)) for r in told] for told, _ in truths]
@@ -118,6 +124,16 @@ def _at_once(recording: Recording, late: float) -> Recording:
         for values in (recording.column(name),)
     }
     return replace(recording, table=recording.table.assign(**columns))
+
+
+def _at_stop(stop: Stop, recording: Recording, joint: str) -> Defect:
+    unit, rows = recording.units[f"truth/{joint}"], _row_ranges(stop.rows)
+    what = (
+        f"{count(len(stop.rows), 'row')} at a mechanical stop: the truth stays at "
+        f"{shown(stop.level, unit)} while measured goes on to {shown(stop.farthest, unit)} "
+        f"({_row_text(rows)})"
+    )
+    return Defect("warn", "stop", what, f"truth/{joint}", rows=rows, size=len(stop.rows))
 
 
 def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list[Marked]:
