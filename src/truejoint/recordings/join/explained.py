@@ -22,10 +22,7 @@ SLOW: Final = 0.1
 """Time step [s] above which rows are steps of a motion rather than a curve."""
 
 _MOST_ROWS: Final = 8_000  # fitted to, of all recordings of a joint
-PLAYS: Final = (0.01, 0.03, 0.1)
-"""Half-widths of plays as shares of the joint's range."""
-OTHER_PLAYS: Final = (0.017, 0.055)
-"""Those between: what depends on which of the two are taken is not known."""
+_PLAYS: Final = (0.01, 0.03, 0.1)  # half-widths, as shares of the joint's range
 _LOWPASS: Final = (0.05, 0.5)  # s
 _RIDGE: Final = 1e-4  # of the rows, for standardised columns
 _ROUNDS: Final = 8
@@ -82,14 +79,9 @@ class Explained:
         return np.asarray(residual - np.nanmedian(residual))
 
 
-def explain(
-    recordings: Sequence[Recording],
-    joint: str,
-    quantity: str = "truth",
-    plays: Sequence[float] = PLAYS,
-) -> Explained:
+def explain(recordings: Sequence[Recording], joint: str, quantity: str = "truth") -> Explained:
     """Fit truth minus measured of `joint`, or another `quantity` that each recording has."""
-    features = _features(recordings, joint, quantity, plays)
+    features = _features(recordings, joint, quantity)
     ratio = 1.0 if quantity == "truth" else _ratio(recordings, joint, quantity)
     most = max(200, _MOST_ROWS // len(recordings))
     parts: list[tuple[Integers, Array, Array]] = []
@@ -143,9 +135,7 @@ def _ratio(recordings: Sequence[Recording], joint: str, quantity: str) -> float:
     return float(np.median(ratios))
 
 
-def _features(
-    recordings: Sequence[Recording], joint: str, explained: str, plays: Sequence[float]
-) -> FeatureSet:
+def _features(recordings: Sequence[Recording], joint: str, explained: str) -> FeatureSet:
     """Features of columns that change in every recording, but what is `explained`."""
     measured = f"measured/{joint}"
     common = [
@@ -155,7 +145,7 @@ def _features(
         and all(name in r.table.columns and np.ptp(r.column(name)) > 0.0 for r in recordings)
     ]
     span = max(float(np.ptp(np.quantile(r.column(measured), [0.02, 0.98]))) for r in recordings)
-    texts = [measured, *(f"play({measured}, {share * span:.4g})" for share in plays if span > 0.0)]
+    texts = [measured, *(f"play({measured}, {share * span:.4g})" for share in _PLAYS if span > 0.0)]
     for name in common:
         quantity, _, channel = name.partition("/")
         if quantity in ("effort", "current"):

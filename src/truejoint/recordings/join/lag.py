@@ -97,7 +97,7 @@ def lags_alone_and_together(
     late = [
         (k, lag)
         for k, lag in enumerate(lags)
-        if _is_apart(times, k, LATE) and _is_apart(distances, k, 0.0)
+        if _is_apart(times, k, LATE) and not _shares_loop(distances, k)
     ]
     return late, together
 
@@ -127,6 +127,12 @@ def _is_apart(values: Array, number: int, least: float) -> bool:
     usual, uncertainty = np.median(np.delete(values, number, axis=0), axis=0)
     value, sd = values[number]
     return bool(abs(value - usual) > max(least, _APART * (sd + uncertainty)))
+
+
+def _shares_loop(distances: Array, number: int) -> bool:
+    """Whether one of the distances and deviations (n, 2) is that which the others lag behind by."""
+    usual, uncertainty = np.median(np.delete(distances, number, axis=0), axis=0)
+    return bool(abs(usual) > _APART * uncertainty and not _is_apart(distances, number, 0.0))
 
 
 def _mean(lags: Array) -> tuple[float, float]:

@@ -17,6 +17,7 @@ _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sens
 _OFTEN: Final = 3  # times that it does so by half of that, which tell as much
 _FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
 _LEAP: Final = 5.0  # usual steps, with which a sensor that stood while its joint moved goes on
+_MANY_SIZES: Final = 3.0  # times the smallest step
 _PUSHES: Final = 1.2  # times the largest effort elsewhere
 _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
@@ -43,6 +44,8 @@ def judge_columns(
             if needs_truth:
                 yield from _missing_truth(recording.t, joint, has_truth)
             rows = np.flatnonzero(has_truth)
+            yield from _repeats(recording.t[rows], truth[rows], measured[rows], f"truth/{joint}")
+            yield from _repeats(recording.t[rows], measured[rows], truth[rows], f"measured/{joint}")
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
             if len(rows) >= _FEWEST:
@@ -61,8 +64,9 @@ def judge_columns(
 def _clock(t: Array) -> Iterable[Defect]:
     step = np.diff(t)
     usual = float(np.median(step))
-    if not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
-        what = f"a row every {usual:.3g} s"
+    whole = len(t) >= _FEWEST and usual > 1.0 and bool((step == np.round(step)).all())
+    if whole or not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
+        what = f"a row every {usual:.3g} s" + (", in whole numbers" if whole else "")
         yield Defect("warn", "rate", what, "time stamps", size=usual)
     after = gaps(t)
     if len(after):
@@ -82,6 +86,23 @@ def _clock(t: Array) -> Iterable[Defect]:
         )
         level: Level = "info" if irregular < 0.2 else "warn"
         yield Defect(level, "clock", what, "time stamps", size=irregular)
+
+
+def _repeats(t: Array, values: Array, other: Array, name: str) -> Iterable[Defect]:
+    """Find a sensor that is new in every few rows only, while the other one moves on.
+
+    Its steps are of many sizes; those of a coarse encoder are all alike.
+    """
+    new = np.flatnonzero(np.diff(values))
+    if len(new) < _FEWEST:
+        return
+    moving = np.count_nonzero(np.diff(other))
+    sizes = np.abs(np.diff(values)[new])
+    times = float(np.median(np.diff(new)))
+    if times >= 2.0 and moving > 1.5 * len(new) and np.median(sizes) > _MANY_SIZES * sizes.min():
+        late = 0.5 * (times - 1.0) * float(np.median(np.diff(t)))
+        what = f"a new value in every {times:.0f} rows only, so about {1e3 * late:.0f} ms late"
+        yield Defect("warn", "repeats", what, name, size=times)
 
 
 def _dropped(recording: Recording) -> Iterable[Defect]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
@@ -33,6 +34,7 @@ from truejoint.recordings.judge.finding import (
     one_line_each,
 )
 from truejoint.recordings.table.recording import Recording
+from truejoint.recordings.table.stream import direction
 from truejoint.robots import Joint
 from truejoint.units import display_unit, shown
 
@@ -40,6 +42,7 @@ Marked = tuple[Defect, Recording]
 
 REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a joint once more
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
+_FEW_OF_SLOW: Final = 0.01  # of rows that are steps: a few of those are honest
 _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
 _MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
@@ -48,6 +51,10 @@ _REDUNDANT: Final = ("redundant", 0.6)
 _LATE_DROP: Final = 0.05  # of the residual's variance
 _MISLEADING_DROP: Final = 0.5  # of it: more than all else that the signals do not explain
 _SURE: Final = 3.0  # uncertainties
+_SLOPE: Final = 0.05  # by which a slope differs
+_SLOPE_PARTS: Final = 4  # of a recording
+_ALIKE: Final = 0.1  # by which two ranges differ at most
+_SWAPPED: Final = 0.3  # of the variance, that the other joint tells more than the own one
 _FAR_LATER: Final = 1.5  # times as late as all together
 # Between what healthy joints show (a sixth to 1.1) and degrees for radians.
 _RATIO: Final = 7.6
@@ -62,9 +69,15 @@ _SMALLEST_VARIANCE: Final = 1e-4  # of scaled inputs in any direction
 
 
 def judge_positions(
-    recordings: Sequence[Recording], joints: Sequence[str], broken: Collection[tuple[int, str]]
+    recordings: Sequence[Recording],
+    joints: Sequence[str],
+    signals: Collection[str],
+    broken: Collection[tuple[int, str]],
 ) -> Iterable[Finding]:
-    """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further."""
+    """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further.
+
+    A redundant sensor that is none of the `signals` that a model reads is no failure.
+    """
     marked: list[Marked] = []
     judged: dict[str, list[Recording]] = {}
     for joint in joints:
@@ -91,10 +104,14 @@ def judge_positions(
         truths = [(told, explain(told, e.joint)) for told, (_, e) in zip(moved, truths, strict=True)]
     for told, explained in truths:
         marked += _judge_sensor(told, explained)
+        marked += _judge_slopes(told, explained.joint)
+    marked += [(defect, r) for r in recordings for defect in _judge_swapped(r, joints)]
     for joint, sound in judged.items():
         for quantity in REDUNDANT:
             if told := [r for r in sound if _tells(r, f"{quantity}/{joint}")]:
-                marked += _judge_sensor(told, explain(told, joint, quantity))
+                of_sensor = _judge_sensor(told, explain(told, joint, quantity))
+                read = f"{quantity}/{joint}" in signals
+                marked += [(d if read else replace(d, level="warn"), r) for d, r in of_sensor]
     yield from one_line_each(marked, recordings)
     yield from delays
     if truths:
@@ -108,6 +125,56 @@ def _tells(recording: Recording, column: str) -> bool:
     values = recording.column(column)
     enough = bool(np.isfinite(values).sum() >= FEWEST)
     return enough and (column.startswith("truth/") or bool(np.ptp(values) > 0.0))
+
+
+def _judge_slopes(recordings: Sequence[Recording], joint: str) -> Iterable[Marked]:
+    """Find recordings whose truth moves further, over the same range, than that of the others."""
+    column, slopes = f"truth/{joint}", []
+    for recording in recordings:
+        truth, measured = recording.column(column), recording.column(f"measured/{joint}")
+        rows = np.flatnonzero(np.isfinite(truth))
+        design = np.column_stack([measured, np.ones(len(truth)), direction(recording.t, measured)])
+        parts = [rows, *np.array_split(rows, _SLOPE_PARTS)]
+        of_parts = [np.linalg.lstsq(design[part], truth[part])[0][0] for part in parts]
+        sd = np.std(of_parts[1:]) / math.sqrt(_SLOPE_PARTS)
+        slopes.append((of_parts[0], sd, np.ptp(_range(measured[rows]))))
+    for number, (slope, sd, span) in enumerate(slopes):
+        others = [pair for k, pair in enumerate(slopes) if k != number]
+        if not others or (number and len(slopes) == 2):
+            return
+        usual, uncertainty, width = np.median(others, axis=0)
+        if abs(span / width - 1.0) > _ALIKE:  # slack takes more of a smaller motion
+            continue
+        if abs(slope / usual - 1.0) > max(_SLOPE, _SURE * math.hypot(sd, uncertainty) / abs(usual)):
+            what = f"its truth moves {slope / usual:.2f} times as far as that of the others"
+            defect = Defect("warn", "slope", what, column, size=abs(slope / usual - 1.0))
+            yield defect, recordings[number]
+
+
+def _judge_swapped(recording: Recording, joints: Sequence[str]) -> Iterable[Defect]:
+    """Find two channels of one quantity that follow each other's joint in place of their own."""
+    moving = [j for j in joints if np.ptp(recording.column(f"measured/{j}")) > 0.0]
+    position = np.column_stack([recording.column(f"measured/{j}") for j in moving or joints])
+    for quantity in ("truth", "motor", "driver", "setpoint", "effort"):
+        there = [j for j in moving if f"{quantity}/{j}" in recording.units]
+        if len(there) < 2:
+            continue
+        signals = recording.columns(quantity, there)
+        rows = np.isfinite(signals).all(axis=1)
+        theirs = position[:, [moving.index(j) for j in there]]
+        if quantity == "effort":  # friction goes with the direction
+            theirs = direction(recording.t, theirs)
+        signals, theirs = signals[rows], theirs[rows]
+        if len(signals) < FEWEST or not (np.ptp(signals, axis=0) * np.ptp(theirs, axis=0)).all():
+            continue
+        alike = np.corrcoef(signals.T, theirs.T)[: len(there), len(there) :] ** 2
+        for a, b in itertools.combinations(range(len(there)), 2):
+            if min(alike[a, b] - alike[a, a], alike[b, a] - alike[b, b]) > _SWAPPED:
+                what = (
+                    f"follows {there[b]}, and {quantity}/{there[b]} follows {there[a]}: "
+                    f"{100 * alike[a, b]:.0f} and {100 * alike[b, a]:.0f} % of their variance"
+                )
+                yield Defect("fail", "swapped", what, f"{quantity}/{there[a]}", size=alike[a, b])
 
 
 def _at_once(recording: Recording, late: float) -> Recording:
@@ -151,7 +218,8 @@ def _judge_steps(
     recording: Recording, explained: Explained, steps: Steps, name: str
 ) -> Iterable[Defect]:
     column = f"{explained.quantity}/{explained.joint}"
-    unit = recording.units[column]
+    unit, t = recording.units[column], recording.t
+    slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     if len(steps.outliers):
         rows = _row_ranges(steps.outliers)
         most = shown(float(np.abs(steps.size).max()), unit)
@@ -160,10 +228,9 @@ def _judge_steps(
             f"{len(steps.outliers)} of {count(len(recording), 'row')} up to {most} off those "
             f"beside them ({_row_text(rows)})"
         )
-        level: Level = "fail" if weight > _MISLEADS * explained.spread else "warn"
+        few = slow and len(steps.outliers) < _FEW_OF_SLOW * len(recording)
+        level: Level = "fail" if weight > _MISLEADS * explained.spread and not few else "warn"
         yield Defect(level, "outliers", what, column, rows=rows, size=weight)
-    t = recording.t
-    slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     for row, rise in zip(steps.stays, steps.rise, strict=True):
         begins = t[row] - t[0] < _START
         what = f"it jumps by {shown(float(rise), unit)} at row {row} and stays"
@@ -231,7 +298,11 @@ def _judge_delay(
         for number, lag in alone
         if (own := _late(replace(lag, told=True), where, units))
         # One speed tells a recording from the others, unless all are about as late.
-        and (lag.told or not defect or lag.seconds / together.seconds > _FAR_LATER)
+        and (
+            lag.told
+            or not (defect and together.told)
+            or lag.seconds / together.seconds > _FAR_LATER
+        )
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
         marked = [(own, recording) for own, recording, _ in single]

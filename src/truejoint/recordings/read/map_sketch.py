@@ -163,7 +163,7 @@ def _channels_named(words: set[str], name: str, channels: Sequence[str]) -> list
     """Channels that a name holds, the longest first; else that with most of its words."""
     if whole := [channel for channel in channels if channel in name]:
         return sorted(whole, key=len, reverse=True)
-    of_each = {channel: set(_words(channel)) for channel in channels}
+    of_each = {c: {word for word in _words(c) if word.isalpha()} for c in channels}
     common = set.intersection(*of_each.values()) if len(channels) > 1 else set()
     likeness = {c: (len(w & words), -len(w)) for c, w in of_each.items() if (w - common) & words}
     return sorted(likeness, key=lambda channel: likeness[channel], reverse=True)[:1]

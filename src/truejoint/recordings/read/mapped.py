@@ -294,7 +294,8 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
                 f"{head.path}: has no header that names t and <quantity>/<joint> columns; "
                 f"{MAP_ADVICE}"
             )
-        ours = [name for name in fields if name == "t" or all(_quantity_and_joint(name))] or fields
+        ours = [name for name in fields if all(_quantity_and_joint(name))]
+        ours = ["t", *ours] if ours and "t" in fields else ours or fields
         left_out = tuple(name for name in fields if name not in ours)
         mapping = ColumnMap({name: MappedColumn(name) for name in ours})
     mapping = _timed(head.path, mapping, rate)
