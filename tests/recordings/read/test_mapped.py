@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from truejoint.errors import RecordingError
-from truejoint.robots import get_robot
 from truejoint.recordings import (
     ColumnMap,
     Recording,
@@ -19,6 +18,7 @@ from truejoint.recordings import (
     read_recording,
     read_recordings,
 )
+from truejoint.robots import get_robot
 
 numbers = st.floats(-1e12, 1e12)
 
@@ -118,7 +118,9 @@ def test_a_rig_without_a_robot_file_is_made_of_its_columns(tmp_path):
         "no robot named: made one of the columns, bend [rad], without limits; left out: tip_x"
     )
     assert set(recording.units) == {"measured/bend", "truth/bend", "effort/bend"}
-    (tmp_path / "my.toml").write_text('name = "my"\n[[joints]]\nname = "bend"\nkind = "prismatic"\n')
+    (tmp_path / "my.toml").write_text(
+        'name = "my"\n[[joints]]\nname = "bend"\nkind = "prismatic"\n'
+    )
     for robot in (get_robot(tmp_path / "my.toml"), tmp_path / "my.toml"):
         stated = read_recording(path, robot=robot)
         assert stated.units["truth/bend"] == "m"

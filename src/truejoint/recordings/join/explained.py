@@ -27,7 +27,7 @@ _LOWPASS: Final = (0.05, 0.5)  # s
 _RIDGE: Final = 1e-4  # of the rows, for standardised columns
 _ROUNDS: Final = 8
 BISQUARE: Final = 4.685
-"""Spreads beyond which a row has no weight; 95 % efficient for normal noise (Beaton, Tukey, 1974)."""
+"""Spreads beyond which a row has no weight: 95 % efficient for normal noise (Tukey, 1974)."""
 # No spread counts as less, as a share of the joint's range: rounding is no finding.
 _FINEST: Final = 1e-4
 _FINEST_OF_OTHERS: Final = 1e-3
@@ -196,7 +196,7 @@ class Stop:
 
 
 def apart_from_stops(recording: Recording, joint: str) -> tuple[Recording, list[Stop]]:
-    """Recording without the truth of `joint` where it is at a stop or all but, and the stops.
+    """Take the truth of `joint` away where it is at a stop or all but, and give the stops.
 
     They are at either end, where the truth stays while measured goes on outwards, beyond where the
     line of truth over measured ends. (On the way back slack keeps it too.)
@@ -233,7 +233,11 @@ def apart_from_stops(recording: Recording, joint: str) -> tuple[Recording, list[
         near = (path > level - 3.0 * spread) & (way < level + 2.0 * _FLAT * gone_on)
         near &= way > level - 2.0 * _FLAT * gone_on
         truth[finite[near]] = math.nan
-        stops.append(Stop(finite[near & (path > level + 2.0 * spread)], end * level, float(x[np.argmax(path)])))
+        stops.append(
+            Stop(
+                finite[near & (path > level + 2.0 * spread)], end * level, float(x[np.argmax(path)])
+            )
+        )
     if not stops:
         return recording, []
     table = recording.table.assign(**{f"truth/{joint}": truth})

@@ -79,7 +79,7 @@ def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[
 def lags_alone_and_together(
     recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]
 ) -> tuple[list[tuple[int, Lag]], Lag]:
-    """Recordings, by number, late by another time than the others; and the lag of all together.
+    """Find recordings, by number, late by another time than the others; and the lag of all.
 
     Each by itself, as loads and friction differ. One whose lag is as long a way as the others' at
     its speed has their loop, not another clock.
@@ -211,7 +211,7 @@ class _Motion:
         return _Motion(stamps_of=self.stamps_of[one], truths_of=self.truths_of[one], **alone)
 
     def centred(self, values: Array) -> Array:
-        """Values (m, ...) less the weighted mean of each recording, times the root of the weight."""
+        """Values (m, ...) less the mean of each recording, times the root of the weight."""
         columns = values.reshape(len(values), -1)
         starts = np.flatnonzero(np.diff(self.recording, prepend=-1))
         weights = self.root[:, None] ** 2
@@ -231,10 +231,14 @@ class _Motion:
     def truth(self, shift: float) -> Array:
         """Truth later by a shift [s], centred (m,)."""
         parts = zip(self.stamps_of, self.truths_of, strict=True)
-        return self.centred(np.concatenate([truth(np.clip(t + shift, *truth.x[[0, -1]])) for t, truth in parts]))
+        return self.centred(
+            np.concatenate([truth(np.clip(t + shift, *truth.x[[0, -1]])) for t, truth in parts])
+        )
 
     def speeds_differ(self) -> bool:
         """Whether the joint passes the same places, the same way, at different speeds."""
+        if not np.ptp(self.position):
+            return False
         cell = np.clip((self.position - self.position.min()) / np.ptp(self.position), 0.0, 0.999)
         cell = np.floor(cell * _CELLS) + _CELLS * (self.way > 0.0)
         speeds = [np.abs(self.speed[(cell == k) & (self.way != 0.0)]) for k in np.unique(cell)]
@@ -244,12 +248,14 @@ class _Motion:
 
     def lag(self, columns: Array) -> tuple[float, float, float]:
         """Lag beside what `columns` (m, k) explain, its deviation [s] and the drop."""
-        motion, start = self, None
+        motion = self
+        start: float | None = None
         for _ in range(_WEIGHINGS):
-            start, sd, drop, residual = motion.solve(motion.orthonormal(columns), start)
+            seconds, sd, drop, residual = motion.solve(motion.orthonormal(columns), start)
+            start = seconds
             limit = BISQUARE * max(robust_spread(residual), 1e-12)
             motion = replace(self, root=np.clip(1.0 - (residual / limit) ** 2, 0.0, None))
-        return start, sd, drop
+        return seconds, sd, drop
 
     def solve(self, basis: Array, start: float | None) -> tuple[float, float, float, Array]:
         """Lag and deviation [s] beside what `basis` spans, drop, and residual (m,)."""
@@ -281,4 +287,6 @@ class _Motion:
         weight = max(float(way @ way), 1e-300)
         half = float(way @ truth) / weight
         sums = np.bincount(self.block, way * (truth - half * way))
-        return -2.0 * half, 2.0 * math.sqrt(float(sums @ sums) * len(sums) / (len(sums) - 1)) / weight
+        return -2.0 * half, 2.0 * math.sqrt(
+            float(sums @ sums) * len(sums) / (len(sums) - 1)
+        ) / weight

@@ -89,33 +89,48 @@ def judge_positions(
             if sound and (id(recording), joint) not in broken:
                 judged[joint].append(recording)
     truths = []
-    for joint, sound in judged.items():
-        told = []
-        for recording in sound:
-            if _tells(recording, f"truth/{joint}"):
-                moving, stops = apart_from_stops(recording, joint)
-                marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
-                told += [moving] if _tells(moving, f"truth/{joint}") else []
-        if told:
-            truths.append((told, explain(told, joint)))
+    for joint, sound_ones in judged.items():
+        moving, at_stops = _apart_from_stops(sound_ones, joint)
+        marked += at_stops
+        if moving:
+            truths.append((moving, explain(moving, joint)))
     delays, late = _judge_delay(truths, recordings)
     if late:  # a late truth is far off at every turn
-        moved = [[_at_once(r, late.get(id(r), 0.0)) for r in told] for told, _ in truths]
-        truths = [(told, explain(told, e.joint)) for told, (_, e) in zip(moved, truths, strict=True)]
-    for told, explained in truths:
-        marked += _judge_sensor(told, explained)
-        marked += _judge_slopes(told, explained.joint)
+        moved = [([_at_once(r, late.get(id(r), 0.0)) for r in rs], e.joint) for rs, e in truths]
+        truths = [(of_joint, explain(of_joint, joint)) for of_joint, joint in moved]
+    for of_joint, explained in truths:
+        marked += _judge_sensor(of_joint, explained)
+        marked += _judge_slopes(of_joint, explained.joint)
+    for joint, sound_ones in judged.items():
+        marked += _judge_redundant(sound_ones, joint, signals)
     marked += [(defect, r) for r in recordings for defect in _judge_swapped(r, joints)]
-    for joint, sound in judged.items():
-        for quantity in REDUNDANT:
-            if told := [r for r in sound if _tells(r, f"{quantity}/{joint}")]:
-                of_sensor = _judge_sensor(told, explain(told, joint, quantity))
-                read = f"{quantity}/{joint}" in signals
-                marked += [(d if read else replace(d, level="warn"), r) for d, r in of_sensor]
     yield from one_line_each(marked, recordings)
     yield from delays
     if truths:
         yield from _judge_instruments(*truths[0])
+
+
+def _apart_from_stops(
+    recordings: Sequence[Recording], joint: str
+) -> tuple[list[Recording], list[Marked]]:
+    """Keep recordings with a truth of `joint`, without it at a stop; and give the stops."""
+    moving, marked = [], []
+    for recording in recordings:
+        if _tells(recording, f"truth/{joint}"):
+            apart, stops = apart_from_stops(recording, joint)
+            marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
+            moving += [apart] if _tells(apart, f"truth/{joint}") else []
+    return moving, marked
+
+
+def _judge_redundant(
+    recordings: Sequence[Recording], joint: str, signals: Collection[str]
+) -> Iterable[Marked]:
+    for quantity in REDUNDANT:
+        column = f"{quantity}/{joint}"
+        if telling := [r for r in recordings if _tells(r, column)]:
+            for defect, recording in _judge_sensor(telling, explain(telling, joint, quantity)):
+                yield defect if column in signals else replace(defect, level="warn"), recording
 
 
 def _tells(recording: Recording, column: str) -> bool:
@@ -133,6 +148,8 @@ def _judge_slopes(recordings: Sequence[Recording], joint: str) -> Iterable[Marke
     for recording in recordings:
         truth, measured = recording.column(column), recording.column(f"measured/{joint}")
         rows = np.flatnonzero(np.isfinite(truth))
+        if not np.ptp(_range(measured[rows])):
+            return
         design = np.column_stack([measured, np.ones(len(truth)), direction(recording.t, measured)])
         parts = [rows, *np.array_split(rows, _SLOPE_PARTS)]
         of_parts = [np.linalg.lstsq(design[part], truth[part])[0][0] for part in parts]
@@ -209,7 +226,9 @@ def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list
     marked = [
         (defect, recording)
         for recording in recordings
-        for defect in _judge_steps(recording, explained, find_steps(recording, explained, share), name)
+        for defect in _judge_steps(
+            recording, explained, find_steps(recording, explained, share), name
+        )
     ]
     return marked + _judge_zeros(recordings, explained, name, marked)
 
@@ -316,8 +335,8 @@ def _judge_delay(
 
 def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
     """Say how late the truth is, if that is not nothing, and how wide the loop is beside it."""
-    late = abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP
-    if not late or not (lag.told or any(abs(width) > _SURE * sd for width, sd in lag.loops)):
+    is_late = abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP
+    if not is_late or not (lag.told or any(abs(width) > _SURE * sd for width, sd in lag.loops)):
         return None
     misleads = lag.told and lag.drop >= _MISLEADING_DROP
     late = "behind" if lag.seconds > 0.0 else "ahead of"
@@ -336,7 +355,9 @@ def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
         if lag.told
         else "record the same motion at half the speed too"
     )
-    return Defect("fail" if misleads else "warn", "delay", what, where, advice, size=abs(lag.seconds))
+    return Defect(
+        "fail" if misleads else "warn", "delay", what, where, advice, size=abs(lag.seconds)
+    )
 
 
 def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:

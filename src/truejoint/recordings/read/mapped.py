@@ -286,7 +286,8 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
     Raises RecordingError if a mapped column is not there, or nothing says what the columns are.
     """
     mapping = read_column_map(column_map) if column_map is not None else None
-    how, left_out = (mapping.comment, mapping.delimiter) if mapping else (), ()
+    how = (mapping.comment, mapping.delimiter) if mapping else ()
+    left_out: tuple[str, ...] = ()
     layout, fields, named = text_layout(head, *how)
     if mapping is None:
         if not named:
@@ -344,7 +345,7 @@ def _quantity_and_joint(name: str) -> tuple[str, str]:
 
 
 def _robot_of_columns(path: Path, mapping: ColumnMap, needed: str) -> Robot:
-    """Make a robot of the joints that have a `needed` column, in rad unless mapped from a length."""
+    """Make a robot of the joints with a `needed` column, in rad unless mapped from a length."""
     joints = {}
     for name, mapped in mapping.columns.items():
         quantity, joint = _quantity_and_joint(name)
@@ -353,8 +354,8 @@ def _robot_of_columns(path: Path, mapping: ColumnMap, needed: str) -> Robot:
             joints[joint] = Joint(joint, "prismatic" if lengths else "revolute")
     if not joints:
         raise RecordingError(
-            f"{path}: no '{needed}/<joint>' column; name the columns t,measured/bend,truth/bend,... "
-            f"or {MAP_ADVICE}"
+            f"{path}: no '{needed}/<joint>' column; name the columns t,measured/bend,"
+            f"truth/bend,... or {MAP_ADVICE}"
         )
     return Robot("rig", tuple(joints.values()))
 
