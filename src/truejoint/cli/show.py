@@ -27,6 +27,8 @@ def show(name: str, files: Files) -> Result:
     from truejoint.recordings.table.parquet import is_corrected
 
     path = Path(name)
+    if name.partition(":")[0] in truejoint.robots.robot_names() and not path.exists():
+        return tell_robot(options.get_robot(name))
     if name in DATASETS and not path.exists():
         facts = datasets.dataset_facts(DATASETS[name])
         texts = {k: "\n".join(v) if isinstance(v, list) else str(v) for k, v in facts.items()}
@@ -53,6 +55,21 @@ def show(name: str, files: Files) -> Result:
         header = ("column", "unit", "lowest", "highest", "missing")
         print_table(header, [_column_texts(column) for column in columns])
     return Result({"shown": [{**facts, "columns": columns} for facts, columns in described]})
+
+
+def tell_robot(robot: truejoint.robots.Robot) -> Result:
+    """Print a robot's joints with their limits, and the quantities that a recording has of them."""
+    from truejoint.recordings.read.map_sketch import QUANTITIES
+
+    rows = []
+    for joint in robot.joints:
+        unit = display_unit(joint.unit)
+        limits = (f"{limit * unit.scale:.4g}" for limit in (joint.lower, joint.upper))
+        rows.append((joint.name, joint.kind, *limits, unit.name))
+    print_facts(robot.title, robot.summary().items())
+    print_table(("joint", "kind", "lower", "upper", "unit"), rows)
+    out.print(f"columns of a recording: t, <quantity>/<joint>; quantities: {', '.join(QUANTITIES)}")
+    return Result({"robot": robot.to_dict(), "quantities": list(QUANTITIES)})
 
 
 def _is_trajectory(path: Path) -> bool:

@@ -14,7 +14,7 @@ from truejoint.errors import RecordingError
 from truejoint.recordings import ClockOffset, Provenance, Recording, Stream, join_truth
 from truejoint.recordings.datasets import read_dataset
 from truejoint.recordings.join import joining
-from truejoint.recordings.join.explained import Lag
+from truejoint.recordings.join.lag import Lag
 
 JOINTS = ("joint1", "joint2")
 

@@ -118,7 +118,7 @@ def test_the_delay_of_slow_rows_is_told_with_its_uncertainty():
         columns[f"truth/{joint}"] = position - 0.1 * rate + 1e-3 * rng.normal(size=len(t))
     recording = Recording.from_columns(columns, Provenance("raven2", arm="left", source="a.csv"))
     (finding,) = named(check_data([recording]), "delay")
-    assert finding.level == "warn"
+    assert finding.level == "fail"
     assert float(finding.what.split()[3]) == pytest.approx(100.0, abs=5.0)
 
 

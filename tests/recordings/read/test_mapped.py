@@ -18,6 +18,7 @@ from truejoint.recordings import (
     read_recording,
     read_recordings,
 )
+from truejoint.robots import get_robot
 
 numbers = st.floats(-1e12, 1e12)
 
@@ -107,6 +108,27 @@ def test_stamps_since_1970_count_from_the_first_row(tmp_path):
     assert recording.provenance.start == 1.7e9
 
 
+def test_a_rig_without_a_robot_file_is_made_of_its_columns(tmp_path):
+    """One odd column does not refuse the whole; what was assumed is said in one line."""
+    path = tmp_path / "run1.csv"
+    path.write_text("t,measured/bend,truth/bend,effort/bend,tip_x\n0,1,2,3,4\n1,2,3,4,5\n")
+    recording = read_recording(path)
+    assert recording.robot.joint_names == ("bend",)
+    assert recording.provenance.notes == (
+        "no robot named: made one of the columns, bend [rad], without limits; left out: tip_x"
+    )
+    assert set(recording.units) == {"measured/bend", "truth/bend", "effort/bend"}
+    (tmp_path / "my.toml").write_text(
+        'name = "my"\n[[joints]]\nname = "bend"\nkind = "prismatic"\n'
+    )
+    for robot in (get_robot(tmp_path / "my.toml"), tmp_path / "my.toml"):
+        stated = read_recording(path, robot=robot)
+        assert stated.units["truth/bend"] == "m"
+        assert stated.provenance.notes == "left out: tip_x"
+    column_map = {"columns": {"t": 0, "measured/x": {"column": 1, "unit": "mm"}, "truth/x": 2}}
+    assert read_recording(path, column_map=column_map).units["measured/x"] == "m"
+
+
 BROS = {"robot": "bros"}
 
 
@@ -117,7 +139,7 @@ def by(columns: dict[str, Any]) -> dict[str, Any]:
 @pytest.mark.parametrize(
     ("text", "options", "message"),
     [
-        ("t,measured/joint1\n0,1\n1,2\n", {}, "which robot is it"),
+        ("t,effort/joint1\n0,1\n1,2\n", {}, "no 'measured/<joint>' column; name the columns"),
         ("t,measured/elbow\n0,1\n1,2\n", BROS, "has no joint 'elbow'; it has joint1"),
         ("t,angle\n0,1\n1,2\n", BROS, "'angle' is neither 't' nor"),
         ("t,truth/joint1\n0,1\n1,2\n", BROS, "no 'measured/<joint>' column"),

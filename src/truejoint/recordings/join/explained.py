@@ -1,6 +1,6 @@
 """What a robot's signals explain of truth minus measured, or of a redundant sensor.
 
-The rest tells outliers, steps, and by how much the truth is late: the shift at which it is least.
+The rest tells outliers and steps.
 """
 
 from __future__ import annotations
@@ -15,21 +15,19 @@ import numpy as np
 from truejoint.array_types import Array, Integers, Mask
 from truejoint.features.feature_set import FeatureSet
 from truejoint.recordings.table.recording import Recording
-from truejoint.recordings.table.stream import gaps
+from truejoint.recordings.table.stream import direction, gaps
 from truejoint.threads import one_thread
 
 SLOW: Final = 0.1
 """Time step [s] above which rows are steps of a motion rather than a curve."""
 
 _MOST_ROWS: Final = 8_000  # fitted to, of all recordings of a joint
-PLAYS: Final = (0.01, 0.03, 0.1)
-"""Half-widths of plays as shares of the joint's range."""
-OTHER_PLAYS: Final = (0.017, 0.055)
-"""Those between: what depends on which of the two are taken is not known."""
+_PLAYS: Final = (0.01, 0.03, 0.1)  # half-widths, as shares of the joint's range
 _LOWPASS: Final = (0.05, 0.5)  # s
 _RIDGE: Final = 1e-4  # of the rows, for standardised columns
 _ROUNDS: Final = 8
-_BISQUARE: Final = 4.685  # spreads; 95 % efficient for normal noise (Beaton and Tukey, 1974)
+BISQUARE: Final = 4.685
+"""Spreads beyond which a row has no weight: 95 % efficient for normal noise (Tukey, 1974)."""
 # No spread counts as less, as a share of the joint's range: rounding is no finding.
 _FINEST: Final = 1e-4
 _FINEST_OF_OTHERS: Final = 1e-3
@@ -81,14 +79,9 @@ class Explained:
         return np.asarray(residual - np.nanmedian(residual))
 
 
-def explain(
-    recordings: Sequence[Recording],
-    joint: str,
-    quantity: str = "truth",
-    plays: Sequence[float] = PLAYS,
-) -> Explained:
+def explain(recordings: Sequence[Recording], joint: str, quantity: str = "truth") -> Explained:
     """Fit truth minus measured of `joint`, or another `quantity` that each recording has."""
-    features = _features(recordings, joint, quantity, plays)
+    features = _features(recordings, joint, quantity)
     ratio = 1.0 if quantity == "truth" else _ratio(recordings, joint, quantity)
     most = max(200, _MOST_ROWS // len(recordings))
     parts: list[tuple[Integers, Array, Array]] = []
@@ -114,7 +107,7 @@ def explain(
     residual = error - np.array([np.median(error[members]) for members in member.T])[groups]
     for _ in range(_ROUNDS):
         spread = max(robust_spread(residual), least)
-        weights = np.clip(1.0 - (residual / (_BISQUARE * spread)) ** 2, 0.0, None) ** 2
+        weights = np.clip(1.0 - (residual / (BISQUARE * spread)) ** 2, 0.0, None) ** 2
         weighted = design * weights[:, None]
         solution = np.linalg.solve(design.T @ weighted + penalty, weighted.T @ error)
         residual = error - design @ solution
@@ -142,9 +135,7 @@ def _ratio(recordings: Sequence[Recording], joint: str, quantity: str) -> float:
     return float(np.median(ratios))
 
 
-def _features(
-    recordings: Sequence[Recording], joint: str, explained: str, plays: Sequence[float]
-) -> FeatureSet:
+def _features(recordings: Sequence[Recording], joint: str, explained: str) -> FeatureSet:
     """Features of columns that change in every recording, but what is `explained`."""
     measured = f"measured/{joint}"
     common = [
@@ -154,7 +145,7 @@ def _features(
         and all(name in r.table.columns and np.ptp(r.column(name)) > 0.0 for r in recordings)
     ]
     span = max(float(np.ptp(np.quantile(r.column(measured), [0.02, 0.98]))) for r in recordings)
-    texts = [measured, *(f"play({measured}, {share * span:.4g})" for share in plays if span > 0.0)]
+    texts = [measured, *(f"play({measured}, {share * span:.4g})" for share in _PLAYS if span > 0.0)]
     for name in common:
         quantity, _, channel = name.partition("/")
         if quantity in ("effort", "current"):
@@ -173,10 +164,84 @@ def _own(values: Array) -> Array:
 
 _STEP: Final = 5.0  # spreads of the residual
 _STEP_OF_SLOW: Final = 8.0  # where rows are far apart, honest ones step too
+_USUAL: Final = 0.95  # of the steps are honest: few rows a stroke turn at once
+_USUAL_STEPS: Final = 2.0  # of the largest of those
 _BACK: Final = 0.7  # of that step, from where it left
 _NEAR: Final = 10  # rows that show the level on either side of a step that stays
 _LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s, and a step that stays at least
 FEWEST: Final = 50  # rows with truth of which something can be said
+
+
+_FEWEST_STOPPED: Final = 3  # rows
+_BEYOND: Final = 4.0  # spreads that the motor goes on by
+_LEAST_BEYOND: Final = 0.01  # of the truth's range, at least
+_FLAT: Final = 0.15  # of the usual slope, and of the way gone on, that a stop gives at most
+
+
+@dataclass(frozen=True)
+class Stop:
+    """A mechanical stop: the truth stays while the reported position goes on.
+
+    Attributes
+    ----------
+    rows : ndarray, shape (m,)
+        Rising.
+    level, farthest : float
+        Truth there, and the reported position that is farthest beyond [rad or m].
+    """
+
+    rows: Integers
+    level: float
+    farthest: float
+
+
+def apart_from_stops(recording: Recording, joint: str) -> tuple[Recording, list[Stop]]:
+    """Take the truth of `joint` away where it is at a stop or all but, and give the stops.
+
+    They are at either end, where the truth stays while measured goes on outwards, beyond where the
+    line of truth over measured ends. (On the way back slack keeps it too.)
+    """
+    column, measured = recording.column(f"truth/{joint}"), recording.column(f"measured/{joint}")
+    finite = np.flatnonzero(np.isfinite(column))
+    y, x = column[finite], measured[finite]
+    low, high = (y.min(), y.max()) if len(y) else (0.0, 0.0)
+    middle = (y > low + 0.2 * (high - low)) & (y < high - 0.2 * (high - low))
+    if middle.sum() < FEWEST or not np.ptp(x[middle]):
+        return recording, []
+    design = np.column_stack([x, np.ones(len(x)), direction(recording.t, measured)[finite]])
+    solution = np.linalg.lstsq(design[middle], y[middle])[0]
+    line, rises = design @ solution, design[:, 2] * np.sign(solution[0])
+    spread = robust_spread((y - line)[middle])
+    stops, truth = [], column.copy()
+    for end in (1.0, -1.0):
+        path, way = end * line, end * y
+        outwards = np.flatnonzero(rises == end)
+        if len(outwards) < FEWEST:
+            continue
+        farthest = outwards[np.argsort(path[outwards])][-max(_FEWEST_STOPPED, len(y) // 500) :]
+        level = float(np.median(way[farthest]))
+        gone_on = float(path[outwards].max()) - level
+        beyond = outwards[path[outwards] > level + 2.0 * spread]
+        if (
+            len(beyond) < _FEWEST_STOPPED
+            or gone_on < max(_BEYOND * spread, _LEAST_BEYOND * (high - low))
+            or np.quantile(np.abs(way[beyond] - level), 0.9) > _FLAT * gone_on
+            or np.quantile(way, 0.999) > level + _FLAT * gone_on
+            or np.polyfit(path[beyond], way[beyond], 1)[0] > _FLAT
+        ):
+            continue
+        near = (path > level - 3.0 * spread) & (way < level + 2.0 * _FLAT * gone_on)
+        near &= way > level - 2.0 * _FLAT * gone_on
+        truth[finite[near]] = math.nan
+        stops.append(
+            Stop(
+                finite[near & (path > level + 2.0 * spread)], end * level, float(x[np.argmax(path)])
+            )
+        )
+    if not stops:
+        return recording, []
+    table = recording.table.assign(**{f"truth/{joint}": truth})
+    return replace(recording, table=table), stops
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,6 +268,7 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
     longest = max(_LONGEST, round(1.0 / dt))
     step = np.diff(level)
     step[gaps(t)] = 0.0
+    limit = max(limit, _USUAL_STEPS * float(np.quantile(np.abs(step), _USUAL)))
     far = np.abs(step) > limit
     bad = np.zeros(len(level), dtype=np.bool_)
     stays = []
@@ -229,157 +295,14 @@ def find_steps(recording: Recording, explained: Explained, share: float = 1.0) -
 
 def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:
     """Rows (n,) of each recording whose truth minus measured of `joint` is grossly off."""
-    enough = [r for r in recordings if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
+    moving = [apart_from_stops(recording, joint)[0] for recording in recordings]
+    enough = [r for r in moving if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
     with one_thread():  # of a few thousand rows
         explained = explain(enough, joint) if enough else None
     masks = []
-    for recording in recordings:
+    for recording in moving:
         mask = np.zeros(len(recording), dtype=np.bool_)
         if explained is not None and recording in enough:
             mask[find_steps(recording, explained).outliers] = True
         masks.append(mask)
     return masks
-
-
-LATE: Final = 0.015  # s, below which nothing is said
-_SHIFTS: Final = np.linspace(-0.4, 0.4, 41)  # s
-_NEAR_BEST: Final = np.linspace(-0.02, 0.02, 11)  # s, about the best of those
-_PARTS: Final = 4  # of each recording, left out in turn for the deviation
-_RIDGE_OF_SHIFTS: Final = 1e-7
-_APART: Final = 2.0  # deviations of two lags that differ
-
-
-def jackknife_sd(left_out: Sequence[float]) -> float:
-    """Give the standard deviation of an estimate, by estimates that leave out a part each."""
-    return math.sqrt(len(left_out) - 1) * float(np.std(left_out))
-
-
-@dataclass(frozen=True)
-class Lag:
-    """By how much the truth is late.
-
-    `sd` is the standard deviation [s] by leaving parts out in turn, or between joints; `drop` the
-    share by which the residual's variance falls when the truth is shifted back; `slow` says that
-    rows are too far apart to shift the truth between them.
-    """
-
-    seconds: float
-    sd: float
-    drop: float
-    slow: bool = False
-
-
-def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]) -> Lag:
-    """Delay of all truth joints together: the shift at which the signals explain most.
-
-    For each shift the truth is interpolated and the regression of `explain` made anew, with its
-    weights; the logarithms of the residual's variance are added over joints. Where rows are far
-    apart, interpolating would average more noise than a shift explains: see `_lag_by_velocity`.
-    """
-    pairs = list(zip(recordings, explained, strict=True))
-    if np.median(np.diff(recordings[0][0].t)) > SLOW:
-        return _lag_by_velocity(pairs)
-    squares = [_squares(*pair, _SHIFTS) for pair in pairs]  # (blocks, shifts) each
-    coarse, drop = _least(_SHIFTS, [s.sum(axis=0) for s in squares])
-    blocks = range(len(squares[0]))
-    left_out = [_least(_SHIFTS, [s.sum(axis=0) - s[k] for s in squares])[0] for k in blocks]
-    near = coarse + _NEAR_BEST
-    seconds, _ = _least(near, [_squares(*pair, near).sum(axis=0) for pair in pairs])
-    return Lag(seconds, jackknife_sd(left_out), drop)
-
-
-def lags_unlike_others(
-    recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]
-) -> list[tuple[int, Lag]]:
-    """Find recordings, by number, late by another time than the others.
-
-    Each has a regression of its own.
-    """
-    count = len(recordings[0])
-    if count < 2:
-        return []
-    alone = []
-    for k in range(count):
-        single = [replace(e, samples=e.samples[k : k + 1]) for e in explained]
-        alone.append(estimate_lag([[each[k]] for each in recordings], single))
-    values = np.array([(delay.seconds, delay.sd) for delay in alone])
-    late = []
-    for k, delay in enumerate(alone):
-        usual, uncertainty = np.median(np.delete(values, k, axis=0), axis=0)
-        least = max(LATE, _APART * (delay.sd + float(uncertainty)))
-        if abs(delay.seconds - usual) > least:
-            late.append((k, delay))
-    return late
-
-
-def _lag_by_velocity(pairs: Sequence[tuple[Sequence[Recording], Explained]]) -> Lag:
-    """Delay by what velocity explains of the error, as much as it is late; mean of the joints.
-
-    What a joint itself lags by differs between joints, so their scatter tells the uncertainty.
-    """
-    lags, deviations = [], []
-    for recordings, explained in pairs:
-        names = [*explained.features.names, "square", "cube"]
-        inputs = [i for i, name in enumerate(names) if not name.startswith("lag(")]
-        normal, right = [], []
-        for recording, sample in zip(recordings, explained.samples, strict=True):
-            measured = recording.column(f"measured/{explained.joint}")
-            velocity = np.gradient(measured, recording.t)[sample.rows, None]
-            rows = np.hstack([velocity, explained.scaled(sample.inputs)[:, inputs]])
-            weights = sample.weights[:, None]
-            rows -= (weights * rows).sum(axis=0) / weights.sum()
-            for part in np.array_split(np.arange(len(rows)), _PARTS):
-                normal.append(rows[part].T @ (weights[part] * rows[part]))
-                right.append(rows[part].T @ (sample.weights * sample.error)[part])
-        penalty = np.diag(np.r_[0.0, np.full(len(inputs), _RIDGE_OF_SHIFTS * len(rows))])
-        every = np.sum(normal, axis=0) + penalty, np.sum(right, axis=0)
-        lags.append(-float(np.linalg.solve(*every)[0]))
-        left_out = [
-            -np.linalg.solve(every[0] - n, every[1] - r)[0]
-            for n, r in zip(normal, right, strict=True)
-        ]
-        deviations.append(jackknife_sd(left_out))
-    within = float(np.sqrt(np.mean(np.square(deviations))))
-    between = float(np.std(lags, ddof=1)) if len(lags) > 1 else 0.0
-    return Lag(float(np.mean(lags)), max(within, between) / len(lags) ** 0.5, 0.0, slow=True)
-
-
-def _least(shifts: Array, squares: Sequence[Array]) -> tuple[float, float]:
-    """Shift [s] with the least sum of logarithms, by a parabola; fall of the variance to it."""
-    curve = np.mean([np.log(np.maximum(s, 1e-300)) for s in squares], axis=0)
-    at = int(np.argmin(curve))
-    drop = float(1.0 - np.exp(curve[at] - curve[len(curve) // 2]))
-    shift = float(shifts[at])
-    if 0 < at < len(curve) - 1:
-        before, here, after = curve[at - 1 : at + 2]
-        bend = max(before - 2.0 * here + after, 1e-12)
-        shift += 0.5 * float(shifts[1] - shifts[0]) * float((before - after) / bend)
-    return shift, drop
-
-
-def _squares(recordings: Sequence[Recording], explained: Explained, shifts: Array) -> Array:
-    """Weighted sums of squared residuals (blocks, shifts), at `shifts` [s] of the truth."""
-    samples = explained.samples
-    channel = f"/{explained.joint}"
-    targets, blocks = [], []
-    for number, (recording, sample) in enumerate(zip(recordings, samples, strict=True)):
-        t, truth = recording.t, recording.column("truth" + channel)
-        has_truth = np.isfinite(truth)
-        # Interpolating between rows averages noise; so does this, at every shift alike.
-        padded = np.pad(truth[has_truth], 1, mode="edge")
-        smooth = 0.25 * padded[:-2] + 0.5 * padded[1:-1] + 0.25 * padded[2:]
-        at, measured = t[sample.rows], recording.column("measured" + channel)[sample.rows]
-        shifted = [np.interp(at + shift, t[has_truth], smooth) for shift in shifts]
-        targets.append(np.stack(shifted, axis=1) - measured[:, None])
-        blocks.append(np.arange(len(at)) * _PARTS // len(at) + _PARTS * number)
-    groups = np.repeat(np.arange(len(samples)), [len(sample.rows) for sample in samples])
-    inputs = explained.scaled(np.concatenate([sample.inputs for sample in samples]))
-    design = np.hstack([inputs, groups[:, None] == np.arange(len(samples))])
-    weights = np.concatenate([sample.weights for sample in samples])[:, None]
-    target = np.concatenate(targets)
-    normal = design.T @ (weights * design)
-    normal[np.diag_indices_from(normal)] += _RIDGE_OF_SHIFTS * len(design)
-    error = target - design @ np.linalg.solve(normal, design.T @ (weights * target))
-    block = np.concatenate(blocks)
-    starts = np.flatnonzero(np.diff(block, prepend=-1))
-    return np.asarray(np.add.reduceat(weights * error**2, starts, axis=0))

@@ -18,14 +18,8 @@ from scipy.signal import argrelmax
 
 from truejoint.array_types import Array, Integers
 from truejoint.errors import RecordingError
-from truejoint.recordings.join.explained import (
-    OTHER_PLAYS,
-    PLAYS,
-    SLOW,
-    estimate_lag,
-    explain,
-    jackknife_sd,
-)
+from truejoint.recordings.join.explained import SLOW, explain
+from truejoint.recordings.join.lag import estimate_lag
 from truejoint.recordings.table.recording import Recording, as_recording, nominal_rates
 from truejoint.recordings.table.stream import BRIDGED_STEPS, Stream, synchronise, usable_rows
 from truejoint.threads import one_thread
@@ -173,12 +167,10 @@ def _shifted(
 def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockOffset:
     """Offset at which the robot's signals explain most of truth minus measured.
 
-    Plays and efforts tell friction from a delay where a motion of one speed, as a zig-zag is, does
-    not. It counts where `coarse` is unsure, and this one is surer and no further off than may be.
-    By how much it differs with plays of other half-widths is part of its deviation: of strokes that
-    are all alike a wrong width and a delay explain the same. So is half its way from `coarse`: rows
-    at a turn tell most, and what is far off at the first offset weighs little. Where it does not
-    count, how far off it is adds to the deviation of `coarse`.
+    Plays and efforts tell friction from a delay. It counts where `coarse` is unsure, and this one
+    is surer and no further off than may be. Half its way from `coarse` is part of its deviation:
+    rows at a turn tell most, and what is far off at the first offset weighs little. Where it does
+    not count, how far off it is adds to the deviation of `coarse`.
     """
     if coarse.sd < _UNSURE:
         return coarse
@@ -187,18 +179,11 @@ def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockO
     if len(joined) < _FEWEST or np.median(np.diff(joined.t)) > SLOW:
         return coarse
     with one_thread():
-        lag, other = (
-            estimate_lag(
-                [[joined]] * len(coarse.joints),
-                [explain([joined], joint, plays=plays) for joint in coarse.joints],
-            )
-            for plays in (PLAYS, OTHER_PLAYS)
-        )
-    deviation = math.hypot(lag.sd, other.seconds - lag.seconds)
-    if not (deviation < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
-        farthest = max(abs(lag.seconds), abs(other.seconds))
-        return replace(coarse, sd=math.hypot(coarse.sd, farthest))
-    sd = math.hypot(deviation, lag.seconds / 2, *_age_sds(recording.t, truth.t))
+        explained = [explain([joined], joint) for joint in coarse.joints]
+        lag = estimate_lag([[joined]] * len(explained), explained)
+    if not (lag.sd < coarse.sd and abs(lag.seconds) < _SURE * coarse.sd):
+        return replace(coarse, sd=math.hypot(coarse.sd, lag.seconds))
+    sd = math.hypot(lag.sd, lag.seconds / 2, *_age_sds(recording.t, truth.t))
     return replace(coarse, seconds=coarse.seconds - lag.seconds, sd=sd)
 
 
@@ -382,7 +367,12 @@ def fine_offset(
         for rows in (parts != part for part in range(_BLOCKS))
     ]
     frictionless = _regressed_lag(regressors[:, : 1 + position.shape[1]], speed, truth[inside])
-    return offset, math.hypot(jackknife_sd(left_out), frictionless - step)
+    return offset, math.hypot(_jackknife_sd(left_out), frictionless - step)
+
+
+def _jackknife_sd(left_out: Sequence[float]) -> float:
+    """Give the standard deviation of an estimate, by estimates that leave out a part each."""
+    return math.sqrt(len(left_out) - 1) * float(np.std(left_out))
 
 
 def _regressed_lag(regressors: Array, velocity: Array, truth: Array) -> float:

@@ -17,6 +17,8 @@ _SATURATED: Final = 0.05  # of the range, that the joint moves on while its sens
 _OFTEN: Final = 3  # times that it does so by half of that, which tell as much
 _FEWEST: Final = 50  # rows with truth of which it can be said that a sensor stands
 _LEAP: Final = 5.0  # usual steps, with which a sensor that stood while its joint moved goes on
+_MANY_SIZES: Final = 3.0  # times the smallest step
+_PUSHES: Final = 1.2  # times the largest effort elsewhere
 _ODD_STEPS: Final = (1e-5, 60.0)  # s; a clock outside is hardly one in seconds
 
 
@@ -42,6 +44,8 @@ def judge_columns(
             if needs_truth:
                 yield from _missing_truth(recording.t, joint, has_truth)
             rows = np.flatnonzero(has_truth)
+            yield from _repeats(recording.t[rows], truth[rows], measured[rows], f"truth/{joint}")
+            yield from _repeats(recording.t[rows], measured[rows], truth[rows], f"measured/{joint}")
             if len(rows) >= 2:
                 yield from _jumps(recording, f"truth/{joint}", rows)
             if len(rows) >= _FEWEST:
@@ -51,14 +55,18 @@ def judge_columns(
                 target = np.full(len(rows), nowhere)
                 if f"setpoint/{joint}" in recording.units:
                     target = recording.column(f"setpoint/{joint}")[rows]
-                yield from _stands(joint, recording.t, rows, truth[rows], measured[rows], target)
+                effort = recording.table.get(f"effort/{joint}")
+                pushes = np.zeros(len(rows)) if effort is None else effort.to_numpy()[rows]
+                columns = truth[rows], measured[rows], target, pushes
+                yield from _stands(joint, recording.t, rows, *columns)
 
 
 def _clock(t: Array) -> Iterable[Defect]:
     step = np.diff(t)
     usual = float(np.median(step))
-    if not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
-        what = f"a row every {usual:.3g} s"
+    whole = len(t) >= _FEWEST and usual > 1.0 and bool((step == np.round(step)).all())
+    if whole or not _ODD_STEPS[0] < usual < _ODD_STEPS[1]:
+        what = f"a row every {usual:.3g} s" + (", in whole numbers" if whole else "")
         yield Defect("warn", "rate", what, "time stamps", size=usual)
     after = gaps(t)
     if len(after):
@@ -78,6 +86,23 @@ def _clock(t: Array) -> Iterable[Defect]:
         )
         level: Level = "info" if irregular < 0.2 else "warn"
         yield Defect(level, "clock", what, "time stamps", size=irregular)
+
+
+def _repeats(t: Array, values: Array, other: Array, name: str) -> Iterable[Defect]:
+    """Find a sensor that is new in every few rows only, while the other one moves on.
+
+    Its steps are of many sizes; those of a coarse encoder are all alike.
+    """
+    new = np.flatnonzero(np.diff(values))
+    if len(new) < _FEWEST:
+        return
+    moving = np.count_nonzero(np.diff(other))
+    sizes = np.abs(np.diff(values)[new])
+    times = float(np.median(np.diff(new)))
+    if times >= 2.0 and moving > 1.5 * len(new) and np.median(sizes) > _MANY_SIZES * sizes.min():
+        late = 0.5 * (times - 1.0) * float(np.median(np.diff(t)))
+        what = f"a new value in every {times:.0f} rows only, so about {1e3 * late:.0f} ms late"
+        yield Defect("warn", "repeats", what, name, size=times)
 
 
 def _dropped(recording: Recording) -> Iterable[Defect]:
@@ -133,14 +158,20 @@ def _jumps(recording: Recording, name: str, rows: Integers) -> Iterable[Defect]:
 
 
 def _stands(
-    joint: str, t: Array, rows: Integers, truth: Array, measured: Array, target: Array
+    joint: str,
+    t: Array,
+    rows: Integers,
+    truth: Array,
+    measured: Array,
+    target: Array,
+    effort: Array,
 ) -> Iterable[Defect]:
     """Find a sensor that repeats one value while the other end of the cable moves far.
 
     At an end of its own range it is saturated, and the other end needs to move only outwards and
     only a little: at a turning point with slack it moves back. A motor that stands where it was
     `target` to is none, though a load turns its joint; but from where it stands it goes on without
-    a leap.
+    a leap. A truth that stands while the motor pushes as it does nowhere else is at a stop.
     """
     for name, still, other in (("truth", truth, measured), ("measured", measured, truth)):
         span = float(np.ptp(other))
@@ -171,8 +202,12 @@ def _stands(
         first, last = max(repeats, key=lambda run: run[1] - run[0])
         if clipped:
             held = sum(b + 1 - a for a, b in clipped)
-            what = f"{count(held, 'row')} stand at an end of its range, while the joint moves on"
             where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
+            if name == "truth" and _pushes(effort, clipped):
+                what = f"{count(held, 'row')} at a mechanical stop: the motor goes on and pushes"
+                yield Defect("warn", "stop", what, f"truth/{joint}", rows=where, size=held)
+                continue
+            what = f"{count(held, 'row')} stand at an end of its range, while the joint moves on"
             share = held / len(still)
             yield Defect("fail", "saturated", what, f"{name}/{joint}", rows=where, size=share)
         # Less may be honest slack; single rows may be outliers.
@@ -184,3 +219,12 @@ def _stands(
             )
             where = ((int(rows[first]), int(rows[last]) + 1),)
             yield Defect("fail", "frozen", what, f"{name}/{joint}", rows=where, size=seconds)
+
+
+def _pushes(effort: Array, held: Sequence[tuple[int, int]]) -> bool:
+    """Whether an effort (n,) is larger in the rows held than in the others."""
+    inside = np.zeros(len(effort), dtype=np.bool_)
+    for first, last in held:
+        inside[first : last + 1] = True
+    size = np.abs(effort - np.median(effort))
+    return bool(np.quantile(size[inside], 0.9) > _PUSHES * np.quantile(size[~inside], 0.98))

@@ -207,7 +207,7 @@ def check_data(
         if defect.name in ("wrap", "frozen", "saturated")
     }
     with one_thread():  # many small regressions, which two threads make slower
-        positions = list(judge_positions(recordings, joints, broken))
+        positions = list(judge_positions(recordings, joints, signals, broken))
     findings = [
         *one_line_each(columns, recordings),
         *positions,

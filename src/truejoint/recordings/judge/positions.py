@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import replace
@@ -13,17 +14,16 @@ from scipy.stats import rankdata
 from truejoint.array_types import Array, Integers
 from truejoint.recordings.join.explained import (
     FEWEST,
-    LATE,
     SLOW,
     Explained,
-    Lag,
     Steps,
-    estimate_lag,
+    Stop,
+    apart_from_stops,
     explain,
     find_steps,
-    lags_unlike_others,
     robust_spread,
 )
+from truejoint.recordings.join.lag import LATE, Lag, lags_alone_and_together
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
@@ -34,6 +34,7 @@ from truejoint.recordings.judge.finding import (
     one_line_each,
 )
 from truejoint.recordings.table.recording import Recording
+from truejoint.recordings.table.stream import direction
 from truejoint.robots import Joint
 from truejoint.units import display_unit, shown
 
@@ -41,15 +42,20 @@ Marked = tuple[Defect, Recording]
 
 REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a joint once more
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
+_FEW_OF_SLOW: Final = 0.01  # of rows that are steps: a few of those are honest
 _START: Final = 1.0  # s, in which an arm may still be settling
 _MOVED: Final = 3.0  # spreads of a left-out recording
 _MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
 # Their finding, and the share of the step that counts for the truth, which is noisier.
 _REDUNDANT: Final = ("redundant", 0.6)
 _LATE_DROP: Final = 0.05  # of the residual's variance
-_PERHAPS_DROP: Final = 0.02  # of that, for a word only
-_SURE: Final = 5.0  # uncertainties
-_PERHAPS: Final = 2.0  # of those, for a word only
+_MISLEADING_DROP: Final = 0.5  # of it: more than all else that the signals do not explain
+_SURE: Final = 3.0  # uncertainties
+_SLOPE: Final = 0.05  # by which a slope differs
+_SLOPE_PARTS: Final = 4  # of a recording
+_ALIKE: Final = 0.1  # by which two ranges differ at most
+_SWAPPED: Final = 0.3  # of the variance, that the other joint tells more than the own one
+_FAR_LATER: Final = 1.5  # times as late as all together
 # Between what healthy joints show (a sixth to 1.1) and degrees for radians.
 _RATIO: Final = 7.6
 _OPPOSITE: Final = -0.4  # rank correlation; right signs are far above 0, wrong ones far below
@@ -63,9 +69,15 @@ _SMALLEST_VARIANCE: Final = 1e-4  # of scaled inputs in any direction
 
 
 def judge_positions(
-    recordings: Sequence[Recording], joints: Sequence[str], broken: Collection[tuple[int, str]]
+    recordings: Sequence[Recording],
+    joints: Sequence[str],
+    signals: Collection[str],
+    broken: Collection[tuple[int, str]],
 ) -> Iterable[Finding]:
-    """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further."""
+    """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further.
+
+    A redundant sensor that is none of the `signals` that a model reads is no failure.
+    """
     marked: list[Marked] = []
     judged: dict[str, list[Recording]] = {}
     for joint in joints:
@@ -76,23 +88,49 @@ def judge_positions(
             sound = not any(d.level == "fail" for d in scale_defects)
             if sound and (id(recording), joint) not in broken:
                 judged[joint].append(recording)
-    truths: list[tuple[list[Recording], Explained]] = []
-    for joint, whole in judged.items():
-        for quantity in ("truth", *REDUNDANT):
-            column = f"{quantity}/{joint}"
-            if not (telling := [r for r in whole if _tells(r, column)]):
-                continue
-            explained = explain(telling, joint, quantity)
-            steps, defects = _judge_sensor(telling, explained)
-            marked += defects
-            if quantity == "truth":
-                pairs = zip(telling, steps, strict=True)
-                cleaned = [_without(r, column, s.outliers) for r, s in pairs]
-                truths.append((cleaned, explained))
+    truths = []
+    for joint, sound_ones in judged.items():
+        moving, at_stops = _apart_from_stops(sound_ones, joint)
+        marked += at_stops
+        if moving:
+            truths.append((moving, explain(moving, joint)))
+    delays, late = _judge_delay(truths, recordings)
+    if late:  # a late truth is far off at every turn
+        moved = [([_at_once(r, late.get(id(r), 0.0)) for r in rs], e.joint) for rs, e in truths]
+        truths = [(of_joint, explain(of_joint, joint)) for of_joint, joint in moved]
+    for of_joint, explained in truths:
+        marked += _judge_sensor(of_joint, explained)
+        marked += _judge_slopes(of_joint, explained.joint)
+    for joint, sound_ones in judged.items():
+        marked += _judge_redundant(sound_ones, joint, signals)
+    marked += [(defect, r) for r in recordings for defect in _judge_swapped(r, joints)]
     yield from one_line_each(marked, recordings)
-    yield from _judge_delay(truths, recordings)
+    yield from delays
     if truths:
         yield from _judge_instruments(*truths[0])
+
+
+def _apart_from_stops(
+    recordings: Sequence[Recording], joint: str
+) -> tuple[list[Recording], list[Marked]]:
+    """Keep recordings with a truth of `joint`, without it at a stop; and give the stops."""
+    moving, marked = [], []
+    for recording in recordings:
+        if _tells(recording, f"truth/{joint}"):
+            apart, stops = apart_from_stops(recording, joint)
+            marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
+            moving += [apart] if _tells(apart, f"truth/{joint}") else []
+    return moving, marked
+
+
+def _judge_redundant(
+    recordings: Sequence[Recording], joint: str, signals: Collection[str]
+) -> Iterable[Marked]:
+    for quantity in REDUNDANT:
+        column = f"{quantity}/{joint}"
+        if telling := [r for r in recordings if _tells(r, column)]:
+            for defect, recording in _judge_sensor(telling, explain(telling, joint, quantity)):
+                yield defect if column in signals else replace(defect, level="warn"), recording
 
 
 def _tells(recording: Recording, column: str) -> bool:
@@ -104,32 +142,103 @@ def _tells(recording: Recording, column: str) -> bool:
     return enough and (column.startswith("truth/") or bool(np.ptp(values) > 0.0))
 
 
-def _without(recording: Recording, column: str, rows: Integers) -> Recording:
-    """Take the truth of some rows away."""
-    truth = recording.column(column).copy()
-    truth[rows] = np.nan
-    return replace(recording, table=recording.table.assign(**{column: truth}))
+def _judge_slopes(recordings: Sequence[Recording], joint: str) -> Iterable[Marked]:
+    """Find recordings whose truth moves further, over the same range, than that of the others."""
+    column, slopes = f"truth/{joint}", []
+    for recording in recordings:
+        truth, measured = recording.column(column), recording.column(f"measured/{joint}")
+        rows = np.flatnonzero(np.isfinite(truth))
+        if not np.ptp(_range(measured[rows])):
+            return
+        design = np.column_stack([measured, np.ones(len(truth)), direction(recording.t, measured)])
+        parts = [rows, *np.array_split(rows, _SLOPE_PARTS)]
+        of_parts = [np.linalg.lstsq(design[part], truth[part])[0][0] for part in parts]
+        sd = np.std(of_parts[1:]) / math.sqrt(_SLOPE_PARTS)
+        slopes.append((of_parts[0], sd, np.ptp(_range(measured[rows]))))
+    for number, (slope, sd, span) in enumerate(slopes):
+        others = [pair for k, pair in enumerate(slopes) if k != number]
+        if not others or (number and len(slopes) == 2):
+            return
+        usual, uncertainty, width = np.median(others, axis=0)
+        if abs(span / width - 1.0) > _ALIKE:  # slack takes more of a smaller motion
+            continue
+        if abs(slope / usual - 1.0) > max(_SLOPE, _SURE * math.hypot(sd, uncertainty) / abs(usual)):
+            what = f"its truth moves {slope / usual:.2f} times as far as that of the others"
+            defect = Defect("warn", "slope", what, column, size=abs(slope / usual - 1.0))
+            yield defect, recordings[number]
 
 
-def _judge_sensor(
-    recordings: Sequence[Recording], explained: Explained
-) -> tuple[list[Steps], list[Marked]]:
+def _judge_swapped(recording: Recording, joints: Sequence[str]) -> Iterable[Defect]:
+    """Find two channels of one quantity that follow each other's joint in place of their own."""
+    moving = [j for j in joints if np.ptp(recording.column(f"measured/{j}")) > 0.0]
+    position = np.column_stack([recording.column(f"measured/{j}") for j in moving or joints])
+    for quantity in ("truth", "motor", "driver", "setpoint", "effort"):
+        there = [j for j in moving if f"{quantity}/{j}" in recording.units]
+        if len(there) < 2:
+            continue
+        signals = recording.columns(quantity, there)
+        rows = np.isfinite(signals).all(axis=1)
+        theirs = position[:, [moving.index(j) for j in there]]
+        if quantity == "effort":  # friction goes with the direction
+            theirs = direction(recording.t, theirs)
+        signals, theirs = signals[rows], theirs[rows]
+        if len(signals) < FEWEST or not (np.ptp(signals, axis=0) * np.ptp(theirs, axis=0)).all():
+            continue
+        alike = np.corrcoef(signals.T, theirs.T)[: len(there), len(there) :] ** 2
+        for a, b in itertools.combinations(range(len(there)), 2):
+            if min(alike[a, b] - alike[a, a], alike[b, a] - alike[b, b]) > _SWAPPED:
+                what = (
+                    f"follows {there[b]}, and {quantity}/{there[b]} follows {there[a]}: "
+                    f"{100 * alike[a, b]:.0f} and {100 * alike[b, a]:.0f} % of their variance"
+                )
+                yield Defect("fail", "swapped", what, f"{quantity}/{there[a]}", size=alike[a, b])
+
+
+def _at_once(recording: Recording, late: float) -> Recording:
+    """State of a recording at the times at which a truth that is `late` [s] was true."""
+    if not late:
+        return recording
+    then = recording.t - late
+    unknown = (then < recording.t[0]) | (then > recording.t[-1])
+    columns = {
+        name: np.where(unknown, math.nan, values)
+        if name.startswith("truth/")
+        else np.interp(then, recording.t, values)
+        for name in recording.units
+        for values in (recording.column(name),)
+    }
+    return replace(recording, table=recording.table.assign(**columns))
+
+
+def _at_stop(stop: Stop, recording: Recording, joint: str) -> Defect:
+    unit, rows = recording.units[f"truth/{joint}"], _row_ranges(stop.rows)
+    what = (
+        f"{count(len(stop.rows), 'row')} at a mechanical stop: the truth stays at "
+        f"{shown(stop.level, unit)} while measured goes on to {shown(stop.farthest, unit)} "
+        f"({_row_text(rows)})"
+    )
+    return Defect("warn", "stop", what, f"truth/{joint}", rows=rows, size=len(stop.rows))
+
+
+def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list[Marked]:
     """Find steps in, and between, recordings of a truth or of two sensors that may disagree."""
     name, share = ("zero", 1.0) if explained.quantity == "truth" else _REDUNDANT
-    steps = [find_steps(recording, explained, share) for recording in recordings]
     marked = [
         (defect, recording)
-        for recording, of_recording in zip(recordings, steps, strict=True)
-        for defect in _judge_steps(recording, explained, of_recording, name)
+        for recording in recordings
+        for defect in _judge_steps(
+            recording, explained, find_steps(recording, explained, share), name
+        )
     ]
-    return steps, marked + _judge_zeros(recordings, explained, name, marked)
+    return marked + _judge_zeros(recordings, explained, name, marked)
 
 
 def _judge_steps(
     recording: Recording, explained: Explained, steps: Steps, name: str
 ) -> Iterable[Defect]:
     column = f"{explained.quantity}/{explained.joint}"
-    unit = recording.units[column]
+    unit, t = recording.units[column], recording.t
+    slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     if len(steps.outliers):
         rows = _row_ranges(steps.outliers)
         most = shown(float(np.abs(steps.size).max()), unit)
@@ -138,10 +247,9 @@ def _judge_steps(
             f"{len(steps.outliers)} of {count(len(recording), 'row')} up to {most} off those "
             f"beside them ({_row_text(rows)})"
         )
-        level: Level = "fail" if weight > _MISLEADS * explained.spread else "warn"
+        few = slow and len(steps.outliers) < _FEW_OF_SLOW * len(recording)
+        level: Level = "fail" if weight > _MISLEADS * explained.spread and not few else "warn"
         yield Defect(level, "outliers", what, column, rows=rows, size=weight)
-    t = recording.t
-    slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     for row, rise in zip(steps.stays, steps.rise, strict=True):
         begins = t[row] - t[0] < _START
         what = f"it jumps by {shown(float(rise), unit)} at row {row} and stays"
@@ -189,44 +297,67 @@ def _judge_zeros(
 
 def _judge_delay(
     truths: Sequence[tuple[list[Recording], Explained]], every: Sequence[Recording]
-) -> Iterable[Finding]:
-    """Truth that is late or early in all joints together, in single recordings or in all."""
+) -> tuple[list[Finding], dict[int, float]]:
+    """Truth that is late or early in all joints together, in single recordings or in all.
+
+    And by how much [s], by the recording's id, where it is surely that.
+    """
     sources = [[r.provenance.source for r in recordings] for recordings, _ in truths]
     if not sources:
-        return
+        return [], {}
     most = max(sources, key=sources.count)  # a joint is not judged where its sensor is broken
     alike = [pair for pair, names in zip(truths, sources, strict=True) if names == most]
     recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
     where = ", ".join(f"truth/{e.joint}" for e in explained)
-    together = estimate_lag(recordings, explained)
+    units = [recordings[0][0].units[f"truth/{e.joint}"] for e in explained]
+    alone, together = lags_alone_and_together(recordings, explained)
+    defect = _late(together, where, units)
     single = [
-        (defect, recordings[0][number])
-        for number, lag in ([] if together.slow else lags_unlike_others(recordings, explained))
-        for defect in _late(lag, where)
+        (own, recordings[0][number], lag)
+        for number, lag in alone
+        if (own := _late(replace(lag, told=True), where, units))
+        # One speed tells a recording from the others, unless all are about as late.
+        and (
+            lag.told
+            or not (defect and together.told)
+            or lag.seconds / together.seconds > _FAR_LATER
+        )
     ]
     if 0 < len(single) <= len(recordings[0]) / 2:
-        yield from one_line_each(single, every)
-    else:
-        for d in _late(together, where):
-            yield Finding(d.level, d.name, d.what, d.where, d.advice)
+        marked = [(own, recording) for own, recording, _ in single]
+        return list(one_line_each(marked, every)), {id(r): lag.seconds for _, r, lag in single}
+    if defect is None:
+        return [], {}
+    finding = Finding(defect.level, defect.name, defect.what, defect.where, defect.advice)
+    late = (r for of_joint in recordings for r in of_joint) if together.told else ()
+    return [finding], {id(r): together.seconds for r in late}
 
 
-def _late(lag: Lag, where: str) -> Iterable[Defect]:
-    """Say how late the truth is, if that is not nothing; where rows are far apart, in any case."""
-    beyond = abs(lag.seconds) >= LATE
-    sure = beyond and lag.drop >= _LATE_DROP and abs(lag.seconds) > _SURE * lag.sd
-    likely = beyond and abs(lag.seconds) > _PERHAPS * lag.sd
-    likely = likely and (lag.slow or lag.drop >= _PERHAPS_DROP)
-    if not (likely or lag.slow):
-        return
+def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
+    """Say how late the truth is, if that is not nothing, and how wide the loop is beside it."""
+    is_late = abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP
+    if not is_late or not (lag.told or any(abs(width) > _SURE * sd for width, sd in lag.loops)):
+        return None
+    misleads = lag.told and lag.drop >= _MISLEADING_DROP
     late = "behind" if lag.seconds > 0.0 else "ahead of"
+    pairs = zip(lag.loops, units, strict=False)
+    loops = ", ".join(f"{shown(w, unit)} (+- {shown(sd, unit)})" for (w, sd), unit in pairs)
     what = (
         f"the truth is {1e3 * abs(lag.seconds):.0f} ms {late} the robot's state "
         f"(+- {1e3 * lag.sd:.0f} ms)"
     )
-    advice = "correct the clocks or shift the truth" if sure else "look at the clocks"
-    level: Level = "fail" if sure else "warn" if likely else "info"
-    yield Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
+    if not lag.told:
+        what += f", or it is a loop of {loops}: one speed cannot tell a late clock from hysteresis"
+    elif loops:
+        what += f", beside a loop of {loops}"
+    advice = (
+        "correct the clocks or shift the truth"
+        if lag.told
+        else "record the same motion at half the speed too"
+    )
+    return Defect(
+        "fail" if misleads else "warn", "delay", what, where, advice, size=abs(lag.seconds)
+    )
 
 
 def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:

@@ -23,14 +23,17 @@ from truejoint.units import SI_UNITS
 _WORD: Final = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+|\d+")
 _SYNONYMS: Final = {
     "motor_velocity": "mvel",
-    "truth": "truth true ext external encoder enc tracker camera",
-    "setpoint": "setpoint desired des cmd command target ref goal",
+    "truth": "truth true ext external encoder enc tracker camera cam marker mocap optical",
+    "setpoint": "setpoint desired des cmd command commanded target ref reference goal",
     "motor": "motor mot mpos",
     "velocity": "velocity vel speed jvel qd",
     "current": "current amp amps",
     "effort": "effort torque tau force load",
     "measured": "measured meas position pos jpos angle q joint",
 }
+QUANTITIES: Final = (*reversed(_SYNONYMS),)
+"""Quantities that names of columns are searched for."""
+
 _TIMES: Final = frozenset({"t", "time", "stamp", "timestamp", "sec", "secs", "seconds"})
 _UNITS: Final = {unit.lower(): unit for unit in SI_UNITS if unit != "1"} | {
     "degree": "deg", "degrees": "deg", "radians": "rad", "nsec": "ns", "nsecs": "ns",
@@ -59,6 +62,8 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     >>> print(sketch_column_map("run.csv", "davinci_grasper"))
     # Columns of run.csv as their names suggest; mend what is wrong, delete what is not needed.
     robot = "davinci_grasper"
+    # joints: jaw
+    # quantities: measured, effort, current, velocity, motor, setpoint, truth, motor_velocity
     <BLANKLINE>
     [columns]
     "t" = { column = "stamp_ms", unit = "ms" }  # 0
@@ -86,7 +91,11 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     ]
     lines += [f"{key} = {_quoted(text)}" for key, text in entries.items() if text]
     if not machine:
-        lines.append('# robot = "<name, or a robot file beside this one>"')
+        lines.append('# robot = "<name, or a robot file beside this one; else one of the columns>"')
+    joints = ", ".join(machine.channels if machine else ("as you call them",))
+    lines += [f"# joints: {joints}", f"# quantities: {', '.join(QUANTITIES)}"]
+    if not any(name.startswith("measured/") for name in sketched):
+        lines.append("# no measured/<joint>: where a command stands for it, write so in its place")
     if "t" not in sketched:
         lines.append("# rate_hz = <rate of the rows, unless one of the columns is t>")
     lines += ["", "[columns]", *(f"{_quoted(ours)} = {e}" for ours, e in sketched.items()), *rest]
@@ -139,15 +148,25 @@ def _guess(name: str | int, robot: Robot | None, number: int | None) -> str:
         return name
     quantity = next((q for q, names in _SYNONYMS.items() if words & {*names.split()}), "")
     channels: Sequence[str] = robot.channels if robot else ()
-    named = [channel for channel in channels if channel in str(name).lower()]
-    if named and not words - set(_UNITS) - set(named):
+    named = _channels_named(words, str(name).lower(), channels)
+    if named and not words - set(_UNITS) - set(named) - set(_words(named[0])):
         quantity = "measured"  # nothing but the joint, and perhaps a unit
     if not named and number is not None:
         joints = robot.joint_names if robot else [f"joint{k}" for k in range(1, 100)]
         named = [joints[number - 1]] if 1 <= number <= len(joints) else []
     if not named and len(channels) == 1:
         named = list(channels)
-    return f"{quantity}/{max(named, key=len)}" if quantity and named else ""
+    return f"{quantity}/{named[0]}" if quantity and named else ""
+
+
+def _channels_named(words: set[str], name: str, channels: Sequence[str]) -> list[str]:
+    """Channels that a name holds, the longest first; else that with most of its words."""
+    if whole := [channel for channel in channels if channel in name]:
+        return sorted(whole, key=len, reverse=True)
+    of_each = {c: {word for word in _words(c) if word.isalpha()} for c in channels}
+    common = set.intersection(*of_each.values()) if len(channels) > 1 else set()
+    likeness = {c: (len(w & words), -len(w)) for c, w in of_each.items() if (w - common) & words}
+    return sorted(likeness, key=lambda channel: likeness[channel], reverse=True)[:1]
 
 
 def _unit(ours: str, name: str | int, robot: Robot | None) -> str:

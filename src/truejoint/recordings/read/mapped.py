@@ -28,7 +28,7 @@ from truejoint.recordings.table.recording import (
     recordings_of_file,
 )
 from truejoint.recordings.table.stream import Stream
-from truejoint.robots import Robot, get_robot
+from truejoint.robots import Joint, Robot, get_robot
 from truejoint.toml_file import read_toml
 from truejoint.units import SI_UNITS
 
@@ -162,7 +162,7 @@ def read(path: Path, **context: Any) -> list[Recording]:
 
 def read_truth(
     path: str | os.PathLike[str],
-    robot: str = "",
+    robot: Robot | str = "",
     arm: str = "",
     column_map: MapSource | None = None,
     rate: float = 0.0,
@@ -193,16 +193,18 @@ class Table:
     units: Mapping[str, str]
     sha256: str
     dropped: Mapping[str, int]
+    notes: str = ""
 
     def recordings(self, path: Path, **about: Any) -> list[Recording]:
         """Make the recordings of the file at `path`; `about` as `recordings_of_file` takes it."""
-        about |= {"sha256": self.sha256, "dropped": self.dropped}
+        notes = "; ".join(filter(None, (self.notes, about.get("notes", ""))))
+        about |= {"sha256": self.sha256, "dropped": self.dropped, "notes": notes}
         return recordings_of_file(path, self.robot, self.columns, self.units, **about)
 
 
 def read_table(
     path: Path,
-    robot: str = "",
+    robot: Robot | str = "",
     arm: str = "",
     column_map: MapSource | None = None,
     rate: float = 0.0,
@@ -211,7 +213,8 @@ def read_table(
 ) -> Table:
     """Read a text file of columns, or arrays: .npy with a row a sample, MATLAB with a signal a row.
 
-    Without a map the first line of a text must name columns, in SI units; arrays need a map. In a
+    Without a map the first line of a text must name columns, in SI units, and others than ours are
+    left out; arrays need a map. Without a robot one is made of the columns' joints, in rad. In a
     MATLAB file a column is called ``variable`` or ``struct.field``, followed by ``[k]`` where that
     holds several signals; a star stands for any letters. Any file may be in gzip. `robot` and `arm`
     overrule those of the column map, `rate` [Hz] stands in for time stamps. One column must be of
@@ -220,12 +223,16 @@ def read_table(
     head = head or Head.of(path)
     if head.is_text:
         header = read_header(head, column_map, rate)
-        machine = _robot(path, header.columns, robot, arm, needed)
-        return read_text(header, machine, may_miss=True)
+        machine, notes = _robot(path, header.columns, robot, arm, needed)
+        table = read_text(header, machine, may_miss=True)
+        if header.left_out:
+            notes += ("; " if notes else "") + f"left out: {', '.join(header.left_out)}"
+        return replace(table, notes=notes)
     if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
     columns = _timed(path, read_column_map(column_map), rate)
-    return _read_arrays(path, columns, _robot(path, columns, robot, arm, needed), head)
+    machine, notes = _robot(path, columns, robot, arm, needed)
+    return replace(_read_arrays(path, columns, machine, head), notes=notes)
 
 
 def read_text(header: Header, robot: Robot, *, may_miss: bool = False) -> Table:
@@ -270,6 +277,7 @@ class Header:
     columns: ColumnMap
     positions: Mapping[str, int]
     layout: TextLayout
+    left_out: tuple[str, ...] = ()
 
 
 def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0.0) -> Header:
@@ -279,6 +287,7 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
     """
     mapping = read_column_map(column_map) if column_map is not None else None
     how = (mapping.comment, mapping.delimiter) if mapping else ()
+    left_out: tuple[str, ...] = ()
     layout, fields, named = text_layout(head, *how)
     if mapping is None:
         if not named:
@@ -286,10 +295,13 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
                 f"{head.path}: has no header that names t and <quantity>/<joint> columns; "
                 f"{MAP_ADVICE}"
             )
-        mapping = ColumnMap({name: MappedColumn(name) for name in fields})
+        ours = [name for name in fields if all(_quantity_and_joint(name))]
+        ours = ["t", *ours] if ours and "t" in fields else ours or fields
+        left_out = tuple(name for name in fields if name not in ours)
+        mapping = ColumnMap({name: MappedColumn(name) for name in ours})
     mapping = _timed(head.path, mapping, rate)
     positions = _positions(head.path, mapping, fields if named else None, len(fields))
-    return Header(head.path, mapping, positions, layout)
+    return Header(head.path, mapping, positions, layout, left_out)
 
 
 def _timed(path: Path, mapping: ColumnMap, rate: float) -> ColumnMap:
@@ -327,13 +339,40 @@ def _signal(path: Path, arrays: Mapping[str, Array], name: str, rows: int = 0) -
     return signal
 
 
-def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) -> Robot:
-    model = robot or mapping.robot
-    if not model:
-        raise RecordingError(f"{path}: which robot is it? state robot=..., or put it in the map")
-    machine = get_robot(model, arm or mapping.arm)
+def _quantity_and_joint(name: str) -> tuple[str, str]:
+    quantity, _, joint = name.partition("/")
+    return quantity, joint
+
+
+def _robot_of_columns(path: Path, mapping: ColumnMap, needed: str) -> Robot:
+    """Make a robot of the joints with a `needed` column, in rad unless mapped from a length."""
+    joints = {}
+    for name, mapped in mapping.columns.items():
+        quantity, joint = _quantity_and_joint(name)
+        if quantity == needed and joint:
+            lengths = SI_UNITS.get(mapped.unit, ("rad", 1.0))[0] == "m"
+            joints[joint] = Joint(joint, "prismatic" if lengths else "revolute")
+    if not joints:
+        raise RecordingError(
+            f"{path}: no '{needed}/<joint>' column; name the columns t,measured/bend,"
+            f"truth/bend,... or {MAP_ADVICE}"
+        )
+    return Robot("rig", tuple(joints.values()))
+
+
+def _robot(
+    path: Path, mapping: ColumnMap, robot: Robot | str, arm: str, needed: str
+) -> tuple[Robot, str]:
+    """Give the robot, and what was assumed where one had to be made."""
+    model, notes = robot or mapping.robot, ""
+    if model:
+        machine = get_robot(model, arm or mapping.arm)
+    else:
+        machine = _robot_of_columns(path, mapping, needed)
+        joints = ", ".join(f"{joint.name} [{joint.unit}]" for joint in machine.joints)
+        notes = f"no robot named: made one of the columns, {joints}, without limits"
     for name in mapping.columns:
-        quantity, _, channel = name.partition("/")
+        quantity, channel = _quantity_and_joint(name)
         if name != "t" and not (quantity and channel):
             raise RecordingError(
                 f"{path}: column {name!r} is neither 't' nor '<quantity>/<joint>', for instance "
@@ -351,7 +390,7 @@ def _robot(path: Path, mapping: ColumnMap, robot: str, arm: str, needed: str) ->
     ):
         why = "there is nothing to correct" if needed == "measured" else "it is no truth"
         raise RecordingError(f"{path}: no '{needed}/<joint>' column; {why}")
-    return machine
+    return machine, notes
 
 
 def _in_si(
