@@ -191,9 +191,9 @@ def test_pointers_are_restricted_where_no_call_lets_them_overlap():
 
 
 def test_single_precision_has_float_constants():
-    text = printed(products, single=True).functions
-    assert "double" not in text
-    assert "0.7f" in text
+    program = printed(products, single=True)
+    assert "double" not in program.functions
+    assert "static const float m_gain = 0.7f;" in program.constants
 
 
 @pytest.mark.parametrize("kernel", [comprehends, counts])

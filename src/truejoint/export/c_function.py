@@ -46,6 +46,7 @@ from truejoint.export.c_values import (
     call_builtin,
     is_of,
     join,
+    named,
     operate,
     scale,
 )
@@ -165,9 +166,15 @@ class Function:
         if not values or values[0] is None:
             return None
         first = values[0]
-        if isinstance(first, Known) and all(
-            isinstance(v, Known) and v.value == first.value and type(v.value) is type(first.value)
-            for v in values
+        if (
+            isinstance(first, Known)
+            and not (first.symbol and first.kind == "real")
+            and all(
+                isinstance(v, Known)
+                and v.value == first.value
+                and type(v.value) is type(first.value)
+                for v in values
+            )
         ):
             return first
         return join([value.kind for value in values])
@@ -264,7 +271,8 @@ class Function:
         if isinstance(node.op, ast.UAdd):
             return value
         if isinstance(value, Known):
-            return Known(-value.value)
+            text = f"-{self.style.text(value, UNARY + 1)}" if value.symbol else ""
+            return Known(-value.value, text, UNARY)
         if value.kind in ("int", "bool"):
             return scale(value, -1)
         return Expr(f"-{self.style.text(value, UNARY + 1)}", value.kind, UNARY)
@@ -324,10 +332,10 @@ class Function:
         a, b = self.visit(node.left), self.visit(node.right)
         if not isinstance(node.op, ast.Pow):
             return operate(self.style, node.op, a, b)
-        if isinstance(a, Known) and isinstance(b, Known):
-            return Known(a.value**b.value)
         if not (isinstance(b, Known) and b.value == 2):
             raise self.fail(node, "of powers only squares have C")
+        if isinstance(a, Known):
+            return operate(self.style, ast.Mult(), a, a)
         if isinstance(a, Expr) and not a.base and re.fullmatch(r"[\w.>\-\[\]]+", a.text):
             return Expr(f"{a.text} * {a.text}", a.kind, PRODUCT)
         return Expr(f"square_{a.kind}({self.style.text(a)})", a.kind)
@@ -371,14 +379,14 @@ class Function:
     def element(self, view: View, index: Scalar) -> Any:
         """Element of a vector: known where the array is constant and the place is known."""
         place = add(view.offset, index)
-        values = view.values
+        values, text = view.values, f"{view.text}[{self.style.text(place)}]"
         if values is not None and len(values):
             if isinstance(place, Known) and 0 <= place.value < len(values):
-                return Known(values[place.value].item())
-            bits = values.tobytes()
-            if bits == bits[: values.itemsize] * len(values):
-                return Known(values[0].item())
-        return Expr(f"{view.text}[{self.style.text(place)}]", view.kind)
+                return named(values[place.value].item(), text)
+            bits, first = values.tobytes(), named(values[0].item(), text)
+            if not first.symbol and bits == bits[: values.itemsize] * len(values):
+                return first
+        return Expr(text, view.kind)
 
     def place(self, node: ast.Subscript) -> Expr:
         """Element as something that is assigned to."""
@@ -427,7 +435,7 @@ class Function:
             self.written.add(base.owner)
         if f.name in struct.written:
             return Expr(base.field_text(f.name), kind_of(f, self.style))
-        return Known(struct.values(f)[0].item())
+        return named(struct.values(f)[0].item(), self.printer.table(struct, f))
 
     # ------------------------------------------------------------------ calls
 

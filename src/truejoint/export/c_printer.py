@@ -19,13 +19,14 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from itertools import chain, combinations, count
+from struct import pack, unpack
 from typing import Any, Final
 
 from numba.core.dispatcher import Dispatcher
 
 from truejoint.export.c_function import Function
 from truejoint.export.c_statements import wrapped, wrapped_comment
-from truejoint.export.c_structs import Handle, Side, Struct, Unprintable, element_texts, kind_of
+from truejoint.export.c_structs import Constant, Handle, Side, Struct, Unprintable, kind_of
 from truejoint.export.c_values import RESERVED, Expr, Kind, Known, Scalar, Style, View, add
 from truejoint.layout import Field, Memory
 
@@ -54,7 +55,18 @@ class Program:
     initial: str  # initialiser of the whole memory before the first step
     constants: str  # named numbers and arrays
     functions: str  # each before it is used
+    numbers: tuple[Constant, ...]  # that the C computes with
     names: tuple[str, ...]  # functions of the kernels asked for; each takes a pointer to the struct
+
+    @property
+    def digest(self) -> int:
+        """What `digest.c.j2` makes of the numbers: of FNV-1a, with 64 bits at a time."""
+        digest = 0
+        for number in chain.from_iterable(constant.numbers for constant in self.numbers):
+            (bits,) = unpack("<Q", pack("<d", number))
+            digest = ((digest ^ bits) * 1099511628211) % 2**64
+            digest ^= digest >> 32
+        return digest
 
 
 def print_kernels(
@@ -93,7 +105,7 @@ class Printer:
     def __init__(self, style: Style, enums: Mapping[type[IntFlag], str]) -> None:
         self.style = style
         self.enums = enums
-        self.arrays: dict[tuple[Struct, Field], str] = {}  # names of constant arrays
+        self.tables: dict[tuple[Struct, Field], str] = {}  # names of constants of the memory
         self.defines: dict[str, Any] = {}  # and of constant numbers
         self.names: set[str] = set()  # at file scope
         self.functions: dict[str, Function] = {}
@@ -149,22 +161,11 @@ class Printer:
         kind, root = kind_of(f, self.style), (struct, f.name)
         if f.name in struct.written:
             return View(handle.field_text(f.name), offset, shape, kind, root)
-        if (struct, f) not in self.arrays:
-            self.arrays[struct, f] = f"{struct.type.removesuffix('_state')}_{f.name}"
-        values = struct.values(f)
-        return View(self.arrays[struct, f], offset, shape, kind, root, values)
+        return View(self.table(struct, f), offset, shape, kind, root, struct.values(f))
 
-    def _tables(self, names: set[str]) -> list[str]:
-        """Definitions of the arrays of these names."""
-        texts = []
-        for (owner, f), name in self.arrays.items():
-            if name in names:
-                items = element_texts(f, owner.values(f), self.style)
-                first, *rest = wrapped(", ".join(items), "    ")
-                body = "\n".join([first, *(line[4:] for line in rest)])
-                head = f"static const {self.style.type(kind_of(f))} {name}[{len(items)}]"
-                texts.append(f"/* {f.meaning} */\n{head} = {{\n{body}\n}};")
-        return texts
+    def table(self, struct: Struct, f: Field) -> str:
+        """Name of what a field that nothing writes is in C."""
+        return self.tables.setdefault((struct, f), f"{struct.type.removesuffix('_state')}_{f.name}")
 
     def has_effect(self, text: str) -> bool:
         """Whether a text calls a function that changes something."""
@@ -182,18 +183,24 @@ class Printer:
         if any(getattr(printed.python, "is_wide", False) for printed in printed_functions):
             whole = f"{WIDE}\n\n{whole}"
         words = set(re.findall(r"\w+", re.sub(r"/\*.*?\*/", "", whole, flags=re.DOTALL)))
-        lines = [
-            f"#define {name} {value if isinstance(value, int) else self.style.literal(value)}"
+        constants = [
+            Constant(name, (str(value) if isinstance(value, int) else self.style.literal(value),))
             for name, value in self.defines.items()
             if name in words
         ]
-        tables = self._tables(words)
+        lines = [f"#define {constant.name} {constant.texts[0]}" for constant in constants]
+        tables = []
+        for (owner, f), name in self.tables.items():
+            if name in words:
+                constants.append(owner.constant(f, name, self.style))
+                tables.append(_definition(constants[-1], f, self.style))
         helpers = [text for name, text in _helpers(self.style).items() if name in words]
         return Program(
             "\n\n".join(part.declaration(self.style) for part in struct.walk() if part.changes),
             "\n".join(struct.initial(self.style, named)),
             "\n\n".join(filter(None, ["\n".join(lines), *tables])),
             "\n\n".join([*helpers, whole]),
+            (*constants, *struct.initial_constants(self.style, "initial.")),
             names,
         )
 
@@ -231,6 +238,16 @@ class Printer:
                 ):
                     return False
         return True
+
+
+def _definition(constant: Constant, f: Field, style: Style) -> str:
+    """Definition of a constant, with what it means."""
+    head = f"/* {f.meaning} */\nstatic const {style.type(kind_of(f))} {constant.name}"
+    if not constant.type:
+        return f"{head} = {constant.texts[0]};"
+    first, *rest = wrapped(", ".join(constant.texts), "    ")
+    body = "\n".join([first, *(line[4:] for line in rest)])
+    return f"{head}[{len(constant.texts)}] = {{\n{body}\n}};"
 
 
 def _helpers(style: Style) -> dict[str, str]:

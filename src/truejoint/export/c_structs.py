@@ -21,6 +21,23 @@ class Unprintable(ExportError):
     """A kernel holds what has no C; the message says where."""
 
 
+@dataclass(frozen=True)
+class Constant:
+    """A number of the C, or an array of them."""
+
+    name: str
+    texts: tuple[str, ...]
+    type: str = ""  # of the elements of an array
+
+    @property
+    def numbers(self) -> list[float]:
+        """What a compiler makes of it, in double."""
+        return [
+            float(np.float32(text[:-1])) if text.endswith("f") else float(text)
+            for text in self.texts
+        ]
+
+
 @dataclass(eq=False)
 class Struct:
     """One memory, those within it, and what of it some kernel changes."""
@@ -67,6 +84,19 @@ class Struct:
             if (self.parts[f.name].changes if f.kind == "part"
                 else f.name in self.written and self.values(f).size)
         ]  # fmt: skip
+
+    def constant(self, f: Field, name: str, style: Style) -> Constant:
+        """Name what a field holds before the first step."""
+        type_ = style.type(kind_of(f)) if f.name in self.memory.shapes else ""
+        return Constant(name, tuple(element_texts(f, self.values(f), style)), type_)
+
+    def initial_constants(self, style: Style, where: str) -> Iterator[Constant]:
+        """Give the numbers of the C struct that are not 0 before the first step."""
+        for f in self.members():
+            if f.kind == "part":
+                yield from self.parts[f.name].initial_constants(style, f"{where}{f.name}.")
+            elif kind_of(f) != "int" and np.nan_to_num(self.values(f)).any():
+                yield self.constant(f, where + f.name, style)
 
     def declaration(self, style: Style) -> str:
         """Typedef of the C struct, its fields explained."""

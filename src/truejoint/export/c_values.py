@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import math
 import operator
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -26,7 +27,8 @@ class Known:
     """A number that is known when printing."""
 
     value: Any
-    symbol: str = ""  # its name in C, or several joined by ``|``; empty for a plain literal
+    symbol: str = ""  # what C has for it: a name, an element, an expression of such; else a literal
+    level: int = PRIMARY  # how tightly that binds
     origin: Any = None  # field of a memory that it is the address or the beginning of
 
     @property
@@ -49,6 +51,12 @@ class Expr:
 
 
 Scalar = Known | Expr
+
+
+def named(value: float, name: str) -> Known:
+    """Give a number of a memory the name that C has for it, unless it is whole or not finite."""
+    plain = isinstance(value, int) or value in (0.0, 1.0) or not math.isfinite(value)
+    return Known(value, "" if plain else name)
 
 
 @dataclass(frozen=True)
@@ -171,7 +179,7 @@ class Style:
                 return _within(f"{plain} {sign} {abs(value.base)}", SUM, needed)
             return _within(value.text, value.level, needed)
         if value.symbol:
-            return _within(value.symbol, BIT_OR if "|" in value.symbol else PRIMARY, needed)
+            return _within(value.symbol, value.level, needed)
         if isinstance(value.value, (bool, int)) and kind not in ("real", "time"):
             text = str(int(value.value))
         else:
@@ -209,16 +217,15 @@ ARITHMETIC: Final[Mapping[type, tuple[str, int, Callable[[Any, Any], Any]]]] = {
 
 def operate(style: Style, op: ast.operator, a: Any, b: Any) -> Any:  # noqa: C901
     """Apply an operator to two numbers."""
-    sign, level, compute = ARITHMETIC[type(op)]
+    sign, level, _ = ARITHMETIC[type(op)]
     kind = join([a.kind, b.kind])
     of_integers, bitwise = kind in ("int", "bool"), isinstance(op, (ast.BitAnd, ast.BitOr))
     if isinstance(op, ast.Div):
         kind = join([kind, "real"])
     elif kind == "bool" and not bitwise:
         kind = "int"
-    if isinstance(a, Known) and isinstance(b, Known):
-        return _folded(op, a, b, kind, compute)
-    if kind == "int" and isinstance(op, (ast.Add, ast.Sub)):
+    are_known = isinstance(a, Known) and isinstance(b, Known)
+    if kind == "int" and isinstance(op, (ast.Add, ast.Sub)) and not are_known:
         return add(a, b, 1 if isinstance(op, ast.Add) else -1)
     for one, other in ((a, b), (b, a)):  # 0 | x, 0 & x, 1 * x
         if isinstance(one, Known):
@@ -229,16 +236,15 @@ def operate(style: Style, op: ast.operator, a: Any, b: Any) -> Any:  # noqa: C90
             if bitwise and one.value == 0:
                 return other if isinstance(op, ast.BitOr) else Known(0)
     if bitwise:
-        first, second = (
-            style.text(v, level if alike else UNARY, kind)
-            for v in (a, b)
-            for alike in [sign in v.symbol if isinstance(v, Known) else is_of(v, level)]
-        )
+        first, second = (style.text(v, level if v.level == level else UNARY, kind) for v in (a, b))
     else:
         first, second = style.text(a, level, kind), style.text(b, level + 1, kind)
     if isinstance(op, ast.Div) and of_integers:
         first = f"({style.real}){style.text(a, UNARY)}"
-    return Expr(f"{first} {sign} {second}", kind, level)
+    text = f"{first} {sign} {second}"
+    return (
+        _folded(style, op, a, b, Expr(text, kind, level)) if are_known else Expr(text, kind, level)
+    )
 
 
 def call_builtin(style: Style, name: str, arguments: list[Any]) -> Any:  # noqa: C901, PLR0911
@@ -251,7 +257,7 @@ def call_builtin(style: Style, name: str, arguments: list[Any]) -> Any:  # noqa:
     if name in ("min", "max"):
         for other in arguments[1:]:
             if isinstance(first, Known) and isinstance(other, Known):
-                first = Known((min if name == "min" else max)(first.value, other.value))
+                first = (min if name == "min" else max)(first, other, key=lambda v: v.value)
                 continue
             kind = join([first.kind, other.kind])
             texts = ", ".join(style.text(v, kind=kind) for v in (first, other))
@@ -280,7 +286,7 @@ def convert(style: Style, name: str, value: Any) -> Any:
     """Convert a number to another kind."""
     if isinstance(value, Known):
         number = {"float": float, "int": int, "bool": bool}[name](value.value)
-        return Known(number, value.symbol if type(number) is type(value.value) else "")
+        return value if type(number) is type(value.value) else Known(number)
     if value.kind in {"bool": ("bool",), "int": ("int", "bool"), "float": ("real",)}[name]:
         return value
     if name == "bool":
@@ -295,14 +301,18 @@ def is_of(value: Any, level: int) -> bool:
     return isinstance(value, Expr) and value.level == level
 
 
-def _folded(op: ast.operator, a: Known, b: Known, kind: Kind, compute: Any) -> Known:
-    """Apply an operator to two known numbers."""
-    if kind in ("real", "time"):
+def _folded(style: Style, op: ast.operator, a: Known, b: Known, in_c: Expr) -> Known:
+    """Apply an operator to two known numbers, of which C computes what has a name.
+
+    In float it computes no such number: that is rounded once, from double.
+    """
+    compute = ARITHMETIC[type(op)][2]
+    if in_c.kind in ("real", "time"):
         with np.errstate(all="ignore"):
-            return Known(float(compute(np.float64(a.value), np.float64(b.value))))
-    symbol = ""
-    if isinstance(op, ast.BitOr):
-        named = [v.symbol for v in (a, b) if v.value]
-        symbol = " | ".join(named) if all(named) else ""
+            value = float(compute(np.float64(a.value), np.float64(b.value)))
+        named = not style.single and (a.symbol or b.symbol)
+    else:
+        value = compute(a.value, b.value)
+        named = isinstance(op, ast.BitOr) and a.symbol and b.symbol
     origin = (a.origin or b.origin) if isinstance(op, ast.Add) else None
-    return Known(compute(a.value, b.value), symbol, origin)
+    return Known(value, in_c.text, in_c.level, origin) if named else Known(value, origin=origin)
