@@ -501,8 +501,9 @@ class Arm:
                 self._send(motion, rows)
                 if self._stop_command:
                     break
-            if waits and not self._stop_command and (missing := self._backend.flush()):
-                error = NotArrived(f"{motion.command} is over, but {missing}")
+            if waits and not self._stop_command:
+                missing = self._backend.flush(go_on=lambda: not self._stop_command)
+                error = NotArrived(f"{motion.command} is over, but {missing}") if missing else None
         except BaseException as caught:  # noqa: BLE001  # whatever it is, the arm stops
             error = caught
             self._stop_command = self._stop_command or "pause"

@@ -276,21 +276,81 @@ def test_it_answers_what_crtk_clients_ask(served, arm):
     assert arm.operating_state().state == "ENABLED"
 
 
-def test_a_move_ends_when_the_joint_is_there_or_says_how_far_off_it_is(served, arm, monkeypatch):
-    goal = ROBOT.home + 0.05 * SHOULDER
-    arm.move_jp(goal).wait()
-    assert arm.measured_js(LONG).position == pytest.approx(goal, abs=np.radians(0.15))
-    run, flush = served.twin.run, arm._backend.flush
+def hang(served, monkeypatch, measured):
+    """Let the shoulder be where `measured` says, of its set-points."""
+    run = served.twin.run
 
-    def stuck(setpoints):
+    def hung(setpoints):
         output = run(setpoints)
-        return replace(output, measured=output.measured - 0.004 * np.eye(8)[0])
+        rows = output.measured.copy()
+        rows[:, 0] = measured(rows[:, 0])
+        return replace(output, measured=rows)
 
-    monkeypatch.setattr(served.twin, "run", stuck)
-    monkeypatch.setattr(arm._backend, "flush", lambda _=0.0: flush(0.2))
-    with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 0.22\d* deg away"):
-        arm.move_jp(ROBOT.home).wait()
+    monkeypatch.setattr(served.twin, "run", hung)
+
+
+NEAR = np.radians(0.15)
+
+
+def test_a_joint_that_hangs_off_its_set_point_is_brought_there(served, arm, monkeypatch):
+    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
+    rows = []
+    served.arm.subscribe(lambda block: rows.append(block.setpoint[:, 0]))
+    speed = np.array([joint.max_speed for joint in ROBOT.joints])
+    for angle in (ROBOT.home[0] + 0.05, ROBOT.home[0], ROBOT.upper[0] - 1e-4):
+        goal = ROBOT.home + (angle - ROBOT.home[0]) * SHOULDER
+        arm.move_jp(goal, speed).wait()
+        assert np.abs(arm.measured_js(LONG).position - goal).max() < NEAR
+        assert arm.setpoint_js(LONG).position == pytest.approx(goal, abs=NEAR)  # as asked
+    assert np.abs(np.diff(np.concatenate(rows))).max() <= speed[0] / served.arm.rate + 1e-9
+    arm.pause()
+    arm.resume()  # from where the robot stands
+    trimmed = served.arm.setpoint_js(LONG).position
+    assert arm.setpoint_js(LONG).position == pytest.approx(trimmed, abs=1e-9)
+
+
+def test_a_move_whose_joint_is_held_says_how_far_off_it_is(served, arm, monkeypatch):
+    hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
+    flush = arm._backend.flush
+    monkeypatch.setattr(arm._backend, "flush", lambda timeout=0.2, **how: flush(timeout, **how))
+    with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 1.719 deg away"):
+        arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
     assert arm.operating_state().state == "ENABLED"
+    trim = served.arm.setpoint_js(LONG).position[0] - ROBOT.home[0] - 0.05
+    assert 0.0 < trim <= ros.MOST_TRIM["rad"] + 1e-9
+
+
+@pytest.mark.parametrize("who", ["this program", "another"])
+def test_a_pause_does_not_wait_for_a_joint_that_is_held(served, arm, monkeypatch, who):
+    hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
+    flush, waits = arm._backend.flush, threading.Event()
+
+    def for_ever(timeout=LONG, **how):
+        if timeout == LONG:
+            waits.set()
+        return flush(timeout, **how)
+
+    monkeypatch.setattr(arm._backend, "flush", for_ever)
+    motion = arm.move_jp(ROBOT.home + 0.05 * SHOULDER)
+    assert waits.wait(LONG)
+    if who == "another":
+        served.say("state_command", "crtk_msgs/StringStamped", string="pause")
+    else:
+        arm.pause()
+    with pytest.raises(CommandRefused, match="PAUSED"):
+        motion.wait(0.5 * LONG)
+
+
+def test_what_others_command_after_a_move_stands(served, arm, monkeypatch):
+    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
+    arm.move_jp(ROBOT.home).wait()
+    goal = ROBOT.home + 0.02 * SHOULDER
+    served.say("servo_jp", position=goal.tolist())
+    at_rest(served, goal)
+    trimmed, looked = arm._backend._trimmed, threading.Event()
+    arm.subscribe(lambda _: arm._backend._trimmed > trimmed + 0.1 and looked.set())
+    assert looked.wait(LONG)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 
 
 def test_a_robot_that_refuses_set_points_is_noticed_soon(served, arm, monkeypatch):

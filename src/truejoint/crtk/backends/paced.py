@@ -130,9 +130,9 @@ class PacedBackend(SimulatedBackend):
             self._waiting.extend(position)
             return len(position) - self._wait_for(self._most, go_on)
 
-    def flush(self, timeout: float = ARRIVAL) -> str:
+    def flush(self, timeout: float = ARRIVAL, go_on: Callable[[], bool] = lambda: True) -> str:
         """Return once all set-points are executed."""
-        del timeout  # they are, within some periods
+        del timeout, go_on  # they are, within some periods
         with self._moved:
             self._wait_for(0, lambda: True)
         return ""
