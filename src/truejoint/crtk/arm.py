@@ -437,12 +437,13 @@ class Arm:
                 f"{command} refused: this program looks on; make the Arm to control"
             )
 
-    def latest_setpoint(self, command: str) -> Array:
+    def latest_setpoint(self, command: str, *, pre_empts: bool = False) -> Array:
         """Set-point (n_joints,) [rad or m] that a relative `command` or a move starts at.
 
-        Raises CommandRefused unless the arm is ready.
+        Raises CommandRefused unless the arm is ready; one that `pre_empts` a motion may be busy.
         """
-        check_ready(self.operating_state(), command)
+        now = self.operating_state()
+        check_ready(replace(now, is_busy=now.is_busy and not pre_empts), command)
         return np.asarray(self._latest_setpoints()[-1])
 
     def _latest_setpoints(self) -> Array:
