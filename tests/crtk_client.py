@@ -1,9 +1,9 @@
 """CRTK clients, written by what crtk_python_client 1.4 and dvrk_python 2.4 ask of an arm.
 
 By the topics and types that they document (collaborative-robotics/crtk_python_client:README.md,
-jhu-dvrk/dvrk_python:src/dvrk/arm.py and psm.py): a move's handle hears the operating state, message by
-message, until the arm was busy and is no more. Run on a ROS 1, for an arm that is homed:
-``python3 crtk_client.py /arm1``; it fails where the arm does not do as CRTK says.
+jhu-dvrk/dvrk_python:src/dvrk/arm.py and psm.py): a move's handle hears the operating state,
+message by message, until the arm was busy and is no more. Run on a ROS 1, for an arm that is
+homed: ``python3 crtk_client.py /arm1``; it fails where the arm does not do as CRTK says.
 """
 
 import math
