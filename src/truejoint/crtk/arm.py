@@ -263,10 +263,8 @@ class Arm:
         The pose is in the frame of the CRTK topics. Raises RobotError if it is out of reach or
         the robot's kinematics are not known.
         """
-        kinematics, start = (
-            self.robot.known_kinematics("servo_cp"),
-            self.latest_setpoint("servo_cp"),
-        )
+        kinematics = self.robot.known_kinematics("servo_cp")
+        start = self.latest_setpoint("servo_cp")
         self._servo(cartesian.joints_at(kinematics, pose, start)[None], "servo_cp")
 
     def servo_cr(self, increment: ArrayLike) -> None:
@@ -274,10 +272,8 @@ class Arm:
 
         Shift and turn are about the axes of the CRTK topics' frame, the turn about the tool.
         """
-        kinematics, start = (
-            self.robot.known_kinematics("servo_cr"),
-            self.latest_setpoint("servo_cr"),
-        )
+        kinematics = self.robot.known_kinematics("servo_cr")
+        start = self.latest_setpoint("servo_cr")
         target = cartesian.moved(cartesian.pose(kinematics, start), increment)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
 

@@ -130,10 +130,10 @@ class ArmServer:
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
         self._jaws = arm.robot.grasper
-        of_jaw = {"measured_js": JOINT_STATE, "setpoint_js": JOINT_STATE}
-        if self._grasper:  # which says less
-            del of_jaw["setpoint_js"]
-        self._kinds |= {_JAW + name: kind for name, kind in of_jaw.items() if self._jaws}
+        if self._jaws:
+            self._kinds[_JAW + "measured_js"] = JOINT_STATE
+            if not self._grasper:  # RAVEN's says less
+                self._kinds[_JAW + "setpoint_js"] = JOINT_STATE
         self._publishers: dict[str, Publisher] = {}
 
     def __enter__(self) -> Self:
@@ -151,8 +151,9 @@ class ArmServer:
             of_jaw = [_JAW + name for name in _OF_JAW] if self._jaws else []
             for name in (*_COMMANDS, *of_jaw, *_NOT_OFFERED):
                 kind = _NOT_OFFERED.get(name) or self._kind(name)
-                newest = name.startswith(("servo", "interpolate")) and name not in _RELATIVE
-                receive = partial(self._receive, name)
+                command, receive = name.removeprefix(_JAW), partial(self._receive, name)
+                is_stream = command.startswith(("servo", "interpolate"))
+                newest = is_stream and command not in _RELATIVE
                 reading.callback(subscribe(self._name(name), kind, receive, newest=newest))
             topic = self._name("state_command")
             reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
@@ -235,7 +236,7 @@ class ArmServer:
     def _follow(self, name: str, message: Any) -> None:
         """Follow a set-point, unless a newer one has come."""
         t = self._transport.seconds(message)
-        is_old = name not in _RELATIVE and t < self._newest.get(name, 0.0)
+        is_old = name.removeprefix(_JAW) not in _RELATIVE and t < self._newest.get(name, 0.0)
         is_old |= t < self._newest.get("move", 0.0)
         if t and (is_old or abs(self._transport.now() - t) > _LATE):
             self._warn(

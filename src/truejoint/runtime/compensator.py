@@ -181,8 +181,8 @@ class Compensator:
         check_rate(rate, lag, gain)
         if np.isfinite(inner.spike_speed).any() and gain * time_constant > QUICK_SHARE * lag:
             raise CommandRefused(
-                f"compensator: a gain of {gain:g} with a time constant of {time_constant:g} s makes "
-                f"motors that lag by {1e3 * lag:.0f} ms move faster than the corrector believes; "
+                f"compensator: a gain of {gain:g} with a time constant of {time_constant:g} s "
+                f"makes motors that lag by {1e3 * lag:.0f} ms faster than the corrector believes; "
                 f"lower the gain to {QUICK_SHARE * lag / time_constant:.2g}, or the time constant "
                 f"to {1e3 * QUICK_SHARE * lag / gain:.2g} ms"
             )
