@@ -4,8 +4,9 @@
 
 steps   A RAVEN-II's joint states, of a zig-zag at 10 deg/s and 7 mm/s, go to `truejoint node
         correct` and to the exported C++ node, with a linear model; 1 % are lost, and 20 % are 1-5
-        periods late, so that others go before them. A step is between two messages as they arrive. Beside it is what the same model
-        does to the recording, from one row to the next, with nothing late: efforts are noisy.
+        periods late, so that others go before them. A step is between two messages as they
+        arrive. Beside it is what the same model does to the recording, from one row to the next,
+        with nothing late: efforts are noisy.
 moves   A `RosBackend` moves `truejoint node simulate`; the joints are looked at when `wait`
         returns. A move is silently off where it ends beyond .15 deg, .15 mm without an error.
 rest    The arm's clock from the last of 5,000 `servo_jp` to the last change of its set-point.
