@@ -1,11 +1,12 @@
 """What holds over a real ROS 1 link: corrected steps, moves, streams, pauses, a path followed.
 
-    python -m benchmarks.ros_link [--parts steps moves rest pauses path] [--minutes 10]
+    python -m benchmarks.ros_link [--parts steps moves rest pauses path] [--minutes 10] [--busy 1]
 
 steps   A RAVEN-II's joint states, of a zig-zag at 10 deg/s and 7 mm/s, go to `truejoint node
-        correct` with a linear model; 1 % are lost, and 20 % are 1-5 periods late, so that others go
-        before them. A step is between two messages as they arrive. Beside it is what the same model
-        does to the recording, from one row to the next, with nothing late: efforts are noisy.
+        correct` and to the exported C++ node, with a linear model; 1 % are lost, and 20 % are 1-5
+        periods late, so that others go before them. A step is between two messages as they
+        arrive. Beside it is what the same model does to the recording, from one row to the next,
+        with nothing late: efforts are noisy.
 moves   A `RosBackend` moves `truejoint node simulate`; the joints are looked at when `wait`
         returns. A move is silently off where it ends beyond .15 deg, .15 mm without an error.
 rest    The arm's clock from the last of 5,000 `servo_jp` to the last change of its set-point.
@@ -13,7 +14,8 @@ pauses  The same from `pause` by another program, while moves and streams go on.
 path    A zig-zag on `node simulate --quirks`, at the default speed, followed with `motor_loop`:
         where the joints are wanted less what is reported. Alone it is the set-point less that.
 
-Prints Markdown tables. `load` is what the machine was busy with, divided by its cores.
+`--busy` keeps so many cores busy meanwhile. Prints Markdown tables. `load` is what the machine was
+busy with, divided by its cores.
 """
 
 from __future__ import annotations
@@ -28,7 +30,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +45,7 @@ from truejoint.crtk.backends.ros import TOLERANCE
 from truejoint.crtk.messages import JOINT_STATE, OPERATING_STATE, STRING_STAMPED
 from truejoint.crtk.ros import Publisher, Transport, open_transport
 from truejoint.errors import CommandRefused, NotArrived
+from truejoint.export import export_ros
 from truejoint.motion import follow, zigzag
 from truejoint.robots import get_robot
 from truejoint.runtime import Corrector, motor_loop
@@ -60,12 +63,31 @@ SETPOINT = "/arm1/setpoint_js"
 @contextmanager
 def node(*words: str) -> Iterator[subprocess.Popen[bytes]]:
     """Run a node of truejoint meanwhile."""
-    process = subprocess.Popen([sys.executable, "-m", "truejoint", "node", *words])  # our own
+    with program(sys.executable, "-m", "truejoint", "node", *words) as process:
+        yield process
+
+
+@contextmanager
+def program(*words: str | Path) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a program of our own meanwhile."""
+    process = subprocess.Popen([str(word) for word in words])
     try:
         yield process
     finally:
         process.terminate()
         process.wait()
+
+
+def built(model: truejoint.calibration.Calibration, folder: Path) -> Path:
+    """Program of the exported ROS package, built with Debian's catkin."""
+    export_ros(model.without_redundant(), folder)
+    variables = {**os.environ, "PATH": f"/usr/bin:{os.environ['PATH']}", "ROS_VERSION": "1"}
+    for line in (
+        f"cmake -S {folder} -B {folder}/build -DPYTHON_EXECUTABLE=/usr/bin/python3",
+        f"cmake --build {folder}/build",
+    ):
+        subprocess.run(line.split(), env=variables, check=True, capture_output=True)
+    return next(path for path in folder.rglob("correct") if path.is_file())
 
 
 @contextmanager
@@ -97,10 +119,10 @@ def paced(rate: float, count: int) -> Iterator[int]:
 def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
     """Print how far the corrected joints step, and the raw ones."""
     print(
-        "| rate [Hz] | messages | corrected | largest corrected / raw step | nothing late "
+        "| rate [Hz] | messages | corrected | largest corrected / raw step | in C++ | nothing late "
         "| statuses | SILENT after [s] |"
     )
-    print("| ---: | ---: | ---: | :--- | :--- | :--- | ---: |")
+    print("| ---: | ---: | ---: | :--- | :--- | :--- | :--- | ---: |")
     for rate in (200.0, 1000.0):
         recording, path = session("J1-J2-J3", 4.0, rate), folder / f"{rate:g}.safetensors"
         model = truejoint.calibrate(recording, "linear")
@@ -112,7 +134,9 @@ def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
         corrector = Corrector(model)
         corrector.set_homing(True)
         alone = corrector.run(recording).position
-        heard: dict[str, list[tuple[float, ...]]] = {RAW: [], CORRECTED: []}
+        heard: dict[str, list[tuple[float, ...]]] = {RAW: [], CORRECTED: [], "/arm1/c": []}
+        in_c = "__ns:=/arm1", "_homed:=true", "corrected/measured_js:=c", "__name:=in_c"
+        package = built(model, folder / f"package_{rate:g}")
         said: list[tuple[float, str]] = []
         ends = [
             ros.subscribe(
@@ -127,8 +151,11 @@ def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
         )  # fmt: skip
         joints = ros.publisher(RAW, JOINT_STATE)
         states = ros.publisher("/arm1/operating_state", OPERATING_STATE)
-        with node("correct", str(path), "--profile", "raven2_mended"):
-            until(lambda out=joints: out.readers >= 2)
+        with (
+            node("correct", str(path), "--profile", "raven2_mended"),
+            program(package, *in_c),
+        ):
+            until(lambda out=joints: out.readers >= 3)
             until(lambda out=states: out.readers >= 1)
             state = ros.stamped(OPERATING_STATE, ros.now())
             state.state, state.is_homed = "ENABLED", True
@@ -139,17 +166,17 @@ def steps_part(ros: Transport, folder: Path, minutes: float) -> None:
             until(lambda said=said: said[-1][1] == SILENT)
         for end in (*ends, status, joints.close, states.close):
             end()
-        raw, corrected = (np.array(kept)[:, 1:] for kept in heard.values())
+        raw, corrected, by_c = (np.array(kept)[:, 1:] for kept in heard.values())
         shown = (
             ", ".join(f"{ratio:.2f}" for ratio in largest_step(a) / largest_step(b))
-            for a, b in ((corrected, raw), (alone, rows[:, :3]))
+            for a, b in ((corrected, raw), (by_c, raw), (alone, rows[:, :3]))
         )
         counts = Counter(name for _, name in said)
         texts = ", ".join(f"{name} {count}" for name, count in counts.items())
         silent = said[-1][0] - end_of_all
         print(
-            f"| {rate:.0f} | {len(raw)} | {len(corrected)} | {' | '.join(shown)} | {texts} "
-            f"| {silent:.2f} |"
+            f"| {rate:.0f} | {len(raw)} | {len(corrected)}, {len(by_c)} | {' | '.join(shown)} "
+            f"| {texts} | {silent:.2f} |"
         )
 
 
@@ -180,15 +207,16 @@ def _send_late(
 
 def moves_part(ros: Transport, moves: int) -> None:
     """Print where the joints are when a move is said to be over."""
-    print("| rate [Hz] | moves | furthest off, quiet return | not arrived | others | silent |")
-    print("| ---: | ---: | :--- | ---: | ---: | ---: |")
+    print("| rate [Hz] | moves | furthest off | 6 s later | not arrived | others | silent |")
+    print("| ---: | ---: | :--- | :--- | ---: | ---: | ---: |")
     for rate in RATES:
         rng, off, refused, others = np.random.default_rng(2), [np.zeros(7)], 0, 0
+        later = np.zeros(7)
         with (
             node("simulate", "--homed", "--rate-hz", f"{rate:g}"),
             Arm(_backend(ros, "raven2_mended", rate=rate)) as arm,
         ):
-            for _ in range(moves):
+            for k in range(moves):
                 goal = ROBOT.home + EXTENT * rng.uniform(-1.0, 1.0, 7)
                 try:
                     arm.move_jp(goal, SPEED).wait()
@@ -200,13 +228,16 @@ def moves_part(ros: Transport, moves: int) -> None:
                     others += 1
                     continue
                 off.append(np.abs(arm.measured_js(math.inf).position - goal))
+                if k % 10 == 0:
+                    time.sleep(6.0)
+                    gone = np.abs(arm.measured_js(math.inf).position - goal)
+                    later = np.maximum(later, gone)
         silent = sum(bool((row > LIMIT).any()) for row in off)
-        worst = np.max(off, axis=0)
-        angle, way = np.degrees(np.delete(worst, 2).max()), 1e3 * worst[2]
-        print(
-            f"| {rate:.0f} | {moves} | {angle:.3f} deg, {way:.3f} mm | {refused} | {others} "
-            f"| {silent} |"
+        shown = (
+            f"{np.degrees(np.delete(worst, 2).max()):.3f} deg, {1e3 * worst[2]:.3f} mm"
+            for worst in (np.max(off, axis=0), later)
         )
+        print(f"| {rate:.0f} | {moves} | {' | '.join(shown)} | {refused} | {others} | {silent} |")
 
 
 def _backend(ros: Transport, profile: str, **how: Any) -> RosBackend:
@@ -359,11 +390,15 @@ def main() -> None:
     parser.add_argument("--moves", type=int, default=70, help="at each rate")
     parser.add_argument("--streams", type=int, default=5)
     parser.add_argument("--pauses", type=int, default=200)
+    parser.add_argument("--busy", type=int, default=0, help="cores that are kept busy meanwhile")
     chosen = parser.parse_args()
     with tempfile.TemporaryDirectory() as text:
         folder, port = Path(text), free_port()
         os.environ.update(environment(port, folder))
-        with Master(port, folder):
+        with ExitStack() as on:
+            on.enter_context(Master(port, folder))
+            for _ in range(chosen.busy):
+                on.enter_context(program(sys.executable, "-c", "while True: pass"))
             ros = open_transport(1, "benchmark")
             calls: dict[str, Callable[[], None]] = {
                 "steps": lambda: steps_part(ros, folder, chosen.minutes),

@@ -102,7 +102,7 @@ class LaggingBackend:
         self._run(position)
         return len(position)
 
-    def flush(self, timeout: float = 0.0) -> str:
+    def flush(self, timeout: float = 0.0, go_on: Callable[[], bool] = bool) -> str:
         return ""
 
     def wait(self, duration: float) -> None:

@@ -1,9 +1,9 @@
 """CRTK clients, written by what crtk_python_client 1.4 and dvrk_python 2.4 ask of an arm.
 
 By the topics and types that they document (collaborative-robotics/crtk_python_client:README.md,
-jhu-dvrk/dvrk_python:src/dvrk/arm.py): a move's handle hears the operating state, message by
-message, until the arm was busy and is no more. Run on a ROS 1, for an arm that is homed:
-``python3 crtk_client.py /arm1``; it fails where the arm does not do as CRTK says.
+jhu-dvrk/dvrk_python:src/dvrk/arm.py and psm.py): a move's handle hears the operating state,
+message by message, until the arm was busy and is no more. Run on a ROS 1, for an arm that is
+homed: ``python3 crtk_client.py /arm1``; it fails where the arm does not do as CRTK says.
 """
 
 import math
@@ -52,6 +52,7 @@ SAYS = {
     "body/jacobian": Float64MultiArray, "spatial/jacobian": Float64MultiArray,
     "trajectory_j/ratio": Float64,
     "body/measured_cf": WrenchStamped, "spatial/measured_cf": WrenchStamped,
+    "jaw/measured_js": JointState, "jaw/setpoint_js": JointState,
 }  # fmt: skip
 ASKED = {
     "state_command": StringStamped, "hold": Empty, "free": Empty, "servo_jp": JointState,
@@ -59,6 +60,8 @@ ASKED = {
     "move_jr": JointState, "move_cp": PoseStamped, "body/servo_cf": WrenchStamped,
     "spatial/servo_cf": WrenchStamped, "body/set_cf_orientation_absolute": Bool,
     "use_gravity_compensation": Bool, "trajectory_j/set_ratio": Float64,
+    "jaw/servo_jp": JointState, "jaw/move_jp": JointState, "jaw/servo_jf": JointState,
+    "emulate_tool_present": Bool, "servo_cv": TwistStamped,
 }  # fmt: skip
 
 
@@ -98,7 +101,7 @@ def check(is_so, what):
 
 
 class Client:
-    """What is asked of an arm and what it says: all that dvrk_python's `arm` connects to."""
+    """What is asked of an arm and what it says: all that dvrk_python's `psm` connects to."""
 
     def __init__(self, space):
         self.said, self.heard = {name: [] for name in SAYS}, threading.Condition()
@@ -220,9 +223,12 @@ def main():
     pose.pose.position.x = there
     arm.move("move_cp", pose)
     until(lambda: abs(arm.last("measured_cp").pose.position.x - there) < 5e-4, "the tool")
+    opening = arm.last("jaw/setpoint_js").position[0] + 0.1
+    arm.move("jaw/move_jp", JointState(position=[opening]))
+    until(lambda: abs(arm.last("jaw/setpoint_js").position[0] - opening) < 1e-9, "the jaw")
     arm.command("pause", "PAUSED")
     arm.command("resume", "ENABLED")
-    for name in ("free", "servo_jf", "body/servo_cf", "use_gravity_compensation"):
+    for name in ("free", "servo_jf", "jaw/servo_jf", "body/servo_cf", "use_gravity_compensation"):
         arm.asked[name].publish(ASKED[name]())  # refused, and nothing comes of it
     for rate in (100, 500, 1000):
         arm.stream(rate)

@@ -68,7 +68,7 @@ def test_rows_that_each_follow_a_gap_tell_a_feature_with_a_memory_nothing(record
         calibrate(recording, "linear", features=names) for names in (FEATURES[:2], FEATURES[-1:])
     )
     assert np.isfinite(plain.correct(sparse)).all()
-    refused("for a gap, after which it knows no past", play, sparse)
+    refused("so that it tells too little of the past", play, sparse)
 
 
 def test_metadata_can_be_added(calibration):

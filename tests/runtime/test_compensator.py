@@ -351,6 +351,10 @@ def test_no_set_point_is_faster_at_the_end_of_a_piece_that_is_no_whole_step(lagg
 def test_what_cannot_work_is_refused_in_one_line():
     with pytest.raises(CommandRefused, match=r"50 Hz is too slow for a gain of 1.5 .* lags by 19"):
         quick(Told(), rate=50.0)
+    for gain in (0.5, 0.02):
+        with pytest.raises(CommandRefused, match=r"lower the gain to 0\.019, or the time"):
+            Compensator(Told(), FORCEPS, lag=LAG, gain=gain)
+    Compensator(None, FORCEPS, lag=LAG, gain=0.5)  # which sees no spikes
     with pytest.raises(CommandRefused, match="gain is nan"):
         Compensator(Told(), FORCEPS, rate=250.0, lag=LAG, gain=float("nan"))
     with pytest.raises(CommandRefused, match=r"lag is '0\.05'; give a number"):

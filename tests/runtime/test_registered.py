@@ -103,12 +103,13 @@ RECOVERY = 1.0  # s of motion, after which a filter is back; stated in docs/stat
 @pytest.mark.parametrize("name", FILTERS)
 def test_a_filter_recovers_from_a_burst_and_says_so_meanwhile(name):
     calibration, good = model(name), unseen(name).rows(np.arange(1400))
-    burst, clean = slice(1100, 1150), calibration.correct(good)[:, 0]
+    rows = int(1.2 * calibration.gap_limit / np.median(np.diff(good.t)))  # of no history
+    burst, clean = slice(1150 - rows, 1150), calibration.correct(good)[:, 0]
     table = good.table[list(calibration.loop_signals)].to_numpy()
     later = good.t > good.t[burst.stop] + RECOVERY
     for size in (1e20, 1e3):
         samples = table.copy()
-        noise = np.random.default_rng(0).normal(size=(50, table.shape[1]))
+        noise = np.random.default_rng(0).normal(size=(rows, table.shape[1]))
         samples[burst] += size * noise * np.ptp(table, axis=0)
         columns = dict(zip(calibration.loop_signals, samples.T, strict=True))
         bad = Recording(good.table.assign(**columns), good.units, good.provenance)

@@ -312,6 +312,27 @@ def test_stamps_that_jitter_and_samples_that_are_lost_are_no_slower_rate():
         assert (bits == 0).mean() > 0.7
 
 
+@pytest.fixture(scope="module")
+def fast():
+    """A model that remembers, trained at 1 kHz."""
+    return trained(features=FEATURES, recordings=[recording(np.arange(0.0, 20.0, 1e-3))])
+
+
+@pytest.mark.parametrize(("gap", "flagged"), [(0.05, 0), (0.29, 0), (0.31, 1), (2.0, 1)])
+def test_what_a_history_bridges_is_a_time_and_no_number_of_samples(fast, gap, flagged):
+    corrector = Corrector(fast)
+    corrector.set_homing(True, "h1")
+    t = np.arange(0.0, 2.0, 1e-3)
+    t[1000:] += gap
+    bits = run(corrector, t, stream(t))[0]
+    assert (bits & Status.TIME_JUMP > 0).sum() == flagged
+    assert flagged or not bits.any()
+    slow = 0.02 * np.arange(200)  # a loop at a twentieth of the rate
+    corrector = Corrector(fast)
+    corrector.set_homing(True, "h1")
+    assert (run(corrector, slow, stream(slow))[0] & Status.TIME_JUMP > 0).sum() == 178
+
+
 def corrected_with_lags(t: np.ndarray) -> np.ndarray:
     """Status bits of the stream at stamps, by a model that counts samples at 30 Hz."""
     corrector = Corrector(trained(features=HISTORY))

@@ -401,7 +401,7 @@ class Calibration(Summarised):
         if self.counts_samples:
             check_sample_dt(recording, self.origin.sample_dt)
         if self.looks_back:
-            check_history(recording, self.gap_limit)
+            check_history(recording, self.origin.sample_dt)
 
     def summary(self) -> dict[str, str]:
         """Robot, model, training, and how far off it may be where that is known, by label."""

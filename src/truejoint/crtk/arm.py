@@ -263,10 +263,8 @@ class Arm:
         The pose is in the frame of the CRTK topics. Raises RobotError if it is out of reach or
         the robot's kinematics are not known.
         """
-        kinematics, start = (
-            self.robot.known_kinematics("servo_cp"),
-            self.latest_setpoint("servo_cp"),
-        )
+        kinematics = self.robot.known_kinematics("servo_cp")
+        start = self.latest_setpoint("servo_cp")
         self._servo(cartesian.joints_at(kinematics, pose, start)[None], "servo_cp")
 
     def servo_cr(self, increment: ArrayLike) -> None:
@@ -274,10 +272,8 @@ class Arm:
 
         Shift and turn are about the axes of the CRTK topics' frame, the turn about the tool.
         """
-        kinematics, start = (
-            self.robot.known_kinematics("servo_cr"),
-            self.latest_setpoint("servo_cr"),
-        )
+        kinematics = self.robot.known_kinematics("servo_cr")
+        start = self.latest_setpoint("servo_cr")
         target = cartesian.moved(cartesian.pose(kinematics, start), increment)
         self._servo(cartesian.joints_at(kinematics, target, start)[None], "servo_cr")
 
@@ -437,12 +433,13 @@ class Arm:
                 f"{command} refused: this program looks on; make the Arm to control"
             )
 
-    def latest_setpoint(self, command: str) -> Array:
+    def latest_setpoint(self, command: str, *, pre_empts: bool = False) -> Array:
         """Set-point (n_joints,) [rad or m] that a relative `command` or a move starts at.
 
-        Raises CommandRefused unless the arm is ready.
+        Raises CommandRefused unless the arm is ready; one that `pre_empts` a motion may be busy.
         """
-        check_ready(self.operating_state(), command)
+        now = self.operating_state()
+        check_ready(replace(now, is_busy=now.is_busy and not pre_empts), command)
         return np.asarray(self._latest_setpoints()[-1])
 
     def _latest_setpoints(self) -> Array:
@@ -501,8 +498,9 @@ class Arm:
                 self._send(motion, rows)
                 if self._stop_command:
                     break
-            if waits and not self._stop_command and (missing := self._backend.flush()):
-                error = NotArrived(f"{motion.command} is over, but {missing}")
+            if waits and not self._stop_command:
+                missing = self._backend.flush(go_on=lambda: not self._stop_command)
+                error = NotArrived(f"{motion.command} is over, but {missing}") if missing else None
         except BaseException as caught:  # noqa: BLE001  # whatever it is, the arm stops
             error = caught
             self._stop_command = self._stop_command or "pause"

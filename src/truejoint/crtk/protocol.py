@@ -85,10 +85,11 @@ class Backend(Protocol):
         how many set-points were taken until then. Without more the arm holds the last one.
         """
 
-    def flush(self, timeout: float = ARRIVAL) -> str:
+    def flush(self, timeout: float = ARRIVAL, go_on: Callable[[], bool] = lambda: True) -> str:
         """Return once the last set-point has been executed, or after `timeout` [s].
 
-        Gives in words what has not arrived by then; empty where all has.
+        Gives in words what has not arrived by then; empty where all has, or once ``go_on()``, asked
+        as often as by `servo_jp`, is false.
         """
 
     def wait(self, duration: float) -> None:

@@ -29,22 +29,23 @@ _TWIST: Final = "geometry_msgs/TwistStamped"
 _POSE: Final = "geometry_msgs/PoseStamped"
 _TRANSFORM: Final = "geometry_msgs/TransformStamped"
 _COMMANDS: Final = (
-    "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "interpolate_jp", "interpolate_cp",
-    "move_jp", "move_jr", "move_cp", "hold",
+    "servo_jp", "servo_jr", "servo_jv", "servo_cp", "servo_cr", "servo_cv", "interpolate_jp",
+    "interpolate_cp", "move_jp", "move_jr", "move_cp", "hold",
 )  # fmt: skip
 _TOPICS: Final = {"ravenstate": messages.RAVEN_TOPIC, "truth": messages.TRUTH_TOPIC}
-_OF_GRASPER: Final = ("servo_jp", "servo_jr", "servo_jv")
-_JAWS: Final = ("jaw1", "jaw2")
-_RELATIVE: Final = ("servo_jr", "servo_jv", "servo_cr")  # none of which may be left out
+_JAW: Final = "jaw/"  # the grasper, whose one position is the opening
+_OF_JAW: Final = ("servo_jp", "servo_jr", "servo_jv", "move_jp", "move_jr")
+_RELATIVE: Final = ("servo_jr", "servo_jv", "servo_cr", "servo_cv")  # none may be left out
 _EMPTY: Final = "std_msgs/Empty"
 _ARRAY: Final = "std_msgs/Float64MultiArray"
 _NUMBER: Final = "std_msgs/Float64"
 _WRENCH: Final = "geometry_msgs/WrenchStamped"
-# No twin is moved by efforts. The last three are dVRK's own, not CRTK's.
+# No twin is moved by efforts. Several are dVRK's own, not CRTK's.
 _NOT_OFFERED: Final = {
     "free": _EMPTY, "servo_jf": JOINT_STATE, "servo_cf": _WRENCH, "body/servo_cf": _WRENCH,
     "spatial/servo_cf": _WRENCH, "body/set_cf_orientation_absolute": "std_msgs/Bool",
     "use_gravity_compensation": "std_msgs/Bool", "trajectory_j/set_ratio": _NUMBER,
+    "jaw/servo_jf": JOINT_STATE, "emulate_tool_present": "std_msgs/Bool",
 }  # fmt: skip
 _RATIO: Final = "trajectory_j/ratio"  # of the moves' speed; dVRK's own too
 _JACOBIANS: Final[Mapping[str, cartesian.Frame]] = {
@@ -73,10 +74,11 @@ class ArmServer:
     also ``/ravenstate``, of an arm with joint sensors ``/ext_jpos``. With kinematics there are also
     ``setpoint_cp``, ``measured_cv`` and ``jacobian``, and the services ``forward_kinematics`` and
     ``inverse_kinematics``. Read are ``state_command``, ``hold``, ``servo_jp``, ``servo_jr``,
-    ``servo_jv``, ``servo_cp``, ``servo_cr``, ``interpolate_jp``, ``interpolate_cp``, ``move_jp``,
-    ``move_jr`` and ``move_cp``; the newest of them pre-empts the others. The log says what is
-    refused. An arm that stands paused goes on to report. But for a profile that swaps arms, there
-    is also what dvrk_python asks of an arm, in ``local/``, ``body/`` and ``spatial/``.
+    ``servo_jv``, ``servo_cp``, ``servo_cr``, ``servo_cv``, ``interpolate_jp``, ``interpolate_cp``,
+    ``move_jp``, ``move_jr`` and ``move_cp``; the newest of them pre-empts the others. The log says
+    what is refused; that changes nothing. An arm that stands paused goes on to report. But for a
+    profile that swaps arms, there is also what dvrk_python asks of an arm, in ``local/``,
+    ``body/`` and ``spatial/``, and of its grasper, in ``jaw/``.
 
     The arm runs in real time. `profile` names how its messages differ from CRTK
     (`truejoint.crtk.messages.PROFILES`), `namespace` is that of the topics, by default the
@@ -103,6 +105,7 @@ class ArmServer:
         self._spoken = threading.Event()
         self._closed = threading.Event()
         self._move: Motion | None = None
+        self._top = np.array([joint.max_speed for joint in arm.robot.joints])
         self._follower = SetpointFollower(arm, partial(self._warn, "servo"))
         self._commanding = threading.Lock()
         self._newest: dict[str, float] = {}  # stamp of the newest set-point by command [s]
@@ -111,6 +114,8 @@ class ArmServer:
         self._state_said: tuple[float, tuple[Any, ...]] = (-math.inf, ())
         self._threads: list[threading.Thread] = []
         self._pose_kind = _TRANSFORM if self._profile.swapped else _POSE
+        spaces = [space for space, of in self._profile.arms.items() if of == arm.robot.arm]
+        self._grasper = "".join(self._profile.grasper.get(space, "") for space in spaces)
         self._kinds = {
             "measured_js": JOINT_STATE, "setpoint_js": JOINT_STATE,
             "operating_state": self._profile.operating_state, "truth": JOINT_STATE,
@@ -124,18 +129,18 @@ class ArmServer:
                 self._kinds[_RATIO] = _NUMBER
         if arm.robot.name == "raven2":
             self._kinds["ravenstate"] = RAVEN_STATE
-        spaces = [space for space, of in self._profile.arms.items() if of == arm.robot.arm]
-        self._grasper = "".join(self._profile.grasper.get(space, "") for space in spaces)
-        if self._grasper:
-            self._kinds["grasper"] = JOINT_STATE
+        self._jaws = arm.robot.grasper
+        if self._jaws:
+            self._kinds[_JAW + "measured_js"] = JOINT_STATE
+            if not self._grasper:  # RAVEN's says less
+                self._kinds[_JAW + "setpoint_js"] = JOINT_STATE
         self._publishers: dict[str, Publisher] = {}
 
     def __enter__(self) -> Self:
         subscribe = self._transport.subscribe
         with ExitStack() as writing, ExitStack() as reading:  # closed where something fails
             for name, kind in self._kinds.items():
-                topics = {**_TOPICS, "grasper": f"/{self._grasper}/measured_js"}
-                topic, is_ratio = topics.get(name) or self._name(name), name == _RATIO
+                topic, is_ratio = _TOPICS.get(name) or self._name(name), name == _RATIO
                 made = self._transport.publisher(topic, kind, latched=is_ratio)
                 self._publishers[name] = made
                 writing.callback(made.close)
@@ -143,17 +148,13 @@ class ArmServer:
                     message = self._transport.message(kind)
                     message.data = 1.0
                     made.publish(message)
-            for name in (*_COMMANDS, *_NOT_OFFERED):
-                kind = self._pose_kind if name.endswith(("_cp", "_cr")) else JOINT_STATE
-                kind = _NOT_OFFERED.get(name, _EMPTY if name == "hold" else kind)
-                receive = partial(self._receive, name)
-                newest = name.startswith(("servo", "interpolate")) and name not in _RELATIVE
-                stop = subscribe(self._name(name), kind, receive, newest=newest)
-                reading.callback(stop)
-            for name in _OF_GRASPER if self._grasper else ():
-                receive = partial(self._receive, name, of_grasper=True)
-                topic = f"/{self._grasper}/{name}"
-                reading.callback(subscribe(topic, JOINT_STATE, receive))
+            of_jaw = [_JAW + name for name in _OF_JAW] if self._jaws else []
+            for name in (*_COMMANDS, *of_jaw, *_NOT_OFFERED):
+                kind = _NOT_OFFERED.get(name) or self._kind(name)
+                command, receive = name.removeprefix(_JAW), partial(self._receive, name)
+                is_stream = command.startswith(("servo", "interpolate"))
+                newest = is_stream and command not in _RELATIVE
+                reading.callback(subscribe(self._name(name), kind, receive, newest=newest))
             topic = self._name("state_command")
             reading.callback(subscribe(topic, STRING_STAMPED, self._on_command))
             if "jacobian" in self._kinds:
@@ -181,44 +182,61 @@ class ArmServer:
         return tuple(publisher.topic for publisher in self._publishers.values())
 
     def _name(self, crtk: str) -> str:
+        if self._grasper and crtk.startswith(_JAW):
+            return f"/{self._grasper}/{crtk.removeprefix(_JAW)}"
         return self._profile.topic(self._arm.robot.arm, crtk, self._namespace)
+
+    def _kind(self, command: str) -> str:
+        """Type of a command's messages; RAVEN's poses and twists are TransformStamped."""
+        if command.endswith(("_cp", "_cr", "_cv")):
+            return _TWIST if command == "servo_cv" and self._pose_kind == _POSE else self._pose_kind
+        return _EMPTY if command == "hold" else JOINT_STATE
 
     # Commands.
 
-    def _receive(self, name: str, message: Any, *, of_grasper: bool = False) -> None:
+    def _receive(self, name: str, message: Any) -> None:
         """Carry out a message of a topic of `_COMMANDS`; each pre-empts what goes on."""
         try:
-            if name in _NOT_OFFERED:
+            if name in _NOT_OFFERED or (name == "servo_cv" and self._profile.swapped):
                 raise CommandRefused(f"{name} refused: a simulated arm does not offer it")
             with self._commanding:  # each topic has a thread of its own
-                if name.startswith(("servo", "interpolate")):
-                    self._follow(name, message, of_grasper)
-                else:
+                if name == "hold":
+                    self._end_all(self._transport.now())
+                    self._arm.hold()
+                elif name.removeprefix(_JAW).startswith("move"):
                     self._go(name, message)
+                else:
+                    self._follow(name, message)
         except (TruejointError, ValueError) as refusal:
             self._warn(name, str(refusal))
 
     def _go(self, name: str, message: Any) -> None:
-        """Hold, or begin a move; set-points that were sent before it are passed over."""
-        now = self._transport.now()
-        stamp = 0.0 if name == "hold" else self._transport.seconds(message)
-        self._newest["move"] = min(stamp or now, now)
+        """Begin a move; set-points that were sent before it are passed over."""
+        self._target(name, message)
+        self._end_all(self._transport.seconds(message) or math.inf)
+        if name == "move_cp":
+            self._move = self._arm.move_cp(matrix_of(message))
+        else:
+            self._move = self._arm.move_jp(self._target(name, message))  # from where it is now
+
+    def _end_all(self, t: float) -> None:
+        """Let the arm stand; set-points from before `t` [s] count no more."""
+        self._newest["move"] = min(t, self._transport.now())
         self._follower.stop()
-        if name == "hold":
-            self._arm.hold()
-            return
         self._end_move()
-        act, cartesian_ = getattr(self._arm, name), name.endswith("_cp")
-        self._move = act(matrix_of(message) if cartesian_ else np.array(message.position))
 
-    def _end_move(self) -> None:
-        if self._move is not None and self._move.is_busy():
-            self._move.cancel()
+    def _end_move(self) -> bool:
+        """End a move; whether one was under way."""
+        move = self._move
+        if move is None or not move.is_busy():
+            return False
+        move.cancel()
+        return True
 
-    def _follow(self, name: str, message: Any, of_grasper: bool) -> None:
+    def _follow(self, name: str, message: Any) -> None:
         """Follow a set-point, unless a newer one has come."""
         t = self._transport.seconds(message)
-        is_old = name not in _RELATIVE and t < self._newest.get(name, 0.0)
+        is_old = name.removeprefix(_JAW) not in _RELATIVE and t < self._newest.get(name, 0.0)
         is_old |= t < self._newest.get("move", 0.0)
         if t and (is_old or abs(self._transport.now() - t) > _LATE):
             self._warn(
@@ -228,33 +246,53 @@ class ArmServer:
             )
             return
         self._newest[name] = t
-        self._end_move()
-        goal = self._follower.goal(name)
+        target = self._target(name, message)
+        if self._end_move():
+            target = self._target(name, message)  # from where that has left it
+        self._follower.ask(target, name)
+
+    def _target(self, name: str, message: Any) -> Array:
+        """Set-point (n_joints,) [rad or m] that a command asks for, from that before it.
+
+        Raises TruejointError or ValueError where there is none.
+        """
+        robot, goal = self._arm.robot, self._follower.goal(name)
         if name.endswith(("_cp", "_cr")):
-            kinematics, pose = self._arm.robot.known_kinematics(name), matrix_of(message)
+            kinematics, pose = robot.known_kinematics(name), matrix_of(message)
             if name.endswith("_cr"):
                 pose = cartesian.moved(cartesian.pose(kinematics, goal), pose)
             target = cartesian.joints_at(kinematics, pose, goal)
+        elif name == "servo_cv":
+            rows = cartesian.jacobian(robot.known_kinematics(name), goal)
+            parts = message.twist.linear, message.twist.angular
+            twist = np.array([getattr(part, axis) for part in parts for axis in "xyz"])
+            if not np.isfinite(twist).all():
+                raise CommandRefused(f"{name} refused: twist {twist.tolist()}; send finite values")
+            velocity = np.linalg.lstsq(rows, twist, rcond=None)[0]
+            slower = max(float(np.max(np.abs(velocity) / self._top)), 1.0)
+            target = goal + velocity / slower * self._velocity_time()
         else:
-            target = self._joint_target(name, message, goal, of_grasper)
-        self._follower.ask(target, name)
+            target = self._joint_target(name, message, goal)
+        check_range(robot, target[None], name)
+        return target
 
-    def _joint_target(self, name: str, message: Any, goal: Array, of_grasper: bool) -> Array:
-        """Set-point (n_joints,) [rad or m] that a message asks for, from that before it."""
-        robot = self._arm.robot
-        values = np.array(message.velocity if name == "servo_jv" else message.position)
-        rest = np.zeros_like(goal) if name in _RELATIVE else goal.copy()
-        if of_grasper:  # the opening, which is the sum of what its jaws turn by
+    def _joint_target(self, name: str, message: Any, goal: Array) -> Array:
+        """Set-point (n_joints,) [rad or m] that a message of joints asks for."""
+        robot, command = self._arm.robot, name.removeprefix(_JAW)
+        values = np.array(message.velocity if command == "servo_jv" else message.position)
+        is_relative = command in (*_RELATIVE, "move_jr")
+        rest = np.zeros_like(goal) if is_relative else goal.copy()
+        if name != command:  # the opening, which is the sum of what its jaws turn by
             if values.shape != (1,):
                 raise CommandRefused(f"{name} refused: {len(values)} values; want the opening")
-            rest[robot.index(_JAWS)] = 0.5 * values[0]
+            jaws = robot.index(self._jaws)
+            rest[jaws] += (values[0] - rest[jaws].sum()) / len(jaws)
             values = rest
-        values = self._profile.joint_values(robot, name, values, rest)
+        values = self._profile.joint_values(robot, command, values, rest)
         target = checked_vector(robot, values, name)
-        if name == "servo_jv":
-            top = np.array([joint.max_speed for joint in robot.joints])
-            target = np.clip(target, -top, top) * self._velocity_time()
-        return goal + target if name in _RELATIVE else target
+        if command == "servo_jv":
+            target = np.clip(target, -self._top, self._top) * self._velocity_time()
+        return goal + target if is_relative else target
 
     def _velocity_time(self) -> float:
         """Time [s] that has passed since the last velocity, for which it held."""
@@ -351,9 +389,13 @@ class ArmServer:
             )
         if self._is_read("measured_js"):
             self._publish_joints("measured_js", t, "measured", columns)
-        if self._is_read("grasper"):
-            jaws = [float(columns[f"measured/{jaw}"][0]) for jaw in _JAWS]
-            self._publish("grasper", t, position=[sum(jaws), *jaws])
+        for quantity in ("measured", "setpoint"):
+            if self._is_read(topic := f"{_JAW}{quantity}_js"):
+                jaws = [float(columns[f"{quantity}/{jaw}"][0]) for jaw in self._jaws]
+                if self._grasper:
+                    self._publish(topic, t, position=[sum(jaws), *jaws])
+                else:
+                    self._publish(topic, t, name=["jaw"], position=[sum(jaws)])
         self._publish_cartesian(block, t)
         if self._is_read("ravenstate"):
             levels = "stopped", "pedal up", "pedal down"

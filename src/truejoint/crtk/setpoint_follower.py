@@ -65,7 +65,7 @@ class SetpointFollower:
         stream = self._stream
         if stream is not None and not stream.is_over:
             return stream.goal
-        return self._arm.latest_setpoint(command)
+        return self._arm.latest_setpoint(command, pre_empts=True)
 
     def ask(self, target: Array, command: str) -> None:
         """Go to `target` (n_joints,) [rad or m] in place of any other.

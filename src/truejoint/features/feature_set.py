@@ -33,6 +33,15 @@ MAX_TIME_CONSTANT: Final = 3600.0
 MAX_SIGNAL_LENGTH: Final = 120
 MAX_RATE_RATIO: Final = 1.5
 """How far the time step may be from that of training where features count samples."""
+MAX_STEPS: Final = 10.0
+"""How many time steps of the training two rows may be apart, where the past matters at all."""
+GAP: Final = 0.3
+"""Time without a row [s] that a history bridges, and `MAX_STEPS` where that is longer.
+
+On five recordings of a da Vinci grasper at 1 kHz, with 0.1 to 0.29 s left out in each second,
+``rich_trees`` errs by 0.34 deg where it bridges them, by 3.26 deg where it forgets the past, and by
+0.31 deg with nothing left out; ``ukf_elastic`` by 0.31, 0.90 and 0.31 deg, ``gru`` by 0.42, 2.02
+and 0.40 deg."""
 
 VALUE, LAG, LOWPASS, RATE, PLAY = range(5)
 """Operations as the kernels know them, in the order of `Operation`."""
@@ -263,29 +272,29 @@ def check_sample_dt(recording: Recording, trained: float) -> None:
         )
 
 
-def check_history(recording: Recording, gap_limit: float) -> None:
-    """Refuse, with CalibrationError, a recording in which most rows would begin a history anew.
+def check_history(recording: Recording, trained: float) -> None:
+    """Refuse, with CalibrationError, a recording whose rows are too far apart to tell of the past.
 
-    They are more than `gap_limit` [s] apart, or so far but for rounding.
+    They are `MAX_STEPS` of the training's time steps, `trained` [s], apart, but for rounding.
     """
     dt = sample_dt([recording])
-    if dt > 0.999 * gap_limit:
+    if dt > 0.999 * MAX_STEPS * trained:
         raise CalibrationError(
-            f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, and the "
-            f"model takes {gap_limit:.4g} s without one for a gap, after which it knows no past; "
-            "record at the rate of the training, or calibrate at this one"
+            f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, training "
+            f"every {trained:.4g} s, so that it tells too little of the past, which the model "
+            "needs; record at the rate of the training, or calibrate at this one"
         )
 
 
 def default_gap_limit(recordings: Sequence[Recording]) -> float:
-    """Ten times the median time between rows [s]: what is longer counts as a gap.
+    """Time between two rows [s] that counts as a gap where it is longer: see `GAP`.
 
     Examples
     --------
-    >>> round(default_gap_limit(training), 6)
-    0.1
+    >>> default_gap_limit(training)
+    0.3
     """
-    return 10.0 * sample_dt(recordings)
+    return max(GAP, MAX_STEPS * sample_dt(recordings))
 
 
 def time_steps(t: Array, gap_limit: float) -> Array:

@@ -28,8 +28,7 @@ from truejoint.recordings.table.recording import Recording, as_recording
 from truejoint.robots import Robot
 from truejoint.robots.blocks import StateBlock, TruthBlock
 
-# A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s]:
-# a fifth of what makes a period late (`LoopTiming`).
+# A thread that waits for its turn, as the arm's does after every millisecond, waits so long [s].
 _SWITCH_INTERVAL: Final = 1e-4
 _SPEEDS: Final = ("0.25", "1", "2", "5", "20")
 

@@ -35,6 +35,9 @@ LAG: Final = 0.05
 """Time by which the simulated RAVEN-II's measured position follows even set-points [s]."""
 GAIN_MARGIN: Final = 2.0
 """By how much the loop's gain may grow at least before a joint that follows its motor swings."""
+QUICK_SHARE: Final = 0.5
+"""Of a lag divided by the time constant, the gain that a loop around a corrector may have at most:
+around the twin of peng2024 all steps were OK at half of it, and 68 to 96 % at the whole of it."""
 SPEED_SHARE: Final = 0.8
 """Of the speed from which the corrector sees a spike, the share that set-points keep to."""
 SETTLING: Final = 0.1
@@ -115,7 +118,8 @@ class Compensator:
         Time by which the measured position follows a set-point that moves evenly [s]; by default
         that of a RAVEN-II.
     gain : float
-        Share of the remaining error that is added to the set-point, 0 or more.
+        Share of the remaining error that is added to the set-point: 0 or more, and at most half of
+        `lag` / `time_constant` around a corrector, or it moves so fast that it sees spikes.
     time_constant : float
         Of the low-pass [s].
     integral_time : float
@@ -175,6 +179,13 @@ class Compensator:
         numbers = {"gain": gain, "time constant": time_constant, "lag": lag, "dead band": dead_band}
         _check(inner, robot, numbers, integral_time)
         check_rate(rate, lag, gain)
+        if np.isfinite(inner.spike_speed).any() and gain * time_constant > QUICK_SHARE * lag:
+            raise CommandRefused(
+                f"compensator: a gain of {gain:g} with a time constant of {time_constant:g} s "
+                f"makes motors that lag by {1e3 * lag:.0f} ms faster than the corrector believes; "
+                f"lower the gain to {QUICK_SHARE * lag / time_constant:.2g}, or the time constant "
+                f"to {1e3 * QUICK_SHARE * lag / gain:.2g} ms"
+            )
         self.corrector: Final[Corrector | MotorReadings] = inner
         self.rate: Final = float(rate)
         self._integral_time = integral_time

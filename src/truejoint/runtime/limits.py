@@ -12,7 +12,7 @@ from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.domain import TrainingDomain, partners, varies
 from truejoint.errors import CalibrationError, ModelFileError
 from truejoint.estimators.products import padded
-from truejoint.features.feature_set import MAX_RATE_RATIO
+from truejoint.features.feature_set import MAX_RATE_RATIO, MAX_STEPS
 
 RANGE_MARGIN: Final = 0.5
 """Share of its trained range by which a feature may lie outside before it is out of range.
@@ -62,8 +62,9 @@ Where features (`lag`) or the estimator count samples it is 1 / `MAX_RATE_RATIO`
 no faster rate.
 """
 RATE_STEPS: Final = 32.0
-"""Over how many samples it is judged whether a loop is slower than such a model knows: most of them
-come later than `MAX_RATE_RATIO` times the training time step, as in a recording that is refused."""
+"""Over how many samples it is judged whether a loop is slower than a model knows: most of them come
+later than `MAX_RATE_RATIO` times the training time step where it counts samples, `MAX_STEPS` times
+where it remembers otherwise, as in a recording that is refused."""
 
 Limits = SimpleNamespace
 _ROUNDING: Final = 1e-9
@@ -93,6 +94,7 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
     family = data.family
     counts = data.feature_set.counts_samples or family.counts_samples
     shortest = 1.0 / MAX_RATE_RATIO if counts else SHORTEST_STEP
+    slowest = MAX_RATE_RATIO if counts else MAX_STEPS if data.looks_back else np.inf
     low, high = domain.signal_lower, domain.signal_upper
     moves = high > low
     signals = data.loop_signals
@@ -122,7 +124,7 @@ def limits_of(data: Calibration, range_margin: float = RANGE_MARGIN) -> Limits:
         correction_lower, correction_upper = correction_lower - turned, correction_upper + turned
     return Limits(
         shortest=shortest * domain.dt,
-        slowest=MAX_RATE_RATIO * domain.dt if counts else np.inf,
+        slowest=slowest * domain.dt,
         longest=data.gap_limit,
         training_dt=domain.dt,
         hold=hold,

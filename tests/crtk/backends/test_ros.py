@@ -276,21 +276,81 @@ def test_it_answers_what_crtk_clients_ask(served, arm):
     assert arm.operating_state().state == "ENABLED"
 
 
-def test_a_move_ends_when_the_joint_is_there_or_says_how_far_off_it_is(served, arm, monkeypatch):
-    goal = ROBOT.home + 0.05 * SHOULDER
-    arm.move_jp(goal).wait()
-    assert arm.measured_js(LONG).position == pytest.approx(goal, abs=np.radians(0.15))
-    run, flush = served.twin.run, arm._backend.flush
+def hang(served, monkeypatch, measured):
+    """Let the shoulder be where `measured` says, of its set-points."""
+    run = served.twin.run
 
-    def stuck(setpoints):
+    def hung(setpoints):
         output = run(setpoints)
-        return replace(output, measured=output.measured - 0.004 * np.eye(8)[0])
+        rows = output.measured.copy()
+        rows[:, 0] = measured(rows[:, 0])
+        return replace(output, measured=rows)
 
-    monkeypatch.setattr(served.twin, "run", stuck)
-    monkeypatch.setattr(arm._backend, "flush", lambda _=0.0: flush(0.2))
-    with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 0.22\d* deg away"):
-        arm.move_jp(ROBOT.home).wait()
+    monkeypatch.setattr(served.twin, "run", hung)
+
+
+NEAR = np.radians(0.15)
+
+
+def test_a_joint_that_hangs_off_its_set_point_is_brought_there(served, arm, monkeypatch):
+    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
+    rows = []
+    served.arm.subscribe(lambda block: rows.append(block.setpoint[:, 0]))
+    speed = np.array([joint.max_speed for joint in ROBOT.joints])
+    for angle in (ROBOT.home[0] + 0.05, ROBOT.home[0], ROBOT.upper[0] - 0.004):
+        goal = ROBOT.home + (angle - ROBOT.home[0]) * SHOULDER
+        arm.move_jp(goal, speed).wait()
+        assert np.abs(arm.measured_js(LONG).position - goal).max() < NEAR
+        assert arm.setpoint_js(LONG).position == pytest.approx(goal, abs=NEAR)  # as asked
+    assert np.abs(np.diff(np.concatenate(rows))).max() <= speed[0] / served.arm.rate + 1e-9
+    arm.pause()
+    arm.resume()  # from where the robot stands
+    trimmed = served.arm.setpoint_js(LONG).position
+    assert arm.setpoint_js(LONG).position == pytest.approx(trimmed, abs=1e-9)
+
+
+def test_a_move_whose_joint_is_held_says_how_far_off_it_is(served, arm, monkeypatch):
+    hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
+    flush = arm._backend.flush
+    monkeypatch.setattr(arm._backend, "flush", lambda timeout=0.2, **how: flush(timeout, **how))
+    with pytest.raises(NotArrived, match=r"move_jp is over, but shoulder is 1.719 deg away"):
+        arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
     assert arm.operating_state().state == "ENABLED"
+    trim = served.arm.setpoint_js(LONG).position[0] - ROBOT.home[0] - 0.05
+    assert 0.0 < trim <= ros.MOST_TRIM["rad"] + 1e-9
+
+
+@pytest.mark.parametrize("who", ["this program", "another"])
+def test_a_pause_does_not_wait_for_a_joint_that_is_held(served, arm, monkeypatch, who):
+    hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
+    flush, waits = arm._backend.flush, threading.Event()
+
+    def for_ever(timeout=LONG, **how):
+        if timeout == LONG:
+            waits.set()
+        return flush(timeout, **how)
+
+    monkeypatch.setattr(arm._backend, "flush", for_ever)
+    motion = arm.move_jp(ROBOT.home + 0.05 * SHOULDER)
+    assert waits.wait(LONG)
+    if who == "another":
+        served.say("state_command", "crtk_msgs/StringStamped", string="pause")
+    else:
+        arm.pause()
+    with pytest.raises(CommandRefused, match="PAUSED"):
+        motion.wait(0.5 * LONG)
+
+
+def test_what_others_command_after_a_move_stands(served, arm, monkeypatch):
+    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
+    arm.move_jp(ROBOT.home).wait()
+    goal = ROBOT.home + 0.02 * SHOULDER
+    served.say("servo_jp", position=goal.tolist())
+    at_rest(served, goal)
+    trimmed, looked = arm._backend._trimmed, threading.Event()
+    arm.subscribe(lambda _: arm._backend._trimmed > trimmed + 0.1 and looked.set())
+    assert looked.wait(LONG)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 
 
 def test_a_robot_that_refuses_set_points_is_noticed_soon(served, arm, monkeypatch):
@@ -344,6 +404,80 @@ def test_servo_and_move_pre_empt_each_other(served, arm):
     served.ros.wait_for(
         "/arm1/setpoint_js", lambda m: np.allclose(m.position, ROBOT.home + 0.01 * SHOULDER)
     )
+
+
+REFUSED = (
+    ("servo_jp", [0.0] * 6),
+    ("servo_jp", [np.nan, *ROBOT.home[1:]]),
+    ("servo_jr", [100.0, *[0.0] * 6]),
+    ("servo_jv", []),
+    ("move_jp", ROBOT.home + 100.0),
+    ("move_jr", [np.nan] * 7),
+    ("jaw/move_jp", [0.1, 0.1]),
+    ("interpolate_jp", [np.inf] * 7),
+)
+
+
+def test_commands_that_are_refused_change_nothing(served, arm, caplog):
+    goal = ROBOT.home + 0.06 * SHOULDER
+    with caplog.at_level(logging.WARNING), served.move() as busy:
+        served.say("move_jp", position=goal.tolist())
+        served.ros.wait_for(STATE, lambda m: any(busy))
+        for name, values in REFUSED:
+            for _ in range(3):  # a stream of them
+                served.say(name, position=list(values), velocity=list(values))
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
+    assert [text.partition(":")[0] for text in caplog.messages] == [
+        f"/arm1/{n}" for n, _ in REFUSED
+    ]
+    assert arm.operating_state().state == "ENABLED"
+
+
+def test_the_jaws_have_topics_of_their_own(served, arm, caplog):
+    # As dvrk_python's psm asks (jhu-dvrk/dvrk_python:src/dvrk/psm.py): one position, the opening.
+    jaws = ROBOT.index(ROBOT.grasper)
+    there = ROBOT.home + 0.02 * (np.eye(7)[jaws[1]] - np.eye(7)[jaws[0]])  # the tool turned
+    with served.move():
+        served.say("move_jp", position=there.tolist())
+    with served.move():
+        served.say("jaw/move_jp", position=[1.5])
+    opened = there + 0.5 * (1.5 - there[jaws].sum()) * np.isin(np.arange(7), jaws)
+    assert served.arm.setpoint_js(LONG).position == pytest.approx(opened, abs=1e-9)
+    for name in ("jaw/measured_js", "jaw/setpoint_js"):
+        said = served.ros.wait_for(f"/arm1/{name}", lambda m: abs(m.position[0] - 1.5) < 1e-9)
+        assert (list(said.name), len(said.position)) == (["jaw"], 1)
+    served.say("jaw/servo_jp", position=[1.501])
+    at_rest(served, opened + 0.0005 * np.isin(np.arange(7), jaws))
+    with caplog.at_level(logging.WARNING):
+        served.say("jaw/servo_jf")
+    assert "jaw/servo_jf refused: a simulated arm does not offer it" in caplog.text
+
+
+def test_a_twist_moves_the_tool(served, arm, caplog):
+    def twist(**linear):
+        message = served.ros.stamped("geometry_msgs/TwistStamped", served.ros.now())
+        for axis, value in linear.items():
+            setattr(message.twist.linear, axis, value)
+        served.ros.send("/arm1/servo_cv", message)
+        served.server._follower._stream.motion.wait(LONG)
+
+    before = cartesian.pose(ROBOT.kinematics, ROBOT.home)
+    twist(x=0.02)
+    moved = cartesian.pose(ROBOT.kinematics, served.arm.setpoint_js(LONG).position) - before
+    assert moved[0, 3] == pytest.approx(0.02 / served.arm.rate, rel=0.01)
+    assert np.abs(moved - moved[0, 3] * np.eye(4)[[0]].T @ np.eye(4)[[3]]).max() < 1e-8
+    place = served.arm.setpoint_js(LONG).position
+    straight = place - ROBOT.home
+    steps = []
+    served.arm.subscribe(lambda block: steps.append(block.setpoint))
+    twist(x=1e3)  # at the joints' top speed, in the same direction
+    way = np.delete(np.vstack(steps), 3, axis=1) - place
+    top = [joint.max_speed / served.arm.rate for joint in ROBOT.joints]
+    assert np.max(np.abs(np.diff(way, axis=0)) / top) == pytest.approx(1.0)
+    assert abs(way[-1] @ straight) > 0.999 * np.linalg.norm(way[-1]) * np.linalg.norm(straight)
+    with caplog.at_level(logging.WARNING):
+        twist(x=np.nan)
+    assert "servo_cv refused: twist [nan" in caplog.text
 
 
 def test_a_set_point_that_was_sent_before_a_move_does_not_end_it(served, arm, caplog):

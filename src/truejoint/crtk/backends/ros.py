@@ -30,6 +30,13 @@ _HOPELESS: Final = 0.1  # lateness [s] after which set-points are paced anew
 _BEGINNING: Final = 1.0  # [s] within which a robot that has something to home says so
 TOLERANCE: Final = {"rad": math.radians(0.15), "m": 1.5e-4}
 """Distance of a joint from its set-point within which it has arrived [rad or m]."""
+MOST_TRIM: Final = {"rad": math.radians(1.0), "m": 1e-3}
+"""What is added to a set-point at most so that its joint arrives [rad or m]."""
+_TRIM_TIME: Final = 0.2  # [s] in which an error that remains is added once
+_NEAR: Final = 0.4  # share of the tolerance that may remain
+_LAG: Final = 0.06  # [s] by which joints may follow their set-points
+_SETTLING: Final = 5.0  # [s] after a motion: until then the robot's own loops have come to rest
+_FADE: Final = 0.25  # [s] in which a joint that moves gives most of its trim back
 _IN_FLIGHT: Final = 0.1  # [s] for which a set-point that was sent may be the robot's
 _STILL: Final = 0.04  # [s] for which the robot's may stand elsewhere until none is sent
 _GRACE: Final = 0.2  # [s] that it then has to move: a busy computer may have kept it
@@ -41,6 +48,12 @@ class RosBackend:
 
     Set-points go to ``servo_jp``, `rate` a second. Time is the robot's, by the stamps of its
     messages.
+
+    Friction and gravity keep a joint off its set-point where the robot's own loop has no integral
+    action, or a slow one, as RAVEN-II's. For 5 s after a motion the back end therefore adds a
+    *trim* to the set-points, which brings the joints there and keeps them there. It is at most
+    `MOST_TRIM`, and a joint that moves gives it back. The set-points that the arm reports are
+    without it.
 
     Parameters
     ----------
@@ -117,8 +130,13 @@ class RosBackend:
         self._in_flight: deque[tuple[float, Array]] = deque()  # when it was sent, and what
         self._astray: tuple[float, Array] | None = None  # since when the set-point stands elsewhere
         self._measured: Array | None = None
-        # A joint that has arrived creeps on: a tenth of the tolerance is for that.
-        self._tolerance = 0.9 * np.array([tolerance[joint.unit] for joint in robot.joints])
+        # A joint that has arrived creeps on: a fifth of the tolerance is for that.
+        self._near = 0.8 * np.array([tolerance[joint.unit] for joint in robot.joints])
+        self._most_trim = np.array([MOST_TRIM[joint.unit] for joint in robot.joints])
+        self._largest_step = np.array([joint.max_speed for joint in robot.joints]) / rate
+        self._trim = np.zeros(len(robot.joints))
+        self._settling = math.inf, -math.inf  # when the trim may change
+        self._trimmed = -math.inf  # when it was last looked at
         self._has_commanded = False
         self._failure: BaseException | None = None
         self._closed = threading.Event()
@@ -149,8 +167,8 @@ class RosBackend:
             )
         # Forget what an earlier listener saw: the robot may have been homed meanwhile.
         self._state = self._setpoint = self._measured = self._velocity = None
-        self._sent = self._failure = self._astray = None
-        self._in_flight.clear()
+        self._failure = None
+        self._forget_sent()
         self._homing, self._has_commanded = "", False
         self._closed.clear()
         self._listener = listener
@@ -208,6 +226,7 @@ class RosBackend:
         """
         self._reach(self._command)
         before, began = self.operating_state(), self.time
+        self._settling = math.inf, -math.inf
         self._send_command(command)
         homing = {"begun": not before.is_homed}  # so that it has homed as soon as it says so
 
@@ -236,10 +255,15 @@ class RosBackend:
                         f"{command!r} stopped: not done after {timeout:g} s; the robot reports "
                         f"{self.operating_state().state}"
                     )
-            self._sent = None
-            self._in_flight.clear()
+            self._forget_sent()
         if command == "home":
             self._wait_for_joints()
+
+    def _forget_sent(self) -> None:
+        self._settling = math.inf, -math.inf
+        self._sent = self._astray = None
+        self._trim = np.zeros_like(self._trim)
+        self._in_flight.clear()
 
     def _send_command(self, command: StateCommand) -> None:
         message = self._transport.stamped(STRING_STAMPED, self._transport.now())
@@ -253,6 +277,8 @@ class RosBackend:
             failure, self._failure = self._failure, None
             raise failure
         self._reach(self._servo)
+        with self._changed:  # which the trim changes under
+            self._settling = math.inf, -math.inf
         if self._setpoint is not None and not self._in_flight:
             self._in_flight.append((time.monotonic(), self._setpoint))
         for taken, row in enumerate(position):
@@ -265,31 +291,46 @@ class RosBackend:
             state = self.operating_state()
             if not state.is_ready:
                 raise CommandRefused(f"servo_jp stopped: the arm is {state.state}")
-            self._check_taken()
-            message = self._transport.stamped(JOINT_STATE, self._transport.now())
-            message.position = row.tolist()
-            self._has_commanded = True
-            self._in_flight.append((time.monotonic(), row))
-            self._servo.publish(message)
-            self._sent = row
+            if not self._is_taken(go_on):
+                return taken
+            if self._sent is not None:  # a joint that moves gives its trim back
+                step = np.abs(row - self._sent)
+                room = np.where(step > 0.0, np.maximum(self._largest_step - step, 0.0), 0.0)
+                self._trim = self._trim - np.clip(self._trim / (_FADE * self.rate), -room, room)
+            self._send(row)
         return len(position)
 
-    def _check_taken(self) -> None:
-        """Wait, and then raise CommandRefused, while the robot's set-point stands elsewhere."""
+    def _send(self, row: Array) -> None:
+        """Send a set-point (n_joints,) [rad or m], and what is added to it."""
+        self._sent = row
+        target = np.clip(row + self._trim, self.robot.lower, self.robot.upper)
+        message = self._transport.stamped(JOINT_STATE, self._transport.now())
+        message.position = target.tolist()
+        self._has_commanded = True
+        self._in_flight.append((time.monotonic(), target))
+        self._servo.publish(message)
+
+    def _is_taken(self, go_on: Callable[[], bool]) -> bool:
+        """Wait while the robot's set-point stands elsewhere; False where it is not to go on.
+
+        Raises CommandRefused where it stands there for too long.
+        """
 
         def stands() -> bool:
             return self._astray is not None and time.monotonic() - self._astray[0] > _STILL
 
         with self._changed:
-            astray = self._astray
+            astray, end = self._astray, time.monotonic() + _GRACE
+            while astray is not None and stands() and time.monotonic() < end:
+                if not go_on():
+                    return False
+                self._changed.wait(GRAIN)
             if astray is None or not stands():
-                return
-            if self._changed.wait_for(lambda: not stands(), _GRACE):
-                return
+                return True
             setpoint, sent = astray[1], self._in_flight[-1][1]
             self._astray = None
             self._in_flight.clear()
-        k = int(np.argmax(np.abs(setpoint - sent) / self._tolerance))
+        k = int(np.argmax(np.abs(setpoint - sent) / self._near))
         joint = self.robot.joints[k]
         raise CommandRefused(
             "servo_jp stopped: the robot does not take the set-points that are sent: "
@@ -305,41 +346,68 @@ class RosBackend:
         if not in_flight or now - in_flight[-1][0] > _GRACE + _IN_FLIGHT:
             self._astray = None  # nothing is being sent
             return
-        rows = np.array([row for _, row in tuple(in_flight)])
-        nearest = np.clip(setpoint, rows.min(axis=0), rows.max(axis=0))
-        if self._profile.no_setpoint or (np.abs(setpoint - nearest) <= self._tolerance).all():
+        if self._profile.no_setpoint or self._is_on_way(setpoint, 1.0):
             self._astray = None
         elif self._astray is None or not np.array_equal(setpoint, self._astray[1]):
             self._astray = (now, setpoint)
 
-    def flush(self, timeout: float = ARRIVAL) -> str:
+    def _is_on_way(self, setpoint: Array, share: float) -> bool:
+        """Whether it is one of those sent, or between them, within a `share` of the tolerance."""
+        rows = np.array([row for _, row in tuple(self._in_flight)])
+        nearest = np.clip(setpoint, rows.min(axis=0), rows.max(axis=0))
+        return bool((np.abs(setpoint - nearest) <= share * self._near).all())
+
+    def flush(self, timeout: float = ARRIVAL, go_on: Callable[[], bool] = lambda: True) -> str:
         """Return once the robot's set-point and its joints are where they were sent.
 
-        Gives in words what is not there after `timeout` [s]; empty where all is.
+        Gives in words what is not there after `timeout` [s]; empty where all is, or where it is not
+        to go on.
         """
-        sent = self._sent
-        if sent is None:
-            return ""
+        began = time.monotonic()
+        if timeout > _LAG:
+            self._settling = began + _LAG, began + _SETTLING
+        while self._sent is not None and go_on():
+            with self._changed:
+                if self._changed.wait_for(self._has_arrived, self.grain):
+                    return ""
+            if not (state := self.operating_state()).is_ready:
+                return f"the robot was {state.state} before its joints had arrived"
+            if time.monotonic() - began > timeout:
+                self._settling = math.inf, -math.inf
+                off = np.abs(self._off())
+                worst = int(np.argmax(off / self._near))
+                joint, distance = self.robot.joints[worst], float(off[worst])
+                return (
+                    f"{joint.name} is {shown(distance, joint.unit)} away from where it was sent, "
+                    f"after {timeout:g} s; is it held? RosBackend takes a tolerance"
+                )
+        return ""
 
-        def missing() -> Array:
-            here = [row for row in (self._setpoint, self._measured) if row is not None]
-            return np.abs(np.array(here) - sent).max(axis=0) if here else np.full_like(sent, np.inf)
+    def _has_arrived(self) -> bool:
+        if self._setpoint is None or not self._in_flight:
+            return False
+        away = np.abs(self._in_flight[-1][1] - self._setpoint), np.abs(self._off())
+        return bool((np.maximum(*away) <= self._near).all())
 
-        def is_over() -> bool:
-            return bool((missing() <= self._tolerance).all()) or not (
-                self.operating_state().is_ready
-            )
+    def _off(self) -> Array:
+        """How far (n_joints,) the joints are from where they were sent [rad or m]."""
+        if self._measured is None or self._sent is None:
+            return np.full_like(self._trim, np.inf)
+        return self._sent - self._measured
 
-        with self._changed:
-            if self._changed.wait_for(is_over, timeout):
-                return ""
-            off = missing()
-            worst = int(np.argmax(off / self._tolerance))
-            joint = self.robot.joints[worst]
-            return (
-                f"{joint.name} is {shown(float(off[worst]), joint.unit)} away from where it was "
-                f"sent, after {timeout:g} s; does friction hold it? RosBackend takes a tolerance"
-            )
+    def _settle(self, setpoint: Array) -> None:
+        """Trim the set-point of joints that stand off it, unless others have moved it meanwhile."""
+        now, (begin, end), state = time.monotonic(), self._settling, self._state
+        if not (begin < now < end and self._in_flight and now - self._trimmed >= self.grain):
+            return
+        elapsed, self._trimmed = min(now - self._trimmed, _LAG), now
+        if state is None or not state.is_ready or not self._is_on_way(setpoint, 0.1):
+            return
+        off = self._off()
+        added = np.where(np.abs(off) > _NEAR * self._near, off * elapsed / _TRIM_TIME, 0.0)
+        if added.any() and self._sent is not None:
+            self._trim = np.clip(self._trim + added, -self._most_trim, self._most_trim)
+            self._send(self._sent)
 
     def wait(self, duration: float) -> None:
         """Let `duration` [s] pass."""
@@ -349,6 +417,7 @@ class RosBackend:
         """Raise CommandRefused unless somebody reads a topic of commands, within a while."""
         end = time.monotonic() + CONNECT_TIMEOUT
         while not publisher.readers:
+            self.operating_state()  # of a robot that has fallen silent nobody will
             if time.monotonic() > end or self._closed.wait(GRAIN):
                 raise CommandRefused(
                     f"nobody reads {publisher.topic}: does the robot take commands there?"
@@ -395,12 +464,14 @@ class RosBackend:
         state, listener = self._state, self._listener
         if state is None or listener is None or not state.is_homed:
             return  # before the registration positions mean nothing
-        block = self._block(t, columns)
+        trim = self._trim
+        block = self._block(t, columns, trim)
         with self._changed:
             self._tell_time(t)
-            self._setpoint = block.setpoint[-1, self.robot.joint_channels]
+            self._setpoint = block.setpoint[-1, self.robot.joint_channels] + trim
             self._measured = block.measured[-1, self.robot.joint_channels]
             self._compare(self._setpoint)
+            self._settle(self._setpoint)
             self._changed.notify_all()
         self._deliver(listener, block)
 
@@ -419,8 +490,11 @@ class RosBackend:
             self._failure = error
             self._send_command("pause")
 
-    def _block(self, t: float, columns: Mapping[str, Array]) -> StateBlock:
-        """One row of everything that the robot says; what is not said of any joint is empty."""
+    def _block(self, t: float, columns: Mapping[str, Array], trim: Array) -> StateBlock:
+        """One row of everything that the robot says; what is not said of any joint is empty.
+
+        The set-point is without the `trim` (n_joints,) that was added to it [rad or m].
+        """
         arrays: dict[str, Any] = {}
         for quantity in QUANTITIES:
             names = [f"{quantity}/{channel}" for channel in self.robot.channels]
@@ -430,6 +504,8 @@ class RosBackend:
         measured = arrays["measured"]
         if not arrays["setpoint"].shape[1]:
             arrays["setpoint"] = measured
+        else:
+            arrays["setpoint"][:, self.robot.joint_channels] -= trim
         if not arrays["velocity"].shape[1]:
             arrays["velocity"] = self._speed(t, measured)
         return StateBlock(np.array([t]), self.robot.channels, **arrays)

@@ -133,9 +133,9 @@ class SimulatedBackend:
         self._deliver(output)
         return len(position)
 
-    def flush(self, timeout: float = ARRIVAL) -> str:
+    def flush(self, timeout: float = ARRIVAL, go_on: Callable[[], bool] = lambda: True) -> str:
         """Return at once: what is sent is executed."""
-        del timeout
+        del timeout, go_on
         return ""
 
     def wait(self, duration: float) -> None:

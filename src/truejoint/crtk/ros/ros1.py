@@ -70,7 +70,12 @@ class Ros1:
             topic, _message_class(kind), queue_size=QUEUE, latch=latched, tcp_nodelay=True
         )
         self._open.append(made)
-        return Publisher(topic, made.publish, made.unregister, made.get_num_connections)
+
+        def count_readers() -> int:
+            made.impl.check()  # else one that has gone counts until two messages were sent to it
+            return int(made.get_num_connections())
+
+        return Publisher(topic, made.publish, made.unregister, count_readers)
 
     def subscribe(
         self, topic: str, kind: str, callback: Callable[[Any], None], *, newest: bool = False
