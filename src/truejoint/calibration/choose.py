@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -24,6 +24,7 @@ from truejoint.calibration.rows import Rows
 from truejoint.calibration.zero import judged_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.bounded.learn import Bounded
 from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.polynomial.learn import Raw
 from truejoint.estimators.registry import LINEAR, OFFSET, RAW
@@ -38,19 +39,22 @@ from truejoint.features.feature_set import (
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
-GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which the best simple model must be beaten
+GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which zeros of recordings must be better,
+_ERRORS: Final = 2.0  # and standard errors of that mean
+_EQUAL: Final = 0.02  # of the least expected error, by which the linear model may be worse
+_MEAN: Final = 0.05  # of it, by which a mean of several may be worse than one alone
 FITTED_ROWS: Final = 6_000  # that a fit for the choice uses, at most
 MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
 TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
 _WORSE: Final = 0.25  # it is worse than the best by this share and has no weight,
-_HOPELESS: Final = 1.0  # or worse by this one,
-_AT_ONCE: Final = 2.0  # or by this one after the first, and then with more features too
-_ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must be beaten, too
+_HOPELESS: Final = 1.0  # or worse by this one
+_LEAST_FOLDS: Final = 3  # that are judged, whatever they take
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _JUDGED: Final = 100_000  # rows that a fold judges, at most
 _TINY: Final = np.finfo(float).tiny
 _FIRST_SHARE: Final = 0.8  # of the progress, where what was chosen is tried with more features
+_CHOICE_SHARE: Final = 0.6  # of the budget; fits to all rows take the rest
 
 _MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
 """Quantities of which a choice tries all columns, where it chooses features."""
@@ -66,14 +70,23 @@ Say = Callable[[float, str], None]
 
 @dataclass(eq=False)
 class Candidate:
-    """A model, and how it was fitted so far."""
+    """A model of some features, and how it was fitted so far."""
 
     model: JointRegressor  # unfitted; a first fit settles what it determines
+    features: tuple[str, ...]
+    target: Target
+    is_simple: bool = False
     is_member: bool = True  # whether a weighted mean may hold it
     folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
     seconds: float = 0.0
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
+
+    def bounded(self, features: Sequence[str], beside: Sequence[str] = ()) -> JointRegressor:
+        """Give the model as it sees `features`, held to the range that it is fitted to."""
+        place = {name: i for i, name in enumerate(features)}
+        columns = tuple(place[name] for name in self.features)
+        return Bounded(self.model, columns, tuple(place[name] for name in beside))
 
     def give_up(self, reason: str = "") -> None:
         """Try it no more, for a `reason` or what it did so far."""
@@ -86,60 +99,64 @@ class CrossValidation:
 
     `cross_validate` fills it; the choice and its weights are functions of it. The simple models
     that can predict the target come first, the linear one before the others. All see the same rows
-    of the same recordings.
+    of the same recordings, and are judged by what they leave of the true position.
 
     Attributes
     ----------
     kept : list of ndarray
         Rows of each recording that are among the m rows.
     X, decoupled : ndarray, shape (m, k)
-        Features; the same with every signal taken from another time.
+        Features of all candidates; the same with every signal taken from another time.
     dt : ndarray, shape (m,)
         Time since the row before [s], 0 where a history starts.
+    measured : ndarray, shape (m, n_joints)
+        Measured positions [rad or m].
     targets : ndarray, shape (m, n_joints)
-        [rad or m]; NaN where no fit uses them.
+        Truth minus measured [rad or m]; NaN where no fit uses them.
+    errors : list of ndarray, shape (n_candidates, n_rows, n_joints)
+        What is left of the truth in rows of each fold; NaN where one was not tried.
     products : list of ndarray, shape (n_joints, n_candidates, n_candidates)
-        Mean product of two candidates' errors, for each fold; NaN where one was not tried.
+        Mean product of two candidates' errors, for each fold.
     spreads : ndarray, shape (n_candidates, n_joints)
         Largest spread of predictions where signals come apart, over that of the targets.
-    hopeless : set of str
-        Names of the candidates that were given up after the first fold.
     """
 
-    def __init__(
-        self, parts: Sequence[Rows], target: Target, models: Sequence[JointRegressor], most: int
-    ) -> None:
+    def __init__(self, parts: Sequence[Rows], candidates: Sequence[Candidate], most: int) -> None:
         """Take at most `most` rows of each recording, and as many of those with targets.
 
         A history that starts in a row that is left out starts in the next.
         """
         self.features: FeatureSet = parts[0].feature_set
-        self.target: Target = target
         self.times = [part.t for part in parts]
         self.kept, steps, targets = list[Integers](), list[Array](), list[Array]()
         for part in parts:
-            values = part.fitted_targets(target)
+            values = part.fitted_targets("error")
             has_target = np.flatnonzero(np.isfinite(values).any(axis=1))
             rows = np.union1d(_spread(np.arange(len(part)), most), _spread(has_target, most))
             starts = np.diff(np.cumsum(part.dt == 0.0)[rows], prepend=0) > 0
             steps.append(np.where(starts, 0.0, np.diff(part.t[rows], prepend=part.t[0])))
             targets.append(values[rows])
             self.kept.append(rows)
-        features = [part.X[rows] for part, rows in zip(parts, self.kept, strict=True)]
-        self.X, self.dt, self.targets = (
-            np.concatenate(arrays) for arrays in (features, steps, targets)
-        )
+        pairs = list(zip(parts, self.kept, strict=True))
+        features = [part.X[rows] for part, rows in pairs]
+        self.X, self.dt, self.targets = map(np.concatenate, (features, steps, targets))
+        self.measured = np.concatenate([part.measured[rows] for part, rows in pairs])
         self.decoupled = np.concatenate([decoupled(x, self.features) for x in features])
         self.has_target = np.isfinite(self.targets).all(axis=1)
-        usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
-        simple = [model for model in usual if target in model.family.targets]
-        names = {model.name for model in simple}
-        others = [model for model in models if model.name not in names]
-        self.candidates = [Candidate(model) for model in (*simple, *others)]
-        self.n_simple = len(simple)
+        self.errors: list[Array] = []
         self.products: list[Array] = []
-        self.spreads = np.zeros((len(self.candidates), self.targets.shape[1]))
-        self.hopeless: set[str] = set()
+        self.candidates: list[Candidate] = []
+        self.spreads = np.zeros((0, self.targets.shape[1]))
+        self.add(candidates)
+
+    def add(self, candidates: Sequence[Candidate]) -> None:
+        """Try further candidates, which the folds so far did not see."""
+        n = len(candidates)
+        self.candidates += candidates
+        self.n_simple = sum(candidate.is_simple for candidate in self.candidates)
+        self.spreads = np.vstack([self.spreads, np.zeros((n, self.spreads.shape[1]))])
+        unknown = ((0, n), (0, 0), (0, 0))
+        self.errors = [np.pad(e, unknown, constant_values=np.nan) for e in self.errors]
 
     def split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit uses, few enough, and rows that are judged."""
@@ -170,6 +187,12 @@ class CrossValidation:
         """Mean square error (n_folds, n_candidates, n_joints), NaN where one was not tried."""
         return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
 
+    @property
+    def yardstick(self) -> Array:
+        """Mean square error (n_folds, n_joints) of the best simple model in each fold."""
+        simple = np.where(self.usable, self.alone, np.inf)[:, : self.n_simple]
+        return np.asarray(np.nanmin(simple, axis=1))
+
     def stands(self, number: int) -> bool:
         """Whether a candidate is not given up, and was fitted without half of the folds or more."""
         candidate = self.candidates[number]
@@ -193,9 +216,13 @@ class CrossValidation:
         return np.array([stacking_weights(product) for product in relative]).T
 
     def combined(self) -> tuple[Array, Array]:
-        """Weights (n_candidates, n_joints): of a mean, of one candidate, or of the best simple one.
+        """Weights (n_candidates, n_joints) of the least expected error, and its squares.
 
-        And the mean square error (n_folds, n_joints), of a mean with the weights of other folds.
+        Of a mean, each fold (n_folds, n_joints) judged with the weights of the others, or of one
+        candidate. The error that is expected is the mean over the folds of the error relative to
+        that of the best simple model there. Where that is hardly worse, the linear model is taken
+        before all others, and a mean, which leans on no single one, before one alone. Raw position
+        and offset are only where every correction is worse.
         """
         usable, alone, weights = self.usable, self.alone, self.weights()
         errors = np.empty((len(self.products), weights.shape[1]))
@@ -206,75 +233,96 @@ class CrossValidation:
         members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(k)]
         for joint in range(weights.shape[1]):
             numbers = [k for k in members if usable[k, joint]]
-            options = np.vstack([weights[:, joint], np.eye(len(self.candidates))[numbers]])
-            squares = np.vstack([errors[:, joint], alone[:, numbers, joint].T])
-            ratios = log_ratio(squares, alone[:, 0, joint]).mean(axis=1)
-            simple = 1 + np.flatnonzero(np.array(numbers) < self.n_simple)
-            yardstick = squares[min(simple, key=ratios.__getitem__)]
-            better = [k for k, s in enumerate(squares) if is_better(log_ratio(s, yardstick))]
-            best = min(better or simple, key=ratios.__getitem__)
+            options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
+            squares = np.vstack([alone[:, numbers, joint].T, errors[:, joint]])
+            expected = relative_error(squares, self.yardstick[:, joint])
+            best, mean, limit = int(np.argmin(expected)), len(numbers), expected.min()
+            if best == mean or self.candidates[numbers[best]].model.name not in (RAW, OFFSET):
+                if usable[0, joint] and expected[0] <= (1.0 + _EQUAL) * limit:
+                    best = 0
+                elif expected[mean] <= (1.0 + _MEAN) * limit:
+                    best = mean
             weights[:, joint], errors[:, joint] = options[best], squares[best]
         return weights, errors
 
-    def pass_by(self, other: CrossValidation) -> None:
-        """Do not try what is hopeless in another table, where this one has more features."""
-        if set(other.features.names) <= set(self.features.names):
-            for candidate in self.candidates[self.n_simple :]:
-                if candidate.model.name in other.hopeless and not candidate.note:
-                    candidate.give_up("hopeless with fewer features")
-
     def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
+        if len(self.products) < TRIED_ON:
+            return
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
-        is_first = len(self.products) < TRIED_ON
-        unneeded = (worse > math.log1p(_AT_ONCE if is_first else _HOPELESS)).all(axis=1)
-        if not is_first:
-            unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
-        unneeded[: self.n_simple] = False
+        unneeded = (worse > math.log1p(_HOPELESS)).all(axis=1)
+        is_idle = ~self.weights().any(axis=1)
+        unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & is_idle
+        for number in np.flatnonzero(is_idle):  # of one model the features that do best
+            name = self.candidates[number].model.name
+            same = [k for k, c in enumerate(self.candidates) if c.model.name == name]
+            unneeded[number] |= (worse[same] < worse[number]).all(axis=1).any()
         for candidate in (self.candidates[k] for k in np.flatnonzero(unneeded)):
-            is_tried = candidate.is_member and not candidate.note
+            is_tried = candidate.is_member and not candidate.note and not candidate.is_simple
             if is_tried and len(candidate.folds) >= min(TRIED_ON, len(self.products)):
                 candidate.give_up()
-                if is_first:
-                    self.hopeless.add(candidate.model.name)
+
+    def keep_within(self, seconds: float, n_folds: int) -> bool:
+        """Whether so many more folds can be tried in so many seconds, or it is too early to tell.
+
+        What takes longest of the candidates that no joint needs so far is given up first.
+        """
+        is_idle = ~self.weights().any(axis=1)
+        active = [c for c in self.candidates if not c.note and c.folds]
+        times = {id(c): n_folds * c.seconds / len(c.folds) for c in active}
+        idle = [self.candidates[k] for k in np.flatnonzero(is_idle) if self.candidates[k] in active]
+        for candidate in sorted(idle, key=lambda c: -times[id(c)]):
+            if sum(times.values()) <= seconds:
+                break
+            if not candidate.is_simple:
+                candidate.give_up(f"cut: {candidate.seconds / len(candidate.folds):.1f} s a part")
+                del times[id(candidate)]
+        return len(self.products) < _LEAST_FOLDS or sum(times.values()) / n_folds <= seconds
 
 
-def cross_validate(table: CrossValidation, fold: Fold, say: Say) -> None:
-    """Fit the candidates that are not given up without a fold, and add their errors on it.
+def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) -> None:
+    """Fit what is not given up without a fold, of this `number`, and set down its errors there.
 
-    `say` is called with the share of candidates done, and what is fitted next. Raises
-    CalibrationError, and adds nothing, if the linear model cannot be fitted.
+    Of a fold that was tried before, candidates that it has not seen are. `say` is called with the
+    share of candidates done, and what is fitted next. Raises CalibrationError, and adds nothing, if
+    the linear model cannot be fitted.
     """
     training, test = table.split(fold)
+    is_new = number == len(table.errors)
     errors = np.full((len(table.candidates), len(test), table.targets.shape[1]), np.nan)
-    for number, candidate in enumerate(table.candidates):
-        if candidate.note:
+    if not is_new:
+        errors = table.errors[number]
+    for place, candidate in enumerate(table.candidates):
+        if candidate.note or np.isfinite(errors[place]).any():
             continue
-        say(number / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
-        began = time.perf_counter()
+        say(place / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
+        began = time.process_time()
         try:
             predicted, spread = _predict(candidate, table, training, test)
-            errors[number] = table.targets[test] - predicted
-            table.spreads[number] = np.maximum(table.spreads[number], spread)
-            candidate.folds.append(len(table.products))
+            errors[place] = table.targets[test] - predicted
+            table.spreads[place] = np.maximum(table.spreads[place], spread)
+            candidate.folds.append(number)
         except CalibrationError as reason:
-            if number == 0:
+            if place == 0:
                 raise
-            if number < table.n_simple:
+            if candidate.is_simple:
                 candidate.note = str(reason)
             else:
                 candidate.lacking = str(reason)
                 # Other folds may show what it does: here the best simple model stands in.
-                simple = errors[: table.n_simple]
-                square = np.where(
-                    table.usable[: table.n_simple], np.mean(simple**2, axis=1), np.inf
-                )
+                simple, usable = errors[: table.n_simple], table.usable[: table.n_simple]
+                square = np.where(usable, np.mean(simple**2, axis=1), np.inf)
                 best = np.nanargmin(square, axis=0)
-                errors[number] = simple[best, :, np.arange(len(best))].T
-        candidate.seconds += time.perf_counter() - began
-    table.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(test))
-    table.give_up_hopeless()
+                errors[place] = simple[best, :, np.arange(len(best))].T
+        candidate.seconds += time.process_time() - began
+    products = np.einsum("mnj,pnj->jmp", errors, errors) / len(test)
+    if is_new:
+        table.errors.append(errors)
+        table.products.append(products)
+        table.give_up_hopeless()
+    else:
+        table.errors[number], table.products[number] = errors, products
 
 
 def _predict(
@@ -285,35 +333,37 @@ def _predict(
     And how widely (n_joints,) predictions spread where signals come apart, in deviations of the
     targets; that is not asked of more than two recordings.
     """
-    model = candidate.model.settled()
-    needed = model.minimum_rows(table.X.shape[1])
+    model = candidate.bounded(table.features.names)
+    needed = model.minimum_rows(len(candidate.features))
     if len(training) < needed:
         raise CalibrationError(
             f"{len(training)} rows with truth beside a part left out; {model.name} needs {needed}: "
             "record for longer, or choose fewer features"
         )
+    measured = table.measured if candidate.target == "position" else np.zeros((1, 1))
+    values = table.targets + measured
     if model.family.remembers:
-        targets = np.full_like(table.targets, np.nan)
-        targets[training] = table.targets[training]
+        targets = np.full_like(values, np.nan)
+        targets[training] = values[training]
         model.fit(table.X, targets, None, table.dt)
         history = np.cumsum(table.dt == 0.0)
         run = np.isin(history, history[test])  # what runs before it does not matter
         predicted = model.evaluate(table.X[run], table.dt[run])
         predicted = predicted[np.searchsorted(np.flatnonzero(run), test)]
     else:
-        model.fit(table.X[training], table.targets[training])
+        model.fit(table.X[training], values[training])
         predicted = model.evaluate(np.ascontiguousarray(table.X[test]))
     spread = np.zeros(predicted.shape[1])
     if len(table.times) < FEW and model.name not in (RAW, OFFSET):  # of no signal
-        targets = table.targets[table.has_target]
+        targets = values[table.has_target]
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         spread = np.sqrt(np.mean(far**2, axis=0))
-    family, candidate.model = model.family, model.settled()
-    candidate.is_member = family.row is not None and (
-        family.inputs is None or table.target == "position"
+    candidate.is_member, candidate.model = (
+        model.member_.family.row is not None,
+        model.member_.settled(),
     )
-    return predicted, spread
+    return predicted - (measured[test] if candidate.target == "position" else 0.0), spread
 
 
 def decoupled(features: Array, feature_set: FeatureSet) -> Array:
@@ -381,6 +431,12 @@ def log_ratio(square: Array, other: Array) -> Array:
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
 
 
+def relative_error(squares: Array, yardstick: Array) -> Array:
+    """Mean over folds of the root of `squares` (n, n_folds) over that of `yardstick` (n_folds,)."""
+    ratios = np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)
+    return np.asarray(np.sqrt(ratios).mean(axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
@@ -425,6 +481,8 @@ class Automatic:
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
+    seconds : float
+        Of a processor's time that the choice and the fit may take, about.
     tell : callable, optional
         Called with what is done next, in words.
 
@@ -438,6 +496,7 @@ class Automatic:
 
     candidates: Sequence[Regressor] = field(default_factory=candidates)
     default_features: bool = False
+    seconds: float = 60.0
     tell: Callable[[str], None] | None = None
 
     def say(self, report: Progress) -> Say:
@@ -453,9 +512,8 @@ class Automatic:
 
 @dataclass(frozen=True, eq=False)
 class _Option:
-    """What may be chosen: weights of the candidates of a table, and their errors."""
+    """What may be chosen: weights of the candidates, and their errors."""
 
-    table: CrossValidation
     weights: Array  # (n_candidates, n_joints)
     square: Array  # (n_folds, n_joints), mean square error
 
@@ -470,13 +528,12 @@ def choose(
     random_state: int | None,
     progress: Progress,
 ) -> tuple[JointRegressor, FeatureSet, Target, dict[str, Any]]:
-    """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
+    """Choose as `Automatic` says, among models of all sets of features.
 
     Gives what was chosen, unfitted, what it is fitted to, and the evidence, as JSON values.
 
     A fold without which the linear model of the first features cannot be fitted is passed over;
-    raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
-    more of them take more rows, are left out.
+    raises CalibrationError if that is every one.
     """
     robot = compatibility.common_robot(recordings)
     names = compatibility.chosen_joints(robot, recordings, joints)
@@ -485,189 +542,169 @@ def choose(
     usual = FeatureSet.parse(compatibility.in_all(recordings, named))
     compatibility.common_units(recordings, usual, names)  # refuses rad here and m there
     models = [fit_task.unfitted(model, None, random_state) for model in automatic.candidates]
-    asked = usual if features is None else features
-    by_features, targets = _with_their_features(models, robot, recordings, asked, target)
-    free = [m for models in by_features.values() for m in models if m.family.inputs is None]
-    more = [usual] if automatic.default_features and len(recordings) >= FEW else []
-    if features is None:  # all columns of some quantities, besides the default ones
+    sets = [usual if features is None else FeatureSet.parse(features)]
+    if features is not None:
+        sets += [usual] if automatic.default_features and len(recordings) >= FEW else []
+    else:  # all columns of some quantities, besides the default ones
         units = recordings[0].units
         columns = [[n for n in units if n.split("/")[0] in quantities] for quantities in _MORE]
-        more = [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]
-    _extend(by_features, free, more)
+        sets += [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]
+    tried = _candidates(models, robot, recordings, names, sets, target)
     outlying = fit_task.outlying_values(recordings, names)
     gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
     stride, sizes = fit_task.stride_of(fit_rate, dt), [len(recording) for recording in recordings]
+    tries_rates = features is None and len(recordings) >= FEW and dt <= _RATE_DT
+    rates = [f"rate({n}, {_RATE_TIME:g})" for n in sets[-1].names if n.startswith("measured/")]
+    union = dict.fromkeys(name for candidate in tried for name in candidate.features)
+    feature_set = FeatureSet.parse([*union, *(rates if tries_rates else ())])
+    counts = any(candidate.model.family.counts_samples for candidate in tried)
+    most = max(sizes) if counts else share_of(sizes, MOST_ROWS)
+    parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
+    table = CrossValidation(parts, tried, most)
 
-    def tabled(
-        feature_set: FeatureSet, models: Sequence[JointRegressor], target: Target
-    ) -> CrossValidation:
-        thinned = not any(model.family.counts_samples for model in models)
-        most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
-        models = [model.for_features(feature_set.names, robot, names) for model in models]
-        return CrossValidation(parts, target, models, most)
-
-    tables = [
-        tabled(feature_set, models, targets.get(feature_set, target or TARGETS[0]))
-        for feature_set, models in by_features.items()
-    ]
-    tries_rates = features is None and free and len(recordings) >= FEW and dt <= _RATE_DT
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
-
-    say = automatic.say(progress)
-    judged, whole, tried = _validated(tables, left_out, fit_task.within(say, 0.0, share))
-    tried = [*whole, *tried]
-    chosen = _best([option for table in whole for option in _options(table)])
-    positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
-    if tries_rates and positions and len(judged) > 1:
-        chosen_models = {model.name for model in _members(chosen)}
-        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
-        with_rates = FeatureSet.parse([*chosen.table.features.names, *rates])
-        models = [model for model in free if model.name in chosen_models]
-        extended = tabled(with_rates, models, chosen.table.target)
+    say, seconds = automatic.say(progress), _CHOICE_SHARE * automatic.seconds
+    ends = time.process_time() + seconds
+    judged = _validated(table, left_out, ends, fit_task.within(say, 0.0, share))
+    chosen = _best(table)
+    if tries_rates and len(judged) > 1 and time.process_time() < ends:
+        in_use = [table.candidates[k] for k in np.flatnonzero(chosen.weights.any(axis=1))]
+        free = [
+            c for c in in_use if not c.model.family.inputs and c.model.name not in (RAW, OFFSET)
+        ]
+        table.add(_with_rates(free, robot, names))
         rest = fit_task.within(say, share, 1.0 - share)
-        _, whole, behind = _validated([extended], judged, rest, chosen)
-        chosen = _best([chosen, *(option for table in whole for option in _options(table))])
-        tried += [*whole, *behind]
+        for number, fold in enumerate(judged):
+            cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
+        chosen = _best(table)
     say(1.0, "Fitting what was chosen")
-    evidence = _evidence(chosen, tried, judged, names)
+    evidence = _evidence(table, chosen, judged, names)
     evidence["not_in_all"] = [n for n in named if features is None and n not in usual.names]
-    members, weights = _members(chosen), chosen.weights[chosen.weights.any(axis=1)]
-    stack = Stack(members, tuple(map(tuple, weights.tolist())))
-    estimator = members[0] if len(members) == 1 else stack
-    return estimator, chosen.table.features, chosen.table.target, evidence
+    evidence["not_judged"] = [fold.name for fold in left_out if fold not in judged]
+    return *_estimator(table, chosen, names), evidence
 
 
-def _with_their_features(
+def _candidates(
     models: Sequence[JointRegressor],
     robot: Robot,
     recordings: Sequence[Recording],
-    asked: FeatureSet | Iterable[str],
+    joints: tuple[str, ...],
+    sets: Sequence[FeatureSet],
     target: Target | None,
-) -> tuple[dict[FeatureSet, list[JointRegressor]], dict[FeatureSet, Target]]:
-    """Models that can be tried, by the features that they see, and what these then predict.
+) -> list[Candidate]:
+    """Give what can be tried: simple models, then each model on each of the sets that it takes.
 
-    Features are those that are `asked` for, or the model's own.
+    Or on features of its own, where the recordings have them.
     """
-    by_features: dict[FeatureSet, list[JointRegressor]] = {}
-    targets: dict[FeatureSet, Target] = {}
-    for model in models:
-        inputs = model.family.inputs
-        predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
-        if predicts not in model.family.targets:
-            continue
-        features = asked if inputs is None else None
-        try:
-            prepared = model.for_recordings(recordings)
-            feature_set = compatibility.chosen_features(prepared, robot, recordings, features)
-        except CalibrationError:
-            if inputs is None:
-                raise
-            continue  # they lack what it takes
-        by_features.setdefault(feature_set, []).append(prepared)
-        targets.setdefault(feature_set, predicts)
-    if not by_features:
-        names = ", ".join(model.name for model in models)
+    usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
+    simple = [model for model in usual if (target or TARGETS[0]) in model.family.targets]
+    tried = [
+        Candidate(model.for_features(sets[0].names, robot, joints), sets[0].names,
+                  target or TARGETS[0], is_simple=True)
+        for model in simple
+    ]  # fmt: skip
+    seen = {(candidate.model.name, frozenset(sets[0].names)) for candidate in tried}
+    others = [model for model in models if model.name != OFFSET]
+    for features in sets:
+        for model in others:
+            inputs = model.family.inputs
+            predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
+            if predicts not in model.family.targets:
+                continue
+            try:
+                prepared = model.for_recordings(recordings)
+                asked = features if inputs is None else None
+                own = compatibility.chosen_features(prepared, robot, recordings, asked).names
+            except CalibrationError:
+                if inputs is None:
+                    raise
+                continue  # they lack what it takes
+            if (model.name, frozenset(own)) not in seen:
+                seen.add((model.name, frozenset(own)))
+                prepared = prepared.for_features(own, robot, joints)
+                tried.append(Candidate(prepared, own, predicts))
+    if others and not {m.name for m in others} & {name for name, _ in seen}:
         raise CalibrationError(
-            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
-            f"{target or TARGETS[0]}; give other candidates"
+            f"none of {', '.join(m.name for m in models)} can be tried: the recordings lack what "
+            f"they take, or they predict no {target or TARGETS[0]}; give other candidates"
         )
-    return by_features, targets
+    return tried
 
 
-def _extend(
-    by_features: dict[FeatureSet, list[JointRegressor]],
-    free: list[JointRegressor],
-    more: Sequence[FeatureSet],
-) -> None:
-    """Try the models that are `free` to take any features with `more` of them as well."""
-    for feature_set in more if free else ():
-        if not any(set(feature_set.names) == set(each.names) for each in by_features):
-            by_features[feature_set] = free
-    for models in by_features.values():  # what learns a filter's residual, without the filter too
-        each = [getattr(model, "members", ()) for model in models if model.family.inputs]
-        members = {str(getattr(member, "name", member)) for some in each for member in some}
-        models += [m for m in free if m.name in members and m not in models]
+def _with_rates(
+    candidates: Sequence[Candidate], robot: Robot, joints: tuple[str, ...]
+) -> list[Candidate]:
+    """Give the same models with the rates of the measured positions beside."""
+    extended = []
+    for one in candidates:
+        positions = [name for name in one.features if name.startswith("measured/")]
+        features = (*one.features, *(f"rate({name}, {_RATE_TIME:g})" for name in positions))
+        model = one.model.for_features(features, robot, joints)
+        extended.append(Candidate(model, features, one.target))
+    return extended
 
 
 def _validated(
-    tables: Sequence[CrossValidation],
-    left_out: Sequence[Fold],
-    say: Say,
-    rival: _Option | None = None,
-) -> tuple[list[Fold], list[CrossValidation], list[CrossValidation]]:
-    """Folds on which the first table could be filled, tables that were on all of these, and others.
-
-    Those are not so much better, on the first folds, than a `rival`, which is the first table's
-    where none is given, and are given up. A table that cannot be filled is left out; without a
-    rival it is the fold, where it is the first table.
-    """
-    tables, judged, behind = list(tables), list[Fold](), list[CrossValidation]()
-    for fold_number, fold in enumerate(left_out):
-        filled = list[CrossValidation]()
-        for place, table in enumerate(tables):
-            if filled:
-                table.pass_by(filled[0])
-            share = 1.0 / len(tables) / len(left_out)
-            begin = fold_number / len(left_out) + place * share
-            try:
-                cross_validate(table, fold, fit_task.within(say, begin, share))
-                filled.append(table)
-            except CalibrationError:
-                if rival is None and place == 0:
-                    if fold is left_out[-1] and not judged:
-                        raise
-                    break
-        if filled or rival is not None:
-            tables = filled
+    table: CrossValidation, left_out: Sequence[Fold], ends: float, say: Say
+) -> list[Fold]:
+    """Fill the table until a time `ends` [s of the process]; give the folds that it has."""
+    judged = list[Fold]()
+    for number, fold in enumerate(left_out):
+        more = len(left_out) - number
+        if judged and not table.keep_within(ends - time.process_time(), more):
+            break
+        try:
+            share = fit_task.within(say, number / len(left_out), 1.0 / len(left_out))
+            cross_validate(table, len(judged), fold, share)
             judged.append(fold)
-        if filled and len(judged) == TRIED_ON:
-            usual = rival or next(_options(tables[0]))
-            square = usual.square[:TRIED_ON]
-            behind = [
-                table
-                for table in tables[0 if rival else 1 :]
-                if all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
-            ]
-            tables = [table for table in tables if table not in behind]
-    for candidate in (c for table in behind for c in table.candidates if not c.note):
-        candidate.give_up(candidate.lacking)
-    return judged, tables, behind
+        except CalibrationError:
+            if fold is left_out[-1] and not judged:
+                raise
+    return judged
 
 
-def _options(table: CrossValidation) -> Iterator[_Option]:
-    """Give what may be chosen of a table: a weighted mean, or what only works offline alone."""
-    weights, square = table.combined()
-    yield _Option(table, weights, square)
+def _best(table: CrossValidation) -> _Option:
+    """Give what errs least by `CrossValidation.combined`, or what only works offline."""
+    options = [_Option(*table.combined())]
     for number, candidate in enumerate(table.candidates):
         if not candidate.is_member and table.stands(number) and table.usable[number].all():
-            alone = np.zeros_like(weights)
+            alone = np.zeros_like(options[0].weights)
             alone[number] = 1.0
-            yield _Option(table, alone, table.alone[:, number])
+            options.append(_Option(alone, table.alone[:, number]))
+    yardstick = table.yardstick.T
+
+    def expected(option: _Option) -> float:
+        return float(relative_error(option.square.T[:, None], yardstick).mean())
+
+    return min(options, key=expected)
 
 
-def _members(option: _Option) -> tuple[JointRegressor, ...]:
-    """Unfitted candidates that have a weight."""
-    pairs = zip(option.table.candidates, option.weights, strict=True)
-    return tuple(candidate.model for candidate, weights in pairs if weights.any())
-
-
-def _best(options: Sequence[_Option]) -> _Option:
-    """Best of those that are better than the first without doubt, or the first."""
-    ratios = [log_ratio(option.square, options[0].square) for option in options]
-    better = [number for number, ratio in enumerate(ratios) if is_better(ratio.mean(axis=1))]
-    return options[min(better, key=lambda number: ratios[number].mean(), default=0)]
+def _estimator(
+    table: CrossValidation, chosen: _Option, joints: Sequence[str]
+) -> tuple[JointRegressor, FeatureSet, Target]:
+    """Unfitted estimator that was chosen, of the features that it needs, and what it predicts."""
+    in_use = chosen.weights.any(axis=1)
+    members = [table.candidates[k] for k in np.flatnonzero(in_use)]
+    if len(members) == 1 and (
+        members[0].is_simple or members[0].model.family.inputs or not members[0].is_member
+    ):
+        return members[0].model, FeatureSet.parse(members[0].features), members[0].target
+    mixed = len({member.target for member in members}) > 1
+    measured = tuple(f"measured/{joint}" for joint in joints) if mixed else ()
+    names = tuple(dict.fromkeys([*(n for c in members for n in c.features), *measured]))
+    bounded = [c.bounded(names, measured if c.target == "error" else ()) for c in members]
+    weights = tuple(map(tuple, chosen.weights[in_use].tolist()))
+    target: Target = "position" if mixed else members[0].target
+    estimator = bounded[0] if len(members) == 1 else Stack(tuple(bounded), weights)
+    return estimator, FeatureSet.parse(names), target
 
 
 def _evidence(
-    chosen: _Option,
-    tables: Sequence[CrossValidation],
-    judged: Sequence[Fold],
-    joints: Sequence[str],
+    table: CrossValidation, chosen: _Option, judged: Sequence[Fold], joints: Sequence[str]
 ) -> dict[str, Any]:
-    """JSON values of what was tried and chosen; the first candidate of the first is linear."""
-    reference = tables[0].alone[:, 0]
+    """JSON values of what was tried and chosen; the first candidate is linear."""
+    reference = table.alone[:, 0]
     return {
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
@@ -678,7 +715,6 @@ def _evidence(
         },
         "tried": [
             _entry(table, number, reference, joints, chosen)
-            for table in tables
             for number in range(len(table.candidates))
         ],
     }
@@ -693,14 +729,13 @@ def _entry(
     """
     candidate, square = table.candidates[number], table.alone[:, number]
     coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
-    weights = chosen.weights[number].tolist() if table is chosen.table else []
     together = f"needs signals that move together: {', '.join(coupled)}" if coupled else ""
     entry: dict[str, Any] = {
         "estimator": candidate.model.name,
-        "features": list(table.features.names),
+        "features": list(candidate.features),
         "folds": len(candidate.folds),
         "seconds": round(candidate.seconds, 3),
-        "weights": dict(zip(joints, weights, strict=False)),
+        "weights": dict(zip(joints, chosen.weights[number].tolist(), strict=True)),
         "note": together or candidate.note or candidate.lacking,
     }
     tried = [fold for fold in candidate.folds if np.isfinite(square[fold]).all()]

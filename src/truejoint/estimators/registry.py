@@ -48,13 +48,6 @@ class Preset(NamedTuple):
 
 
 _MANY: Final = 100_000  # rows, evenly spread, that what takes long is fitted to for a choice
-_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256, "rows": _MANY}
-"""Of a network that converges in seconds.
-
-Its epochs are those of the few thousand rows of a choice; over a million they would take minutes.
-"""
-
-
 _PLAYS: Final = "plays.learn.Plays", "plays.run"
 _JAW_PLAYS: Final = "plays.learn.JawPlays", "plays.run:jaw_bank"
 _LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.least_squares"
@@ -64,7 +57,7 @@ PRESETS: Final[dict[str, Preset]] = {
     OFFSET: Preset(*_POLYNOMIAL, {"degree": 0, "ridge": False}, {}),
     "linear": Preset(*_POLYNOMIAL, {"degree": 1, "ridge": False}, {}),
     "poly2": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": False}),
-    "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
+    "dnn": Preset("network.learn.NeuralNetwork", "network.run"),
     "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, {}),
     "linear_trees": Preset(
         "stack.learn.Stack", "stack.run", {"members": (LINEAR, BOOSTED_TREES)}, {"rows": _MANY}
@@ -99,8 +92,10 @@ PRESETS: Final[dict[str, Preset]] = {
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
-FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {"trees": "trees.run"}
-"""Where each family is, by its name; trees are part of other estimators."""
+FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {
+    name: f"{name}.run" for name in ("trees", "bounded")
+}
+"""Where each family is, by its name; these two are part of other estimators."""
 
 TITLES: Final = {
     OFFSET: ("Fixed offset", "the fixed offset"),
