@@ -27,7 +27,7 @@ from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.bounded.learn import Bounded
 from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.polynomial.learn import Raw
-from truejoint.estimators.registry import LINEAR, OFFSET, RAW
+from truejoint.estimators.registry import BESIDE_FILTER, FILTER_WITH_TREES, LINEAR, OFFSET, RAW
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import (
@@ -50,13 +50,17 @@ _WORSE: Final = 0.25  # it is worse than the best by this share and has no weigh
 _HOPELESS: Final = 1.0  # or worse by this one
 _LEAST_FOLDS: Final = 3  # that are judged, whatever they take
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
+_FORCES: Final = ("effort", "current")  # what tells more than where a joint is
+_BEARS: Final = 1.5  # times the least error that a model which holds under loads may have
+_BELIEF: Final = 0.3  # weight of what is believed of a mean beside what is left out
+_FIRM: Final = 1e3  # weight of the sum of 1
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _JUDGED: Final = 100_000  # rows that a fold judges, at most
 _TINY: Final = np.finfo(float).tiny
 _FIRST_SHARE: Final = 0.8  # of the progress, where what was chosen is tried with more features
 _CHOICE_SHARE: Final = 0.6  # of the budget; fits to all rows take the rest
 
-_MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
+_MORE: Final = tuple(("measured", "effort", *more) for more in ((), ("current",), ("cable",)))
 """Quantities of which a choice tries all columns, where it chooses features."""
 _RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
 _RATE_DT: Final = 0.101  # [s] between rows, beyond which they show steps and no rates; 10 Hz do
@@ -76,6 +80,7 @@ class Candidate:
     features: tuple[str, ...]
     target: Target
     is_simple: bool = False
+    is_believed: bool = False  # whether it is made for such a mechanism, and so tried on all folds
     is_member: bool = True  # whether a weighted mean may hold it
     folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
     seconds: float = 0.0
@@ -87,6 +92,11 @@ class Candidate:
         place = {name: i for i, name in enumerate(features)}
         columns = tuple(place[name] for name in self.features)
         return Bounded(self.model, columns, tuple(place[name] for name in beside))
+
+    @property
+    def bears_load(self) -> bool:
+        """Whether it still holds where a load moves the joint off what its motor says."""
+        return self.model.family.bears_load(self.model.model_params())
 
     def give_up(self, reason: str = "") -> None:
         """Try it no more, for a `reason` or what it did so far."""
@@ -193,6 +203,30 @@ class CrossValidation:
         simple = np.where(self.usable, self.alone, np.inf)[:, : self.n_simple]
         return np.asarray(np.nanmin(simple, axis=1))
 
+    @property
+    def belief(self) -> Array:
+        """Weights (n_candidates,) that are believed in before: half and half of a pair, or none."""
+        pair = [c.is_believed and not c.bears_load and self.stands(k)
+                for k, c in enumerate(self.candidates)]  # fmt: skip
+        return np.array(pair) * (0.5 if sum(pair) == 2 else 0.0)
+
+    @property
+    def eligible(self) -> Mask:
+        """Which usable candidates (n_candidates, n_joints) are to be chosen from.
+
+        Where a model of the mechanism, which holds under loads too, errs no more than half as much
+        again as the best, only such: what is left out may have known no load.
+        """
+        eligible = self.usable
+        bearing = [k for k, c in enumerate(self.candidates) if c.bears_load and self.stands(k)]
+        if bearing:
+            squares = np.where(eligible & np.isfinite(self.alone), self.alone, np.inf)
+            pairs = zip(squares.T, self.yardstick.T, strict=True)
+            expected = np.array([relative_error(*pair) for pair in pairs]).T
+            has_one = expected[bearing].min(axis=0) <= _BEARS * expected.min(axis=0)
+            eligible &= ~has_one | np.isin(np.arange(len(eligible)), bearing)[:, None]
+        return eligible
+
     def stands(self, number: int) -> bool:
         """Whether a candidate is not given up, and was fitted without half of the folds or more."""
         candidate = self.candidates[number]
@@ -212,8 +246,9 @@ class CrossValidation:
             is_raw = isinstance(candidate.model, Raw)  # an offset is one anyhow
             if is_raw or not (candidate.is_member and self.stands(number)):
                 relative[:, number] = np.nan
-        relative[~self.usable.T] = np.nan
-        return np.array([stacking_weights(product) for product in relative]).T
+        relative[~self.eligible.T] = np.nan
+        belief = self.belief
+        return np.array([stacking_weights(product, belief) for product in relative]).T
 
     def combined(self) -> tuple[Array, Array]:
         """Weights (n_candidates, n_joints) of the least expected error, and its squares.
@@ -224,7 +259,7 @@ class CrossValidation:
         before all others, and a mean, which leans on no single one, before one alone. Raw position
         and offset are only where every correction is worse.
         """
-        usable, alone, weights = self.usable, self.alone, self.weights()
+        eligible, alone, weights = self.eligible, self.alone, self.weights()
         errors = np.empty((len(self.products), weights.shape[1]))
         for fold, product in enumerate(self.products):
             w = self.weights(without=fold)
@@ -232,15 +267,15 @@ class CrossValidation:
             errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
         members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(k)]
         for joint in range(weights.shape[1]):
-            numbers = [k for k in members if usable[k, joint]]
+            numbers = [k for k in members if eligible[k, joint]]
             options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
             squares = np.vstack([alone[:, numbers, joint].T, errors[:, joint]])
             expected = relative_error(squares, self.yardstick[:, joint])
             best, mean, limit = int(np.argmin(expected)), len(numbers), expected.min()
             if best == mean or self.candidates[numbers[best]].model.name not in (RAW, OFFSET):
-                if usable[0, joint] and expected[0] <= (1.0 + _EQUAL) * limit:
+                if numbers[0] == 0 and expected[0] <= (1.0 + _EQUAL) * limit:
                     best = 0
-                elif expected[mean] <= (1.0 + _MEAN) * limit:
+                elif expected[mean] <= (1.0 + _MEAN) * limit or self.belief.any():
                     best = mean
             weights[:, joint], errors[:, joint] = options[best], squares[best]
         return weights, errors
@@ -259,7 +294,8 @@ class CrossValidation:
             same = [k for k, c in enumerate(self.candidates) if c.model.name == name]
             unneeded[number] |= (worse[same] < worse[number]).all(axis=1).any()
         for candidate in (self.candidates[k] for k in np.flatnonzero(unneeded)):
-            is_tried = candidate.is_member and not candidate.note and not candidate.is_simple
+            stays = candidate.is_simple or candidate.is_believed
+            is_tried = candidate.is_member and not candidate.note and not stays
             if is_tried and len(candidate.folds) >= min(TRIED_ON, len(self.products)):
                 candidate.give_up()
 
@@ -370,12 +406,21 @@ def decoupled(features: Array, feature_set: FeatureSet) -> Array:
     """Features (n, k) of one recording with every signal taken from another time of it.
 
     All features of a signal are moved alike, by so many equal shares of the recording as there are
-    signals, and go round at its end.
+    signals, and go round at its end. Sensors that all follow one joint cannot come apart and count
+    as one signal: those of its channel and, where a single joint is measured, of its cables.
     """
-    signals = feature_set.signals
+    joints = {signal for signal in feature_set.signals if signal.startswith("measured/")}
+
+    def group(signal: str) -> str:
+        quantity, _, channel = signal.partition("/")
+        if quantity in _FORCES:
+            return signal
+        return channel if len(joints) > 1 else "joint"
+
+    groups = list(dict.fromkeys(map(group, feature_set.signals)))
     moved = np.empty_like(features)
     for number, feature in enumerate(feature_set.features):
-        rows = len(features) * signals.index(feature.signal) // len(signals)
+        rows = len(features) * groups.index(group(feature.signal)) // len(groups)
         moved[:, number] = np.roll(features[:, number], rows)
     return moved
 
@@ -396,20 +441,27 @@ def _spread(rows: Integers, most: int) -> Integers:
     return rows[:: max(1, -(-len(rows) // most))]
 
 
-def stacking_weights(products: Array) -> Array:
+def stacking_weights(products: Array, belief: Array | None = None) -> Array:
     """Weights (m,), not negative and of sum 1, of the least mean square of the weighted errors.
 
     `products` (m, m) are the means of the products of two estimators' errors, NaN for those that
-    are left out. The weights of non-negative least squares with a sum near 1 point where those
-    with a sum of 1 do.
+    are left out. Weights that are believed in before, `belief` (m,), of sum 1, hold them back as
+    ridge regression does: squares of what they differ by count `_BELIEF` times the mean square
+    error of these.
     """
-    weights = np.zeros(len(products))
+    weights, held = np.zeros(len(products)), np.zeros(len(products)) if belief is None else belief
     members = np.flatnonzero(np.isfinite(np.diag(products)))
     while True:
-        values, vectors = np.linalg.eigh(products[np.ix_(members, members)])
+        square = products[np.ix_(members, members)]
+        values, vectors = np.linalg.eigh(square)
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        n = len(members)
-        shares, _ = nnls(np.vstack([root, np.ones(n)]), np.append(np.zeros(n), 1.0))
+        n, prior = len(members), held[members]
+        pull = math.sqrt(_BELIEF * max(float(prior @ square @ prior), 0.0))
+        firm = _FIRM * math.sqrt(max(float(square.max()), _TINY))
+        shares, _ = nnls(
+            np.vstack([root, pull * np.eye(n), np.full(n, firm)]),
+            np.concatenate([np.zeros(n), pull * prior, [firm]]),
+        )
         shares /= shares.sum()
         large = shares >= _LEAST
         if large.all():
@@ -629,6 +681,11 @@ def _candidates(
             f"none of {', '.join(m.name for m in models)} can be tried: the recordings lack what "
             f"they take, or they predict no {target or TARGETS[0]}; give other candidates"
         )
+    believed = [one for one in tried if one.model.name == FILTER_WITH_TREES]
+    beside = [one for one in tried if one.model.name == BESIDE_FILTER]
+    bearing = [one for one in tried if one.bears_load]
+    for one in [*bearing, *believed, *(beside[:1] if believed else ())]:
+        one.is_believed = True
     return tried
 
 

@@ -24,7 +24,8 @@ LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is
 AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
 DEFAULT: Final = "dnn"  # what is fitted where none is named
 BOOSTED_TREES: Final = "boosted_trees"  # of scikit-learn, as a member of a stack
-BESIDE_FILTER: Final = "rich_trees"  # what a choice tries on the signals of a filter with trees
+FILTER_WITH_TREES: Final = "hybrid"  # of which a choice believes, before it knows, that half of it
+BESIDE_FILTER: Final = "rich_trees"  # and half of this are best
 
 
 class Preset(NamedTuple):
@@ -82,12 +83,12 @@ PRESETS: Final[dict[str, Preset]] = {
     "play_reset": Preset(*_JAW_PLAYS, {"signals": ("cable/reset",)}),
     "play_both": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw", "cable/reset")}),
     "play_cables": Preset(*_JAW_PLAYS, {"signals": ("cable/drive", "cable/reset")}),
-    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated"),
+    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated", {}, {}),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
     "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, {}),
     "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
-    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows"),
+    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows", {}, {}),
 }
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
