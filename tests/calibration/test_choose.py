@@ -157,7 +157,7 @@ class Part:
 
     def __init__(self, t: np.ndarray, dt: np.ndarray, targets: np.ndarray) -> None:
         self.t, self.dt, self.X, self.targets = t, dt, t[:, None], targets
-        self.measured = np.zeros_like(targets)
+        self.measured, self.recording = np.zeros_like(targets), None
 
     def __len__(self) -> int:
         return len(self.t)

@@ -21,7 +21,7 @@ from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.folds import FEW, FOLDS, Fold, folds, hidden_rows
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.zero import judged_error
+from truejoint.calibration.zero import judged_error, known_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
 from truejoint.estimators.bounded.learn import Bounded
@@ -113,6 +113,7 @@ class CrossValidation:
 
     Attributes
     ----------
+    recordings : list of Recording
     kept : list of ndarray
         Rows of each recording that are among the m rows.
     X, decoupled : ndarray, shape (m, k)
@@ -137,6 +138,7 @@ class CrossValidation:
         A history that starts in a row that is left out starts in the next.
         """
         self.features: FeatureSet = parts[0].feature_set
+        self.recordings = [part.recording for part in parts]
         self.times = [part.t for part in parts]
         self.kept, steps, targets = list[Integers](), list[Array](), list[Array]()
         for part in parts:
@@ -381,7 +383,11 @@ def _predict(
     if model.family.remembers:
         targets = np.full_like(values, np.nan)
         targets[training] = values[training]
-        model.fit(table.X, targets, None, table.dt)
+        loads = [
+            fit_task.known_loads(recording, model.truth_beside())[kept]
+            for recording, kept in zip(table.recordings, table.kept, strict=True)
+        ]
+        model.fit(table.X, targets, None, table.dt, np.concatenate(loads))
         history = np.cumsum(table.dt == 0.0)
         run = np.isin(history, history[test])  # what runs before it does not matter
         predicted = model.evaluate(table.X[run], table.dt[run])
@@ -826,9 +832,10 @@ def validate_zeros(
 
     `fit_pair` fits to recordings of these indices, with one zero and with one for each.
     Five of the folds at most, of whole recordings, are left out of a pair of fits each, and their
-    recordings are re-zeroed from the first seconds as `find_zero` gives it. A
-    zero for each is better where it beats one zero, by the rule of a choice, in a joint, and is no
-    worse on the average in any. `say` is told what is done and the share of it.
+    recordings are re-zeroed from the first seconds as `find_zero` gives it. A zero for each is
+    better where it beats one zero, re-zeroed or as it comes, by 10 % and two standard errors of the
+    mean in a joint, and is no worse on the average in any. `say` is told what is done and the share
+    of it.
     """
     began = time.perf_counter()
     stretch = min(_REZERO, _SHARE * min(part.recording.duration for part in parts))
@@ -842,12 +849,19 @@ def validate_zeros(
         testing = [parts[index] for index in fold.recordings]
         try:
             pair = fit_pair(training)
-            errors = [[judged_error(fit, one, stretch)[0] for one in testing] for fit in pair]
+            judgements = [[judged_error(fit, one, stretch) for one in testing] for fit in pair]
+            errors = [[error for error, _ in judgement] for judgement in judgements]
+            as_it_comes = [
+                known_error(pair[0], one)[0][rows]
+                for one, (_, rows) in zip(testing, judgements[0], strict=True)
+            ]
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
-        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in errors])
-        shared, own = np.moveaxis(np.array(squares), 1, 0)
+        every = (*errors, as_it_comes)
+        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in every])
+        shared, own, unmoved = np.moveaxis(np.array(squares), 1, 0)
+        shared = np.minimum(shared, unmoved)
         ratios = log_ratio(own, shared)
         means = ratios.mean(axis=0)
         if len(judged) >= _ZEROS_TRIED_ON and (means.min() > GAIN or means.max() > 0.0):

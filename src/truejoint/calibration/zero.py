@@ -104,6 +104,17 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
     return np.where(np.isnan(spread), whole, whole - by_errors)
 
 
+def expected(offset: Array, deviation: Array, zeros: Array) -> Array:
+    """Estimate zeros (n,) of offsets with these deviations (n,), where zeros (m, n) are as others.
+
+    That is the mean of a Gaussian zero of their variance, after one reading. All of an offset whose
+    deviation is NaN.
+    """
+    variance, noise = np.var(zeros, axis=0, ddof=1), np.nan_to_num(deviation**2)
+    share = np.divide(variance, variance + noise, out=np.ones_like(noise), where=noise > 0.0)
+    return np.asarray(share * offset)
+
+
 def find_zero(
     calibration: Calibration, recording: Recording | Rows, duration: float = math.inf
 ) -> Zero:
@@ -182,11 +193,13 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
         at_beginnings = baseline.beginning_sd(in_motion[used[-1]])
         deviation = np.maximum(baseline.residual * np.sqrt(variance), at_beginnings)
     origin = rows.recording.provenance
-    zeros_move = calibration.origin.zeros is not None  # fitted with a zero for each group
+    zeros = calibration.origin.zeros  # where it was fitted with a zero for each group
     return Zero(
         offset,
         deviation,
-        offset.copy() if zeros_move else believed(offset, deviation),
+        believed(offset, deviation)
+        if zeros is None
+        else expected(offset, deviation, zeros.offsets),
         file=origin.source,
         homing_id=origin.homing_id,
         rows=len(used),

@@ -22,7 +22,8 @@ BASELINES: Final = (OFFSET, "linear", "poly2")
 """What every calibration carries along to be compared with."""
 LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
 AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
-DEFAULT: Final = "dnn"  # what is fitted where none is named
+DEFAULT: Final = AUTO  # what is fitted where none is named
+NETWORK: Final = "dnn"  # that of peng2024
 BOOSTED_TREES: Final = "boosted_trees"  # of scikit-learn, as a member of a stack
 FILTER_WITH_TREES: Final = "hybrid"  # of which a choice believes, before it knows, that half of it
 BESIDE_FILTER: Final = "rich_trees"  # and half of this are best
