@@ -251,6 +251,30 @@ def test_the_features_of_one_signal_come_apart_from_others_alike():
     np.testing.assert_array_equal(moved[:, 1], np.roll(rows[:, 1], 5))
 
 
+def test_sensors_of_one_joint_do_not_come_apart():
+    features = FeatureSet.parse(["measured/jaw", "cable/reset", "effort/jaw"])
+    rows = np.arange(10.0)[:, None] + np.array([0.0, 10.0, 20.0])
+    moved = decoupled(rows, features)
+    np.testing.assert_array_equal(moved[:, :2], rows[:, :2])
+    np.testing.assert_array_equal(moved[:, 2], np.roll(rows[:, 2], 5))
+
+
+def test_what_is_believed_holds_weights_back():
+    products, belief = np.diag([4.0, 1.0, 1.2]), np.array([0.5, 0.5, 0.0])
+    free, held = stacking_weights(products), stacking_weights(products, belief)
+    assert abs(held - belief).sum() < abs(free - belief).sum()
+    assert held.sum() == pytest.approx(1.0)
+    assert held[0] > free[0]
+
+
+def test_where_time_runs_short_three_parts_are_judged_and_the_others_named():
+    model = calibrate([bent(seed, 0.2) for seed in range(6)], Automatic([Polynomial(2)], seconds=0))
+    choice = model.metadata["choice"]
+    assert len(choice["left_out"]) == 3
+    assert choice["not_judged"] == ["recordings 3", "recordings 5"]
+    assert model.estimator == "poly2"
+
+
 def test_what_cannot_be_fitted_is_told_and_not_chosen():
     model = choose(0.2, [SVR(C=-1.0)])
     assert model.estimator == "linear"
@@ -414,8 +438,8 @@ def test_progress_never_goes_back_where_several_sets_of_features_are_tried():
 def test_the_registry_says_what_is_tried():
     names = [one.name for one in candidates()]
     rich = ["linear_trees", "rich_play", "rich_trees", "coupled_play", "run_out"]
-    smooth = ["gp", "gp_lowpass"]
-    assert names == ["offset", "linear", "poly2_ridge", *rich, *smooth, "hybrid"]
+    smooth, made = ["gp", "gp_lowpass"], ["play_gated", "hybrid", "hybrid_cables"]
+    assert names == ["offset", "linear", "poly2_ridge", *rich, *smooth, *made]
 
 
 def test_what_takes_columns_that_recordings_lack_is_passed_by():

@@ -259,7 +259,7 @@ class CrossValidation:
         candidate. The error that is expected is the mean over the folds of the error relative to
         that of the best simple model there. Where that is hardly worse, the linear model is taken
         before all others, and a mean, which leans on no single one, before one alone. Raw position
-        and offset are only where every correction is worse.
+        and offset are only where every correction does harm (`is_harmed`).
         """
         eligible, alone, weights = self.eligible, self.alone, self.weights()
         errors = np.empty((len(self.products), weights.shape[1]))
@@ -272,13 +272,18 @@ class CrossValidation:
             numbers = [k for k in members if eligible[k, joint]]
             options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
             squares = np.vstack([alone[:, numbers, joint].T, errors[:, joint]])
-            expected = relative_error(squares, self.yardstick[:, joint])
-            best, mean, limit = int(np.argmin(expected)), len(numbers), expected.min()
-            if best == mean or self.candidates[numbers[best]].model.name not in (RAW, OFFSET):
-                if numbers[0] == 0 and expected[0] <= (1.0 + _EQUAL) * limit:
-                    best = 0
-                elif expected[mean] <= (1.0 + _MEAN) * limit or self.belief.any():
-                    best = mean
+            yardstick = self.yardstick[:, joint]
+            expected, mean = relative_error(squares, yardstick), len(numbers)
+            names = [self.candidates[k].model.name for k in numbers]
+            learnt = np.array([name not in (RAW, OFFSET) for name in names] + [True])
+            best = int(np.argmin(np.where(learnt, expected, np.inf)))
+            least, idle = expected[best], int(np.argmin(expected))
+            if not learnt[idle] and is_harmed(squares[best], squares[idle], yardstick):
+                best = idle
+            elif numbers[0] == 0 and expected[0] <= (1.0 + _EQUAL) * least:
+                best = 0
+            elif expected[mean] <= (1.0 + _MEAN) * least or self.belief.any():
+                best = mean
             weights[:, joint], errors[:, joint] = options[best], squares[best]
         return weights, errors
 
@@ -489,6 +494,17 @@ def log_ratio(square: Array, other: Array) -> Array:
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
 
 
+def is_harmed(square: Array, idle: Array, yardstick: Array) -> bool:
+    """Whether a correction's errors, of squares (n_folds,), are larger than those without it.
+
+    By more than the standard error of the mean difference, each fold relative to its yardstick.
+    """
+    sides = (np.sqrt(each / np.maximum(yardstick, _TINY)) for each in (square, idle))
+    worse = np.subtract(*sides)
+    error = worse.std(ddof=1) / math.sqrt(len(worse)) if len(worse) > 1 else 0.0
+    return bool(worse.mean() > error)
+
+
 def relative_error(squares: Array, yardstick: Array) -> Array:
     """Mean over folds of the root of `squares` (n, n_folds) over that of `yardstick` (n_folds,)."""
     ratios = np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)
@@ -500,26 +516,21 @@ class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these: see `truejoint.calibration.folds.folds`. For each joint, the weights that
-    sum to 1, are not negative, and make the least mean square of the errors on what the fits did
-    not see, each fold relative to the best candidate in it, make a mean of them (Breiman, Stacked
-    regressions, Machine Learning 24, 1996). The mean, each fold judged with the weights of the
-    others, or one candidate alone, whichever is best, is used where it beats the best of three
-    simple models: linear, fixed offset and the raw position; by 10 % and by two standard errors of
-    the logarithm's mean over the folds. Elsewhere that simple model stays. The fits that serve the
-    choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
-    metadata under ``choice``. Where no features are asked for, the default ones are tried, every
-    measured position and effort, and these with every motor current, of what all recordings have;
-    then, of three recordings or more whose rows are at most 0.1 s apart, what is best so far once
-    more, with the rates of the measured positions beside.
+    and judged on these: see `truejoint.calibration.folds.folds`. All stand in one table, whatever
+    features they see, held to the range that they were fitted to (`truejoint.estimators.Bounded`).
+    A joint is given what has the least expected error there: a mean of several (Breiman, Stacked
+    regressions, Machine Learning 24, 1996) or one alone; raw position and offset where every
+    correction did harm. The fits that serve the choice see six thousand rows; what is chosen is
+    fitted to all. What was tried stands in the metadata under ``choice``. Where no features are
+    asked for, the default ones are tried, every measured position and effort, and these with every
+    motor current or cable, of what all recordings have; then, of three recordings or more whose
+    rows are at most 0.1 s apart, what has a weight once more, with the rates of the measured
+    positions beside.
 
-    Nor does the choice end there: a brief truth may set the zero of a recording to come. Where that
-    is so is not known, so what is chosen, fitted with one zero, corrects positions as they come. Of
-    three recordings or more the choice judges besides whether, once each that is left out is
-    re-zeroed from its first 2 s, a fit with a zero for each recording is better, by the same rule
-    in a joint and no worse in any. It is then kept beside the other, as ``zero="recording"`` of
-    `calibrate` does it; ``zero="shared"`` leaves that out. See ``choice``, ``zero`` in the
-    metadata.
+    A brief truth may set the zero of a recording to come. Of three recordings or more the choice
+    judges besides whether, once each that is left out is re-zeroed from its first 2 s, a fit with a
+    zero for each recording is better: see `validate_zeros`. It is then kept beside the other, as
+    ``zero="recording"`` of `calibrate` does it; ``zero="shared"`` leaves that out.
 
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
@@ -530,12 +541,9 @@ class Automatic:
     Parameters
     ----------
     candidates : sequence of Regressor
-        What is tried; by default what the registry says: offset, linear, quadratic, a network
-        until convergence, boosted trees on the residual of the linear model, rich plays with and
-        without trees, coupled plays, capstans that run out, two Gaussian processes, and a jaw's
-        filter with trees. One that takes features of its own is tried where the recordings have
-        them, with what learns its residual beside it, and what only works offline is taken for all
-        joints or not at all.
+        What is tried; by default what the registry says. One that takes features of its own is
+        tried where the recordings have them, and what only works offline is taken for all joints or
+        not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.

@@ -105,14 +105,15 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
 
 
 def expected(offset: Array, deviation: Array, zeros: Array) -> Array:
-    """Estimate zeros (n,) of offsets with these deviations (n,), where zeros (m, n) are as others.
+    """Estimate zeros (n,) of offsets with these deviations (n,), where others were `zeros` (m, n).
 
-    That is the mean of a Gaussian zero of their variance, after one reading. All of an offset whose
-    deviation is NaN.
+    That is the mean of a Gaussian zero of their variance, after one reading; or what would be
+    `believed` if zeros did not move, where that is more. All of an offset of NaN deviation.
     """
     variance, noise = np.var(zeros, axis=0, ddof=1), np.nan_to_num(deviation**2)
     share = np.divide(variance, variance + noise, out=np.ones_like(noise), where=noise > 0.0)
-    return np.asarray(share * offset)
+    least = believed(offset, deviation)
+    return np.where(np.abs(least) > np.abs(share * offset), least, share * offset)
 
 
 def find_zero(
