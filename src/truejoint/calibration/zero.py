@@ -104,18 +104,6 @@ def believed(offset: ArrayLike, deviation: ArrayLike) -> Array:
     return np.where(np.isnan(spread), whole, whole - by_errors)
 
 
-def expected(offset: Array, deviation: Array, zeros: Array) -> Array:
-    """Estimate zeros (n,) of offsets with these deviations (n,), where others were `zeros` (m, n).
-
-    That is the mean of a Gaussian zero of their variance, after one reading; or what would be
-    `believed` if zeros did not move, where that is more. All of an offset of NaN deviation.
-    """
-    variance, noise = np.var(zeros, axis=0, ddof=1), np.nan_to_num(deviation**2)
-    share = np.divide(variance, variance + noise, out=np.ones_like(noise), where=noise > 0.0)
-    least = believed(offset, deviation)
-    return np.where(np.abs(least) > np.abs(share * offset), least, share * offset)
-
-
 def find_zero(
     calibration: Calibration, recording: Recording | Rows, duration: float = math.inf
 ) -> Zero:
@@ -194,13 +182,11 @@ def _zero_of(calibration: Calibration, rows: Rows, duration: float) -> Zero:
         at_beginnings = baseline.beginning_sd(in_motion[used[-1]])
         deviation = np.maximum(baseline.residual * np.sqrt(variance), at_beginnings)
     origin = rows.recording.provenance
-    zeros = calibration.origin.zeros  # where it was fitted with a zero for each group
+    zeros_move = calibration.origin.zeros is not None  # fitted with a zero for each group
     return Zero(
         offset,
         deviation,
-        believed(offset, deviation)
-        if zeros is None
-        else expected(offset, deviation, zeros.offsets),
+        offset.copy() if zeros_move else believed(offset, deviation),
         file=origin.source,
         homing_id=origin.homing_id,
         rows=len(used),

@@ -106,10 +106,19 @@ class Bounded(JointRegressor):
     def model_params(self) -> Params:
         """Parameters of the family: the estimator's family and parameters, and what it sees."""
         fitted = vars(self)
+        if "params_" in fitted:
+            return dict(fitted["params_"])
         member = fitted.get("member_") or self._unfitted()
         described = ((member.family.name, dict(member.model_params()), ()),)
         n_features = int(fitted.get("n_features_in_", 1))
         return {"members": described, "columns": self.columns or tuple(range(n_features))}
+
+    @classmethod
+    def from_params(cls, params: Params) -> Self:
+        """Make one of these parameters, to be run only."""
+        made = cls()
+        made.params_ = params
+        return made
 
     def settled(self) -> Self:
         """Unfitted copy, of a settled estimator."""
