@@ -29,7 +29,7 @@ _ANY: Final = Rule(lambda _value: True, "anything")
 class Bounded(JointRegressor):
     """An estimator that sees some features alone, and no further out than it was fitted to.
 
-    Beyond, the linear model of the same rows goes on. A physical filter knows how to go on by
+    Beyond, its prediction stays as it was at the end; only a line goes on. A physical filter knows how to go on by
     itself: one that takes features of its own is not held to their range.
 
     Parameters
@@ -137,8 +137,9 @@ class Bounded(JointRegressor):
             lower, upper = np.full((2, seen.shape[1]), [[-LARGEST], [LARGEST]])
         else:
             lower, upper = seen[known].min(axis=0), seen[known].max(axis=0)
-            line = Polynomial(1, ridge=False).fit(seen[known], targets[known])
-            slope = line.arrays_["coef"] * line.arrays_["inverse_scale"][:, None]
+            if member.name == registry.LINEAR:
+                line = Polynomial(1, ridge=False).fit(seen[known], targets[known])
+                slope = line.arrays_["coef"] * line.arrays_["inverse_scale"][:, None]
         self.member_ = member.fit(seen, targets, progress, dt, self._loads)
         own = {f"0/{name}": array for name, array in self.member_.arrays_.items()}
         return {"lower": lower, "upper": upper, "slope": slope, "direct": direct, **own}
