@@ -1,7 +1,7 @@
 """An estimator on some of the features, held to the range that it was fitted to.
 
-Beyond that range a straight line goes on: polynomials, products of plays and trees know nothing of
-it. Within the range nothing changes.
+Beyond that range its prediction stays, or goes on along a straight line: polynomials, products of
+plays and trees know nothing of it. Within the range nothing changes.
 """
 
 from __future__ import annotations
