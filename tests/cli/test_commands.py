@@ -145,7 +145,7 @@ def test_parts_of_one_recording(call: Call, session: Path, tmp_path: Path) -> No
 def test_settings_reach_the_estimator(call: Call, session: Path, tmp_path: Path) -> None:
     model = tmp_path / "m.st"
     result = call(
-        "calibrate", session / "zigzag.parquet", "-o", model, "--set", "epochs=2",
+        "calibrate", session / "zigzag.parquet", "-e", "dnn", "-o", model, "--set", "epochs=2",
         "--set", "hidden_layer_sizes=7,5",
     )  # fmt: skip
     assert result.code == 0

@@ -20,12 +20,12 @@ from truejoint.motion import Trajectory, write_trajectory
 AT_ONCE = {
     "calibrate zigzag.parquet -o new.st": [
         ("-e lin", "did you mean 'linear'?"),
-        ("--set epocs=3", "did you mean 'epochs'?"),
-        ("--set epochs=many", "not of the kind"),
-        ("--set epochs=-1", "epochs is -1"),
-        ("--set nothing=1", "no parameter of dnn called 'nothing'"),
-        ("--set epochs=3 --set epochs=4", "epochs was given before; give it once"),
-        ("-e auto --set epochs=3", "--set 'epochs=3' needs one estimator; name it with -e"),
+        ("-e dnn --set epocs=3", "did you mean 'epochs'?"),
+        ("-e dnn --set epochs=many", "not of the kind"),
+        ("-e dnn --set epochs=-1", "epochs is -1"),
+        ("-e dnn --set nothing=1", "no parameter of dnn called 'nothing'"),
+        ("-e dnn --set epochs=3 --set epochs=4", "epochs was given before; give it once"),
+        ("--set epochs=3", "--set 'epochs=3' needs one estimator; name it with -e"),
         ("-e rich_play --set leading=many", "'many' is no whole number"),
         ("-e rich_play --set leading=-1", "leading is -1"),
         ("--robot raven", "did you mean 'raven2'?"),

@@ -23,7 +23,7 @@ from truejoint.estimators import (
 from truejoint.estimators.family import find_family
 from truejoint.estimators.registry import (
     BASELINES,
-    DEFAULT,
+    NETWORK,
     OWN,
     TITLES,
 )
@@ -42,7 +42,7 @@ WORDS = {"offset", "linear", "hybrid", "gp"}
 
 def test_the_usual_ones_come_first():
     assert estimator_names()[:4] == ("offset", "linear", "poly2", "dnn")
-    assert {*BASELINES, *TITLES, DEFAULT} <= set(estimator_names())
+    assert {*BASELINES, *TITLES, NETWORK} <= set(estimator_names())
 
 
 def test_an_unknown_name_is_refused_with_the_known_and_the_nearest():

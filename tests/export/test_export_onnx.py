@@ -13,6 +13,7 @@ from tests.runtime.streams import trained
 
 from truejoint.errors import ExportError, TruejointError
 from truejoint.estimators import (
+    Bounded,
     NeuralNetwork,
     Polynomial,
     Stack,
@@ -26,7 +27,7 @@ onnxruntime = pytest.importorskip("onnxruntime", reason="the extra [onnx] is not
 
 ESTIMATORS = (
     Polynomial(0), Polynomial(1), Polynomial(2), Polynomial(3),
-    NeuralNetwork(hidden_layer_sizes=(9, 7, 5)),
+    NeuralNetwork(hidden_layer_sizes=(9, 7, 5)), Bounded(Polynomial(2)),
 )  # fmt: skip
 
 

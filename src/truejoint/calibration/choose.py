@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
@@ -21,12 +21,13 @@ from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.folds import FEW, FOLDS, Fold, folds, hidden_rows
 from truejoint.calibration.origin import distinct
 from truejoint.calibration.rows import Rows
-from truejoint.calibration.zero import judged_error
+from truejoint.calibration.zero import judged_error, known_error
 from truejoint.errors import CalibrationError
 from truejoint.estimators.base import JointRegressor, Progress
+from truejoint.estimators.bounded.learn import Bounded
 from truejoint.estimators.family import TARGETS, Target
 from truejoint.estimators.polynomial.learn import Raw
-from truejoint.estimators.registry import LINEAR, OFFSET, RAW
+from truejoint.estimators.registry import BESIDE_FILTER, FILTER_WITH_TREES, LINEAR, OFFSET, RAW
 from truejoint.estimators.stack.learn import Stack
 from truejoint.estimators.wrapped import Regressor, candidates, get_estimator
 from truejoint.features.feature_set import (
@@ -38,21 +39,28 @@ from truejoint.features.feature_set import (
 from truejoint.recordings import Recording
 from truejoint.robots import Robot
 
-GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which the best simple model must be beaten
+GAIN: Final = math.log(1.0 - 0.1)  # mean logarithm by which zeros of recordings must be better,
+_ERRORS: Final = 2.0  # and standard errors of that mean
+_EQUAL: Final = 0.02  # of the least expected error, by which the linear model may be worse
+_MEAN: Final = 0.05  # of it, by which a mean of several may be worse than one alone
 FITTED_ROWS: Final = 6_000  # that a fit for the choice uses, at most
 MOST_ROWS: Final = 30_000  # that models with a history run over, at most, and so many fitted to
 TRIED_ON: Final = 2  # folds, after which a candidate is given up if, for each joint,
 _WORSE: Final = 0.25  # it is worse than the best by this share and has no weight,
-_HOPELESS: Final = 1.0  # or worse by this one,
-_AT_ONCE: Final = 2.0  # or by this one after the first, and then with more features too
-_ERRORS: Final = 2.0  # standard errors of the mean over folds by which it must be beaten, too
+_HOPELESS: Final = 1.0  # or worse by this one
+_LEAST_FOLDS: Final = 3  # that are judged, whatever they take
 _FURTHEST: Final = 2.0  # spreads of the targets that predictions may have where signals come apart
+_FORCES: Final = ("effort", "current")  # what tells more than where a joint is
+_BEARS: Final = 1.5  # times the least error that a model which holds under loads may have
+_BELIEF: Final = 0.3  # weight of what is believed of a mean beside what is left out
+_FIRM: Final = 1e3  # weight of the sum of 1
 _LEAST: Final = 0.05  # weight, below which a member is left out
 _JUDGED: Final = 100_000  # rows that a fold judges, at most
 _TINY: Final = np.finfo(float).tiny
 _FIRST_SHARE: Final = 0.8  # of the progress, where what was chosen is tried with more features
+_CHOICE_SHARE: Final = 0.6  # of the budget; fits to all rows take the rest
 
-_MORE: Final = ("measured", "effort"), ("measured", "effort", "current")
+_MORE: Final = tuple(("measured", "effort", *more) for more in ((), ("current",), ("cable",)))
 """Quantities of which a choice tries all columns, where it chooses features."""
 _RATE_TIME: Final = 0.02  # [s] of the low-pass whose slope is the rate that a choice tries
 _RATE_DT: Final = 0.101  # [s] between rows, beyond which they show steps and no rates; 10 Hz do
@@ -66,14 +74,29 @@ Say = Callable[[float, str], None]
 
 @dataclass(eq=False)
 class Candidate:
-    """A model, and how it was fitted so far."""
+    """A model of some features, and how it was fitted so far."""
 
     model: JointRegressor  # unfitted; a first fit settles what it determines
+    features: tuple[str, ...]
+    target: Target
+    is_simple: bool = False
+    is_believed: bool = False  # whether it is made for such a mechanism, and so tried on all folds
     is_member: bool = True  # whether a weighted mean may hold it
     folds: list[int] = field(default_factory=list)  # numbers of those that it was fitted without
     seconds: float = 0.0
     note: str = ""  # why it is not tried any more
     lacking: str = ""  # why it could not be fitted without the last fold, where that is so
+
+    def bounded(self, features: Sequence[str], beside: Sequence[str] = ()) -> JointRegressor:
+        """Give the model as it sees `features`, held to the range that it is fitted to."""
+        place = {name: i for i, name in enumerate(features)}
+        columns = tuple(place[name] for name in self.features)
+        return Bounded(self.model, columns, tuple(place[name] for name in beside))
+
+    @property
+    def bears_load(self) -> bool:
+        """Whether it still holds where a load moves the joint off what its motor says."""
+        return self.model.family.bears_load(self.model.model_params())
 
     def give_up(self, reason: str = "") -> None:
         """Try it no more, for a `reason` or what it did so far."""
@@ -86,60 +109,66 @@ class CrossValidation:
 
     `cross_validate` fills it; the choice and its weights are functions of it. The simple models
     that can predict the target come first, the linear one before the others. All see the same rows
-    of the same recordings.
+    of the same recordings, and are judged by what they leave of the true position.
 
     Attributes
     ----------
+    recordings : list of Recording
     kept : list of ndarray
         Rows of each recording that are among the m rows.
     X, decoupled : ndarray, shape (m, k)
-        Features; the same with every signal taken from another time.
+        Features of all candidates; the same with every signal taken from another time.
     dt : ndarray, shape (m,)
         Time since the row before [s], 0 where a history starts.
+    measured : ndarray, shape (m, n_joints)
+        Measured positions [rad or m].
     targets : ndarray, shape (m, n_joints)
-        [rad or m]; NaN where no fit uses them.
+        Truth minus measured [rad or m]; NaN where no fit uses them.
+    errors : list of ndarray, shape (n_candidates, n_rows, n_joints)
+        What is left of the truth in rows of each fold; NaN where one was not tried.
     products : list of ndarray, shape (n_joints, n_candidates, n_candidates)
-        Mean product of two candidates' errors, for each fold; NaN where one was not tried.
+        Mean product of two candidates' errors, for each fold.
     spreads : ndarray, shape (n_candidates, n_joints)
         Largest spread of predictions where signals come apart, over that of the targets.
-    hopeless : set of str
-        Names of the candidates that were given up after the first fold.
     """
 
-    def __init__(
-        self, parts: Sequence[Rows], target: Target, models: Sequence[JointRegressor], most: int
-    ) -> None:
+    def __init__(self, parts: Sequence[Rows], candidates: Sequence[Candidate], most: int) -> None:
         """Take at most `most` rows of each recording, and as many of those with targets.
 
         A history that starts in a row that is left out starts in the next.
         """
         self.features: FeatureSet = parts[0].feature_set
-        self.target: Target = target
+        self.recordings = [part.recording for part in parts]
         self.times = [part.t for part in parts]
         self.kept, steps, targets = list[Integers](), list[Array](), list[Array]()
         for part in parts:
-            values = part.fitted_targets(target)
+            values = part.fitted_targets("error")
             has_target = np.flatnonzero(np.isfinite(values).any(axis=1))
             rows = np.union1d(_spread(np.arange(len(part)), most), _spread(has_target, most))
             starts = np.diff(np.cumsum(part.dt == 0.0)[rows], prepend=0) > 0
             steps.append(np.where(starts, 0.0, np.diff(part.t[rows], prepend=part.t[0])))
             targets.append(values[rows])
             self.kept.append(rows)
-        features = [part.X[rows] for part, rows in zip(parts, self.kept, strict=True)]
-        self.X, self.dt, self.targets = (
-            np.concatenate(arrays) for arrays in (features, steps, targets)
-        )
+        pairs = list(zip(parts, self.kept, strict=True))
+        features = [part.X[rows] for part, rows in pairs]
+        self.X, self.dt, self.targets = map(np.concatenate, (features, steps, targets))
+        self.measured = np.concatenate([part.measured[rows] for part, rows in pairs])
         self.decoupled = np.concatenate([decoupled(x, self.features) for x in features])
         self.has_target = np.isfinite(self.targets).all(axis=1)
-        usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
-        simple = [model for model in usual if target in model.family.targets]
-        names = {model.name for model in simple}
-        others = [model for model in models if model.name not in names]
-        self.candidates = [Candidate(model) for model in (*simple, *others)]
-        self.n_simple = len(simple)
+        self.errors: list[Array] = []
         self.products: list[Array] = []
-        self.spreads = np.zeros((len(self.candidates), self.targets.shape[1]))
-        self.hopeless: set[str] = set()
+        self.candidates: list[Candidate] = []
+        self.spreads = np.zeros((0, self.targets.shape[1]))
+        self.add(candidates)
+
+    def add(self, candidates: Sequence[Candidate]) -> None:
+        """Try further candidates, which the folds so far did not see."""
+        n = len(candidates)
+        self.candidates += candidates
+        self.n_simple = sum(candidate.is_simple for candidate in self.candidates)
+        self.spreads = np.vstack([self.spreads, np.zeros((n, self.spreads.shape[1]))])
+        unknown = ((0, n), (0, 0), (0, 0))
+        self.errors = [np.pad(e, unknown, constant_values=np.nan) for e in self.errors]
 
     def split(self, fold: Fold) -> tuple[Integers, Integers]:
         """Rows that a fit uses, few enough, and rows that are judged."""
@@ -170,6 +199,36 @@ class CrossValidation:
         """Mean square error (n_folds, n_candidates, n_joints), NaN where one was not tried."""
         return np.array([np.diagonal(product, axis1=1, axis2=2).T for product in self.products])
 
+    @property
+    def yardstick(self) -> Array:
+        """Mean square error (n_folds, n_joints) of the best simple model in each fold."""
+        simple = np.where(self.usable, self.alone, np.inf)[:, : self.n_simple]
+        return np.asarray(np.nanmin(simple, axis=1))
+
+    @property
+    def belief(self) -> Array:
+        """Weights (n_candidates,) that are believed in before: half and half of a pair, or none."""
+        pair = [c.is_believed and not c.bears_load and self.stands(k)
+                for k, c in enumerate(self.candidates)]  # fmt: skip
+        return np.array(pair) * (0.5 if sum(pair) == 2 else 0.0)
+
+    @property
+    def eligible(self) -> Mask:
+        """Which usable candidates (n_candidates, n_joints) are to be chosen from.
+
+        Where a model of the mechanism, which holds under loads too, errs no more than half as much
+        again as the best, only such: what is left out may have known no load.
+        """
+        eligible = self.usable
+        bearing = [k for k, c in enumerate(self.candidates) if c.bears_load and self.stands(k)]
+        if bearing:
+            squares = np.where(eligible & np.isfinite(self.alone), self.alone, np.inf)
+            pairs = zip(squares.T, self.yardstick.T, strict=True)
+            expected = np.array([relative_error(*pair) for pair in pairs]).T
+            has_one = expected[bearing].min(axis=0) <= _BEARS * expected.min(axis=0)
+            eligible &= ~has_one | np.isin(np.arange(len(eligible)), bearing)[:, None]
+        return eligible
+
     def stands(self, number: int) -> bool:
         """Whether a candidate is not given up, and was fitted without half of the folds or more."""
         candidate = self.candidates[number]
@@ -189,15 +248,20 @@ class CrossValidation:
             is_raw = isinstance(candidate.model, Raw)  # an offset is one anyhow
             if is_raw or not (candidate.is_member and self.stands(number)):
                 relative[:, number] = np.nan
-        relative[~self.usable.T] = np.nan
-        return np.array([stacking_weights(product) for product in relative]).T
+        relative[~self.eligible.T] = np.nan
+        belief = self.belief
+        return np.array([stacking_weights(product, belief) for product in relative]).T
 
     def combined(self) -> tuple[Array, Array]:
-        """Weights (n_candidates, n_joints): of a mean, of one candidate, or of the best simple one.
+        """Weights (n_candidates, n_joints) of the least expected error, and its squares.
 
-        And the mean square error (n_folds, n_joints), of a mean with the weights of other folds.
+        Of a mean, each fold (n_folds, n_joints) judged with the weights of the others, or of one
+        candidate. The error that is expected is the mean over the folds of the error relative to
+        that of the best simple model there. Where that is hardly worse, the linear model is taken
+        before all others, and a mean, which leans on no single one, before one alone. Raw position
+        and offset are only where every correction does harm (`is_harmed`).
         """
-        usable, alone, weights = self.usable, self.alone, self.weights()
+        eligible, alone, weights = self.eligible, self.alone, self.weights()
         errors = np.empty((len(self.products), weights.shape[1]))
         for fold, product in enumerate(self.products):
             w = self.weights(without=fold)
@@ -205,76 +269,103 @@ class CrossValidation:
             errors[fold] = np.einsum("mj,jmp,pj->j", w, np.where(weighs, product, 0.0), w)
         members = [k for k, c in enumerate(self.candidates) if c.is_member and self.stands(k)]
         for joint in range(weights.shape[1]):
-            numbers = [k for k in members if usable[k, joint]]
-            options = np.vstack([weights[:, joint], np.eye(len(self.candidates))[numbers]])
-            squares = np.vstack([errors[:, joint], alone[:, numbers, joint].T])
-            ratios = log_ratio(squares, alone[:, 0, joint]).mean(axis=1)
-            simple = 1 + np.flatnonzero(np.array(numbers) < self.n_simple)
-            yardstick = squares[min(simple, key=ratios.__getitem__)]
-            better = [k for k, s in enumerate(squares) if is_better(log_ratio(s, yardstick))]
-            best = min(better or simple, key=ratios.__getitem__)
+            numbers = [k for k in members if eligible[k, joint]]
+            options = np.vstack([np.eye(len(self.candidates))[numbers], weights[:, joint]])
+            squares = np.vstack([alone[:, numbers, joint].T, errors[:, joint]])
+            yardstick = self.yardstick[:, joint]
+            expected, mean = relative_error(squares, yardstick), len(numbers)
+            names = [self.candidates[k].model.name for k in numbers]
+            learnt = np.array([name not in (RAW, OFFSET) for name in names] + [True])
+            best = int(np.argmin(np.where(learnt, expected, np.inf)))
+            least, idle = expected[best], int(np.argmin(expected))
+            if not learnt[idle] and is_harmed(squares[best], squares[idle], yardstick):
+                best = idle
+            elif numbers[0] == 0 and expected[0] <= (1.0 + _EQUAL) * least:
+                best = 0
+            elif expected[mean] <= (1.0 + _MEAN) * least or self.belief.any():
+                best = mean
             weights[:, joint], errors[:, joint] = options[best], squares[best]
         return weights, errors
 
-    def pass_by(self, other: CrossValidation) -> None:
-        """Do not try what is hopeless in another table, where this one has more features."""
-        if set(other.features.names) <= set(self.features.names):
-            for candidate in self.candidates[self.n_simple :]:
-                if candidate.model.name in other.hopeless and not candidate.note:
-                    candidate.give_up("hopeless with fewer features")
-
     def give_up_hopeless(self) -> None:
         """Try no more what no joint needs, nor what is hopeless in every one."""
+        if len(self.products) < TRIED_ON:
+            return
         sizes = np.where(self.usable, 0.5 * np.log(self.alone + _TINY).mean(axis=0), np.inf)
         worse = sizes - np.nanmin(sizes, axis=0)
-        is_first = len(self.products) < TRIED_ON
-        unneeded = (worse > math.log1p(_AT_ONCE if is_first else _HOPELESS)).all(axis=1)
-        if not is_first:
-            unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & ~self.weights().any(axis=1)
-        unneeded[: self.n_simple] = False
+        unneeded = (worse > math.log1p(_HOPELESS)).all(axis=1)
+        is_idle = ~self.weights().any(axis=1)
+        unneeded |= (worse > math.log1p(_WORSE)).all(axis=1) & is_idle
+        for number in np.flatnonzero(is_idle):  # of one model the features that do best
+            name = self.candidates[number].model.name
+            same = [k for k, c in enumerate(self.candidates) if c.model.name == name]
+            unneeded[number] |= (worse[same] < worse[number]).all(axis=1).any()
         for candidate in (self.candidates[k] for k in np.flatnonzero(unneeded)):
-            is_tried = candidate.is_member and not candidate.note
+            stays = candidate.is_simple or candidate.is_believed
+            is_tried = candidate.is_member and not candidate.note and not stays
             if is_tried and len(candidate.folds) >= min(TRIED_ON, len(self.products)):
                 candidate.give_up()
-                if is_first:
-                    self.hopeless.add(candidate.model.name)
+
+    def keep_within(self, seconds: float, n_folds: int) -> bool:
+        """Whether so many more folds can be tried in so many seconds, or it is too early to tell.
+
+        What takes longest of the candidates that no joint needs so far is given up first.
+        """
+        is_idle = ~self.weights().any(axis=1)
+        active = [c for c in self.candidates if not c.note and c.folds]
+        times = {id(c): n_folds * c.seconds / len(c.folds) for c in active}
+        idle = [self.candidates[k] for k in np.flatnonzero(is_idle) if self.candidates[k] in active]
+        for candidate in sorted(idle, key=lambda c: -times[id(c)]):
+            if sum(times.values()) <= seconds:
+                break
+            if not candidate.is_simple:
+                candidate.give_up(f"cut: {candidate.seconds / len(candidate.folds):.1f} s a part")
+                del times[id(candidate)]
+        return len(self.products) < _LEAST_FOLDS or sum(times.values()) / n_folds <= seconds
 
 
-def cross_validate(table: CrossValidation, fold: Fold, say: Say) -> None:
-    """Fit the candidates that are not given up without a fold, and add their errors on it.
+def cross_validate(table: CrossValidation, number: int, fold: Fold, say: Say) -> None:
+    """Fit what is not given up without a fold, of this `number`, and set down its errors there.
 
-    `say` is called with the share of candidates done, and what is fitted next. Raises
-    CalibrationError, and adds nothing, if the linear model cannot be fitted.
+    Of a fold that was tried before, candidates that it has not seen are. `say` is called with the
+    share of candidates done, and what is fitted next. Raises CalibrationError, and adds nothing, if
+    the linear model cannot be fitted.
     """
     training, test = table.split(fold)
+    is_new = number == len(table.errors)
     errors = np.full((len(table.candidates), len(test), table.targets.shape[1]), np.nan)
-    for number, candidate in enumerate(table.candidates):
-        if candidate.note:
+    if not is_new:
+        errors = table.errors[number]
+    for place, candidate in enumerate(table.candidates):
+        if candidate.note or np.isfinite(errors[place]).any():
             continue
-        say(number / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
-        began = time.perf_counter()
+        say(place / len(table.candidates), f"Choosing: {candidate.model.name} without {fold.name}")
+        began = time.process_time()
         try:
             predicted, spread = _predict(candidate, table, training, test)
-            errors[number] = table.targets[test] - predicted
-            table.spreads[number] = np.maximum(table.spreads[number], spread)
-            candidate.folds.append(len(table.products))
+            errors[place] = table.targets[test] - predicted
+            table.spreads[place] = np.maximum(table.spreads[place], spread)
+            candidate.folds.append(number)
         except CalibrationError as reason:
-            if number == 0:
+            if place == 0:
                 raise
-            if number < table.n_simple:
+            if candidate.is_simple:
                 candidate.note = str(reason)
             else:
                 candidate.lacking = str(reason)
                 # Other folds may show what it does: here the best simple model stands in.
-                simple = errors[: table.n_simple]
-                square = np.where(
-                    table.usable[: table.n_simple], np.mean(simple**2, axis=1), np.inf
-                )
+                simple, usable = errors[: table.n_simple], table.usable[: table.n_simple]
+                square = np.where(usable, np.mean(simple**2, axis=1), np.inf)
                 best = np.nanargmin(square, axis=0)
-                errors[number] = simple[best, :, np.arange(len(best))].T
-        candidate.seconds += time.perf_counter() - began
-    table.products.append(np.einsum("mnj,pnj->jmp", errors, errors) / len(test))
-    table.give_up_hopeless()
+                errors[place] = simple[best, :, np.arange(len(best))].T
+        candidate.seconds += time.process_time() - began
+    products = np.einsum("mnj,pnj->jmp", errors, errors) / len(test)
+    if is_new:
+        table.errors.append(errors)
+        table.products.append(products)
+        table.give_up_hopeless()
+    else:
+        table.errors[number], table.products[number] = errors, products
 
 
 def _predict(
@@ -285,47 +376,62 @@ def _predict(
     And how widely (n_joints,) predictions spread where signals come apart, in deviations of the
     targets; that is not asked of more than two recordings.
     """
-    model = candidate.model.settled()
-    needed = model.minimum_rows(table.X.shape[1])
+    model = candidate.bounded(table.features.names)
+    needed = model.minimum_rows(len(candidate.features))
     if len(training) < needed:
         raise CalibrationError(
             f"{len(training)} rows with truth beside a part left out; {model.name} needs {needed}: "
             "record for longer, or choose fewer features"
         )
+    measured = table.measured if candidate.target == "position" else np.zeros((1, 1))
+    values = table.targets + measured
     if model.family.remembers:
-        targets = np.full_like(table.targets, np.nan)
-        targets[training] = table.targets[training]
-        model.fit(table.X, targets, None, table.dt)
+        targets = np.full_like(values, np.nan)
+        targets[training] = values[training]
+        loads = [
+            fit_task.known_loads(recording, model.truth_beside())[kept]
+            for recording, kept in zip(table.recordings, table.kept, strict=True)
+        ]
+        model.fit(table.X, targets, None, table.dt, np.concatenate(loads))
         history = np.cumsum(table.dt == 0.0)
         run = np.isin(history, history[test])  # what runs before it does not matter
         predicted = model.evaluate(table.X[run], table.dt[run])
         predicted = predicted[np.searchsorted(np.flatnonzero(run), test)]
     else:
-        model.fit(table.X[training], table.targets[training])
+        model.fit(table.X[training], values[training])
         predicted = model.evaluate(np.ascontiguousarray(table.X[test]))
     spread = np.zeros(predicted.shape[1])
     if len(table.times) < FEW and model.name not in (RAW, OFFSET):  # of no signal
-        targets = table.targets[table.has_target]
+        targets = values[table.has_target]
         middle, deviation = targets.mean(axis=0), np.maximum(targets.std(axis=0), _TINY)
         far = (model.evaluate(table.decoupled, table.dt) - middle) / deviation
         spread = np.sqrt(np.mean(far**2, axis=0))
-    family, candidate.model = model.family, model.settled()
-    candidate.is_member = family.row is not None and (
-        family.inputs is None or table.target == "position"
+    candidate.is_member, candidate.model = (
+        model.member_.family.row is not None,
+        model.member_.settled(),
     )
-    return predicted, spread
+    return predicted - (measured[test] if candidate.target == "position" else 0.0), spread
 
 
 def decoupled(features: Array, feature_set: FeatureSet) -> Array:
     """Features (n, k) of one recording with every signal taken from another time of it.
 
     All features of a signal are moved alike, by so many equal shares of the recording as there are
-    signals, and go round at its end.
+    signals, and go round at its end. Sensors that all follow one joint cannot come apart and count
+    as one signal: those of its channel and, where a single joint is measured, of its cables.
     """
-    signals = feature_set.signals
+    joints = {signal for signal in feature_set.signals if signal.startswith("measured/")}
+
+    def group(signal: str) -> str:
+        quantity, _, channel = signal.partition("/")
+        if quantity in _FORCES:
+            return signal
+        return channel if len(joints) > 1 else "joint"
+
+    groups = list(dict.fromkeys(map(group, feature_set.signals)))
     moved = np.empty_like(features)
     for number, feature in enumerate(feature_set.features):
-        rows = len(features) * signals.index(feature.signal) // len(signals)
+        rows = len(features) * groups.index(group(feature.signal)) // len(groups)
         moved[:, number] = np.roll(features[:, number], rows)
     return moved
 
@@ -346,20 +452,27 @@ def _spread(rows: Integers, most: int) -> Integers:
     return rows[:: max(1, -(-len(rows) // most))]
 
 
-def stacking_weights(products: Array) -> Array:
+def stacking_weights(products: Array, belief: Array | None = None) -> Array:
     """Weights (m,), not negative and of sum 1, of the least mean square of the weighted errors.
 
     `products` (m, m) are the means of the products of two estimators' errors, NaN for those that
-    are left out. The weights of non-negative least squares with a sum near 1 point where those
-    with a sum of 1 do.
+    are left out. Weights that are believed in before, `belief` (m,), of sum 1, hold them back as
+    ridge regression does: squares of what they differ by count `_BELIEF` times the mean square
+    error of these.
     """
-    weights = np.zeros(len(products))
+    weights, held = np.zeros(len(products)), np.zeros(len(products)) if belief is None else belief
     members = np.flatnonzero(np.isfinite(np.diag(products)))
     while True:
-        values, vectors = np.linalg.eigh(products[np.ix_(members, members)])
+        square = products[np.ix_(members, members)]
+        values, vectors = np.linalg.eigh(square)
         root = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
-        n = len(members)
-        shares, _ = nnls(np.vstack([root, np.ones(n)]), np.append(np.zeros(n), 1.0))
+        n, prior = len(members), held[members]
+        pull = math.sqrt(_BELIEF * max(float(prior @ square @ prior), 0.0))
+        firm = _FIRM * math.sqrt(max(float(square.max()), _TINY))
+        shares, _ = nnls(
+            np.vstack([root, pull * np.eye(n), np.full(n, firm)]),
+            np.concatenate([np.zeros(n), pull * prior, [firm]]),
+        )
         shares /= shares.sum()
         large = shares >= _LEAST
         if large.all():
@@ -381,31 +494,43 @@ def log_ratio(square: Array, other: Array) -> Array:
     return np.asarray(0.5 * np.log(np.maximum(square, _TINY) / np.maximum(other, _TINY)))
 
 
+def is_harmed(square: Array, idle: Array, yardstick: Array) -> bool:
+    """Whether a correction's errors, of squares (n_folds,), are larger than those without it.
+
+    By more than the standard error of the mean difference, each fold relative to its yardstick.
+    """
+    sides = (np.sqrt(each / np.maximum(yardstick, _TINY)) for each in (square, idle))
+    worse = np.subtract(*sides)
+    error = worse.std(ddof=1) / math.sqrt(len(worse)) if len(worse) > 1 else 0.0
+    return bool(worse.mean() > error)
+
+
+def relative_error(squares: Array, yardstick: Array) -> Array:
+    """Mean over folds of the root of `squares` (n, n_folds) over that of `yardstick` (n_folds,)."""
+    ratios = np.maximum(squares, _TINY) / np.maximum(yardstick, _TINY)
+    return np.asarray(np.sqrt(ratios).mean(axis=1))
+
+
 @dataclass(frozen=True, eq=False)
 class Automatic:
     """Estimators among which each joint is given what predicts it best: stacked regressions.
 
     Every candidate is fitted without some of the recordings in turn, never without single samples,
-    and judged on these: see `truejoint.calibration.folds.folds`. For each joint, the weights that
-    sum to 1, are not negative, and make the least mean square of the errors on what the fits did
-    not see, each fold relative to the best candidate in it, make a mean of them (Breiman, Stacked
-    regressions, Machine Learning 24, 1996). The mean, each fold judged with the weights of the
-    others, or one candidate alone, whichever is best, is used where it beats the best of three
-    simple models: linear, fixed offset and the raw position; by 10 % and by two standard errors of
-    the logarithm's mean over the folds. Elsewhere that simple model stays. The fits that serve the
-    choice see six thousand rows; what is chosen is fitted to all. What was tried stands in the
-    metadata under ``choice``. Where no features are asked for, the default ones are tried, every
-    measured position and effort, and these with every motor current, of what all recordings have;
-    then, of three recordings or more whose rows are at most 0.1 s apart, what is best so far once
-    more, with the rates of the measured positions beside.
+    and judged on these: see `truejoint.calibration.folds.folds`. All stand in one table, whatever
+    features they see, held to the range that they were fitted to (`truejoint.estimators.Bounded`).
+    A joint is given what has the least expected error there: a mean of several (Breiman, Stacked
+    regressions, Machine Learning 24, 1996) or one alone; raw position and offset where every
+    correction did harm. The fits that serve the choice see six thousand rows; what is chosen is
+    fitted to all. What was tried stands in the metadata under ``choice``. Where no features are
+    asked for, the default ones are tried, every measured position and effort, and these with every
+    motor current or cable, of what all recordings have; then, of three recordings or more whose
+    rows are at most 0.1 s apart, what has a weight once more, with the rates of the measured
+    positions beside.
 
-    Nor does the choice end there: a brief truth may set the zero of a recording to come. Where that
-    is so is not known, so what is chosen, fitted with one zero, corrects positions as they come. Of
-    three recordings or more the choice judges besides whether, once each that is left out is
-    re-zeroed from its first 2 s, a fit with a zero for each recording is better, by the same rule
-    in a joint and no worse in any. It is then kept beside the other, as ``zero="recording"`` of
-    `calibrate` does it; ``zero="shared"`` leaves that out. See ``choice``, ``zero`` in the
-    metadata.
+    A brief truth may set the zero of a recording to come. Of three recordings or more the choice
+    judges besides whether, once each that is left out is re-zeroed from its first 2 s, a fit with a
+    zero for each recording is better: see `validate_zeros`. It is then kept beside the other, as
+    ``zero="recording"`` of `calibrate` does it; ``zero="shared"`` leaves that out.
 
     Parts of one or two recordings cannot tell what each of several signals does that always moved
     together, and a model that sets one against the other fails in the next motion. There each fit
@@ -416,15 +541,14 @@ class Automatic:
     Parameters
     ----------
     candidates : sequence of Regressor
-        What is tried; by default what the registry says: offset, linear, quadratic, a network
-        until convergence, boosted trees on the residual of the linear model, rich plays with and
-        without trees, coupled plays, capstans that run out, two Gaussian processes, and a jaw's
-        filter with trees. One that takes features of its own is tried where the recordings have
-        them, with what learns its residual beside it, and what only works offline is taken for all
-        joints or not at all.
+        What is tried; by default what the registry says. One that takes features of its own is
+        tried where the recordings have them, and what only works offline is taken for all joints or
+        not at all.
     default_features : bool
         Whether to try the default features too, where others are asked for and there are three
         recordings or more: parts of one motion do not tell which features hold on another.
+    seconds : float
+        Of a processor's time that the choice and the fit may take, about.
     tell : callable, optional
         Called with what is done next, in words.
 
@@ -438,6 +562,7 @@ class Automatic:
 
     candidates: Sequence[Regressor] = field(default_factory=candidates)
     default_features: bool = False
+    seconds: float = 60.0
     tell: Callable[[str], None] | None = None
 
     def say(self, report: Progress) -> Say:
@@ -453,9 +578,8 @@ class Automatic:
 
 @dataclass(frozen=True, eq=False)
 class _Option:
-    """What may be chosen: weights of the candidates of a table, and their errors."""
+    """What may be chosen: weights of the candidates, and their errors."""
 
-    table: CrossValidation
     weights: Array  # (n_candidates, n_joints)
     square: Array  # (n_folds, n_joints), mean square error
 
@@ -470,13 +594,12 @@ def choose(
     random_state: int | None,
     progress: Progress,
 ) -> tuple[JointRegressor, FeatureSet, Target, dict[str, Any]]:
-    """Choose as `Automatic` says; of two sets of features, the first unless the other is better.
+    """Choose as `Automatic` says, among models of all sets of features.
 
     Gives what was chosen, unfitted, what it is fitted to, and the evidence, as JSON values.
 
     A fold without which the linear model of the first features cannot be fitted is passed over;
-    raises CalibrationError if that is every one. Other features with which it cannot be fitted, as
-    more of them take more rows, are left out.
+    raises CalibrationError if that is every one.
     """
     robot = compatibility.common_robot(recordings)
     names = compatibility.chosen_joints(robot, recordings, joints)
@@ -485,189 +608,174 @@ def choose(
     usual = FeatureSet.parse(compatibility.in_all(recordings, named))
     compatibility.common_units(recordings, usual, names)  # refuses rad here and m there
     models = [fit_task.unfitted(model, None, random_state) for model in automatic.candidates]
-    asked = usual if features is None else features
-    by_features, targets = _with_their_features(models, robot, recordings, asked, target)
-    free = [m for models in by_features.values() for m in models if m.family.inputs is None]
-    more = [usual] if automatic.default_features and len(recordings) >= FEW else []
-    if features is None:  # all columns of some quantities, besides the default ones
+    sets = [usual if features is None else FeatureSet.parse(features)]
+    if features is not None:
+        sets += [usual] if automatic.default_features and len(recordings) >= FEW else []
+    else:  # all columns of some quantities, besides the default ones
         units = recordings[0].units
         columns = [[n for n in units if n.split("/")[0] in quantities] for quantities in _MORE]
-        more = [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]
-    _extend(by_features, free, more)
+        sets += [FeatureSet.parse(compatibility.in_all(recordings, names)) for names in columns]
+    tried = _candidates(models, robot, recordings, names, sets, target)
     outlying = fit_task.outlying_values(recordings, names)
     gap_limit, dt = default_gap_limit(recordings), sample_dt(recordings)
     stride, sizes = fit_task.stride_of(fit_rate, dt), [len(recording) for recording in recordings]
+    tries_rates = features is None and len(recordings) >= FEW and dt <= _RATE_DT
+    rates = [f"rate({n}, {_RATE_TIME:g})" for n in sets[-1].names if n.startswith("measured/")]
+    union = dict.fromkeys(name for candidate in tried for name in candidate.features)
+    feature_set = FeatureSet.parse([*union, *(rates if tries_rates else ())])
+    counts = any(candidate.model.family.counts_samples for candidate in tried)
+    most = max(sizes) if counts else share_of(sizes, MOST_ROWS)
+    parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
+    table = CrossValidation(parts, tried, most)
 
-    def tabled(
-        feature_set: FeatureSet, models: Sequence[JointRegressor], target: Target
-    ) -> CrossValidation:
-        thinned = not any(model.family.counts_samples for model in models)
-        most = share_of(sizes, MOST_ROWS) if thinned else max(sizes)
-        parts = fit_task.training_rows(recordings, feature_set, names, gap_limit, stride, outlying)
-        models = [model.for_features(feature_set.names, robot, names) for model in models]
-        return CrossValidation(parts, target, models, most)
-
-    tables = [
-        tabled(feature_set, models, targets.get(feature_set, target or TARGETS[0]))
-        for feature_set, models in by_features.items()
-    ]
-    tries_rates = features is None and free and len(recordings) >= FEW and dt <= _RATE_DT
     share, left_out = _FIRST_SHARE if tries_rates else 1.0, folds(recordings)
     left_out = [*left_out[1::2], *left_out[::2]]  # the ends, such as the fastest, are not first
-
-    say = automatic.say(progress)
-    judged, whole, tried = _validated(tables, left_out, fit_task.within(say, 0.0, share))
-    tried = [*whole, *tried]
-    chosen = _best([option for table in whole for option in _options(table)])
-    positions = [name for name in chosen.table.features.names if name.startswith("measured/")]
-    if tries_rates and positions and len(judged) > 1:
-        chosen_models = {model.name for model in _members(chosen)}
-        rates = [f"rate({name}, {_RATE_TIME:g})" for name in positions]
-        with_rates = FeatureSet.parse([*chosen.table.features.names, *rates])
-        models = [model for model in free if model.name in chosen_models]
-        extended = tabled(with_rates, models, chosen.table.target)
+    say, seconds = automatic.say(progress), _CHOICE_SHARE * automatic.seconds
+    ends = time.process_time() + seconds
+    judged = _validated(table, left_out, ends, fit_task.within(say, 0.0, share))
+    chosen = _best(table)
+    if tries_rates and len(judged) > 1 and time.process_time() < ends:
+        in_use = [table.candidates[k] for k in np.flatnonzero(chosen.weights.any(axis=1))]
+        free = [
+            c for c in in_use if not c.model.family.inputs and c.model.name not in (RAW, OFFSET)
+        ]
+        table.add(_with_rates(free, robot, names))
         rest = fit_task.within(say, share, 1.0 - share)
-        _, whole, behind = _validated([extended], judged, rest, chosen)
-        chosen = _best([chosen, *(option for table in whole for option in _options(table))])
-        tried += [*whole, *behind]
+        for number, fold in enumerate(judged):
+            cross_validate(table, number, fold, fit_task.within(rest, number / len(judged), 0.1))
+        chosen = _best(table)
     say(1.0, "Fitting what was chosen")
-    evidence = _evidence(chosen, tried, judged, names)
+    evidence = _evidence(table, chosen, judged, names)
     evidence["not_in_all"] = [n for n in named if features is None and n not in usual.names]
-    members, weights = _members(chosen), chosen.weights[chosen.weights.any(axis=1)]
-    stack = Stack(members, tuple(map(tuple, weights.tolist())))
-    estimator = members[0] if len(members) == 1 else stack
-    return estimator, chosen.table.features, chosen.table.target, evidence
+    evidence["not_judged"] = [fold.name for fold in left_out if fold not in judged]
+    return *_estimator(table, chosen, names), evidence
 
 
-def _with_their_features(
+def _candidates(
     models: Sequence[JointRegressor],
     robot: Robot,
     recordings: Sequence[Recording],
-    asked: FeatureSet | Iterable[str],
+    joints: tuple[str, ...],
+    sets: Sequence[FeatureSet],
     target: Target | None,
-) -> tuple[dict[FeatureSet, list[JointRegressor]], dict[FeatureSet, Target]]:
-    """Models that can be tried, by the features that they see, and what these then predict.
+) -> list[Candidate]:
+    """Give what can be tried: simple models, then each model on each of the sets that it takes.
 
-    Features are those that are `asked` for, or the model's own.
+    Or on features of its own, where the recordings have them.
     """
-    by_features: dict[FeatureSet, list[JointRegressor]] = {}
-    targets: dict[FeatureSet, Target] = {}
-    for model in models:
-        inputs = model.family.inputs
-        predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
-        if predicts not in model.family.targets:
-            continue
-        features = asked if inputs is None else None
-        try:
-            prepared = model.for_recordings(recordings)
-            feature_set = compatibility.chosen_features(prepared, robot, recordings, features)
-        except CalibrationError:
-            if inputs is None:
-                raise
-            continue  # they lack what it takes
-        by_features.setdefault(feature_set, []).append(prepared)
-        targets.setdefault(feature_set, predicts)
-    if not by_features:
-        names = ", ".join(model.name for model in models)
+    usual = get_estimator(LINEAR), get_estimator(OFFSET), Raw()
+    simple = [model for model in usual if (target or TARGETS[0]) in model.family.targets]
+    tried = [
+        Candidate(model.for_features(sets[0].names, robot, joints), sets[0].names,
+                  target or TARGETS[0], is_simple=True)
+        for model in simple
+    ]  # fmt: skip
+    seen = {(candidate.model.name, frozenset(sets[0].names)) for candidate in tried}
+    others = [model for model in models if model.name != OFFSET]
+    for features in sets:
+        for model in others:
+            inputs = model.family.inputs
+            predicts = target or (TARGETS if inputs is None else model.family.targets)[0]
+            if predicts not in model.family.targets:
+                continue
+            try:
+                prepared = model.for_recordings(recordings)
+                asked = features if inputs is None else None
+                own = compatibility.chosen_features(prepared, robot, recordings, asked).names
+            except CalibrationError:
+                if inputs is None:
+                    raise
+                continue  # they lack what it takes
+            if (model.name, frozenset(own)) not in seen:
+                seen.add((model.name, frozenset(own)))
+                prepared = prepared.for_features(own, robot, joints)
+                tried.append(Candidate(prepared, own, predicts))
+    if others and not {m.name for m in others} & {name for name, _ in seen}:
         raise CalibrationError(
-            f"none of {names} can be tried: the recordings lack what they take, or they predict no "
-            f"{target or TARGETS[0]}; give other candidates"
+            f"none of {', '.join(m.name for m in models)} can be tried: the recordings lack what "
+            f"they take, or they predict no {target or TARGETS[0]}; give other candidates"
         )
-    return by_features, targets
+    believed = [one for one in tried if one.model.name == FILTER_WITH_TREES]
+    beside = [one for one in tried if one.model.name == BESIDE_FILTER]
+    bearing = [one for one in tried if one.bears_load]
+    for one in [*bearing, *believed, *(beside[:1] if believed else ())]:
+        one.is_believed = True
+    return tried
 
 
-def _extend(
-    by_features: dict[FeatureSet, list[JointRegressor]],
-    free: list[JointRegressor],
-    more: Sequence[FeatureSet],
-) -> None:
-    """Try the models that are `free` to take any features with `more` of them as well."""
-    for feature_set in more if free else ():
-        if not any(set(feature_set.names) == set(each.names) for each in by_features):
-            by_features[feature_set] = free
-    for models in by_features.values():  # what learns a filter's residual, without the filter too
-        each = [getattr(model, "members", ()) for model in models if model.family.inputs]
-        members = {str(getattr(member, "name", member)) for some in each for member in some}
-        models += [m for m in free if m.name in members and m not in models]
+def _with_rates(
+    candidates: Sequence[Candidate], robot: Robot, joints: tuple[str, ...]
+) -> list[Candidate]:
+    """Give the same models with the rates of the measured positions beside."""
+    extended = []
+    for one in candidates:
+        positions = [name for name in one.features if name.startswith("measured/")]
+        features = (*one.features, *(f"rate({name}, {_RATE_TIME:g})" for name in positions))
+        model = one.model.for_features(features, robot, joints)
+        extended.append(Candidate(model, features, one.target))
+    return extended
 
 
 def _validated(
-    tables: Sequence[CrossValidation],
-    left_out: Sequence[Fold],
-    say: Say,
-    rival: _Option | None = None,
-) -> tuple[list[Fold], list[CrossValidation], list[CrossValidation]]:
-    """Folds on which the first table could be filled, tables that were on all of these, and others.
-
-    Those are not so much better, on the first folds, than a `rival`, which is the first table's
-    where none is given, and are given up. A table that cannot be filled is left out; without a
-    rival it is the fold, where it is the first table.
-    """
-    tables, judged, behind = list(tables), list[Fold](), list[CrossValidation]()
-    for fold_number, fold in enumerate(left_out):
-        filled = list[CrossValidation]()
-        for place, table in enumerate(tables):
-            if filled:
-                table.pass_by(filled[0])
-            share = 1.0 / len(tables) / len(left_out)
-            begin = fold_number / len(left_out) + place * share
-            try:
-                cross_validate(table, fold, fit_task.within(say, begin, share))
-                filled.append(table)
-            except CalibrationError:
-                if rival is None and place == 0:
-                    if fold is left_out[-1] and not judged:
-                        raise
-                    break
-        if filled or rival is not None:
-            tables = filled
+    table: CrossValidation, left_out: Sequence[Fold], ends: float, say: Say
+) -> list[Fold]:
+    """Fill the table until a time `ends` [s of the process]; give the folds that it has."""
+    judged = list[Fold]()
+    for number, fold in enumerate(left_out):
+        more = len(left_out) - number
+        if judged and not table.keep_within(ends - time.process_time(), more):
+            break
+        try:
+            share = fit_task.within(say, number / len(left_out), 1.0 / len(left_out))
+            cross_validate(table, len(judged), fold, share)
             judged.append(fold)
-        if filled and len(judged) == TRIED_ON:
-            usual = rival or next(_options(tables[0]))
-            square = usual.square[:TRIED_ON]
-            behind = [
-                table
-                for table in tables[0 if rival else 1 :]
-                if all(log_ratio(o.square, square).mean() > GAIN for o in _options(table))
-            ]
-            tables = [table for table in tables if table not in behind]
-    for candidate in (c for table in behind for c in table.candidates if not c.note):
-        candidate.give_up(candidate.lacking)
-    return judged, tables, behind
+        except CalibrationError:
+            if fold is left_out[-1] and not judged:
+                raise
+    return judged
 
 
-def _options(table: CrossValidation) -> Iterator[_Option]:
-    """Give what may be chosen of a table: a weighted mean, or what only works offline alone."""
-    weights, square = table.combined()
-    yield _Option(table, weights, square)
+def _best(table: CrossValidation) -> _Option:
+    """Give what errs least by `CrossValidation.combined`, or what only works offline."""
+    options = [_Option(*table.combined())]
     for number, candidate in enumerate(table.candidates):
         if not candidate.is_member and table.stands(number) and table.usable[number].all():
-            alone = np.zeros_like(weights)
+            alone = np.zeros_like(options[0].weights)
             alone[number] = 1.0
-            yield _Option(table, alone, table.alone[:, number])
+            options.append(_Option(alone, table.alone[:, number]))
+    yardstick = table.yardstick.T
+
+    def expected(option: _Option) -> float:
+        return float(relative_error(option.square.T[:, None], yardstick).mean())
+
+    return min(options, key=expected)
 
 
-def _members(option: _Option) -> tuple[JointRegressor, ...]:
-    """Unfitted candidates that have a weight."""
-    pairs = zip(option.table.candidates, option.weights, strict=True)
-    return tuple(candidate.model for candidate, weights in pairs if weights.any())
-
-
-def _best(options: Sequence[_Option]) -> _Option:
-    """Best of those that are better than the first without doubt, or the first."""
-    ratios = [log_ratio(option.square, options[0].square) for option in options]
-    better = [number for number, ratio in enumerate(ratios) if is_better(ratio.mean(axis=1))]
-    return options[min(better, key=lambda number: ratios[number].mean(), default=0)]
+def _estimator(
+    table: CrossValidation, chosen: _Option, joints: Sequence[str]
+) -> tuple[JointRegressor, FeatureSet, Target]:
+    """Unfitted estimator that was chosen, of the features that it needs, and what it predicts."""
+    in_use = chosen.weights.any(axis=1)
+    members = [table.candidates[k] for k in np.flatnonzero(in_use)]
+    if len(members) == 1 and (
+        members[0].is_simple or members[0].model.family.inputs or not members[0].is_member
+    ):
+        return members[0].model, FeatureSet.parse(members[0].features), members[0].target
+    mixed = len({member.target for member in members}) > 1
+    measured = tuple(f"measured/{joint}" for joint in joints) if mixed else ()
+    names = tuple(dict.fromkeys([*(n for c in members for n in c.features), *measured]))
+    bounded = [c.bounded(names, measured if c.target == "error" else ()) for c in members]
+    weights = tuple(map(tuple, chosen.weights[in_use].tolist()))
+    target: Target = "position" if mixed else members[0].target
+    estimator = bounded[0] if len(members) == 1 else Stack(tuple(bounded), weights)
+    return estimator, FeatureSet.parse(names), target
 
 
 def _evidence(
-    chosen: _Option,
-    tables: Sequence[CrossValidation],
-    judged: Sequence[Fold],
-    joints: Sequence[str],
+    table: CrossValidation, chosen: _Option, judged: Sequence[Fold], joints: Sequence[str]
 ) -> dict[str, Any]:
-    """JSON values of what was tried and chosen; the first candidate of the first is linear."""
-    reference = tables[0].alone[:, 0]
+    """JSON values of what was tried and chosen; the first candidate is linear."""
+    reference = table.alone[:, 0]
     return {
         "reference": LINEAR,
         "left_out": [fold.name for fold in judged],
@@ -678,7 +786,6 @@ def _evidence(
         },
         "tried": [
             _entry(table, number, reference, joints, chosen)
-            for table in tables
             for number in range(len(table.candidates))
         ],
     }
@@ -693,14 +800,13 @@ def _entry(
     """
     candidate, square = table.candidates[number], table.alone[:, number]
     coupled = [j for j, good in zip(joints, table.usable[number], strict=True) if not good]
-    weights = chosen.weights[number].tolist() if table is chosen.table else []
     together = f"needs signals that move together: {', '.join(coupled)}" if coupled else ""
     entry: dict[str, Any] = {
         "estimator": candidate.model.name,
-        "features": list(table.features.names),
+        "features": list(candidate.features),
         "folds": len(candidate.folds),
         "seconds": round(candidate.seconds, 3),
-        "weights": dict(zip(joints, weights, strict=False)),
+        "weights": dict(zip(joints, chosen.weights[number].tolist(), strict=True)),
         "note": together or candidate.note or candidate.lacking,
     }
     tried = [fold for fold in candidate.folds if np.isfinite(square[fold]).all()]
@@ -734,9 +840,10 @@ def validate_zeros(
 
     `fit_pair` fits to recordings of these indices, with one zero and with one for each.
     Five of the folds at most, of whole recordings, are left out of a pair of fits each, and their
-    recordings are re-zeroed from the first seconds as `find_zero` gives it. A
-    zero for each is better where it beats one zero, by the rule of a choice, in a joint, and is no
-    worse on the average in any. `say` is told what is done and the share of it.
+    recordings are re-zeroed from the first seconds as `find_zero` gives it. A zero for each is
+    better where it beats one zero, re-zeroed or as it comes, by 10 % and two standard errors of the
+    mean in a joint, and is no worse on the average in any. `say` is told what is done and the share
+    of it.
     """
     began = time.perf_counter()
     stretch = min(_REZERO, _SHARE * min(part.recording.duration for part in parts))
@@ -750,12 +857,19 @@ def validate_zeros(
         testing = [parts[index] for index in fold.recordings]
         try:
             pair = fit_pair(training)
-            errors = [[judged_error(fit, one, stretch)[0] for one in testing] for fit in pair]
+            judgements = [[judged_error(fit, one, stretch) for one in testing] for fit in pair]
+            errors = [[error for error, _ in judgement] for judgement in judgements]
+            as_it_comes = [
+                known_error(pair[0], one)[0][rows]
+                for one, (_, rows) in zip(testing, judgements[0], strict=True)
+            ]
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
-        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in errors])
-        shared, own = np.moveaxis(np.array(squares), 1, 0)
+        every = (*errors, as_it_comes)
+        squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in every])
+        shared, own, unmoved = np.moveaxis(np.array(squares), 1, 0)
+        shared = np.minimum(shared, unmoved)
         ratios = log_ratio(own, shared)
         means = ratios.mean(axis=0)
         if len(judged) >= _ZEROS_TRIED_ON and (means.min() > GAIN or means.max() > 0.0):

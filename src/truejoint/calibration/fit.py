@@ -84,7 +84,7 @@ def calibrate(
     estimator : str, Regressor or Automatic
         A name in `estimator_names`, or an unfitted estimator with parameters of its own: one of
         ours, or anything with scikit-learn's `fit` and `predict`; see `WrappedRegressor`. ``auto``,
-        or `Automatic`: what is best on recordings that are left out in turn.
+        or `Automatic`: what is best on recordings that are left out in turn. That is the default.
     features : FeatureSet or iterable of str, optional
         Inputs of the model; measured position and effort of every channel by default, or those
         that the estimator was made for.

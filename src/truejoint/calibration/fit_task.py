@@ -171,15 +171,18 @@ def fit_model(
         np.concatenate(values)
         for values in zip(*((p.X, p.fitted_targets(target), p.dt) for p in parts), strict=True)
     )
-    names = model.truth_beside()
-    loads = np.zeros((len(inputs), len(names)))  # [Nm], 0 where a recording has none
-    pieces = np.split(loads, np.cumsum([len(part) for part in parts])[:-1])
-    for part, columns in zip(parts, pieces, strict=True):
-        for column, name in zip(columns.T, names, strict=True):
-            if name in part.recording.units:
-                compatibility.check_units(part.recording, {name: "Nm"}, "and is learnt in")
-                column[:] = part.recording.column(name)
+    loads = np.concatenate([known_loads(part.recording, model.truth_beside()) for part in parts])
     return model.fit(inputs, targets, report, dt, loads)
+
+
+def known_loads(recording: Recording, names: Sequence[str]) -> Array:
+    """Give loads (n, k) [Nm] of the columns called so, 0 where the recording has none."""
+    loads = np.zeros((len(recording), len(names)))
+    for column, name in zip(loads.T, names, strict=True):
+        if name in recording.units:
+            compatibility.check_units(recording, {name: "Nm"}, "and is learnt in")
+            column[:] = recording.column(name)
+    return loads
 
 
 def data_of(model: JointRegressor) -> EstimatorData:

@@ -166,6 +166,8 @@ def print_choice(fitted: truejoint.Calibration) -> None:
     header += [f"{joint} [{unit.name}]" for joint, unit in columns]
     if choice["not_in_all"]:
         say(f"not in every recording, so not learnt of: {', '.join(choice['not_in_all'])}")
+    if choice.get("not_judged"):
+        say(f"cut, as time ran short: parts left out {', '.join(choice['not_judged'])}")
     title = f"RMSE on {len(choice['left_out'])} parts left out (share in what is chosen)"
     print_table([*header, "time [s]", "note"], rows, title=title)
     if "zero" in choice:

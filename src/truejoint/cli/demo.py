@@ -16,7 +16,7 @@ from truejoint.cli.fit_options import configured
 from truejoint.cli.options import Result
 from truejoint.cli.recording_options import DataCheck
 from truejoint.errors import RecordingError
-from truejoint.estimators.registry import DEFAULT
+from truejoint.estimators.registry import NETWORK
 from truejoint.files import check_folder
 from truejoint.units import display_unit
 
@@ -53,7 +53,7 @@ def demo(folder: Path = Path("demo"), seed: int = 0, force: bool = False) -> Res
     folder.mkdir(parents=True, exist_ok=True)
     training, tests, head, short = _collected(folder, seed)
     say("6. The network of peng2024, and beside it offset, linear and polynomial regression")
-    models = [fit(training, configured(DEFAULT), random_state=seed + k) for k in range(NETWORKS)]
+    models = [fit(training, configured(NETWORK), random_state=seed + k) for k in range(NETWORKS)]
     models[0] = truejoint.calibration.with_interval(
         models[0], short[:MAKING], levels=[LEVEL], rezero=REZERO
     )

@@ -51,8 +51,9 @@ class FitOptions:
 
     def unfitted(self, dataset: str | None) -> Unfitted:
         """Say what is fitted, with the parameters that were given or suit a data set."""
-        if self.estimator != AUTO:
-            return configured(self.estimator or DEFAULT, self.settings, dataset)
+        named = self.estimator or DEFAULT
+        if named != AUTO:
+            return configured(named, self.settings, dataset)
         if self.settings:
             text = self.settings[0]
             raise CalibrationError(f"--set {text!r} needs one estimator; name it with -e")

@@ -1,4 +1,5 @@
 from .base import JointRegressor as JointRegressor
+from .bounded.learn import Bounded as Bounded
 from .cables.learn import CableFilter as CableFilter
 from .cables.learn import CableHybrid as CableHybrid
 from .gp.learn import GaussianProcess as GaussianProcess

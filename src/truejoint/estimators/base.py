@@ -225,6 +225,10 @@ class JointRegressor(RegressorMixin, BaseEstimator, ABC):  # type: ignore[misc] 
         """
         return self.with_params()
 
+    def for_outputs(self, _outputs: Sequence[int]) -> Self:
+        """Unfitted copy for some of the outputs that it was made for, by their places."""
+        return self
+
     def time_steps(self, dt: ArrayLike | None, n: int) -> Array:
         """Time (n,) since the row before [s], checked; rows 5 ms apart where it is not given."""
         times = np.full(n, _REGULAR) if dt is None else np.array(dt, dtype=np.float64)

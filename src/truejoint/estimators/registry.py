@@ -22,9 +22,11 @@ BASELINES: Final = (OFFSET, "linear", "poly2")
 """What every calibration carries along to be compared with."""
 LINEAR: Final = BASELINES[1]  # what an automatic choice keeps unless another is better
 AUTO: Final = "auto"  # stands for an automatic choice where the name of an estimator does
-DEFAULT: Final = "dnn"  # what is fitted where none is named
+DEFAULT: Final = AUTO  # what is fitted where none is named
+NETWORK: Final = "dnn"  # that of peng2024
 BOOSTED_TREES: Final = "boosted_trees"  # of scikit-learn, as a member of a stack
-BESIDE_FILTER: Final = "rich_trees"  # what a choice tries on the signals of a filter with trees
+FILTER_WITH_TREES: Final = "hybrid"  # of which a choice believes, before it knows, that half of it
+BESIDE_FILTER: Final = "rich_trees"  # and half of this are best
 
 
 class Preset(NamedTuple):
@@ -48,13 +50,6 @@ class Preset(NamedTuple):
 
 
 _MANY: Final = 100_000  # rows, evenly spread, that what takes long is fitted to for a choice
-_SMALL: Final = {"epochs": 0, "hidden_layer_sizes": (50, 50), "batch_size": 256, "rows": _MANY}
-"""Of a network that converges in seconds.
-
-Its epochs are those of the few thousand rows of a choice; over a million they would take minutes.
-"""
-
-
 _PLAYS: Final = "plays.learn.Plays", "plays.run"
 _JAW_PLAYS: Final = "plays.learn.JawPlays", "plays.run:jaw_bank"
 _LEAST_SQUARES: Final = "jaw.learn.CableLeastSquares", "jaw.least_squares"
@@ -64,7 +59,7 @@ PRESETS: Final[dict[str, Preset]] = {
     OFFSET: Preset(*_POLYNOMIAL, {"degree": 0, "ridge": False}, {}),
     "linear": Preset(*_POLYNOMIAL, {"degree": 1, "ridge": False}, {}),
     "poly2": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": False}),
-    "dnn": Preset("network.learn.NeuralNetwork", "network.run", {}, _SMALL),
+    "dnn": Preset("network.learn.NeuralNetwork", "network.run"),
     "poly2_ridge": Preset(*_POLYNOMIAL, {"degree": 2, "ridge": True}, {}),
     "linear_trees": Preset(
         "stack.learn.Stack", "stack.run", {"members": (LINEAR, BOOSTED_TREES)}, {"rows": _MANY}
@@ -89,18 +84,20 @@ PRESETS: Final[dict[str, Preset]] = {
     "play_reset": Preset(*_JAW_PLAYS, {"signals": ("cable/reset",)}),
     "play_both": Preset(*_JAW_PLAYS, {"signals": ("motor/jaw", "cable/reset")}),
     "play_cables": Preset(*_JAW_PLAYS, {"signals": ("cable/drive", "cable/reset")}),
-    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated"),
+    "play_gated": Preset("jaw_load.learn.GatedPlays", "jaw_load.gated", {}, {}),
     "ukf_friction": Preset("jaw_load.learn.FrictionFilter", "jaw_load.run"),
     "ukf_elastic": Preset("motor_side.learn.ElasticJointFilter", "motor_side.run"),
     "hybrid": Preset("motor_side.learn.ElasticJointHybrid", "motor_side.run:hybrid_rows", {}, {}),
     "ukf_cables": Preset("cables.learn.CableFilter", "cables.run"),
-    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows"),
+    "hybrid_cables": Preset("cables.learn.CableHybrid", "cables.run:hybrid_rows", {}, {}),
 }
 BOOSTED: Final = {"early_stopping": False, "random_state": 0}
 """Parameters of scikit-learn's boosted trees as a member of a stack; they become arrays of ours."""
 OWN: Final = tuple(PRESETS)  # names of truejoint's own
-FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {"trees": "trees.run"}
-"""Where each family is, by its name; trees are part of other estimators."""
+FAMILIES: Final = {p.family: p.runs for p in PRESETS.values()} | {
+    name: f"{name}.run" for name in ("trees", "bounded")
+}
+"""Where each family is, by its name; these two are part of other estimators."""
 
 TITLES: Final = {
     OFFSET: ("Fixed offset", "the fixed offset"),

@@ -232,8 +232,22 @@ def _combination(graph: _Graph, features: str, data: EstimatorData, n_features: 
     return total
 
 
+def _bounded(graph: _Graph, features: str, data: EstimatorData, _n_features: int) -> str:
+    ((member, _),) = members(data.params, data.arrays)
+    lower, upper, slope, direct = (
+        graph.constant(data.arrays[name]) for name in ("lower", "upper", "slope", "direct")
+    )
+    seen = graph.columns(features, data.params["columns"])
+    held = graph.node("Min", [graph.node("Max", [seen, lower]), upper])
+    beyond = graph.node("MatMul", [graph.node("Sub", [seen, held]), slope])
+    beside = graph.node("Add", [beyond, graph.node("MatMul", [features, direct])])
+    predicted = graph.predict(held, member, len(data.params["columns"]))
+    return graph.node("Add", [predicted, beside])
+
+
 _BUILDERS: Final[Mapping[str, Callable[[_Graph, str, EstimatorData, int], str]]] = {
     "polynomial": _polynomial,
     "network": _network,
     "stack": _combination,
+    "bounded": _bounded,
 }

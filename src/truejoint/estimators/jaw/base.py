@@ -18,6 +18,7 @@ from truejoint.robots.cable_mechanism import Forceps
 TABLE_1: Final = Forceps()
 MIN_ROWS: Final = 400  # rows that a fit needs at least: two seconds at 200 Hz
 _REVERSAL: Final = 0.05  # of the range that the jaw must come back to count as a reversal
+_APART: Final = 10  # times as many rows as usual between two with truth: these are no neighbours
 
 
 class JawEstimator(JointRegressor):
@@ -65,7 +66,10 @@ class JawEstimator(JointRegressor):
         if y.shape[1] != 1:
             raise CalibrationError(f"{self.name} estimates one jaw; y has {y.shape[1]} columns")
         has_truth = self._known(y)
-        self._check_motion(X[has_truth], y[has_truth, 0], np.cumsum(dt == 0.0)[has_truth])
+        rows = np.flatnonzero(has_truth)
+        apart = np.diff(rows, prepend=rows[0])  # far where a part of the truth is hidden
+        history = np.cumsum(dt == 0.0)[rows] + np.cumsum(apart > _APART * np.median(apart))
+        self._check_motion(X[rows], y[rows, 0], history)
         arrays = self._learn_jaw(X, y[:, 0], dt, has_truth, progress)
         progress(1.0)
         return arrays

@@ -410,8 +410,6 @@ class ElasticJointHybrid(ElasticJointFilter):
     """
 
     family: ClassVar[Family] = HYBRID_ROWS
-    members: ClassVar[tuple[str, ...]] = (registry.BESIDE_FILTER,)
-    """What an automatic choice tries on the same signals, so that a mean of both can be taken."""
 
     _FOUND: ClassVar[Params] = {
         **ElasticJointFilter._FOUND, **_PLAYS,

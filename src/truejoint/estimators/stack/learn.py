@@ -168,8 +168,9 @@ class Stack(JointRegressor):
         self.members_ = []
         arrays: Arrays = {"weights": weights[weights != 0.0]}
         residuals, loads = y.copy(), self.truth_beside()
-        for number, (member, member_weights) in enumerate(zip(unfitted, weights, strict=True)):
+        for number, (model, member_weights) in enumerate(zip(unfitted, weights, strict=True)):
             outputs = np.flatnonzero(member_weights)
+            member = model.for_outputs(outputs.tolist())
             if self.random_state is not None:
                 seeds = [p for p in member.get_params() if p.split("__")[-1] == "random_state"]
                 member.set_params(**dict.fromkeys(seeds, self.random_state))

@@ -27,7 +27,7 @@ from truejoint.layout import PART_SIZE, Layout, Memory, part_memory, part_number
 
 MAX_MEMBERS: Final = 10
 MAX_OUTPUTS: Final = 64
-DEPTH: Final = 3
+DEPTH: Final = 4
 """How deep a sum may stand within sums."""
 
 LAYOUT: Final = Layout()
@@ -141,7 +141,7 @@ def _specialised(params: Params) -> dict[str, Any]:
     inputs = next((kind.inputs(kind_params) for kind, kind_params in kinds if kind.inputs), None)
     return {
         "remembers": remembers,
-        "counts_samples": remembers,
+        "counts_samples": any(kind.counts_samples for kind, _ in kinds),
         "inputs": None if inputs is None else lambda _params: inputs,
         "targets": TARGETS if inputs is None else ("position",),
     }

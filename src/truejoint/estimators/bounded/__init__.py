@@ -1,0 +1,1 @@
+"""bounded: what runs, and what learns."""

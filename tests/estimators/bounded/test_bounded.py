@@ -1,0 +1,100 @@
+"""An estimator on some features, held to the range of its training, alone and in a mean."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+from sklearn.svm import SVR
+from tests.estimators.motor_side.test_motor_side import recording as grasper
+from tests.export.library import exported, needs_compiler
+from tests.runtime.registered import ready
+
+from truejoint.calibration import Calibration, calibrate, read_calibration, write_calibration
+from truejoint.errors import CalibrationError
+from truejoint.estimators import Bounded, ElasticJointFilter, Plays, Polynomial, Stack
+from truejoint.estimators.bounded.run import FAMILY
+from truejoint.estimators.family import EstimatorData
+
+FEATURES = ("measured/jaw", "driver/jaw", "effort/jaw")
+FILTER = Bounded(ElasticJointFilter(elements=1), (1, 2))
+RICH = Bounded(Plays(rows=2000), (0, 2), (0,))
+
+
+@cache
+def mean() -> Calibration:
+    """Half a filter at the motor's side, half plays on measured positions."""
+    recordings = [grasper(seed) for seed in range(3)]
+    both = Stack((FILTER, RICH), ((0.5,), (0.5,)))
+    return calibrate(recordings, both, features=FEATURES, target="position", fit_rate=20.0)
+
+
+@pytest.mark.parametrize("member", [Polynomial(2), SVR(C=5.0)])
+def test_within_the_range_it_is_its_member_and_beyond_a_straight_line(member):
+    X = np.random.default_rng(0).uniform(-1.0, 1.0, (400, 3))
+    y = 2.0 * X[:, 2] + X[:, 0] ** 2
+    bounded, alone = Bounded(member, (2, 0)).fit(X, y), None
+    alone = Bounded(member).fit(X[:, [2, 0]], y).member_
+    inside = 0.9 * X[:50]
+    np.testing.assert_allclose(
+        bounded.predict(inside), alone.predict(inside[:, [2, 0]]).ravel(), rtol=0, atol=1e-12
+    )
+    beyond = np.zeros((3, 3))
+    beyond[:, 0] = 2.0, 3.0, 4.0
+    first, second = np.diff(bounded.predict(beyond))
+    assert first == pytest.approx(second)
+    assert abs(first) < 0.3  # the slope of the linear model, not that of the parabola
+    beyond[:, 1] = 1e3  # is not seen
+    assert np.ptp(np.diff(bounded.predict(beyond))) < 1e-9
+
+
+def test_a_filter_on_signals_of_its_own_and_others_stand_in_one_mean(tmp_path):
+    recordings, unseen = [grasper(seed) for seed in range(3)], grasper(9)
+    assert mean().model.family.inputs is None
+    assert not mean().counts_samples
+    alone = [
+        calibrate(recordings, member, features=features, target="position", fit_rate=20.0)
+        for member, features in (
+            (ElasticJointFilter(elements=1), FEATURES[1:]),
+            (Bounded(Plays(rows=2000), None, (0,)), ("measured/jaw", "effort/jaw")),
+        )
+    ]
+    expected = np.mean([one.correct(unseen) for one in alone], axis=0)
+    np.testing.assert_allclose(mean().correct(unseen), expected, rtol=0, atol=1e-9)
+    path = tmp_path / "m.safetensors"
+    write_calibration(mean(), path)
+    read = read_calibration(path)
+    np.testing.assert_array_equal(read.correct(unseen), mean().correct(unseen))
+    corrector = ready(path, range_margin=1.0)
+    samples = unseen.table[list(corrector.signals)].to_numpy()
+    good = 0
+    for i, t in enumerate(unseen.t.tolist()):
+        if corrector.step(t, samples[i]) == 0:
+            np.testing.assert_array_equal(corrector.position, mean().correct(unseen)[i])
+            good += 1
+        if good == 300:
+            break
+    assert good == 300
+
+
+@needs_compiler
+def test_the_mean_is_printed_to_c_with_the_same_bits(tmp_path):
+    library, unseen = exported(tmp_path, mean()), grasper(9)
+    assert library.functions.check() == 0
+    library.functions.start()
+    samples = unseen.table[list(mean().loop_signals)].to_numpy()
+    status, position, *_ = library.run(np.array(unseen.t), samples, 1)
+    np.testing.assert_array_equal(position[status == 0], mean().correct(unseen)[status == 0])
+    assert (status == 0).sum() > 300
+
+
+@pytest.mark.parametrize(("columns", "said"), [
+    ((), "must be 1 to 1000 different places"), ((0, 0), "different places"),
+    ((7,), "has place 7; there are 3 features"), ("x", "different places"),
+])  # fmt: skip
+def test_wrong_places_are_refused(columns, said):
+    fitted = Bounded(Polynomial(1), (0,)).fit(np.arange(60.0).reshape(20, 3), np.arange(20.0))
+    params = {**fitted.model_params(), "columns": columns}
+    with pytest.raises(CalibrationError, match=said):
+        FAMILY.check(EstimatorData("bounded", params, fitted.arrays_), 3, 1)
