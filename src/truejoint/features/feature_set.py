@@ -275,10 +275,11 @@ def check_sample_dt(recording: Recording, trained: float) -> None:
 def check_history(recording: Recording, trained: float) -> None:
     """Refuse, with CalibrationError, a recording whose rows are too far apart to tell of the past.
 
-    They are `MAX_STEPS` of the training's time steps, `trained` [s], apart, but for rounding.
+    They are `MAX_STEPS` of the training's time steps, `trained` [s], apart, but for rounding. A
+    `trained` of 0 is not known.
     """
     dt = sample_dt([recording])
-    if dt > 0.999 * MAX_STEPS * trained:
+    if 0.0 < trained < dt / (0.999 * MAX_STEPS):
         raise CalibrationError(
             f"{recording.provenance.source or 'recording'} has a row every {dt:.4g} s, training "
             f"every {trained:.4g} s, so that it tells too little of the past, which the model "

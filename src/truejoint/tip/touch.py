@@ -327,6 +327,7 @@ def find_block(
     Traceback (most recent call last):
     truejoint.errors.CalibrationError: ...
     """
+    check_count(touches, FEWEST_OF_BLOCK, "find a block's pose")
     working = touches.among(block.references, are_in=False)
     check_count(working, FEWEST_OF_BLOCK, "find a block's pose")
     rows = tip_rows(calibration, recording, working, block, touch_sd=touch_sd, offsets=False)

@@ -29,8 +29,8 @@ _ANY: Final = Rule(lambda _value: True, "anything")
 class Bounded(JointRegressor):
     """An estimator that sees some features alone, and no further out than it was fitted to.
 
-    Beyond, its prediction stays as it was at the end; only a line goes on. A physical filter knows how to go on by
-    itself: one that takes features of its own is not held to their range.
+    Beyond, its prediction stays as it was at the end; only a line goes on. A physical filter knows
+    how to go on by itself: one that takes features of its own is not held to their range.
 
     Parameters
     ----------

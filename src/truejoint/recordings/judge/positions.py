@@ -171,7 +171,9 @@ def _judge_slopes(recordings: Sequence[Recording], joint: str) -> Iterable[Marke
 def _judge_swapped(recording: Recording, joints: Sequence[str]) -> Iterable[Defect]:
     """Find two channels of one quantity that follow each other's joint in place of their own."""
     moving = [j for j in joints if np.ptp(recording.column(f"measured/{j}")) > 0.0]
-    position = np.column_stack([recording.column(f"measured/{j}") for j in moving or joints])
+    if len(moving) < 2:
+        return
+    position = np.column_stack([recording.column(f"measured/{j}") for j in moving])
     for quantity in ("truth", "motor", "driver", "setpoint", "effort"):
         there = [j for j in moving if f"{quantity}/{j}" in recording.units]
         if len(there) < 2:
