@@ -459,7 +459,8 @@ def left_out_zeros(
         if (way > 0.0).any() and (way < 0.0).any():
             up, down = np.median(residuals[k][way > 0.0]), np.median(residuals[k][way < 0.0])
             half_loops[k] = 0.5 * abs(up - down)
-    return zeros, half_loops, float(np.median([robust_spread(r) for r in residuals]))
+    spreads = [robust_spread(residual) for residual in residuals]
+    return zeros, half_loops, float(np.median(spreads))
 
 
 def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:
