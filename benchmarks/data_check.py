@@ -105,7 +105,7 @@ class Case:
 
 
 def _outliers(case: Case, rows: Callable[[int], Array]) -> Case:
-    _, spread = left_out_zeros(explain(case.recordings, case.joint))
+    spread = left_out_zeros(case.recordings, explain(case.recordings, case.joint))[2]
     size = spread * (12.0 if case.slow else 10.0)
 
     def change(truth: Array) -> Array:
@@ -213,7 +213,8 @@ def delay_of_one(case: Case) -> Case | None:
 
 def zero(case: Case) -> Case:
     """Truth of one recording moved by four spreads, and three scatters of the set's zeros."""
-    zeros, spread = left_out_zeros(explain(case.recordings, case.joint))
+    explained = explain(case.recordings, case.joint)
+    zeros, _, spread = left_out_zeros(case.recordings, explained)
     scatter = robust_spread(zeros) if len(case.recordings) > 2 else 0.0
     shift = max(4.0 * spread, 3.0 * scatter) * case.random.choice([-1.0, 1.0])
     return case.changed(f"truth/{case.joint}", lambda x: x + shift)

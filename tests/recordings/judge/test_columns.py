@@ -58,8 +58,11 @@ def test_a_coarse_encoder_is_no_saturation():
     assert "saturated" not in _names(_jaw(np.round(MEASURED / 0.01) * 0.01, MEASURED))
 
 
-def test_stamps_in_milliseconds_are_suspected():
-    t = np.arange(500) * 100.0 * 1000
-    columns = {"t": t, "measured/jaw": MEASURED[:500], "truth/jaw": MEASURED[:500]}
+@pytest.mark.parametrize(
+    ("step", "suspected"), [(1e5, True), (100.0, True), (10.0, True), (0.01, False), (10.5, False)]
+)
+def test_stamps_in_milliseconds_are_suspected(step, suspected):
+    columns = {"t": step * np.arange(500), "measured/jaw": MEASURED[:500]}
+    columns["truth/jaw"] = MEASURED[:500]
     check = check_data(Recording.from_columns(columns, "davinci_grasper"))
-    assert "rate" in _names(check)
+    assert ("rate" in _names(check)) == suspected

@@ -12,6 +12,7 @@ from tests.recordings.judge.faults import named
 
 from truejoint.calibration import calibrate
 from truejoint.recordings import Provenance, Recording, check_data
+from truejoint.recordings.join.explained import gross_outliers
 
 Change = Callable[[np.ndarray], np.ndarray]
 
@@ -171,3 +172,58 @@ def test_failures_can_be_accepted_by_name(healthy):
     assert check.failures == ("sign",)
     assert not check.accept(["sign"]).failed
     assert check.accept(["unit"]).failed
+
+
+def _swapped(recording: Recording, quantity: str, a: str, b: str) -> Recording:
+    first, second = f"{quantity}/{a}", f"{quantity}/{b}"
+    columns = {first: recording.column(second), second: recording.column(first)}
+    return replace(recording, table=recording.table.assign(**columns))
+
+
+@pytest.mark.parametrize("quantity", ["effort", "truth", "measured"])
+@pytest.mark.parametrize("count", [1, 3])
+def test_two_exchanged_channels_are_named(healthy, quantity, count):
+    """Exchanged positions exchange the truth as well."""
+    exchanged = [_swapped(r, quantity, "shoulder", "elbow") for r in healthy[:count]]
+    findings = named(check_data([*exchanged, *healthy[count:]]), "swapped")
+    column = "effort" if quantity == "effort" else "truth"
+    assert {finding.where.partition(" ")[0] for finding in findings} >= {f"{column}/shoulder"}
+    assert {finding.level for finding in findings} == {"fail"}
+    assert all("more of" in f.where for f in findings) == (count == 3)
+
+
+def test_a_sensor_slower_than_the_table_is_named(healthy):
+    slow = _in_all(healthy, "truth/elbow", lambda x: x[np.arange(len(x)) // 10 * 10])
+    (finding,) = named(check_data(slow), "repeats")
+    assert finding.where.startswith("truth/elbow")
+    assert finding.what == "a new value in every 10 rows only, so about 150 ms late"
+
+
+@pytest.mark.parametrize("count", [2, 3])
+@pytest.mark.parametrize("slope", [0.8, 1.1])
+def test_a_session_whose_truth_moves_further_is_named(healthy, count, slope):
+    spoilt = _in_first(healthy[:count], "truth/elbow", lambda x: 1.0 + slope * (x - 1.0))
+    (finding,) = named(check_data(spoilt), "slope")
+    assert finding.where == "truth/elbow in synthetic-0.csv"
+    assert f"{slope:.2f} times" in finding.what
+
+
+@pytest.mark.parametrize("share", [0.8, 0.95])
+@pytest.mark.parametrize(("push", "noise"), [(3.0, 0.0), (3.0, 1e-3), (0.0, 1e-3), (0.0, 0.0)])
+def test_a_stop_is_told_from_a_saturated_sensor(healthy, share, push, noise):
+    """A motor pushes at a stop, and what is measured there is not one value."""
+    truth = healthy[0].column("truth/elbow")
+    level = truth.min() + share * np.ptp(truth)
+    beyond = truth > level
+    still = level + noise * np.random.default_rng(0).normal(size=len(truth))
+    spoilt = _in_first(healthy, "truth/elbow", lambda x: np.where(beyond, still, x))
+    spoilt = _in_first(spoilt, "effort/elbow", lambda x: x + push * np.where(beyond, 1.0, 0.0))
+    kind, other = ("stop", "saturated") if push or noise else ("saturated", "stop")
+    check = check_data(spoilt)
+    (finding,) = named(check, kind)
+    assert not named(check, other)
+    assert finding.where == "truth/elbow in synthetic-0.csv"
+    assert all(beyond[first:behind].all() for first, behind in finding.rows)
+    assert not gross_outliers(spoilt, "elbow")[0][beyond].any()
+    if kind == "stop":
+        assert not check.failed

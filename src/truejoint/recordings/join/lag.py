@@ -82,7 +82,7 @@ def lags_alone_and_together(
     """Find recordings, by number, late by another time than the others; and the lag of all.
 
     Each by itself, as loads and friction differ. One whose lag is as long a way as the others' at
-    its speed has their loop, not another clock.
+    its speed has their loop, not another clock; with one speed no longer a way is enough for that.
     """
     pairs = zip(recordings, explained, strict=True)
     motions = [_Motion.of(of_joint, joint) for of_joint, joint in pairs]
@@ -97,7 +97,7 @@ def lags_alone_and_together(
     late = [
         (k, lag)
         for k, lag in enumerate(lags)
-        if _is_apart(times, k, LATE) and not _shares_loop(distances, k)
+        if _is_apart(times, k, LATE) and not _shares_loop(distances, k, lag.told)
     ]
     return late, together
 
@@ -129,10 +129,13 @@ def _is_apart(values: Array, number: int, least: float) -> bool:
     return bool(abs(value - usual) > max(least, _APART * (sd + uncertainty)))
 
 
-def _shares_loop(distances: Array, number: int) -> bool:
+def _shares_loop(distances: Array, number: int, told: bool) -> bool:
     """Whether one of the distances and deviations (n, 2) is that which the others lag behind by."""
     usual, uncertainty = np.median(np.delete(distances, number, axis=0), axis=0)
-    return bool(abs(usual) > _APART * uncertainty and not _is_apart(distances, number, 0.0))
+    if abs(usual) <= _APART * uncertainty:
+        return False
+    within = not told and 0.0 <= distances[number, 0] / usual <= 1.0
+    return within or not _is_apart(distances, number, 0.0)
 
 
 def _mean(lags: Array) -> tuple[float, float]:

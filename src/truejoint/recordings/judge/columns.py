@@ -201,9 +201,12 @@ def _stands(
             clipped += [run for run, share in zip(at_end, ways, strict=True) if share > least]
         first, last = max(repeats, key=lambda run: run[1] - run[0])
         if clipped:
-            held = sum(b + 1 - a for a, b in clipped)
+            inside = np.zeros(len(still), dtype=np.bool_)
+            for a, b in clipped:
+                inside[a : b + 1] = True
+            held = int(inside.sum())
             where = tuple((int(rows[a]), int(rows[b]) + 1) for a, b in clipped)
-            if name == "truth" and _pushes(effort, clipped):
+            if name == "truth" and pushes(effort, inside):
                 what = f"{count(held, 'row')} at a mechanical stop: the motor goes on and pushes"
                 yield Defect("warn", "stop", what, f"truth/{joint}", rows=where, size=held)
                 continue
@@ -221,10 +224,7 @@ def _stands(
             yield Defect("fail", "frozen", what, f"{name}/{joint}", rows=where, size=seconds)
 
 
-def _pushes(effort: Array, held: Sequence[tuple[int, int]]) -> bool:
-    """Whether an effort (n,) is larger in the rows held than in the others."""
-    inside = np.zeros(len(effort), dtype=np.bool_)
-    for first, last in held:
-        inside[first : last + 1] = True
+def pushes(effort: Array, inside: Mask) -> bool:
+    """Whether an effort (n,) is larger in the rows `inside` than in the others."""
     size = np.abs(effort - np.median(effort))
     return bool(np.quantile(size[inside], 0.9) > _PUSHES * np.quantile(size[~inside], 0.98))

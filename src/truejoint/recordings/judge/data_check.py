@@ -201,15 +201,10 @@ def check_data(
         for recording in recordings
         for defect in judge_columns(recording, joints, signals, needs_truth=needs_truth)
     ]
-    broken = {  # sensors that are not to be judged further
-        (id(recording), defect.where.partition("/")[2])
-        for defect, recording in columns
-        if defect.name in ("wrap", "frozen", "saturated")
-    }
     with one_thread():  # many small regressions, which two threads make slower
-        positions = list(judge_positions(recordings, joints, signals, broken))
+        positions = list(judge_positions(recordings, joints, signals, columns))
     findings = [
-        *one_line_each(columns, recordings),
+        *one_line_each([pair for pair in columns if pair[0].name != "stop"], recordings),
         *positions,
         *(finding for row in coverage for finding in _judge_coverage(row)),
         *_judge_sessions(recordings),

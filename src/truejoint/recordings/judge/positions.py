@@ -24,6 +24,7 @@ from truejoint.recordings.join.explained import (
     robust_spread,
 )
 from truejoint.recordings.join.lag import LATE, Lag, lags_alone_and_together
+from truejoint.recordings.judge.columns import pushes
 from truejoint.recordings.judge.finding import (
     Defect,
     Finding,
@@ -72,13 +73,18 @@ def judge_positions(
     recordings: Sequence[Recording],
     joints: Sequence[str],
     signals: Collection[str],
-    broken: Collection[tuple[int, str]],
+    columns: Sequence[Marked],
 ) -> Iterable[Finding]:
-    """Judge `joints`; where sign or unit is wrong, or a sensor is `broken`, no further.
+    """Judge `joints`; where sign or unit is wrong, or `columns` tell a broken sensor, no further.
 
     A redundant sensor that is none of the `signals` that a model reads is no failure.
     """
-    marked: list[Marked] = []
+    broken = {
+        (id(recording), defect.where.partition("/")[2])
+        for defect, recording in columns
+        if defect.name in ("wrap", "frozen", "saturated")
+    }
+    marked = [pair for pair in columns if pair[0].name == "stop"]
     judged: dict[str, list[Recording]] = {}
     for joint in joints:
         judged[joint] = []
@@ -156,10 +162,9 @@ def _judge_slopes(recordings: Sequence[Recording], joint: str) -> Iterable[Marke
         sd = np.std(of_parts[1:]) / math.sqrt(_SLOPE_PARTS)
         slopes.append((of_parts[0], sd, np.ptp(_range(measured[rows]))))
     for number, (slope, sd, span) in enumerate(slopes):
-        others = [pair for k, pair in enumerate(slopes) if k != number]
-        if not others or (number and len(slopes) == 2):
+        if len(slopes) < 2 or (number and len(slopes) == 2):
             return
-        usual, uncertainty, width = np.median(others, axis=0)
+        usual, uncertainty, width = slopes[1] if len(slopes) == 2 else np.median(slopes, axis=0)
         if abs(span / width - 1.0) > _ALIKE:  # slack takes more of a smaller motion
             continue
         if abs(slope / usual - 1.0) > max(_SLOPE, _SURE * math.hypot(sd, uncertainty) / abs(usual)):
@@ -214,12 +219,17 @@ def _at_once(recording: Recording, late: float) -> Recording:
 
 def _at_stop(stop: Stop, recording: Recording, joint: str) -> Defect:
     unit, rows = recording.units[f"truth/{joint}"], _row_ranges(stop.rows)
+    effort = recording.table.get(f"effort/{joint}", np.zeros(len(recording)))
+    at_stop = np.isin(np.arange(len(recording)), stop.rows)
+    repeats = not np.ptp(recording.column(f"truth/{joint}")[at_stop])
+    saturated = repeats and not pushes(np.asarray(effort), at_stop)
     what = (
-        f"{count(len(stop.rows), 'row')} at a mechanical stop: the truth stays at "
-        f"{shown(stop.level, unit)} while measured goes on to {shown(stop.farthest, unit)} "
-        f"({_row_text(rows)})"
+        f"{count(len(stop.rows), 'row')} at {'an end' if saturated else 'a mechanical stop'}: the "
+        f"truth stays at {shown(stop.level, unit)} while measured goes on to "
+        f"{shown(stop.farthest, unit)} ({_row_text(rows)})"
     )
-    return Defect("warn", "stop", what, f"truth/{joint}", rows=rows, size=len(stop.rows))
+    kind = "saturated" if saturated else "stop"
+    return Defect("warn", kind, what, f"truth/{joint}", rows=rows, size=len(stop.rows))
 
 
 def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list[Marked]:
@@ -279,15 +289,18 @@ def _row_text(ranges: Rows) -> str:
 def _judge_zeros(
     recordings: Sequence[Recording], explained: Explained, name: str, steps: Sequence[Marked]
 ) -> list[Marked]:
-    """Find recordings whose zero is not that of the others, nor seen to step within them."""
+    """Find recordings whose zero is not that of the others, nor seen to step within them.
+
+    Within a loop that the others do not explain a zero may be anywhere.
+    """
     stepped = {id(recording) for defect, recording in steps if defect.name == name}
     if len(recordings) < 2:
         return []
-    zeros, spread = left_out_zeros(explained)
+    zeros, half_loops, spread = left_out_zeros(recordings, explained)
     column = f"{explained.quantity}/{explained.joint}"
     limit = max(_MOVED * spread, _MOVED_OF_NOISE * explained.spread)
     moved = []
-    for number in np.flatnonzero(np.abs(zeros - np.median(zeros)) > limit).tolist():
+    for number in np.flatnonzero(np.abs(zeros - np.median(zeros)) - half_loops > limit).tolist():
         recording, offset = recordings[number], float(zeros[number])
         if id(recording) not in stepped:
             what = f"its zero is {shown(offset, recording.units[column])} off that of the others"
@@ -422,10 +435,13 @@ def _range(values: Array) -> tuple[float, float]:
     return float(low), float(high)
 
 
-def left_out_zeros(explained: Explained) -> tuple[Array, float]:
+def left_out_zeros(
+    recordings: Sequence[Recording], explained: Explained
+) -> tuple[Array, Array, float]:
     """Offset (n,) of each of two or more recordings from what the others, with one zero, predict.
 
-    And the median of the spreads of each one's residual about it [rad or m].
+    Half the width (n,) of the loop left in each one's residual about it, and the median of the
+    spreads of those [rad or m].
     """
     inputs = [explained.scaled(s.inputs) for s in explained.samples]
     designs = [np.hstack([x, np.ones((len(x), 1))]) for x in inputs]
@@ -438,7 +454,15 @@ def left_out_zeros(explained: Explained) -> tuple[Array, float]:
     solutions = np.linalg.solve(others, (right.sum(axis=0) - right)[:, :, None])[:, :, 0]
     residuals = [s.error - d @ x for (d, s), x in zip(pairs, solutions, strict=True)]
     zeros = np.array([np.median(residual) for residual in residuals])
-    return zeros, float(np.median([robust_spread(residual) for residual in residuals]))
+    half_loops = np.zeros(len(zeros))
+    for k, (recording, sample) in enumerate(zip(recordings, explained.samples, strict=True)):
+        measured = recording.column(f"measured/{explained.joint}")
+        way = direction(recording.t, measured)[sample.rows]
+        if (way > 0.0).any() and (way < 0.0).any():
+            up, down = np.median(residuals[k][way > 0.0]), np.median(residuals[k][way < 0.0])
+            half_loops[k] = 0.5 * abs(up - down)
+    spreads = [robust_spread(residual) for residual in residuals]
+    return zeros, half_loops, float(np.median(spreads))
 
 
 def _judge_instruments(recordings: Sequence[Recording], explained: Explained) -> Iterable[Finding]:
