@@ -32,7 +32,7 @@ SHORTER = {
     "SHORT": 0.5,
     "LONG": 0.5,
     "PAPER": 0.5,
-    "DEFAULT": "linear",
+    "NETWORK": "linear",
 }
 
 

@@ -220,7 +220,7 @@ def test_signals_that_always_move_together_are_not_set_against_each_other(count)
     tried = told(model)
     for name in ("linear", "poly2"):
         assert tried[name]["note"] == "needs signals that move together: jaw"
-        assert tried[name]["rmse"]["jaw"] < 0.1 * tried["offset"]["rmse"]["jaw"]
+        assert tried[name]["rmse"]["jaw"] < 0.3 * tried["offset"]["rmse"]["jaw"]
     unseen = together(9, coupled=False)
     linear = calibrate(recordings, "linear")
     assert np.std(unseen.error(("jaw",))) < 0.1 * np.std(
