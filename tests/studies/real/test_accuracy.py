@@ -48,6 +48,12 @@ def test_numbers_are_those_of_an_evaluation(tmp_path):
 
 
 @pytest.mark.usefixtures("here")
+def test_where_no_estimator_refuses_none_is_named():
+    result = run_study("real", {"datasets": KUKA, "estimators": "linear"})
+    assert "refus" not in result.summary.tables[0].markdown()
+
+
+@pytest.mark.usefixtures("here")
 def test_hwangs_split_learns_from_both_motions():
     rows = DataFrame(judge(DVRK, HWANG, "linear", [0]))
     linear, offset = (select(rows, method=name).rmse.to_numpy() for name in ("linear", "offset"))

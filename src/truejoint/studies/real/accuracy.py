@@ -120,7 +120,7 @@ def _window(recording: Recording) -> list[str]:
 def summarise(results: Results) -> Summary:
     """RMSE of every estimator by data set, split and joint."""
     settings, rows = results.settings, results.rows
-    refused = rows[rows.refused.notna()] if "refused" in rows else rows[:0]
+    refused = rows.assign(refused=rows.get("refused")).dropna(subset="refused")
     rows = rows.drop(refused.index)
     scale = rows.unit.map(lambda unit: display_unit(unit).scale)
     names = rows.unit.map(lambda unit: display_unit(unit).name)
