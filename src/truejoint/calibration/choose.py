@@ -670,7 +670,7 @@ def _candidates(
                   target or TARGETS[0], is_simple=True)
         for model in simple
     ]  # fmt: skip
-    seen = {(candidate.model.name, frozenset(sets[0].names)) for candidate in tried}
+    tried_on = {(candidate.model.name, frozenset(sets[0].names)) for candidate in tried}
     others = [model for model in models if model.name != OFFSET]
     for features in sets:
         for model in others:
@@ -681,25 +681,25 @@ def _candidates(
             try:
                 prepared = model.for_recordings(recordings)
                 asked = features if inputs is None else None
-                own = compatibility.chosen_features(prepared, robot, recordings, asked).names
+                names = compatibility.chosen_features(prepared, robot, recordings, asked).names
             except CalibrationError:
                 if inputs is None:
                     raise
                 continue  # they lack what it takes
-            if (model.name, frozenset(own)) not in seen:
-                seen.add((model.name, frozenset(own)))
-                prepared = prepared.for_features(own, robot, joints)
-                tried.append(Candidate(prepared, own, predicts))
-    if others and not {m.name for m in others} & {name for name, _ in seen}:
+            if (model.name, frozenset(names)) not in tried_on:
+                tried_on.add((model.name, frozenset(names)))
+                prepared = prepared.for_features(names, robot, joints)
+                tried.append(Candidate(prepared, names, predicts))
+    if others and not {m.name for m in others} & {name for name, _ in tried_on}:
         raise CalibrationError(
             f"none of {', '.join(m.name for m in models)} can be tried: the recordings lack what "
             f"they take, or they predict no {target or TARGETS[0]}; give other candidates"
         )
-    believed = [one for one in tried if one.model.name == FILTER_WITH_TREES]
-    beside = [one for one in tried if one.model.name == BESIDE_FILTER]
-    bearing = [one for one in tried if one.bears_load]
-    for one in [*bearing, *believed, *(beside[:1] if believed else ())]:
-        one.is_believed = True
+    believed = [candidate for candidate in tried if candidate.model.name == FILTER_WITH_TREES]
+    beside = [candidate for candidate in tried if candidate.model.name == BESIDE_FILTER]
+    bearing = [candidate for candidate in tried if candidate.bears_load]
+    for candidate in [*bearing, *believed, *(beside[:1] if believed else ())]:
+        candidate.is_believed = True
     return tried
 
 
@@ -708,11 +708,11 @@ def _with_rates(
 ) -> list[Candidate]:
     """Give the same models with the rates of the measured positions beside."""
     extended = []
-    for one in candidates:
-        positions = [name for name in one.features if name.startswith("measured/")]
-        features = (*one.features, *(f"rate({name}, {_RATE_TIME:g})" for name in positions))
-        model = one.model.for_features(features, robot, joints)
-        extended.append(Candidate(model, features, one.target))
+    for candidate in candidates:
+        positions = [name for name in candidate.features if name.startswith("measured/")]
+        features = (*candidate.features, *(f"rate({name}, {_RATE_TIME:g})" for name in positions))
+        model = candidate.model.for_features(features, robot, joints)
+        extended.append(Candidate(model, features, candidate.target))
     return extended
 
 
@@ -857,20 +857,20 @@ def validate_zeros(
         testing = [parts[index] for index in fold.recordings]
         try:
             pair = fit_pair(training)
-            judgements = [[judged_error(fit, one, stretch) for one in testing] for fit in pair]
+            judgements = [[judged_error(fit, part, stretch) for part in testing] for fit in pair]
             errors = [[error for error, _ in judgement] for judgement in judgements]
             as_it_comes = [
-                known_error(pair[0], one)[0][rows]
-                for one, (_, rows) in zip(testing, judgements[0], strict=True)
+                known_error(pair[0], part)[0][rows]
+                for part, (_, rows) in zip(testing, judgements[0], strict=True)
             ]
         except CalibrationError:  # as the choice itself passes such a fold over
             continue
         judged.append(fold.name)
         every = (*errors, as_it_comes)
         squares.append([np.mean(np.concatenate(each) ** 2, axis=0) for each in every])
-        shared, own, unmoved = np.moveaxis(np.array(squares), 1, 0)
+        shared, separate, unmoved = np.moveaxis(np.array(squares), 1, 0)
         shared = np.minimum(shared, unmoved)
-        ratios = log_ratio(own, shared)
+        ratios = log_ratio(separate, shared)
         means = ratios.mean(axis=0)
         if len(judged) >= _ZEROS_TRIED_ON and (means.min() > GAIN or means.max() > 0.0):
             break
@@ -883,7 +883,7 @@ def validate_zeros(
         "rezeroed_from": stretch,
         "left_out": judged,
         "shared": by_joint(joints, shared),
-        "recording": by_joint(joints, own),
+        "recording": by_joint(joints, separate),
         "ratio": math.exp(ratios.mean()),
         "ratios": np.exp(ratios.mean(axis=1)).tolist(),
         "seconds": round(time.perf_counter() - began, 3),

@@ -197,33 +197,29 @@ class Ros2:
         return DataReader(self._participant, self._topic(name, kind), qos)
 
     def _begin(self, writer: DataWriter[Any]) -> Callable[[], None]:
-        """Show a writer in ROS's graph; gives what ends it."""
-        with self._lock:
-            self._writers.append(writer)
-            self._show()
-
-        def end() -> None:
-            with self._lock:
-                if writer in self._writers:
-                    self._writers.remove(writer)
-                    self._show()
-                    _end(writer)
-
-        return end
+        return self._shown(self._writers, writer, lambda: _end(writer))
 
     def _listen(self, subscription: _Subscription) -> Callable[[], None]:
-        """Begin to hand messages over, and show it in ROS's graph; gives what ends it."""
+        """Begin to hand messages over; gives what ends it."""
+        subscription.attach(self._waits)
+        return self._shown(
+            self._subscriptions, subscription, lambda: subscription.detach(self._waits)
+        )
+
+    def _shown(
+        self, endpoints: list[Any], endpoint: Any, release: Callable[[], None]
+    ) -> Callable[[], None]:
+        """Show an endpoint in ROS's graph; gives what takes it out, and releases it, once."""
         with self._lock:
-            self._subscriptions.append(subscription)
-            subscription.attach(self._waits)
+            endpoints.append(endpoint)
             self._show()
 
         def end() -> None:
             with self._lock:
-                if subscription in self._subscriptions:
-                    self._subscriptions.remove(subscription)
+                if endpoint in endpoints:
+                    endpoints.remove(endpoint)
                     self._show()
-                    subscription.detach(self._waits)
+                    release()
 
         return end
 
@@ -233,12 +229,12 @@ class Ros2:
         gid = message_class("rmw_dds_common/msg/Gid")
         size = len(gid().data)
 
-        def told(entity: Any) -> Any:
+        def gid_of(entity: Any) -> Any:
             return gid(list(entity.guid.bytes.ljust(size, b"\0")))
 
         readers = [reader for each in self._subscriptions for reader in each.readers]
-        node = named("/", self._node, [*map(told, readers)], [*map(told, self._writers)])
-        self._graph.write(message_class(_GRAPH)(told(self._participant), [node]))
+        node = named("/", self._node, [*map(gid_of, readers)], [*map(gid_of, self._writers)])
+        self._graph.write(message_class(_GRAPH)(gid_of(self._participant), [node]))
 
     def _spin(self) -> None:
         looked = time.monotonic()
@@ -327,7 +323,7 @@ def _end(entity: core.Entity) -> None:
     entity.__del__()  # the binding has no other way to end what others may still refer to
 
 
-def _qos(told: str, *, depth: int = 1, latched: bool = False) -> Qos:
+def _qos(user_data: str, *, depth: int = 1, latched: bool = False) -> Qos:
     """Promise what ROS 2 does by default: reliable, the newest `depth` messages."""
     history = Policy.History.KeepLast(depth)
     policies = [
@@ -337,7 +333,7 @@ def _qos(told: str, *, depth: int = 1, latched: bool = False) -> Qos:
         # ROS 2 speaks XCDR1; of both the wheel would offer XCDR2 first.
         Policy.DataRepresentation(use_cdrv0_representation=True, use_xcdrv2_representation=False),
         Policy.WriterDataLifecycle(autodispose=False),
-        Policy.Userdata(told.encode()),
+        Policy.Userdata(user_data.encode()),
     ]
     if latched:
         policies.append(Policy.DurabilityService(0, history, -1, -1, -1))
@@ -371,10 +367,10 @@ def discovery(environment: Mapping[str, str]) -> str:
         reach, peers = "LOCALHOST", []
     if reach not in _RANGES:
         raise RosError(f"ROS_AUTOMATIC_DISCOVERY_RANGE is {reach!r}; give {', '.join(_RANGES)}")
-    own = environment.get("CYCLONEDDS_URI", "")
+    uri = environment.get("CYCLONEDDS_URI", "")
     if reach == "SYSTEM_DEFAULT":
-        return own
-    general = found = ""
+        return uri
+    general = discovered = ""
     if reach == "LOCALHOST" and not peers:
         # Nodes that start later announce themselves on this interface alone.
         general = '<Interfaces><NetworkInterface address="127.0.0.1"/></Interfaces>'
@@ -382,15 +378,15 @@ def discovery(environment: Mapping[str, str]) -> str:
         general += "<AllowMulticast>false</AllowMulticast>"
     if reach == "OFF":
         tag = f"<Tag>ros_discovery_off_{os.getpid()}</Tag>"
-        found = f"<ParticipantIndex>none</ParticipantIndex>{tag}"
+        discovered = f"<ParticipantIndex>none</ParticipantIndex>{tag}"
     else:
         listed = [*(["localhost"] if reach == "LOCALHOST" else []), *peers]
         addresses = "".join(f"<Peer address={quoteattr(peer)}/>" for peer in listed)
-        found = (
+        discovered = (
             "<ParticipantIndex>auto</ParticipantIndex>"
             "<MaxAutoParticipantIndex>32</MaxAutoParticipantIndex><SPDPInterval>1s</SPDPInterval>"
             + (f"<Peers>{addresses}</Peers>" if listed else "")
         )
     general = f"<General>{general}</General>" if general else ""
-    domain = f"<Domain>{general}<Discovery>{found}</Discovery></Domain>"
-    return f"<CycloneDDS>{domain}</CycloneDDS>,{own}"
+    domain = f"<Domain>{general}<Discovery>{discovered}</Discovery></Domain>"
+    return f"<CycloneDDS>{domain}</CycloneDDS>,{uri}"

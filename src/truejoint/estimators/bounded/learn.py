@@ -95,8 +95,8 @@ class Bounded(JointRegressor):
 
     def for_features(self, names: Sequence[str], robot: Robot, joints: Sequence[str]) -> Self:
         """Unfitted copy whose estimator knows the features that it sees."""
-        seen = names if self.columns is None else [names[place] for place in self.columns]
-        return self.with_params(member=self._unfitted().for_features(seen, robot, joints))
+        inputs = names if self.columns is None else [names[place] for place in self.columns]
+        return self.with_params(member=self._unfitted().for_features(inputs, robot, joints))
 
     def for_outputs(self, outputs: Sequence[int]) -> Self:
         """Unfitted copy for some of the outputs."""
@@ -127,31 +127,31 @@ class Bounded(JointRegressor):
 
     def _learn(self, X: Array, y: Array, dt: Array, progress: Progress) -> Arrays:
         member, columns = self._unfitted(), self.columns or range(X.shape[1])
-        seen = np.ascontiguousarray(X[:, list(columns)])
+        inputs = np.ascontiguousarray(X[:, list(columns)])
         direct = np.zeros((X.shape[1], y.shape[1]))
         direct[list(self.beside), range(len(self.beside))] = 1.0
         targets = y - X @ direct
-        known = np.isfinite(targets).all(axis=1)
-        slope = np.zeros((seen.shape[1], y.shape[1]))
+        has_truth = np.isfinite(targets).all(axis=1)
+        slope = np.zeros((inputs.shape[1], y.shape[1]))
         if member.family.inputs is not None:
-            lower, upper = np.full((2, seen.shape[1]), [[-LARGEST], [LARGEST]])
+            lower, upper = np.full((2, inputs.shape[1]), [[-LARGEST], [LARGEST]])
         else:
-            lower, upper = seen[known].min(axis=0), seen[known].max(axis=0)
+            lower, upper = inputs[has_truth].min(axis=0), inputs[has_truth].max(axis=0)
             if member.name == registry.LINEAR:
-                line = Polynomial(1, ridge=False).fit(seen[known], targets[known])
+                line = Polynomial(1, ridge=False).fit(inputs[has_truth], targets[has_truth])
                 slope = line.arrays_["coef"] * line.arrays_["inverse_scale"][:, None]
-        self.member_ = member.fit(seen, targets, progress, dt, self._loads)
-        own = {f"0/{name}": array for name, array in self.member_.arrays_.items()}
-        return {"lower": lower, "upper": upper, "slope": slope, "direct": direct, **own}
+        self.member_ = member.fit(inputs, targets, progress, dt, self._loads)
+        learnt = {f"0/{name}": array for name, array in self.member_.arrays_.items()}
+        return {"lower": lower, "upper": upper, "slope": slope, "direct": direct, **learnt}
 
     def evaluate(self, X: Array, dt: ArrayLike | None = None) -> Array:
         """Predict (n, n_outputs) for finite rows `X` (n, k), also by what only works offline."""
         member = vars(self).get("member_")
         if member is None or member.family.row is not None:
             return super().evaluate(X, dt)
-        seen = X[:, list(self.columns or range(X.shape[1]))]
-        held = np.clip(seen, self.lower_, self.upper_)
-        line = (seen - held) @ self.slope_ + X @ self.direct_
+        inputs = X[:, list(self.columns or range(X.shape[1]))]
+        held = np.clip(inputs, self.lower_, self.upper_)
+        line = (inputs - held) @ self.slope_ + X @ self.direct_
         return np.asarray(member.evaluate(held, dt) + line)
 
     def _unfitted(self) -> JointRegressor:

@@ -48,14 +48,14 @@ class Lag:
     Attributes
     ----------
     seconds, sd : float
-        Late by, at all speeds, and its standard deviation [s]; where `told` is False as if there
+        Late by, at all speeds, and its standard deviation [s]; where `speeds_differ` is False as if there
         were no loop.
     drop : float
         Share by which the residual's variance falls when the truth is shifted back.
     loops : tuple of pairs of float
         Width of each joint's loop, truth on the way up less truth on the way down, and its standard
         deviation [rad or m].
-    told : bool
+    speeds_differ : bool
         Whether speeds differ by enough to tell a lag from a loop.
     """
 
@@ -63,7 +63,7 @@ class Lag:
     sd: float
     drop: float
     loops: tuple[tuple[float, float], ...] = ()
-    told: bool = True
+    speeds_differ: bool = True
 
 
 def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]) -> Lag:
@@ -97,7 +97,7 @@ def lags_alone_and_together(
     late = [
         (k, lag)
         for k, lag in enumerate(lags)
-        if _is_apart(times, k, LATE) and not _shares_loop(distances, k, lag.told)
+        if _is_apart(times, k, LATE) and not _shares_loop(distances, k, lag.speeds_differ)
     ]
     return late, together
 
@@ -109,17 +109,17 @@ def _by_two(motions: Sequence[_Motion]) -> Lag:
         half = (motion.lag(motion.explained)[0] - seconds) / 2.0
         lags.append((seconds + half, math.hypot(sd, half), drop))
     drop = float(np.median([lag[2] for lag in lags]))
-    told = any(motion.speeds_differ() for motion in motions)
+    differ = any(motion.speeds_differ() for motion in motions)
     loops = tuple(motion.loop(0.0) for motion in motions)
-    return Lag(*_mean(np.array(lags)[:, :2]), drop, loops, told)
+    return Lag(*_mean(np.array(lags)[:, :2]), drop, loops, differ)
 
 
 def _together(motions: Sequence[_Motion]) -> Lag:
-    told = any(motion.speeds_differ() for motion in motions)
-    lags = [motion.lag(motion.path if told else motion.places) for motion in motions]
+    differ = any(motion.speeds_differ() for motion in motions)
+    lags = [motion.lag(motion.path if differ else motion.places) for motion in motions]
     seconds, sd = _mean(np.array([lag[:2] for lag in lags]))
-    loops = tuple(motion.loop(seconds if told else 0.0) for motion in motions)
-    return Lag(seconds, sd, float(np.median([lag[2] for lag in lags])), loops, told)
+    loops = tuple(motion.loop(seconds if differ else 0.0) for motion in motions)
+    return Lag(seconds, sd, float(np.median([lag[2] for lag in lags])), loops, differ)
 
 
 def _is_apart(values: Array, number: int, least: float) -> bool:
@@ -129,12 +129,12 @@ def _is_apart(values: Array, number: int, least: float) -> bool:
     return bool(abs(value - usual) > max(least, _APART * (sd + uncertainty)))
 
 
-def _shares_loop(distances: Array, number: int, told: bool) -> bool:
+def _shares_loop(distances: Array, number: int, speeds_differ: bool) -> bool:
     """Whether one of the distances and deviations (n, 2) is that which the others lag behind by."""
     usual, uncertainty = np.median(np.delete(distances, number, axis=0), axis=0)
     if abs(usual) <= _APART * uncertainty:
         return False
-    within = not told and 0.0 <= distances[number, 0] / usual <= 1.0
+    within = not speeds_differ and 0.0 <= distances[number, 0] / usual <= 1.0
     return within or not _is_apart(distances, number, 0.0)
 
 

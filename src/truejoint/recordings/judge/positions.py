@@ -330,11 +330,11 @@ def _judge_delay(
     single = [
         (own, recordings[0][number], lag)
         for number, lag in alone
-        if (own := _late(replace(lag, told=True), where, units))
+        if (own := _late(replace(lag, speeds_differ=True), where, units))
         # One speed tells a recording from the others, unless all are about as late.
         and (
-            lag.told
-            or not (defect and together.told)
+            lag.speeds_differ
+            or not (defect and together.speeds_differ)
             or lag.seconds / together.seconds > _FAR_LATER
         )
     ]
@@ -344,16 +344,18 @@ def _judge_delay(
     if defect is None:
         return [], {}
     finding = Finding(defect.level, defect.name, defect.what, defect.where, defect.advice)
-    late = (r for of_joint in recordings for r in of_joint) if together.told else ()
+    late = (r for of_joint in recordings for r in of_joint) if together.speeds_differ else ()
     return [finding], {id(r): together.seconds for r in late}
 
 
 def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
     """Say how late the truth is, if that is not nothing, and how wide the loop is beside it."""
     is_late = abs(lag.seconds) > max(LATE, _SURE * lag.sd) and lag.drop >= _LATE_DROP
-    if not is_late or not (lag.told or any(abs(width) > _SURE * sd for width, sd in lag.loops)):
+    if not is_late or not (
+        lag.speeds_differ or any(abs(width) > _SURE * sd for width, sd in lag.loops)
+    ):
         return None
-    misleads = lag.told and lag.drop >= _MISLEADING_DROP
+    misleads = lag.speeds_differ and lag.drop >= _MISLEADING_DROP
     late = "behind" if lag.seconds > 0.0 else "ahead of"
     pairs = zip(lag.loops, units, strict=False)
     loops = ", ".join(f"{shown(w, unit)} (+- {shown(sd, unit)})" for (w, sd), unit in pairs)
@@ -361,13 +363,13 @@ def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
         f"the truth is {1e3 * abs(lag.seconds):.0f} ms {late} the robot's state "
         f"(+- {1e3 * lag.sd:.0f} ms)"
     )
-    if not lag.told:
+    if not lag.speeds_differ:
         what += f", or it is a loop of {loops}: one speed cannot tell a late clock from hysteresis"
     elif loops:
         what += f", beside a loop of {loops}"
     advice = (
         "correct the clocks or shift the truth"
-        if lag.told
+        if lag.speeds_differ
         else "record the same motion at half the speed too"
     )
     return Defect(
