@@ -48,8 +48,8 @@ class Lag:
     Attributes
     ----------
     seconds, sd : float
-        Late by, at all speeds, and its standard deviation [s]; where `speeds_differ` is False as if there
-        were no loop.
+        Late by, at all speeds, and its standard deviation [s]; where `speeds_differ` is False as if
+        there were no loop.
     drop : float
         Share by which the residual's variance falls when the truth is shifted back.
     loops : tuple of pairs of float
