@@ -344,11 +344,15 @@ def test_a_pause_does_not_wait_for_a_joint_that_is_held(served, arm, monkeypatch
 def test_what_others_command_after_a_move_stands(served, arm, monkeypatch):
     hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
     arm.move_jp(ROBOT.home).wait()
+    backend, settled = arm._backend, threading.Event()
+    # A trim that is under way when others command would still follow their set-point.
+    arm.subscribe(lambda _: (np.abs(backend._off()) <= 0.4 * backend._near).all() and settled.set())
+    assert settled.wait(LONG)
     goal = ROBOT.home + 0.02 * SHOULDER
     served.say("servo_jp", position=goal.tolist())
     at_rest(served, goal)
-    trimmed, looked = arm._backend._trimmed, threading.Event()
-    arm.subscribe(lambda _: arm._backend._trimmed > trimmed + 0.1 and looked.set())
+    trimmed, looked = backend._trimmed, threading.Event()
+    arm.subscribe(lambda _: backend._trimmed > trimmed + 0.1 and looked.set())
     assert looked.wait(LONG)
     assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 
