@@ -3,6 +3,7 @@
 import copy
 import logging
 import threading
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -16,12 +17,14 @@ from tests.local_ros import LocalRos
 from truejoint.crtk import Arm, PacedBackend, StateBlock, cartesian
 from truejoint.crtk.backends import ros
 from truejoint.crtk.backends.ros import RosBackend
+from truejoint.crtk.messages import JOINT_STATE
 from truejoint.crtk.server import ArmServer, matrix_of
 from truejoint.errors import CommandRefused, MotionStopped, NotArrived, RobotError, RosError
 from truejoint.robots import get_robot
 
 ROBOT = get_robot("raven2")
 JOINTS = ROBOT.joint_names
+CHANNELS = ROBOT.joint_channels
 SHOULDER = np.eye(7)[0]
 STATE = "/arm1/operating_state"
 LONG = 60.0  # [s]
@@ -309,6 +312,51 @@ def test_a_joint_that_hangs_off_its_set_point_is_brought_there(served, arm, monk
     assert arm.setpoint_js(LONG).position == pytest.approx(trimmed, abs=1e-9)
 
 
+def test_on_a_slow_link_a_joint_is_not_trimmed_twice(served, monkeypatch):
+    """Its states come a hundred messages late."""
+    subscribe = served.ros.subscribe
+
+    def late(topic, kind, callback, **how):
+        waiting = deque()
+
+        def receive(message):
+            waiting.append(message)
+            if len(waiting) > 100:
+                callback(waiting.popleft())
+
+        return subscribe(topic, kind, receive if kind == JOINT_STATE else callback, **how)
+
+    monkeypatch.setattr(served.ros, "subscribe", late)
+    monkeypatch.setattr(ros, "_GRACE", LONG)
+    hang(served, monkeypatch, lambda setpoint: setpoint - 0.004)
+    setpoints, last = [], threading.Event()
+    with served.client() as arm:
+        arm.enable()
+        arm.home()
+        served.arm.subscribe(lambda block: setpoints.append(block.setpoint[-1, 0]))
+        arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
+        end = arm.measured_js(LONG).t + 1.0
+        arm.subscribe(lambda block: block.t[0] > end and last.set())
+        assert last.wait(LONG)
+    assert max(setpoints) < ROBOT.home[0] + 0.05 + 0.005
+
+
+def test_what_ends_a_motion_has_been_said_by_the_arm(served, arm, monkeypatch):
+    """Or the joint would still be on its way for whoever asks after `wait`."""
+    backend, is_ahead = arm._backend, []
+    deliver = backend._deliver
+
+    def look(listener, block):
+        last = backend._measured
+        is_ahead.append(last is not None and np.array_equal(last, block.measured[-1, CHANNELS]))
+        deliver(listener, block)
+
+    arm.move_jp(ROBOT.home + 0.05 * SHOULDER).wait()
+    monkeypatch.setattr(backend, "_deliver", look)
+    arm.move_jp(ROBOT.home).wait()
+    assert not all(is_ahead)
+
+
 def test_a_move_whose_joint_is_held_says_how_far_off_it_is(served, arm, monkeypatch):
     hang(served, monkeypatch, lambda setpoint: np.minimum(setpoint, ROBOT.home[0] + 0.02))
     flush = arm._backend.flush
@@ -351,8 +399,8 @@ def test_what_others_command_after_a_move_stands(served, arm, monkeypatch):
     goal = ROBOT.home + 0.02 * SHOULDER
     served.say("servo_jp", position=goal.tolist())
     at_rest(served, goal)
-    trimmed, looked = backend._trimmed, threading.Event()
-    arm.subscribe(lambda _: backend._trimmed > trimmed + 0.1 and looked.set())
+    blocks, looked = [], threading.Event()
+    arm.subscribe(lambda block: (blocks.append(block), len(blocks) > 30 and looked.set()))
     assert looked.wait(LONG)
     assert served.arm.setpoint_js(LONG).position == pytest.approx(goal, abs=1e-9)
 

@@ -346,33 +346,36 @@ class RosBackend:
         if not in_flight or now - in_flight[-1][0] > _GRACE + _IN_FLIGHT:
             self._astray = None  # nothing is being sent
             return
-        if self._profile.no_setpoint or self._is_on_way(setpoint, 1.0):
+        if self._profile.no_setpoint or self._is_on_way(setpoint):
             self._astray = None
         elif self._astray is None or not np.array_equal(setpoint, self._astray[1]):
             self._astray = (now, setpoint)
 
-    def _is_on_way(self, setpoint: Array, share: float) -> bool:
-        """Whether it is one of those sent, or between them, within a `share` of the tolerance."""
+    def _is_on_way(self, setpoint: Array) -> bool:
+        """Whether it is one of those sent, or between them, within the tolerance."""
         rows = np.array([row for _, row in tuple(self._in_flight)])
         nearest = np.clip(setpoint, rows.min(axis=0), rows.max(axis=0))
-        return bool((np.abs(setpoint - nearest) <= share * self._near).all())
+        return bool((np.abs(setpoint - nearest) <= self._near).all())
 
     def flush(self, timeout: float = ARRIVAL, go_on: Callable[[], bool] = lambda: True) -> str:
         """Return once the robot's set-point and its joints are where they were sent.
 
-        Gives in words what is not there after `timeout` [s]; empty where all is, or where it is not
-        to go on.
+        Gives in words what is not there `timeout` [s] after the set-point came nearer for the last
+        time; empty where all is, or where it is not to go on.
         """
-        began = time.monotonic()
-        if timeout > _LAG:
-            self._settling = began + _LAG, began + _SETTLING
+        nearest, came_nearer = math.inf, time.monotonic()
         while self._sent is not None and go_on():
             with self._changed:
+                to_go = float(np.max(self._to_go() / self._near))
+                if to_go < nearest - 0.1:  # a robot that is late catches up at its top speed
+                    nearest, came_nearer = to_go, time.monotonic()
+                    if timeout > _LAG:
+                        self._settling = came_nearer + _LAG, came_nearer + _SETTLING
                 if self._changed.wait_for(self._has_arrived, self.grain):
                     return ""
             if not (state := self.operating_state()).is_ready:
                 return f"the robot was {state.state} before its joints had arrived"
-            if time.monotonic() - began > timeout:
+            if time.monotonic() - came_nearer > timeout:
                 self._settling = math.inf, -math.inf
                 off = np.abs(self._off())
                 worst = int(np.argmax(off / self._near))
@@ -384,10 +387,13 @@ class RosBackend:
         return ""
 
     def _has_arrived(self) -> bool:
+        return bool((np.maximum(self._to_go(), np.abs(self._off())) <= self._near).all())
+
+    def _to_go(self) -> Array:
+        """How far (n_joints,) the robot's set-point is from the last that was sent [rad or m]."""
         if self._setpoint is None or not self._in_flight:
-            return False
-        away = np.abs(self._in_flight[-1][1] - self._setpoint), np.abs(self._off())
-        return bool((np.maximum(*away) <= self._near).all())
+            return np.full_like(self._trim, np.inf)
+        return np.abs(self._in_flight[-1][1] - self._setpoint)
 
     def _off(self) -> Array:
         """How far (n_joints,) the joints are from where they were sent [rad or m]."""
@@ -400,9 +406,11 @@ class RosBackend:
         now, (begin, end), state = time.monotonic(), self._settling, self._state
         if not (begin < now < end and self._in_flight and now - self._trimmed >= self.grain):
             return
-        elapsed, self._trimmed = min(now - self._trimmed, _LAG), now
-        if state is None or not state.is_ready or not self._is_on_way(setpoint, 0.1):
+        # Joints of before the last set-point was taken would be trimmed twice on a slow link.
+        is_taken = (np.abs(setpoint - self._in_flight[-1][1]) <= 0.1 * self._near).all()
+        if state is None or not state.is_ready or not is_taken:
             return
+        elapsed, self._trimmed = min(now - self._trimmed, _LAG), now
         off = self._off()
         added = np.where(np.abs(off) > _NEAR * self._near, off * elapsed / _TRIM_TIME, 0.0)
         if added.any() and self._sent is not None:
@@ -466,14 +474,15 @@ class RosBackend:
             return  # before the registration positions mean nothing
         trim = self._trim
         block = self._block(t, columns, trim)
+        self._tell_time(t)
+        # The arm hears it first: once a motion is over, it says nothing older than what ended it.
+        self._deliver(listener, block)
         with self._changed:
-            self._tell_time(t)
             self._setpoint = block.setpoint[-1, self.robot.joint_channels] + trim
             self._measured = block.measured[-1, self.robot.joint_channels]
             self._compare(self._setpoint)
             self._settle(self._setpoint)
             self._changed.notify_all()
-        self._deliver(listener, block)
 
     def _deliver(self, listener: Listener, block: StateBlock | TruthBlock) -> None:
         """Give a block to the arm; what its subscribers raise pauses it, and ends its motion.
