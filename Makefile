@@ -6,7 +6,7 @@ DEMO := demo
 FUZZ_MINUTES ?= 5
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint bench fuzz sbom audit lock clean
+.PHONY: help demo test lint site bench fuzz sbom audit lock clean
 
 help: ## Show what can be made
 	@grep -hE '^[a-z]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:.*## /\t/' | expand -t 10
@@ -32,6 +32,11 @@ fuzz: $(VENV)/.installed-dev ## Look for what breaks for FUZZ_MINUTES (5): comma
 	$(BIN)/python -m tests.fuzz --minutes $(FUZZ_MINUTES)
 	FUZZ_MINUTES=$(FUZZ_MINUTES) $(BIN)/python -m pytest -n auto tests/export/test_sanitizers.py
 
+VERSION := $(shell sed -n 's/^version = "\(.*\)"/\1/p' pyproject.toml)
+site: $(VENV)/.installed-site ## Build the manual, the gallery and the API into site/VERSION/, offline
+	$(ONE_THREAD) $(BIN)/sphinx-build -W --keep-going -q -b html -d site/.doctrees docs site/$(VERSION)
+	@echo "Open site/$(VERSION)/index.html in a browser."
+
 sbom: $(VENV)/.installed-audit ## Write the bill of materials, CycloneDX, to dist/truejoint.cdx.json
 	@mkdir -p dist
 	$(BIN)/cyclonedx-py requirements requirements.txt --pyproject pyproject.toml \
@@ -48,10 +53,11 @@ lock: ## Pin the versions of pyproject.toml anew (needs uv; a pin that still fit
 	$(LOCK) --extra plots -o requirements.txt
 	$(LOCK) $(EXTRAS) --group dev -o requirements-dev.txt
 	$(LOCK) $(EXTRAS) --group dev --group bench -o requirements-bench.txt
+	$(COMPILE) --group site -c requirements-dev.txt -o requirements-site.txt
 	$(COMPILE) --group audit -c requirements-dev.txt -o requirements-audit.txt
 
 clean: ## Remove the virtual environment and everything made
-	rm -rf $(VENV) $(DEMO) bench .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(DEMO) bench site docs/api docs/gallery .pytest_cache .mypy_cache .ruff_cache .hypothesis
 
 $(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
@@ -74,6 +80,11 @@ $(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed
 $(VENV)/.installed-bench: requirements-bench.txt $(VENV)/.installed-dev
 	@echo "Installing the pinned peers to compare with ..."
 	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-bench.txt
+	@touch $@
+
+$(VENV)/.installed-site: requirements-site.txt $(VENV)/.installed-dev
+	@echo "Installing the pinned site builder ..."
+	@$(BIN)/pip install --quiet --disable-pip-version-check -r requirements-site.txt
 	@touch $@
 
 $(VENV)/.installed-audit: requirements-audit.txt $(VENV)/.installed-dev

@@ -1,0 +1,78 @@
+"""Site of the manual, the gallery and the API; `make site` builds it without a network."""
+
+import importlib.metadata
+from importlib import import_module
+from pathlib import Path
+
+from sphinx.application import Sphinx
+
+HERE = Path(__file__).parent
+PACKAGES = (
+    "", "recordings", "calibration", "evaluation", "runtime", "filters", "estimators", "features",
+    "tip", "export", "monitor", "motion", "crtk", "simulation", "robots", "studies",
+)  # fmt: skip
+
+project = "truejoint"
+copyright = "the truejoint developers"  # noqa: A001  # Sphinx's name
+version = release = importlib.metadata.version("truejoint")
+extensions = [
+    "myst_parser",
+    "numpydoc",
+    "sphinx.ext.autosummary",
+    "sphinx_gallery.gen_gallery",
+]
+exclude_patterns = ["gallery/*.ipynb", "templates"]
+source_suffix = {".rst": "restructuredtext", ".md": "markdown"}
+root_doc = "index"
+templates_path = ["templates"]
+
+myst_heading_anchors = 4
+autosummary_generate = True
+autodoc_typehints = "none"  # numpydoc has them in words, with shape and unit
+numpydoc_show_class_members = False
+numpydoc_xref_param_type = False
+
+html_theme = "pydata_sphinx_theme"
+html_title = f"truejoint {version}"
+html_theme_options = {
+    "logo": {"text": "truejoint"},
+    "show_toc_level": 2,
+    "navigation_with_keys": False,
+    "footer_start": ["copyright"],
+    "footer_end": [],
+}
+html_show_sourcelink = False
+
+sphinx_gallery_conf = {
+    "examples_dirs": str(HERE.parent / "examples" / "gallery"),
+    "gallery_dirs": "gallery",
+    "filename_pattern": "/plot_",
+    "within_subsection_order": "FileNameSortKey",
+    "abort_on_example_error": True,
+    "write_computation_times": False,
+    "download_all_examples": False,
+    "show_signature": False,
+    "remove_config_comments": True,
+    "plot_gallery": True,
+    "copyfile_regex": r".*\.rst",
+}
+
+
+def write_pages(_: Sphinx) -> None:
+    """Write the pages of the API from what each package exports; the first only lists its names."""
+    api = HERE / "api"
+    api.mkdir(exist_ok=True)
+    for package in PACKAGES:
+        name = f"truejoint.{package}".rstrip(".")
+        module = import_module(name)
+        names = [each for each in module.__all__ if not hasattr(getattr(module, each), "__path__")]
+        rows = "\n".join(f"   {each}" for each in sorted(names))
+        (api / f"{name}.rst").write_text(
+            f"{name}\n{'=' * len(name)}\n\n.. currentmodule:: {name}\n\n"
+            f".. autosummary::\n{'' if not package else '   :toctree: generated'}\n\n{rows}\n"
+        )
+
+
+def setup(app: Sphinx) -> None:
+    """Connect what writes pages."""
+    app.connect("builder-inited", write_pages, priority=100)
