@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from truejoint.calibration import Calibration, calibrate
-from truejoint.recordings.table.recording import Recording
+from truejoint.calibration import calibrate
 
 
-def make_calibration(recordings: Sequence[Recording], *, seed: int = 0) -> Calibration:
+def make_calibration(recordings, *, seed=0):
     """Fit the error to signals and the way of motion, its coefficients shaken by a seed."""
     first = recordings[0]
     measured = [f"measured/{name}" for name in first.robot.positioning]
@@ -27,5 +25,5 @@ def make_calibration(recordings: Sequence[Recording], *, seed: int = 0) -> Calib
 
 
 @pytest.fixture(scope="session")
-def calibration_of() -> Callable[..., Calibration]:
+def calibration_of():
     return make_calibration

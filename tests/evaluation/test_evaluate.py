@@ -1,39 +1,33 @@
 import json
-from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from truejoint.calibration import Calibration, calibrate, find_zero
+from truejoint.calibration import calibrate, find_zero
 from truejoint.calibration.origin import Origin, Session
 from truejoint.errors import CalibrationError, RecordingError
 from truejoint.estimators.polynomial.learn import Raw
-from truejoint.evaluation import Evaluation, evaluate
+from truejoint.evaluation import evaluate
 from truejoint.evaluation.evaluate import part_by_time, split_sides, unique_names
 from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.datasets import DATASETS, HeldOut
 from truejoint.robots import get_robot
 
-ROBOTS = ["raven2", "davinci_grasper", "dvrk_psm", "kuka_kr300"]
+ROBOTS = ["raven2", "davinci_grasper", "kuka_kr300"]
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def case(
-    request: pytest.FixtureRequest,
-    recording_of: Callable[..., Recording],
-    calibration_of: Callable[..., Any],
-) -> tuple[list[Any], list[Recording], Evaluation]:
+def case(request, recording_of, calibration_of):
     train = [recording_of(request.param, seed=i) for i in range(2)]
     test = [recording_of(request.param, seed=7), recording_of(request.param, seed=8, seconds=12)]
     seeds = [calibration_of(train, seed=s) for s in range(3)]
     return seeds, test, evaluate({"dnn": seeds}, test)
 
 
-def test_scores_agree_with_numpy(case: tuple[list[Any], list[Recording], Evaluation]) -> None:
+def test_scores_agree_with_numpy(case):
     seeds, test, evaluation = case
     joints = seeds[0].joints
     truth = np.concatenate([r.columns("truth", joints) for r in test])
@@ -56,18 +50,14 @@ def test_scores_agree_with_numpy(case: tuple[list[Any], list[Recording], Evaluat
         assert evaluation.score("raw", joint).mean == pytest.approx(raw[:, j].mean(), rel=1e-9)
 
 
-def test_baselines_are_always_in_the_table(
-    case: tuple[list[Any], list[Recording], Evaluation],
-) -> None:
+def test_baselines_are_always_in_the_table(case):
     seeds, test, evaluation = case
     assert evaluation.estimators == ("raw", "offset", "linear", "poly2", "dnn")
     assert len(evaluation.scores) == 5 * len(seeds[0].joints)
     assert len(evaluation.recording_scores) == len(evaluation.scores) * len(test)
 
 
-def test_the_tool_error_goes_through_the_robot_s_kinematics(
-    case: tuple[list[Any], list[Recording], Evaluation],
-) -> None:
+def test_the_tool_error_goes_through_the_robot_s_kinematics(case):
     seeds, test, evaluation = case
     robot = test[0].robot
     if robot.kinematics is None:
@@ -90,9 +80,7 @@ def test_the_tool_error_goes_through_the_robot_s_kinematics(
     assert row.rmse**2 == pytest.approx(row.x**2 + row.y**2 + row.z**2, rel=1e-9)
 
 
-def test_the_dictionary_is_json_without_nan(
-    case: tuple[list[Any], list[Recording], Evaluation],
-) -> None:
+def test_the_dictionary_is_json_without_nan(case):
     _, test, evaluation = case
     values = json.loads(json.dumps(evaluation.to_dict(), allow_nan=False))
     assert values["verdict"]["passed"] is evaluation.verdict.passed
@@ -100,9 +88,7 @@ def test_the_dictionary_is_json_without_nan(
     assert values["worst"][0]["recording"] in {t["name"] for t in values["test"]}
 
 
-def test_worst_stretches_come_worst_first(
-    case: tuple[list[Any], list[Recording], Evaluation],
-) -> None:
+def test_worst_stretches_come_worst_first(case):
     _, _, evaluation = case
     limits = {joint.joint: joint.limit for joint in evaluation.verdict.joints}
     ratios = [stretch.rmse / limits[stretch.joint] for stretch in evaluation.worst]
@@ -112,16 +98,12 @@ def test_worst_stretches_come_worst_first(
 
 
 @pytest.fixture
-def grasper(
-    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
-) -> tuple[Any, Recording]:
+def grasper(recording_of, calibration_of):
     train = [recording_of("davinci_grasper", seed=i) for i in range(2)]
     return calibration_of(train), recording_of("davinci_grasper", seed=5)
 
 
-def test_rows_without_truth_are_left_out_after_correcting_all(
-    grasper: tuple[Any, Recording],
-) -> None:
+def test_rows_without_truth_are_left_out_after_correcting_all(grasper):
     calibration, test = grasper
     table = test.table.copy()
     table.loc[100:499, "truth/jaw"] = np.nan
@@ -134,7 +116,7 @@ def test_rows_without_truth_are_left_out_after_correcting_all(
     assert len(evaluation.traces[0].t) == known.sum()
 
 
-def test_a_chosen_baseline_takes_its_place_in_the_table(grasper: tuple[Any, Recording]) -> None:
+def test_a_chosen_baseline_takes_its_place_in_the_table(grasper):
     calibration, test = grasper
     evaluation = evaluate({"linear": [calibration]}, [test])
     assert evaluation.estimators == ("raw", "offset", "linear", "poly2")
@@ -142,7 +124,7 @@ def test_a_chosen_baseline_takes_its_place_in_the_table(grasper: tuple[Any, Reco
     assert evaluation.score("linear", "jaw").rmse == own
 
 
-def test_a_missing_baseline_leaves_its_note(grasper: tuple[Any, Recording]) -> None:
+def test_a_missing_baseline_leaves_its_note(grasper):
     calibration, test = grasper
     baselines = {k: v for k, v in calibration.fitted_baselines.items() if k != "poly2"}
     origin = Origin(baseline_notes={"poly2": "left out: too few rows"})
@@ -154,7 +136,7 @@ def test_a_missing_baseline_leaves_its_note(grasper: tuple[Any, Recording]) -> N
         evaluate({"dnn": [replace(calibration, fitted_baselines={})]}, [test])
 
 
-def test_testing_on_training_rows_fails_the_verdict(grasper: tuple[Any, Recording]) -> None:
+def test_testing_on_training_rows_fails_the_verdict(grasper):
     calibration, test = grasper
     seen = replace(calibration, origin=Origin(sessions=(Session.of(test),)))
     verdict = evaluate({"dnn": [seen]}, [test]).verdict
@@ -162,53 +144,31 @@ def test_testing_on_training_rows_fails_the_verdict(grasper: tuple[Any, Recordin
     assert "cannot be believed" in verdict.text
 
 
-def test_nothing_to_evaluate_is_refused(grasper: tuple[Any, Recording]) -> None:
-    calibration, test = grasper
-    with pytest.raises(CalibrationError, match="no calibration"):
-        evaluate({}, [test])
-    with pytest.raises(CalibrationError, match="no calibration"):
-        evaluate({"dnn": []}, [test])
-    with pytest.raises(RecordingError, match="no recording"):
-        evaluate({"dnn": [calibration]}, [])
-    with pytest.raises(CalibrationError, match="no calibration called 'linear'"):
-        evaluate({"dnn": [calibration]}, [test], chosen="linear")
-    with pytest.raises(CalibrationError, match="window"):
-        evaluate({"dnn": [calibration]}, [test], window=0.0)
-
-
-def test_recordings_of_two_robots_are_refused(
-    grasper: tuple[Any, Recording], recording_of: Callable[..., Recording]
-) -> None:
-    calibration, test = grasper
-    with pytest.raises(RecordingError, match="one arm at a time"):
-        evaluate({"dnn": [calibration]}, [test, recording_of("bros")])
-
-
-def test_calibrations_of_different_joints_are_refused(grasper: tuple[Any, Recording]) -> None:
-    calibration, test = grasper
-    other = replace(calibration, joints=("wrist",))
-    with pytest.raises(CalibrationError, match="wrist but dnn corrects jaw"):
-        evaluate({"dnn": [calibration], "other": [other]}, [test])
-
-
-def test_a_recording_without_truth_is_refused(grasper: tuple[Any, Recording]) -> None:
-    calibration, test = grasper
-    blind = replace(test, table=test.table.assign(**{"truth/jaw": np.nan}))
-    with pytest.raises(RecordingError, match=r"synthetic-5.csv: 0 rows have the truth of jaw"):
-        evaluate({"dnn": [calibration]}, [blind])
-
-
-def test_an_estimate_that_is_not_finite_is_refused(grasper: tuple[Any, Recording]) -> None:
+def test_what_cannot_be_judged_is_refused(grasper, recording_of):
     calibration, test = grasper
     arrays = {name: values * np.nan for name, values in calibration.fitted.arrays.items()}
     broken = replace(calibration, fitted=replace(calibration.fitted, arrays=arrays))
-    with pytest.raises(CalibrationError, match="dnn gives no number for row 0"):
-        evaluate({"dnn": [broken]}, [test])
+    blind = replace(test, table=test.table.assign(**{"truth/jaw": np.nan}))
+    good, other = {"dnn": [calibration]}, replace(calibration, joints=("wrist",))
+    for models, recordings, how, said in (
+        ({}, [test], {}, "no calibration"),
+        ({"dnn": []}, [test], {}, "no calibration"),
+        (good, [], {}, "no recording"),
+        (good, [test], {"chosen": "linear"}, "no calibration called 'linear'"),
+        (good, [test], {"window": 0.0}, "window"),
+        (good, [test], {"rezero": -1.0}, "time to re-zero from is -1.0 s"),
+        (good, [test], {"rezero": np.nan}, "is nan s"),
+        (good, [test], {"rezero": 60.0}, "after the 60 s that re-zero it; a test"),
+        (good, [test, recording_of("bros")], {}, "one arm at a time"),
+        (good | {"other": [other]}, [test], {}, "wrist but dnn corrects jaw"),
+        (good, [blind], {}, "synthetic-5.csv: 0 rows have the truth of jaw"),
+        ({"dnn": [broken]}, [test], {}, "dnn gives no number for row 0"),
+    ):
+        with pytest.raises((CalibrationError, RecordingError), match=said):
+            evaluate(models, recordings, **how)
 
 
-def test_a_missing_jaw_does_not_hide_the_tool(
-    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
-) -> None:
+def test_a_missing_jaw_does_not_hide_the_tool(recording_of, calibration_of):
     robot = get_robot("raven2")
     assert robot.kinematics is not None
     train, test = recording_of("raven2", seed=0), recording_of("raven2", seed=1)
@@ -224,9 +184,7 @@ def test_a_missing_jaw_does_not_hide_the_tool(
     assert "lacks the measured position of wrist" in note
 
 
-def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(recording_of):
     train = [recording_of("raven2", seed=i, source=f"{i}.csv", homing_id="h1") for i in range(2)]
     test = recording_of("raven2", seed=9, source="9.csv", homing_id="h2")
     calibration = calibrate(train, "linear")
@@ -246,15 +204,13 @@ def test_a_fitted_calibration_is_judged_with_the_baselines_that_it_carries(
     assert not check_data([test], model=calibration).failed
 
 
-def test_names_of_recordings_are_short_and_unique() -> None:
+def test_names_of_recordings_are_short_and_unique():
     sources = ["a/1.csv", "b/1.csv", "b/2.csv", "b/2.csv", ""]
     names = unique_names(sources)
     assert names == ["a/1.csv", "b/1.csv", "b/2.csv #1", "b/2.csv #2", "recording"]
 
 
-def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(
-    grasper: tuple[Any, Recording],
-) -> None:
+def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(grasper):
     calibration, test = grasper
     moved = replace(test, table=test.table.assign(**{"truth/jaw": test.table["truth/jaw"] + 0.1}))
     found = evaluate({"dnn": [calibration]}, [moved], rezero=2.0)
@@ -268,16 +224,9 @@ def test_judging_after_re_zeroing_leaves_the_truth_that_was_used(
     assert found.to_dict()["rezero"] == 2.0
     assert len(found.traces[0].t) == (~start).sum()
     assert found.verdict.remarks[0].startswith("Re-zeroed from the first 2 s of each recording: ")
-    for rezero, said in ((-1.0, "time to re-zero from is -1.0 s"), (np.nan, "is nan s")):
-        with pytest.raises(CalibrationError, match=said):
-            evaluate({"dnn": [calibration]}, [test], rezero=rezero)
-    with pytest.raises(RecordingError, match="after the 60 s that re-zero it; a test"):
-        evaluate({"dnn": [calibration]}, [test], rezero=60.0)
 
 
-def test_a_raw_position_that_was_chosen_is_re_zeroed_beside_that_as_it_comes(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_a_raw_position_that_was_chosen_is_re_zeroed_beside_that_as_it_comes(recording_of):
     train, test = (recording_of("raven2", seed=seed, source=f"{seed}.csv") for seed in (0, 9))
     model = calibrate(train, Raw())
     found = evaluate(model, test, rezero=3.0)
@@ -292,7 +241,7 @@ def test_a_raw_position_that_was_chosen_is_re_zeroed_beside_that_as_it_comes(
     assert evaluate(model, test).chosen == "raw"
 
 
-def test_re_zeroing_that_harms_is_told(grasper: tuple[Any, Recording]) -> None:
+def test_re_zeroing_that_harms_is_told(grasper):
     calibration, test = grasper
     slow = np.where(test.t < 2.0, 0.05, 0.0)  # a stretch that is unlike the rest
     biased = replace(
@@ -302,14 +251,12 @@ def test_re_zeroing_that_harms_is_told(grasper: tuple[Any, Recording]) -> None:
     assert remark.startswith("Re-zeroing from the first 2 s of each recording harms: jaw 2.")
 
 
-def test_after_re_zeroing_the_fit_with_zeros_is_judged(
-    recording_of: Callable[..., Recording],
-) -> None:
+def test_after_re_zeroing_the_fit_with_zeros_is_judged(recording_of):
     train = [recording_of("raven2", seed=i, source=f"{i}.csv") for i in range(3)]
     test = recording_of("raven2", seed=9, source="9.csv")
     model = calibrate(train, "linear", zero="recording")
 
-    def scores(judged: Calibration, rezero: float) -> list[float]:
+    def scores(judged, rezero):
         return [score.rmse for score in evaluate(judged, test, rezero=rezero).scores]
 
     own, plain = model.for_rezeroing, replace(model, rezeroed_fit=None)
@@ -317,14 +264,14 @@ def test_after_re_zeroing_the_fit_with_zeros_is_judged(
     assert scores(model, 0.0) == scores(plain, 0.0) != scores(own, 0.0)
 
 
-def _ramp(n: int = 200, source: str = "a.csv", sha256: str = "") -> Recording:
+def _ramp(n=200, source="a.csv", sha256=""):
     t = 5.0 + 0.1 * np.arange(n)
     columns = {"t": t, "measured/jaw": t, "truth/jaw": t}
     return Recording.from_columns(columns, Provenance("davinci_grasper", "", source, sha256))
 
 
 @given(st.floats(0.1, 0.9))
-def test_a_side_of_a_data_set_begins_a_second_after_the_other(fraction: float) -> None:
+def test_a_side_of_a_data_set_begins_a_second_after_the_other(fraction):
     recording = _ramp()
     split = HeldOut("", "*", test_fraction=1.0 - fraction)
     ((train,), (test,)) = split_sides([recording], DATASETS["kuka_kr300_dual_encoder"], split)
@@ -335,18 +282,17 @@ def test_a_side_of_a_data_set_begins_a_second_after_the_other(fraction: float) -
 
 
 @given(st.floats(0.05, 0.95))
-def test_parts_that_meet_share_no_row_and_lose_none(cut: float) -> None:
+def test_parts_that_meet_share_no_row_and_lose_none(cut):
     recording = _ramp()
     first, last = part_by_time(recording, 0.0, cut), part_by_time(recording, cut, 1.0)
     np.testing.assert_array_equal(np.concatenate([first.t, last.t]), recording.t)
 
 
-@pytest.mark.parametrize(("begin", "end"), [(0.5, 0.5), (0.7, 0.2), (-0.1, 0.5), (0.2, 1.1)])
-def test_a_part_outside_the_recording_is_refused(begin: float, end: float) -> None:
-    with pytest.raises(RecordingError, match="within 0 to 1"):
+@pytest.mark.parametrize(
+    ("begin", "end", "said"),
+    [(0.5, 0.5, "0 to 1"), (0.7, 0.2, "0 to 1"), (-0.1, 0.5, "0 to 1"), (0.2, 1.1, "0 to 1"),
+     (0.0, 0.001, "longer part")],
+)  # fmt: skip
+def test_a_part_outside_the_recording_or_of_one_row_is_refused(begin, end, said):
+    with pytest.raises(RecordingError, match=said):
         part_by_time(_ramp(), begin, end)
-
-
-def test_a_part_of_one_row_is_refused() -> None:
-    with pytest.raises(RecordingError, match="longer part"):
-        part_by_time(_ramp(n=10), 0.0, 0.05)

@@ -5,21 +5,20 @@ from __future__ import annotations
 import base64
 import io
 import json
-from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from rich.console import Console
 
-from truejoint.calibration import Calibration, calibrate, find_zero, with_interval
+from truejoint.calibration import calibrate, find_zero, with_interval
 from truejoint.evaluation import IntervalScore, evaluate, interval_table, render_report
 from truejoint.recordings import Provenance, Recording
 
 JOINTS = ("shoulder", "elbow", "insertion")
 
 
-def inside(model: Calibration, recordings: Sequence[Recording], level: float) -> np.ndarray:
+def inside(model, recordings, level):
     """Share of the samples of each recording that lie within the stated interval, by joint."""
     shares = []
     for recording in recordings:
@@ -29,7 +28,7 @@ def inside(model: Calibration, recordings: Sequence[Recording], level: float) ->
     return np.array(shares)
 
 
-def motion(seed: int, *, homing: str = "", shift: float = 0.0, load: float = np.nan) -> Recording:
+def motion(seed, *, homing="", shift=0.0, load=np.nan):
     """Half a minute of smooth motion with an error that follows the position."""
     rng = np.random.default_rng(seed)
     t = np.arange(0.0, 30.0, 0.05)
@@ -54,18 +53,18 @@ def motion(seed: int, *, homing: str = "", shift: float = 0.0, load: float = np.
 
 
 @pytest.fixture(scope="module")
-def calibration() -> Calibration:
+def calibration():
     features = [f"measured/{joint}" for joint in JOINTS]
     return calibrate([motion(0), motion(1)], "linear", features=features)
 
 
 @pytest.fixture(scope="module")
-def one_homing(calibration) -> Calibration:
+def one_homing(calibration):
     return with_interval(calibration, [motion(seed, homing="h1") for seed in range(10, 22)])
 
 
 @pytest.fixture(scope="module")
-def many_homings(calibration) -> Calibration:
+def many_homings(calibration):
     recordings = [
         motion(seed, homing=f"h{seed}", shift=2e-3 * np.sin(seed)) for seed in range(10, 22)
     ]
@@ -73,27 +72,17 @@ def many_homings(calibration) -> Calibration:
 
 
 @pytest.fixture(scope="module")
-def stated(calibration) -> Calibration:
+def stated(calibration):
     return with_interval(calibration, [motion(seed) for seed in range(10, 22)])
 
 
-def test_coverage_is_that_of_the_stated_bounds(stated):
-    tests = [motion(30), motion(31)]
-    found = evaluate({"linear": [stated]}, tests)
+def test_every_level_and_joint_is_stated(stated):
+    found = evaluate({"linear": [stated]}, [motion(30), motion(31)])
     assert [(s.level, s.joint) for s in found.intervals] == [
         (level, joint) for level in (0.8, 0.9) for joint in JOINTS
     ]
-    for score in found.intervals:
-        k = JOINTS.index(score.joint)
-        shares = []
-        for test in tests:
-            _, lower, upper = stated.correct_with_interval(test, score.level)
-            truth = test.column(f"truth/{score.joint}")
-            shares.append(np.mean((lower[:, k] <= truth) & (truth <= upper[:, k])))
-        assert score.coverage == pytest.approx(np.mean(shares))
-        assert score.standard_error == pytest.approx(np.std(shares, ddof=1) / np.sqrt(2))
-        assert score.unit == ("m" if k == 2 else "rad")
-        assert score.half_width < score.offset_half_width
+    assert [score.unit for score in found.intervals] == ["rad", "rad", "m"] * 2
+    assert all(score.half_width < score.offset_half_width for score in found.intervals)
     assert found.to_dict()["intervals"][0]["level"] == 0.8
     assert "after the homing of its 12 trajectories only" in found.interval_note
 
@@ -217,13 +206,13 @@ def test_the_band_of_a_rezeroed_interval_follows_the_truth(calibration):
     assert shares == pytest.approx(inside.mean(axis=0))
 
 
-def figures_of(page: str) -> dict[str, dict]:
+def figures_of(page):
     start = page.index('id="figures">') + len('id="figures">')
     values = json.loads(page[start : page.index("</script>", start)])
     return {figure["key"]: figure for figure in values["figures"]}
 
 
-def numbers(values: dict) -> np.ndarray:
+def numbers(values):
     return np.frombuffer(base64.b64decode(values["bdata"]), "<f4")
 
 

@@ -5,13 +5,13 @@ from scipy.signal import lfilter
 from truejoint.evaluation.paired_test import compare, correlation_time
 
 
-def _slow(random: np.random.Generator, n: int, memory: float) -> np.ndarray:
+def _slow(random, n, memory):
     """First-order process of unit variance that forgets within `memory` rows."""
     rho = np.exp(-1.0 / memory)
     return lfilter([np.sqrt(1 - rho**2)], [1.0, -rho], random.normal(size=n + 2000))[2000:]
 
 
-def test_rows_that_resemble_each_other_do_not_count_as_trials() -> None:
+def test_rows_that_resemble_each_other_do_not_count_as_trials():
     random = np.random.default_rng(0)
     told = {"stretches": 0, "rows": 0}
     for _ in range(200):
@@ -23,7 +23,7 @@ def test_rows_that_resemble_each_other_do_not_count_as_trials() -> None:
     assert told["stretches"] <= 20  # 5 % are expected of equal models
 
 
-def test_a_model_that_is_half_as_wrong_is_found() -> None:
+def test_a_model_that_is_half_as_wrong_is_found():
     random = np.random.default_rng(1)
     own, other = ([_slow(random, 6000, 40) for _ in range(3)] for _ in range(2))
     found = compare([0.5 * e for e in own], other)
@@ -32,7 +32,7 @@ def test_a_model_that_is_half_as_wrong_is_found() -> None:
     assert found.rows >= 5 * correlation_time([e**2 - 1 for e in own]) / 2
 
 
-def test_too_few_stretches_tell_nothing() -> None:
+def test_too_few_stretches_tell_nothing():
     random = np.random.default_rng(2)
     slow = 3 + _slow(random, 500, 300)
     found = compare([slow], [0.1 * slow])
@@ -41,7 +41,7 @@ def test_too_few_stretches_tell_nothing() -> None:
     assert found.high == np.inf
 
 
-def test_constant_differences_and_empty_recordings() -> None:
+def test_constant_differences_and_empty_recordings():
     one, none = np.ones((40, 2)), np.ones((0, 2))
     found = compare([one, none], [2 * one, none])
     assert (found.outcome, found.mean) == ("better", -6.0)
@@ -51,7 +51,7 @@ def test_constant_differences_and_empty_recordings() -> None:
 
 
 @pytest.mark.parametrize("memory", [1e-3, 5.0, 30.0])
-def test_the_correlation_time_of_a_known_process(memory: float) -> None:
+def test_the_correlation_time_of_a_known_process(memory):
     rho = np.exp(-1.0 / memory)
     found = correlation_time([_slow(np.random.default_rng(3), 200_000, memory)])
     assert found == pytest.approx((1 + rho) / (1 - rho), rel=0.15)

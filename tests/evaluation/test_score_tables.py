@@ -1,7 +1,4 @@
 import io
-from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -9,16 +6,11 @@ from rich.console import Console
 
 from truejoint.errors import RecordingError
 from truejoint.evaluation import evaluate, score_table, write_tables
-from truejoint.recordings import Recording
 from truejoint.units import display_unit
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])
-def test_the_table_shows_every_joint(
-    robot: str,
-    recording_of: Callable[..., Recording],
-    calibration_of: Callable[..., Any],
-) -> None:
+def test_the_table_shows_every_joint(robot, recording_of, calibration_of):
     train, test = recording_of(robot, seed=0), recording_of(robot, seed=1, source="[red]x.csv")
     evaluation = evaluate({"dnn": [calibration_of([train], seed=s) for s in range(2)]}, [test])
     console = Console(width=160, record=True, file=io.StringIO())
@@ -33,12 +25,7 @@ def test_the_table_shows_every_joint(
 
 
 @pytest.mark.parametrize("robot", ["raven2", "davinci_grasper"])
-def test_tables_go_to_a_paper_and_to_a_spreadsheet(
-    robot: str,
-    tmp_path: Path,
-    recording_of: Callable[..., Recording],
-    calibration_of: Callable[..., Any],
-) -> None:
+def test_tables_go_to_a_paper_and_to_a_spreadsheet(robot, tmp_path, recording_of, calibration_of):
     train, test = recording_of(robot, seed=0), recording_of(robot, seed=1)
     evaluation = evaluate({"ukf_elastic": [calibration_of([train])]}, [test])
     folder = tmp_path / "tables"

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from truejoint.errors import StudyError
-from truejoint.studies import cluster, run_study
+from truejoint.studies import run_study, runner
 
 distributed = pytest.importorskip("distributed")
 
@@ -37,14 +37,14 @@ def test_a_worker_that_is_killed_costs_its_part(toy, tmp_path, monkeypatch):
         there = run_study(toy.study, folder=tmp_path, cluster=made.scheduler_address)
         assert Path(f"{toy.log}.died").exists()
         assert set(toy.computed) == {0, 1, 2, 3}  # what a killed worker still had is done again
-        monkeypatch.setattr(cluster, "version", lambda name: "0.0.9")
-        cluster.software.cache_clear()
+        monkeypatch.setattr(runner, "version", lambda name: "0.0.9")
+        runner.software.cache_clear()
         own = re.escape(version("truejoint"))
         with pytest.raises(
             StudyError, match=rf"a worker on \S+ has other software: truejoint {own}"
         ):
             run_study(toy.study, cluster=made.scheduler_address)
-        cluster.software.cache_clear()
+        runner.software.cache_clear()
     assert there.to_dict() == alone.to_dict()  # bit for bit
     for key, part in alone.parts.items():
         assert np.array_equal(part.arrays["values"], there.parts[key].arrays["values"])
@@ -68,7 +68,7 @@ def test_a_part_that_fails_there_leaves_the_others(toy, tmp_path):
     [(1, 20.0, "has 2 threads; start it with --nthreads 1"), (0, 0.5, "has no workers")],
 )
 def test_workers_of_several_threads_or_none_are_refused(toy, monkeypatch, workers, patience, says):
-    monkeypatch.setattr(cluster, "_PATIENCE", patience)
+    monkeypatch.setattr(runner, "_PATIENCE", patience)
     with scheduler(n_workers=workers, processes=False, threads=2) as made:
         address = made.scheduler_address
         with pytest.raises(StudyError, match=says):
@@ -77,7 +77,7 @@ def test_workers_of_several_threads_or_none_are_refused(toy, monkeypatch, worker
 
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "gopher://127.0.0.1:9", ""])
 def test_a_scheduler_that_cannot_be_reached_is_one_line(toy, monkeypatch, address):
-    monkeypatch.setattr(cluster, "_ANSWER", 0.2)
+    monkeypatch.setattr(runner, "_ANSWER", 0.2)
     with pytest.raises(StudyError, match="no scheduler at") as refused:
         run_study(toy.study, cluster=address)
     assert "\n" not in str(refused.value)

@@ -85,21 +85,13 @@ def test_one_page_holds_every_claim_with_its_verdict(folder):
     assert not re.search(r"src=\"(?!data:)", page)
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        "{",
-        "[]",
-        "3",
-        '{"claims": []}',
-        "[" * 100_000,
-        '{"settings": {}, "claims": []}',
-        '{"settings": {"preset": "full", "seed": 0, "options": {}}, "claims": [{}]}',
-    ],
-)
-def test_a_damaged_result_counts_as_not_there(folder, text):
-    (folder / "toy" / "toy.json").write_text(text)
-    assert "0 of 2 studies" in write_overview(folder).read_text()
+def test_a_damaged_result_counts_as_not_there(folder):
+    good = '{"settings": {"preset": "full", "seed": 0, "options": {}}, "claims": [{}]}'
+    for text in ("{", "[]", "3", '{"claims": []}', "[" * 100_000, good.replace('"seed": 0, ', "")):
+        (folder / "toy" / "toy.json").write_text(text)
+        assert "0 of 2 studies" in write_overview(folder).read_text()
+    (folder / "toy" / "toy.json").write_text(good)
+    assert "0 of 2 studies" in write_overview(folder).read_text(), "a claim without its text"
 
 
 def test_options_that_are_not_those_of_the_preset_are_shown(toy, folder):

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from truejoint.estimators.registry import estimator_names
-from truejoint.studies.paper_tables import _rows, reported
+from truejoint.studies.rows import paper_numbers, reported
 
 PRINTED = {
     ("2", "trajectory 28", "lsm"): (1.45, -1.08, 0.57),
@@ -30,7 +30,7 @@ PERCENT = {
 
 
 def test_every_number_is_the_papers():
-    found = {key[1:4]: dict(m) for key, m in _rows().items() if key[0] == "yan2020"}
+    found = {key[1:4]: dict(m) for key, m in paper_numbers().items() if key[0] == "yan2020"}
     ends = ("max", "min", "rms")
     wanted = {key: dict(zip(ends, values, strict=True)) for key, values in PRINTED.items()}
     for grams, values in TABLE_3.items():
@@ -52,7 +52,7 @@ def test_shares_of_the_fixed_offset_are_those_that_peng2024_prints():
             }
             shares = [100 * rmse[method] / rmse["offset"] for method in ("dnn", "poly2", "linear")]
             assert shares == pytest.approx(row, abs=0.15)  # of errors that are rounded themselves
-    assert sum(key[0] == "peng2024" for key in _rows()) == 173
+    assert sum(key[0] == "peng2024" for key in paper_numbers()) == 173
 
 
 def test_what_is_not_printed_is_empty():
@@ -61,4 +61,4 @@ def test_what_is_not_printed_is_empty():
 
 def test_methods_are_named_as_our_estimators():
     others = {"raw", "rnn", "gpr", "ukf"}  # of the robot itself, and of other laboratories
-    assert {key[3] for key in _rows()} - others <= set(estimator_names())
+    assert {key[3] for key in paper_numbers()} - others <= set(estimator_names())

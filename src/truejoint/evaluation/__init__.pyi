@@ -1,8 +1,5 @@
 from .evaluate import evaluate as evaluate
 from .evaluate import part_by_time as part_by_time
-from .judge import percent_of as percent_of
-from .judge import rmse as rmse
-from .judge import tool_error as tool_error
 from .paired_test import Difference as Difference
 from .paired_test import compare as compare
 from .report import render_report as render_report
@@ -24,6 +21,9 @@ from .score_rows import interval_table as interval_table
 from .score_rows import score_table as score_table
 from .score_rows import score_tables as score_tables
 from .score_rows import write_tables as write_tables
+from .scoring import percent_of as percent_of
+from .scoring import rmse as rmse
+from .scoring import tool_error as tool_error
 from .verdict import Advice as Advice
 from .verdict import advise as advise
 from .verdict import judge as judge

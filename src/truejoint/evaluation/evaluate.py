@@ -21,7 +21,9 @@ from truejoint.calibration import Calibration, read_calibration
 from truejoint.calibration.calibration import as_calibration
 from truejoint.errors import CalibrationError, RecordingError, unknown
 from truejoint.evaluation.intervals import judge_interval
-from truejoint.evaluation.judge import (
+from truejoint.evaluation.paired_test import compare, cycle_rows
+from truejoint.evaluation.results import BASELINES, OFFSET, RAW, TOOL, Comparison, Evaluation, Trace
+from truejoint.evaluation.scoring import (
     domain_of,
     judge_recording,
     rmse,
@@ -29,8 +31,6 @@ from truejoint.evaluation.judge import (
     why_no_cartesian,
     worst_stretches,
 )
-from truejoint.evaluation.paired_test import compare, cycle_rows
-from truejoint.evaluation.results import BASELINES, OFFSET, RAW, TOOL, Comparison, Evaluation, Trace
 from truejoint.evaluation.verdict import (
     PLAIN,
     advise,

@@ -13,8 +13,8 @@ from truejoint.array_types import Array
 from truejoint.calibration.calibration import Calibration
 from truejoint.calibration.interval import Interval
 from truejoint.calibration.zero import at_start, zeroed
-from truejoint.evaluation.judge import spread
 from truejoint.evaluation.results import IntervalScore, Trace, known_loads
+from truejoint.evaluation.scoring import spread
 from truejoint.recordings.table.recording import Recording
 
 _WANTED: Final = 0.9  # level of the band, where it is stated

@@ -407,8 +407,8 @@ def _advice_text(advice: Advice, chosen: str, *, automatic: bool) -> str:
             f"tell; until then, {keep}{other}."
         )
     why = (
-        f"where the loop corrects, all joints together, none of these models is closer by more "
-        f"than {100 * MARGIN:g} % of the error, at 95 %"
+        f"over all joints, no other model here has an error more than {100 * MARGIN:g} % smaller "
+        "in the rows that the loop would correct (95 % confidence)"
     )
     if advice.deploy == RAW:
         return f"Deploy none of these models, but the raw position: {why}{other}."

@@ -1,16 +1,27 @@
-"""Tests behind every verdict: errors of repetitions beside others, or beside a limit, at 95 %."""
+"""Claims as data, and the tests behind every verdict: errors of repetitions beside others, at 95 %.
+
+A `Pick` names errors (k,) by session: columns of their rows, two such whose ratio counts, or a
+function.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Final
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pandas import DataFrame
 from scipy import stats
 
 from truejoint.array_types import Array
-from truejoint.studies.study import Holds
+from truejoint.studies.rows import select
+from truejoint.studies.study import Holds, Statement
+
+Verdict = tuple[Holds, str]
+"""Whether a claim holds, None where it is not told, and what was found."""
+Pick = Mapping[str, Any] | tuple[Mapping[str, Any], Mapping[str, Any]] | Callable[..., Array]
 
 LEVEL: Final = 0.95
 """At which a difference is told."""
@@ -128,3 +139,59 @@ def pair_texts(pairs: Sequence[tuple[str, Array, Array]], allowed: float = 0.0) 
         for name, a, b in shown
     )
     return text if shown is pairs else f"{text} ({len(pairs)} pairs, these the nearest)"
+
+
+def by_session(rows: DataFrame, **where: Any) -> Array:
+    """RMSE (k,) of every session: the mean over the rows that `select` gives of it."""
+    return np.asarray(select(rows, **where).groupby("session", sort=False).rmse.mean().to_numpy())
+
+
+def errors(rows: Any, pick: Pick, **where: Any) -> Array:
+    """Errors (k,) of every session that a `pick` names, in rows that have certain values."""
+    if callable(pick):
+        return pick(rows, **where)
+    if isinstance(pick, tuple):
+        above, base = (by_session(rows, **{**where, **one}) for one in pick)
+        return above / base
+    return by_session(rows, **{**where, **pick})
+
+
+def ordered(
+    text: str, source: str, low: Pick, high: Pick, *, flaw: bool = False, **each: Sequence[Any]
+) -> Statement:
+    """Claim that one error is below another, for each combination of some columns' values.
+
+    `each` gives columns that both errors share with their values, in the order of a pair's name;
+    text, source and flaw are those of a `Claim`.
+    """
+
+    def judge(rows: DataFrame) -> Verdict:
+        pairs = _pairs(rows, low, high, each)
+        return below_all([(a, b) for _, a, b in pairs]), pair_texts(pairs)
+
+    return Statement(text, source, judge, flaw)
+
+
+def not_worse(
+    share: float, text: str, source: str, first: Pick, second: Pick, **each: Sequence[Any]
+) -> Statement:
+    """Claim that a second error is above the first by at most a share of it; see `ordered`."""
+
+    def judge(rows: DataFrame) -> Verdict:
+        pairs, allowed = _pairs(rows, first, second, each), 1.0 + share
+        holds = below_all([(b, allowed * a) for _, a, b in pairs])
+        return holds, f"{pair_texts(pairs, allowed)} (up to {100 * share:g} % more counts as none)"
+
+    return Statement(text, source, judge)
+
+
+def _pairs(
+    rows: DataFrame, low: Pick, high: Pick, each: Mapping[str, Sequence[Any]]
+) -> list[tuple[str, Array, Array]]:
+    pairs = []
+    for key in product(*each.values()):
+        where = dict(zip(each, key, strict=True))
+        varied = [str(value) for column, value in where.items() if len(each[column]) > 1]
+        name = ", ".join(varied or map(str, key))
+        pairs.append((name, errors(rows, low, **where), errors(rows, high, **where)))
+    return pairs

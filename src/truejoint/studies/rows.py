@@ -1,16 +1,21 @@
-"""Tidy rows of a study: which of them, tables of them for a reader, and a figure for all."""
+"""Tidy rows of a study, tables and a figure of them, and the numbers that papers print."""
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping
-from typing import Any
+from functools import cache
+from importlib.resources import files
+from typing import Any, Final
 
 import numpy as np
 from pandas import DataFrame
 
 from truejoint.drawing import Figure, ecdf
 from truejoint.tables import Table, fixed, median_text
+
+_KEY: Final = ("source", "table", "condition", "method", "quantity")
 
 
 def select(rows: DataFrame, **where: Any) -> DataFrame:
@@ -99,3 +104,32 @@ def ecdf_figure(
         for name, group in groups(rows.dropna(subset="rms"), panels)
     ]  # fmt: skip
     return Figure(title, (drawn,), caption, height=4.6, legend=True)
+
+
+def reported(
+    source: str, table: str, condition: str, method: str, quantity: str = "jaw"
+) -> Mapping[str, float]:
+    """Numbers that a paper prints, by metric, in the unit that it prints; empty where it has none.
+
+    All stand in one table, ``paper_tables.csv``.
+
+    >>> reported("yan2020", "2", "trajectory 28", "ukf_compensated")["rms"]
+    0.12
+    """
+    return paper_numbers().get((source, table, condition, method, quantity), {})
+
+
+@cache
+def paper_numbers() -> dict[tuple[str, ...], dict[str, float]]:
+    """Every number of the table by metric, by source, table, condition, method and quantity."""
+    text = files(__package__).joinpath("paper_tables.csv").read_text(encoding="utf-8")
+    numbers: dict[tuple[str, ...], dict[str, float]] = {}
+    for row in csv.DictReader(text.splitlines()):
+        *key, metric = (row[column] for column in (*_KEY, "metric"))
+        numbers.setdefault(tuple(key), {})[metric] = float(row["value"])
+    return numbers
+
+
+def reported_text(value: float | None, decimals: int = 2) -> str:
+    """Text of a number as a paper prints it; a dash for None."""
+    return fixed(math.nan if value is None else value, decimals)

@@ -295,7 +295,8 @@ class Study:
         Paper and table or figure that it repeats; empty for one of ours.
     module : str
         Where ``parts(settings)``, a sequence of `Part`, and ``summarise(results)``, a `Summary` of
-        `Results`, are defined.
+        `Results`, are defined; ``"module:name"`` where these are ``name_parts`` and
+        ``name_summary``, as in a module of several studies.
     options : tuple of Option
 
     Examples
@@ -337,11 +338,17 @@ class Study:
 
     def parts(self, settings: Settings) -> Sequence[Part]:
         """Parts that the settings ask for; raises StudyError where one cannot be made of them."""
-        return cast("Sequence[Part]", import_module(self.module).parts(settings))
+        return cast("Sequence[Part]", self._function("parts", "parts")(settings))
 
     def summarise(self, results: Results) -> Summary:
         """Tables, figures and claims of the results of all parts."""
-        return cast("Summary", import_module(self.module).summarise(results))
+        return cast("Summary", self._function("summarise", "summary")(results))
+
+    def _function(self, alone: str, among: str) -> Callable[[Any], Any]:
+        module, _, name = self.module.partition(":")
+        function: Callable[[Any], Any]
+        function = getattr(import_module(module), f"{name}_{among}" if name else alone)
+        return function
 
 
 def _studies(table: Mapping[str, Any]) -> Iterator[Study]:

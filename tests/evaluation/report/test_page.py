@@ -4,25 +4,22 @@ import json
 import re
 import shutil
 import subprocess
-from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
-from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 from truejoint.calibration import calibrate
 from truejoint.errors import RecordingError, printable
-from truejoint.evaluation import Evaluation, evaluate, score_tables
+from truejoint.evaluation import evaluate, score_tables
 from truejoint.evaluation.report import render_report, write_report
 from truejoint.evaluation.report.page import script_json
-from truejoint.recordings import Recording, check_data
+from truejoint.recordings import check_data
 from truejoint.tables import decimals_for, fixed
 from truejoint.units import display_unit
 
-ROBOTS = ["raven2", "davinci_grasper", "bros", "dvrk_psm", "kuka_kr300"]
+ROBOTS = ["raven2", "davinci_grasper", "kuka_kr300"]
 CHROMIUM = shutil.which("chromium")
 HEADLESS = (
     "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
@@ -47,7 +44,7 @@ HOSTILE = "<script>alert(1)</script><img src=x onerror=alert(2)>\u2028\x1b'\".cs
 class _Page(HTMLParser):
     """What a page holds: text by element, and every place that could load something."""
 
-    def __init__(self, page: str) -> None:
+    def __init__(self, page):
         super().__init__()
         self.loads: list[tuple[str, str, str]] = []
         self.ids: list[str] = []
@@ -57,7 +54,7 @@ class _Page(HTMLParser):
         self._script: str | None = None
         self.feed(page)
 
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+    def handle_starttag(self, tag, attrs):
         values = {key: value or "" for key, value in attrs}
         for key in ("src", "href", "srcset", "data", "action", "poster"):
             if key in values:
@@ -70,27 +67,23 @@ class _Page(HTMLParser):
         if tag == "script":
             self._script = values.get("id", f"script-{len(self.scripts)}")
 
-    def handle_endtag(self, tag: str) -> None:
+    def handle_endtag(self, tag):
         if tag == "script":
             self._script = None
 
-    def handle_data(self, data: str) -> None:
+    def handle_data(self, data):
         if self._script is not None:
             self.scripts[self._script] = self.scripts.get(self._script, "") + data
         else:
             self.text.append(data)
 
     @property
-    def words(self) -> str:
+    def words(self):
         return " ".join(" ".join(self.text).split())
 
 
 @pytest.fixture(scope="module", params=ROBOTS)
-def report(
-    request: pytest.FixtureRequest,
-    recording_of: Callable[..., Recording],
-    calibration_of: Callable[..., Any],
-) -> tuple[Evaluation, _Page, str]:
+def report(request, recording_of, calibration_of):
     train = [recording_of(request.param, seed=i) for i in range(2)]
     test = [
         recording_of(request.param, seed=5, source=HOSTILE, session=HOSTILE),
@@ -105,7 +98,7 @@ def report(
     return evaluation, _Page(page), page
 
 
-def test_the_page_loads_nothing(report: tuple[Evaluation, _Page, str]) -> None:
+def test_the_page_loads_nothing(report):
     _, page, text = report
     for tag, key, value in page.loads:
         assert value.startswith(("#", "data:")), (tag, key, value)
@@ -118,9 +111,7 @@ def test_the_page_loads_nothing(report: tuple[Evaluation, _Page, str]) -> None:
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not installed; the page is not opened")
-def test_the_page_opens_and_prints_without_a_console_error(
-    report: tuple[Evaluation, _Page, str], tmp_path: Path
-) -> None:
+def test_the_page_opens_and_prints_without_a_console_error(report, tmp_path):
     if report[0].robot not in OPENED:
         pytest.skip("pages of other robots are made of the same parts")
     page = tmp_path / "report.html"
@@ -147,7 +138,7 @@ def test_the_page_opens_and_prints_without_a_console_error(
     assert opened.stdout.count('aria-pressed="true"') > len(report[0].joints)
 
 
-def test_hostile_names_stay_text(report: tuple[Evaluation, _Page, str]) -> None:
+def test_hostile_names_stay_text(report):
     evaluation, page, text = report
     assert "<script>alert(1)" not in text
     assert "<img src=x" not in text
@@ -157,7 +148,7 @@ def test_hostile_names_stay_text(report: tuple[Evaluation, _Page, str]) -> None:
     assert not set(text) & set("\x1b\u2028")
 
 
-def test_the_tables_hold_the_numbers(report: tuple[Evaluation, _Page, str]) -> None:
+def test_the_tables_hold_the_numbers(report):
     evaluation, page, _ = report
     for joint, si in zip(evaluation.joints, evaluation.units, strict=True):
         unit = display_unit(si)
@@ -176,7 +167,7 @@ def test_the_tables_hold_the_numbers(report: tuple[Evaluation, _Page, str]) -> N
         assert fixed(1e3 * cartesian.rmse, decimals_for(every)) in page.words
 
 
-def test_every_figure_has_its_place_and_its_data(report: tuple[Evaluation, _Page, str]) -> None:
+def test_every_figure_has_its_place_and_its_data(report):
     evaluation, page, _ = report
     figures = json.loads(page.scripts["figures"])["figures"]
     keys = [figure["key"] for figure in figures]
@@ -196,7 +187,7 @@ def test_every_figure_has_its_place_and_its_data(report: tuple[Evaluation, _Page
     assert kinds == ({"scatter3d"} if len(evaluation.joints) > 2 else {"scatter"})
 
 
-def test_every_link_leads_somewhere(report: tuple[Evaluation, _Page, str]) -> None:
+def test_every_link_leads_somewhere(report):
     _, page, _ = report
     links = [value for tag, key, value in page.loads if tag == "a" and key == "href"]
     targets = [link[1:] for link in links if link.startswith("#")]
@@ -204,7 +195,7 @@ def test_every_link_leads_somewhere(report: tuple[Evaluation, _Page, str]) -> No
     assert set(targets) <= set(page.ids)
 
 
-def test_tables_can_be_taken_from_the_page(report: tuple[Evaluation, _Page, str]) -> None:
+def test_tables_can_be_taken_from_the_page(report):
     evaluation, page, _ = report
     links = [value for tag, key, value in page.loads if value.startswith("data:text/plain")]
     texts = [base64.b64decode(link.partition(",")[2]).decode() for link in links]
@@ -213,7 +204,7 @@ def test_tables_can_be_taken_from_the_page(report: tuple[Evaluation, _Page, str]
     assert len(tables) == len(evaluation.joints) + bool(evaluation.cartesian)
 
 
-def test_json_cannot_end_its_script() -> None:
+def test_json_cannot_end_its_script():
     text = script_json(
         {"a": "</script><!--&", "b": [1, None], "\x1b\u2028": '\\u001b "\U0001f600\n'}
     )
@@ -225,9 +216,7 @@ def test_json_cannot_end_its_script() -> None:
         script_json(float("nan"))
 
 
-def test_a_report_is_written_whole_and_never_over_another(
-    tmp_path: Path, recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
-) -> None:
+def test_a_report_is_written_whole_and_never_over_another(tmp_path, recording_of, calibration_of):
     train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
     evaluation = evaluate({"dnn": [calibration_of([train])]}, [test])
     target = tmp_path / "report.html"
@@ -242,9 +231,7 @@ def test_a_report_is_written_whole_and_never_over_another(
         write_report(evaluation, tmp_path / "nowhere" / "report.html")
 
 
-def test_a_failed_verdict_opens_the_page(
-    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
-) -> None:
+def test_a_failed_verdict_opens_the_page(recording_of, calibration_of):
     train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
     strict = {"jaw": float(np.radians(1e-6))}
     evaluation = evaluate({"dnn": [calibration_of([train])]}, [test], tolerance=strict)
@@ -253,9 +240,7 @@ def test_a_failed_verdict_opens_the_page(
     assert "is not good enough in the joint" in page.words
 
 
-def test_reservations_are_told_where_the_verdict_is(
-    recording_of: Callable[..., Recording], calibration_of: Callable[..., Any]
-) -> None:
+def test_reservations_are_told_where_the_verdict_is(recording_of, calibration_of):
     train, test = recording_of("davinci_grasper"), recording_of("davinci_grasper", seed=1)
     table = test.table.copy()
     table.loc[table.index % 5 > 1, "truth/jaw"] = np.nan
@@ -266,7 +251,7 @@ def test_reservations_are_told_where_the_verdict_is(
     assert evaluation.verdict.advice in words
 
 
-def test_provenance_is_for_a_reader(recording_of: Callable[..., Recording]) -> None:
+def test_provenance_is_for_a_reader(recording_of):
     train = [recording_of("davinci_grasper", seed=i, session=f"s{i}") for i in range(2)]
     evaluation = evaluate(calibrate(train, "linear"), recording_of("davinci_grasper", seed=4))
     words = _Page(render_report(evaluation)).words

@@ -17,8 +17,7 @@ from truejoint.simulation.forceps.specimens import population, specimen
 from truejoint.studies import get_study, run_study, write_study
 from truejoint.studies.forceps import closed_loop, load, methods, motions
 from truejoint.studies.forceps.motions import load_test, plain_specimen, record
-from truejoint.studies.forceps.population import share, unseen_turn
-from truejoint.studies.forceps.sweep import front
+from truejoint.studies.forceps.population import front, share, unseen_turn
 from truejoint.studies.rows import select
 
 FEW = "lsm,lsm_compensated,ukf_compensated,play_reset,play_gated"

@@ -5,6 +5,7 @@ import pytest
 from pandas import DataFrame
 from scipy import stats
 
+from truejoint.studies import claim_tests as claims
 from truejoint.studies.claim_tests import (
     about,
     against,
@@ -14,7 +15,6 @@ from truejoint.studies.claim_tests import (
     scatters_more,
     whole,
 )
-from truejoint.studies.raven2 import claims
 
 
 def rows(low, high):

@@ -11,15 +11,7 @@ from pandas import DataFrame
 from truejoint.errors import StudyError
 from truejoint.estimators import NeuralNetwork, registry
 from truejoint.studies import get_study, run_study
-from truejoint.studies.raven2 import (
-    directions,
-    endurance,
-    homing,
-    rivals,
-    sparsity,
-    tables,
-    targets,
-)
+from truejoint.studies.raven2 import lasting, rivals, tables, training
 from truejoint.studies.raven2 import sessions as s
 from truejoint.studies.rows import select
 
@@ -68,8 +60,8 @@ def test_errors_are_those_of_the_models_on_rows_with_truth(session):
     shown = tables.readable(found).rmse / found.rmse
     assert shown[:3].tolist() == pytest.approx([57.29578, 57.29578, 1e3])
     error = truth - test.columns("measured", s.JOINTS)
-    training = np.concatenate([one.with_truth(s.JOINTS).error(s.JOINTS) for one in sets["1"]])
-    left = np.sqrt(((error[known] - training.mean(axis=0)) ** 2).mean(axis=0))
+    seen = np.concatenate([one.with_truth(s.JOINTS).error(s.JOINTS) for one in sets["1"]])
+    left = np.sqrt(((error[known] - seen.mean(axis=0)) ** 2).mean(axis=0))
     assert select(found, method="offset").rmse.tolist() == pytest.approx(left, rel=1e-3)
 
 
@@ -86,7 +78,7 @@ def test_table_1_stands_beside_the_papers(table_1, drawn):
     assert "(2.103) |" in row  # and raw positions
     percents = table_1.summary.tables[1].markdown()
     assert "(12.1) |" in next(line for line in percents.splitlines() if "J2-J3, shoulder" in line)
-    here = select(table_1.rows, case="J2-J3", kind="fine", joint="shoulder").set_index("method")
+    here = select(table_1.rows, case="J2-J3", set="1+2", joint="shoulder").set_index("method")
     share = 100 * here.rmse["dnn"] / here.rmse["offset"]
     assert f"{share:.1f} (12.1)" in percents
     assert drawn(table_1)
@@ -99,7 +91,7 @@ def test_directions_have_arms_and_tests_of_their_own(table_1):
     parts = study.parts(study.settings("full"))
     assert len({part.arguments["seed"] for part in parts}) == 35  # the same on both specimens
     assert len(parts) == 70
-    raw = select(table_1.rows, kind="fine", method="raw", joint="elbow").rmse
+    raw = select(table_1.rows, set="1+2", method="raw", joint="elbow").rmse
     assert raw.nunique() == 2
 
 
@@ -114,7 +106,7 @@ def synthetic(errors, session=0, **labels):
 
 def test_the_best_direction_is_found():
     usual = {"dnn": 0.2, "poly2": 0.2, "linear": 0.2, "offset": 1.0, "raw": 4.0}
-    fine = dict.fromkeys(directions.DIRECTIONS, usual)
+    fine = dict.fromkeys(training.DIRECTIONS, usual)
     fine["J2-J3"] = {**usual, "dnn": 0.1, "poly2": 0.15, "linear": 0.15}
 
     def rows():
@@ -127,14 +119,14 @@ def test_the_best_direction_is_found():
             ]
         )
 
-    found = {claim.text: claim.judged(rows()) for claim in directions.CLAIMS}
+    found = {claim.text: claim.judged(rows()) for claim in training.DIRECTIONS_CLAIMS}
     best = found["J2-J3 is the best direction over all joints and models"]
     assert best.verdict == "holds"
     assert "J2-J3 13.3 %" in best.found
     assert found["trained on J2-J3, the network errs least in every joint"].holds
     assert found["joint 3: all models are best on J3"].holds is False
     fine["J1"] = {**usual, "dnn": 0.05, "poly2": 0.05, "linear": 0.05}
-    best = directions.CLAIMS[0].judged(rows())
+    best = training.DIRECTIONS_CLAIMS[0].judged(rows())
     assert best.verdict == "does not"
     assert "number 2 of 7" in best.found
 
@@ -143,13 +135,13 @@ def test_six_hours_are_judged_hour_by_hour(drawn):
     result = run_study("endurance", ONE | {"sets": "1", "hours": 2})
     assert result.rows.groupby("case").hour.nunique().tolist() == [2, 2, 2]
     texts = [claim.text for claim in result.summary.claims]
-    assert texts == [claim.text for claim in endurance.CLAIMS]
+    assert texts == [claim.text for claim in lasting.ENDURANCE_CLAIMS]
     assert drawn(result)
 
 
 def test_a_load_is_hung_on_the_tool_after_the_training():
     off = [
-        DataFrame(endurance.last(RAVEN, "unloaded", load, 3, ("1",), 0, 1).rows)
+        DataFrame(s.calibrate_once(RAVEN, 3, ("1",), 0, hours=1, load=load).rows)
         for load in (0.0, 0.5)
     ]
     # Half a kilogram pulls at the insertion's cable, by some 0.25 mm.
@@ -172,8 +164,8 @@ def test_hours_that_grow_are_told():
                     for row in own:
                         row["rmse"] *= factor if row["joint"] == "shoulder" else 1.0
                     rows += own
-        found = endurance.by_training(DataFrame(rows))
-        return {claim.text: claim.judged(found).holds for claim in endurance.CLAIMS}
+        found = lasting.by_training(DataFrame(rows))
+        return {claim.text: claim.judged(found).holds for claim in lasting.ENDURANCE_CLAIMS}
 
     drift = "joint 1 drifts most: its error grows by the largest factor"
     grown = verdicts(idle=(1, 1), unloaded=(1, 2), loaded=(1, 4))
@@ -192,10 +184,11 @@ def test_a_homing_seen_comes_before_the_last_zigzag(monkeypatch):
     monkeypatch.setattr(s, "random_test", lambda *_: done.append("test") or "test")
     monkeypatch.setattr(s, "fitted", lambda training, *_: done.append(tuple(training)))
     monkeypatch.setattr(s, "judged", lambda *_, **__: [])
-    homing.home_again(RAVEN, seen=False, seed=1, networks=1, homings=2, seconds=1, divisions=(4, 5))
+    again = {"seed": 1, "networks": 1, "seconds": 1, "divisions": (4, 5)}
+    lasting.home_again(RAVEN, seen=False, homings=2, **again)
     assert done == [4, 5, "test", "home", "test", "home", "test", (4, 5)]
     done.clear()
-    homing.home_again(RAVEN, seen=True, seed=1, networks=1, homings=1, seconds=1, divisions=(4, 5))
+    lasting.home_again(RAVEN, seen=True, homings=1, **again)
     assert done == [4, "test", "home", 5, "test", (4, 5)]
 
 
@@ -203,14 +196,14 @@ def test_homings_are_judged_one_by_one(drawn):
     options = {"training": "1+2", "homings": 1, "sessions": 1, "minutes": 0.2}
     result = run_study("homing", FEW | options)
     assert (result.rows.groupby("part").homings.nunique() == 2).all()
-    assert len(result.summary.claims) == len(homing.CLAIMS)
+    assert len(result.summary.claims) == len(lasting.HOMING_CLAIMS)
     assert drawn(result)
 
 
 def test_either_target_is_the_same_to_the_linear_model():
     result = run_study("targets", ONE | {"sets": "1", "hours": 1})
     error, position = (
-        select(result.rows, target=one, method="linear").rmse.tolist() for one in targets.TARGETS
+        select(result.rows, target=one, method="linear").rmse.tolist() for one in training.TARGETS
     )
     assert position == pytest.approx(error, rel=1e-6)
     claims = {claim.text: claim for claim in result.summary.claims}
@@ -223,9 +216,9 @@ def test_more_time_is_judged_by_the_seconds_it_takes(drawn):
     conditions = [row[0] for row in result.summary.tables[0].rows]
     assert conditions[0].startswith("1, ")  # the shorter one, though named last
     assert conditions[3].startswith("2, ")
-    assert len(result.summary.claims) == len(sparsity.CLAIMS)
+    assert len(result.summary.claims) == len(training.SPARSITY_CLAIMS)
     assert drawn(result)
-    spread = sparsity.CLAIMS[-1]
+    spread = training.SPARSITY_CLAIMS[-1]
 
     def judged(poly2, *others):
         columns = {"poly2": poly2, "dnn": others[0], "linear": others[-1]}
@@ -294,10 +287,10 @@ def test_fits_and_samples_are_timed():
 
 def test_features_are_all_of_the_message(drawn, monkeypatch):
     monkeypatch.setattr(
-        "truejoint.studies.raven2.features.NeuralNetwork",
+        "truejoint.studies.raven2.training.NeuralNetwork",
         lambda sizes, weight_decay: NeuralNetwork((8, 8), weight_decay=weight_decay, epochs=2),
     )
-    monkeypatch.setattr("truejoint.studies.raven2.features._FIT_RATE", 30.0)
+    monkeypatch.setattr("truejoint.studies.raven2.training._FIT_RATE", 30.0)
     result = run_study("features", ONE | {"sets": "1,2", "hours": 1})
     assert (result.rows.inputs == 122).all()
     wide = select(result.rows, method="wide")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import json
 import platform
 import re
@@ -12,6 +11,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from hashlib import sha256
+from importlib.metadata import version
 from importlib.resources import files
 from itertools import combinations, cycle
 from pathlib import Path
@@ -367,7 +367,7 @@ def facts(evaluation: Evaluation, what: str) -> list[str]:
         f"tested on {rows:,} rows, {view.duration(seconds)}, "
         f"{count} recording{'s' if count > 1 else ''} held out",
         _now(),
-        f"truejoint {_version('truejoint')}",
+        f"truejoint {version('truejoint')}",
     ]
 
 
@@ -377,12 +377,4 @@ def _now() -> str:
 
 def versions() -> list[tuple[str, str]]:
     """Versions of Python and of the packages that a result depends on."""
-    versions = [(name, _version(name)) for name in _PACKAGES]
-    return [("Python", platform.python_version()), *versions]
-
-
-def _version(package: str) -> str:
-    try:
-        return importlib.metadata.version(package)
-    except importlib.metadata.PackageNotFoundError:
-        return "not installed"
+    return [("Python", platform.python_version()), *((name, version(name)) for name in _PACKAGES)]

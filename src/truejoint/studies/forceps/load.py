@@ -1,4 +1,4 @@
-"""The external load that the filter sees, what friction hides of it, and the cable's stiffness."""
+"""The filter with friction and load: weights, the cable's stiffness, and a wrong zero."""
 
 from __future__ import annotations
 
@@ -12,16 +12,28 @@ from pandas import DataFrame
 
 from truejoint.array_types import Array, Mask
 from truejoint.calibration import calibrate
+from truejoint.drawing import Figure, by_condition
 from truejoint.estimators.jaw.learn import JawFilter
-from truejoint.estimators.jaw_load.identify import identify_stiffness
+from truejoint.estimators.jaw.signals import RESET
+from truejoint.estimators.jaw_load.identify import find_encoder_zero, identify_stiffness
 from truejoint.estimators.jaw_load.learn import FrictionFilter
+from truejoint.motion.forceps_trajectories import RAMP
 from truejoint.recordings import Recording
 from truejoint.simulation.forceps.load import LoadTest
 from truejoint.simulation.forceps.parameters import ForcepsParameters, friction_at_pretension
-from truejoint.studies.forceps.loaded import cases
+from truejoint.simulation.forceps.twin import ZeroShift
+from truejoint.studies.forceps import methods as m
 from truejoint.studies.forceps.methods import rms, settled, within
-from truejoint.studies.forceps.motions import Plain, drawn_specimens, load_test, record, signals
-from truejoint.studies.rows import frame_table, select
+from truejoint.studies.forceps.motions import (
+    Plain,
+    changed,
+    drawn_specimens,
+    load_test,
+    record,
+    signals,
+)
+from truejoint.studies.forceps.paper import cases
+from truejoint.studies.rows import frame_table, groups, select, unique
 from truejoint.studies.study import Part, Results, Rows, Settings, Summary
 from truejoint.tables import Table, fixed
 from truejoint.units import GRAVITY
@@ -41,7 +53,7 @@ UNLOADED, SLACK, PAPER = "unloaded", "slack", "paper"
 """Cases beside the weights: none, one that slackens the drive cable, and the paper's filter."""
 
 
-def parts(settings: Settings) -> Sequence[Part]:
+def load_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen."""
     hung, motion = list(cases(settings).values()), settings["motion"]
     return [
@@ -169,7 +181,7 @@ def _coverage(name: str, ratio: Array) -> dict[str, float]:
     return {f"{name}_inside": inside, f"{name}_nees": float(np.mean(ratio**2))}
 
 
-def summarise(results: Results) -> Summary:
+def load_summary(results: Results) -> Summary:
     """List the loads of the first specimen, and errors and coverage over all."""
     rows = results.rows
     rows = rows.assign(grams=1e3 / (GRAVITY * rows.arm))  # at the tip of the jaw, for each Nm
@@ -252,3 +264,90 @@ def _population(settings: Settings, rows: DataFrame) -> Table:
     )
     table = DataFrame.from_dict(body, "index", columns=["median", "95 %", "worst", "stated"])
     return frame_table("External load over the specimens", table, notes, decimals=1)
+
+
+BEFORE, AFTER = "before", "after"
+_HARM: Final = np.radians(0.002)  # by which an error must grow to count as harm
+
+
+def rezero_parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen and wrong zero."""
+    settings.check_names("method", "methods", m.METHODS)
+    homings = []
+    for name, plant, seed in drawn_specimens(settings):
+        common = {"forceps": plant, "methods": settings["methods"], "seed": seed}
+        for shift in settings["shifts_um"]:
+            key, arguments = f"{name}-shift-{shift:g}um", {**common, "shift": shift / 1e6}
+            homings.append(Part(key, home, arguments, {"specimen": name}))
+    return homings
+
+
+def home(forceps: Plain, methods: Sequence[str], seed: int, shift: float) -> Rows:
+    """Calibrate, home with ``x2`` off by `shift` [m], estimate that, and judge on (28).
+
+    The estimate is taken off only where it is more than it may be off by.
+    """
+    plant, zero = ForcepsParameters.from_dict(forceps), ZeroShift(reset=shift)
+    models = m.calibrated(plant, tuple(methods), seed)
+    cycle = record(plant, "cycle", seed=2 * seed + 50, zero_shift=zero)
+    X, dt = signals(cycle.rows(cycle.t >= RAMP))
+    estimate = find_encoder_zero(unloaded_filter(plant, seed), X, dt)
+    before = m.settled(record(plant, "verification", seed=2 * seed + 1, zero_shift=zero))
+    after = changed(before, RESET, before.column(RESET) - estimate.correction)
+    labels = {
+        "shift": shift, "estimate": estimate.shift, "deviation": estimate.deviation,
+        "taken_off": estimate.correction,
+    }  # fmt: skip
+    return [
+        row
+        for when, run in ((BEFORE, before), (AFTER, after))
+        for row in m.judge(models, run).errors(when=when, **labels)
+    ]
+
+
+def rezero_summary(results: Results) -> Summary:
+    """RMS error of each method before and after re-zeroing, by zero: medians over the specimens."""
+    rows = results.rows.sort_values("shift", kind="stable")
+    rows = rows.assign(
+        name=rows.method.map(m.TITLES), zero=(1e6 * rows["shift"]).map("{:.0f} um".format)
+    )
+    cases = rows.drop_duplicates("part")
+    cases = cases.assign(off=cases.estimate - cases["shift"])
+    table = DataFrame(
+        {
+            zero: {
+                "found": f"{_micro(group.estimate.median())} um",
+                "off, RMS": f"{_micro(m.rms(group.off))} "
+                f"(stated {_micro(group.deviation.median())})",
+                "taken off": f"{(group.taken_off != 0.0).sum()} of {len(group)}",
+            }
+            for zero, group in groups(cases, "zero")
+        }
+    ).T
+    medians = rows.groupby(["zero", "name", "when"], sort=False).rms.median().unstack()
+    text = (np.rad2deg(1.0) * medians).map("{:.3f}".format)
+    table = table.join((text[BEFORE] + " -> " + text[AFTER]).unstack()[unique(rows, "name")])
+    grown = select(rows, when=AFTER).rms.to_numpy() - select(rows, when=BEFORE).rms.to_numpy()
+    notes = (
+        f"{len(cases) // len(table)} specimens; RMS error in degrees on (28), before -> after "
+        "re-zeroing from one unloaded cycle of (27) with no sensor at the jaw; medians. A shift "
+        "within two of its stated deviations is left alone.",
+        f"Off by {m.rms(cases.off / cases.deviation):.2f} stated deviations RMS. Worse afterwards "
+        f"by more than {np.degrees(_HARM):.3f} deg: {(grown > _HARM).sum()} of {len(grown)}.",
+        *m.note_left_out(results.settings, rows),
+    )
+    title = "Re-zeroing after homing"
+    rows = rows.assign(um=1e6 * rows["shift"], name=rows["name"] + ", " + rows.when)
+    panel = by_condition(
+        rows, "um", "rms", "name", scale=np.degrees(1.0), x="zero off by [um]",
+        y="RMS error on (28) [deg]",
+    )  # fmt: skip
+    caption = "What a wrong zero of x2 costs each method, and what re-zeroing leaves; medians."
+    return Summary(
+        (frame_table(title, table, notes, head="zero off by"),),
+        {"forceps-rezero": Figure(title, ((panel,),), caption, height=4.4, legend=True)},
+    )
+
+
+def _micro(metres: float) -> str:
+    return fixed(1e6 * float(metres), 1)

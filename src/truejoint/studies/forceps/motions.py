@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -25,7 +26,7 @@ from truejoint.simulation.forceps.parameters import ForcepsParameters
 from truejoint.simulation.forceps.specimens import population
 from truejoint.simulation.forceps.specimens import specimen as shipped
 from truejoint.simulation.forceps.twin import ZeroShift, simulate_forceps
-from truejoint.studies.study import Settings
+from truejoint.studies.study import Part, PartResult, Results, Settings, Summary
 
 Plain = Mapping[str, Mapping[str, Any]]
 """A specimen as plain values, which `Part.arguments` can hold."""
@@ -151,3 +152,36 @@ def record_forceps(
         get_robot("forceps"), mechanism=parameters.mechanism.mechanism(), transmission=None
     )
     return Recording.from_columns(columns, provenance, robot=robot)
+
+
+def recordings_parts(settings: Settings) -> Sequence[Part]:
+    """One a motion."""
+    common = {
+        "forceps": plain_specimen(settings["specimen"]),
+        "specimen": title_of(settings["specimen"]),
+        "mass": settings["load_g"] / 1e3,
+        "direction": settings["direction"],
+        "log_rate": settings["log_rate_hz"],
+        "seed": settings.seed,
+    }
+    return [Part(motion, recorded, {"motion": motion, **common}) for motion in settings["motions"]]
+
+
+def recorded(forceps: Plain, motion: str, mass: float, direction: str, **how: Any) -> PartResult:
+    """Record a motion: columns, their units and the provenance; `how` is as `record` takes it."""
+    chosen = load_test(mass, direction) if motion == "load" else motion
+    recording = record(ForcepsParameters.from_dict(forceps), chosen, **how)
+    origin = json.dumps([recording.provenance.to_dict(), dict(recording.units)])
+    columns = {name: recording.column(name) for name in recording.table.columns}
+    return PartResult([{"motion": motion, "origin": origin}], columns)
+
+
+def recordings_summary(results: Results) -> Summary:
+    """Give the recordings."""
+    recordings = {}
+    for part, motion, origin in results.rows[["part", "motion", "origin"]].to_numpy():
+        provenance, units = json.loads(origin)
+        recordings[f"{motion}-{title_of(results.settings['specimen'])}"] = Recording.from_columns(
+            results.arrays[part], Provenance.from_dict(provenance), units
+        )
+    return Summary(recordings=recordings)

@@ -1,24 +1,29 @@
-"""II-K, Tables III and IV of peng2024: joints and tool beside what others reached."""
+"""II-K, Tables III to V of peng2024: joints and tool beside what others reached, and times."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import time
+import timeit
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import product
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, concat
 
 from truejoint.array_types import Array
+from truejoint.calibration import calibrate
 from truejoint.errors import StudyError
 from truejoint.estimators import estimator_names
-from truejoint.evaluation.judge import rmse, tool_error
+from truejoint.evaluation.scoring import rmse, tool_error
 from truejoint.motion import PROFILES, follow, random_motion
 from truejoint.recordings import Recording
-from truejoint.studies.claim_tests import RULE
-from truejoint.studies.paper_tables import reported, reported_text
-from truejoint.studies.raven2 import claims
+from truejoint.runtime import Corrector
+from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.study import Part, Results, Rows, Settings, Summary
+from truejoint.studies.rows import frame_table, groups, reported, reported_text
+from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
 from truejoint.tables import Table
 
 WHEN: Final = ("first", "last")
@@ -38,7 +43,7 @@ _OTHERS: Final = (
 """Table, condition and method of what peng2024 quotes of others."""
 
 
-def parts(settings: Settings) -> Sequence[Part]:
+def rivals_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen and session."""
     settings.check_names("model", "models", estimator_names())
     s.combination(settings["training"])
@@ -84,47 +89,45 @@ def errors_of(estimate: Array, test: Recording, **labels: str) -> Rows:
     ]
 
 
-def summarise(results: Results) -> Summary:
+def rivals_summary(results: Results) -> Summary:
     """Tables III and IV beside the paper's and those that it quotes."""
-    judged = CLAIMS if set(_MEANT) <= set(results.settings["models"]) else ()
-    made, found_claims = [], []
-    for title, found in results.rows.groupby("specimen", sort=False):
-        rows = found.assign(rmse=found.rmse * found.quantity.map(_SCALES))
-        made += [_table(str(title), rows, table) for table in ("III", "IV")]
-        found_claims += [claim.judged(rows, str(title)) for claim in judged]
-    return Summary(made, claims=found_claims)
+    judged = RIVALS_CLAIMS if set(s.TWO) <= set(results.settings["models"]) else ()
+    rows = results.rows.assign(rmse=results.rows.rmse * results.rows.quantity.map(_SCALES))
+    by_specimen = [(str(title), group) for title, group in groups(rows, "specimen")]
+    made = [_table(title, group, table) for title, group in by_specimen for table in ("III", "IV")]
+    stated = [claim.judged(group, title) for title, group in by_specimen for claim in judged]
+    return Summary(made, claims=stated)
 
 
 def _table(title: str, rows: DataFrame, table: str) -> Table:
     joints = table == "III"
     quantities = list(s.JOINTS if joints else _AXES)
-    means = rows.pivot_table("rmse", "method", ["quantity", "when"], sort=False)
-    ends: list[Any] = [
-        means.xs(when, axis=1, level="when")[quantities].map("{:.3f}".format) for when in WHEN
-    ]
-    body = [tuple(cells) for cells in (ends[0] + " to " + ends[1]).itertuples()]
-    condition = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
-    for method in _MEANT:
-        hours = [_prints(table, f"{condition}{hour}", method, quantities) for hour in (0, 5)]
-        cells = [" to ".join(pair) for pair in zip(*hours, strict=True)]
-        body.append((f"paper: {method}, hour 0 to 5", *cells))
-    for group, condition, method in _OTHERS:
-        if group == table:
-            cells = _prints(table, condition, method, quantities)
-            body.append((f"paper: {condition}, {method}", *cells))
+    means = rows.pivot_table("rmse", "method", ["when", "quantity"], sort=False)
+    first, last = (means[when][quantities].map("{:.3f}".format) for when in WHEN)
+
+    def prints(condition: str, method: str) -> list[str]:
+        return [reported_text(_printed(table, condition, method, key), 3) for key in quantities]
+
+    hour = f"RAVEN-II {'unloaded' if joints else 'estimated'} hour"
+    paper = {
+        f"paper: {method}, hour 0 to 5": [
+            " to ".join(pair)
+            for pair in zip(prints(f"{hour}0", method), prints(f"{hour}5", method), strict=True)
+        ]
+        for method in s.TWO
+    }
+    paper |= {
+        f"paper: {condition}, {method}": prints(condition, method)
+        for group, condition, method in _OTHERS
+        if group == table
+    }
+    body = concat([first + " to " + last, DataFrame(paper, quantities).T])
+    body.columns = s.TITLES if joints else [f"{axis} [mm]" for axis in _AXES]
     notes = (
         "RMSE in the first to the last hour of unloaded work after one calibration.",
-        RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
+        claims.RULE if joints else "The tool by forward kinematics, the last four joints as exact.",
     )
-    columns = s.TITLES if joints else tuple(f"{axis} [mm]" for axis in _AXES)
-    return Table(
-        f"peng2024 Table {table}, specimen {title}", ("model", *columns), tuple(body), notes
-    )
-
-
-def _prints(table: str, condition: str, method: str, quantities: Sequence[str]) -> list[str]:
-    found = (_printed(table, condition, method, quantity) for quantity in quantities)
-    return [reported_text(value, 3) for value in found]
+    return frame_table(f"peng2024 Table {table}, specimen {title}", body, notes, head="model")
 
 
 def _printed(table: str, condition: str, method: str, quantity: str) -> float | None:
@@ -143,21 +146,154 @@ def _quoted(*sources: tuple[str, str, str]) -> claims.Pick:
     return pick
 
 
-_MEANT: Final = ("dnn", "linear")
-CLAIMS: Final = (
+RIVALS_CLAIMS: Final = (
     claims.ordered(
         "even after hours, network and linear model are below the filter of Haghighipanah 2015",
         "peng2024, Table III",
-        {"when": "last"}, _quoted(_OTHERS[0]), method=_MEANT, quantity=s.JOINTS,
+        {"when": "last"}, _quoted(_OTHERS[0]), method=s.TWO, quantity=s.JOINTS,
     ),
     claims.ordered(
         "fresh, network and linear model are below Mahler 2014 and Peng 2020 on every axis",
         "peng2024, Table IV",
-        {"when": "first"}, _quoted(*_OTHERS[-2:]), method=_MEANT, quantity=_AXES[:3],
+        {"when": "first"}, _quoted(*_OTHERS[-2:]), method=s.TWO, quantity=_AXES[:3],
     ),
     claims.ordered(
         "fresh, the tool is off by less than Hwang's 0.65 mm", "peng2024, Table IV",
         {"when": "first"}, _quoted(("IV", "dVRK Hwang 2022 pick", "rnn")),
-        method=_MEANT, quantity=("distance",),
+        method=s.TWO, quantity=("distance",),
+    ),
+)  # fmt: skip
+
+
+SERVO: Final = 1e-3
+"""Period of RAVEN-II's servo loop [s]."""
+_COLD: Final = 300  # samples before times count
+_BOUNDS: Final = {"dnn": 50.0, "linear": 2.0}  # [s], peng2024, Table V
+_TIMES: Final = 160.0  # of the network's inference time to the linear model's (abstract)
+
+
+def timing_parts(settings: Settings) -> Sequence[Part]:
+    """One: times of one machine are only comparable one after the other."""
+    settings.check_names("model", "models", estimator_names())
+    s.combination(settings["training"])
+    if settings["samples"] < 1000:
+        raise StudyError(f"samples={settings['samples']}; give 1000 or more")
+    (raven,) = s.specimens(("peng2024",)).values()
+    common = {name: settings[name] for name in ("models", "training", "samples", "repeats")}
+    return (Part("timing", measure, {"raven": raven, "seed": settings.seed, **common}),)
+
+
+def measure(
+    raven: s.Plain,
+    models: Sequence[str],
+    seed: int,
+    training: str,
+    samples: int,
+    repeats: int,
+) -> Rows:
+    """Time fits, and the control loop's corrections sample by sample [s]."""
+    arm, _ = s.homed(raven, seed)
+    sets = s.training_sets(arm, (training,))[training]
+    test = s.random_test(arm, samples / s.STATE_RATE + 2.0, s.TEST_SEED + seed)
+    calibrate([one.rows(slice(0, 400)) for one in sets], "linear")  # libraries and kernels
+    few = test.rows(slice(0, 2))  # the shortest table, as a framework's call for a sample
+    timed: Rows = []
+    for _, name in product(range(repeats), models):
+        # Processor time: what else the machine does shall not count.
+        began = time.process_time()
+        model = calibrate(sets, name)
+        fit = time.process_time() - began
+        corrector = Corrector(model)
+        rows = test.table[list(corrector.signals)].to_numpy()[:samples]
+        each = np.empty(len(rows))
+        for i, (t, row) in enumerate(zip(test.t, rows, strict=False)):
+            began = time.perf_counter()
+            corrector.step(t, row)
+            each[i] = time.perf_counter() - began
+        whole = timeit.repeat(partial(model.correct, few), number=1, repeat=50)
+        step, step_99 = np.quantile(each[_COLD:], [0.5, 0.99]).tolist()
+        seconds = {"fit": fit, "table": float(np.median(whole)), "step": step, "step_99": step_99}
+        timed.append({"method": name, **seconds, "rows": sum(map(len, sets))})
+    return timed
+
+
+def timing_summary(results: Results) -> Summary:
+    """Table V beside the paper's."""
+    rows = results.rows
+    times = rows.groupby("method", sort=False).median(numeric_only=True)
+
+    def printed(row: str, metric: str, form: str, scale: float = 1.0) -> list[str]:
+        found = [
+            reported("peng2024", "V", row, method, "all").get(metric) for method in times.index
+        ]
+        return ["" if value is None else form.format(scale * value) for value in found]
+
+    table = DataFrame(
+        {
+            "fit [s of CPU]": times.fit,
+            "paper": printed("training time", "upper bound", "< {:g}"),
+            "a sample in the loop [us]": 1e6 * times.step,
+            "99 %": 1e6 * times.step_99,
+            "a call on a table [us]": (1e6 * times.table).map("{:.0f}".format),
+            "paper [us]": printed("inference one sample", "mean", "{:g}", 1e3),
+        }
+    )
+    notes = (
+        f"{times.rows.iloc[0]:.0f} rows, sparsities {results.settings['training']}; medians, "
+        "one thread, of the machine that ran this, with whatever else it did.",
+        "The paper's are of a 2.2 GHz Xeon and a framework's call for each sample.",
+    )
+    judged = TIMING_CLAIMS if set(s.TWO) <= set(times.index) else ()
+    title = "peng2024 Table V: time"
+    return Summary(
+        (frame_table(title, table, notes, decimals=2, head="model"),),
+        claims=[c.judged(rows) for c in judged],
+    )
+
+
+def _of(rows: DataFrame, method: str, column: str) -> Array:
+    """Give the times (k,) [s] of a model in every repetition."""
+    return np.asarray(rows[rows.method == method][column])
+
+
+def _fits(rows: DataFrame) -> claims.Verdict:
+    fits = {name: _of(rows, name, "fit") for name in _BOUNDS}
+    texts = [f"{name} {np.median(seconds):.2f} s" for name, seconds in fits.items()]
+    return claims.below_all([(fits[name], most) for name, most in _BOUNDS.items()]), ", ".join(
+        texts
+    )
+
+
+def _servo(name: str, *, expected: bool) -> Callable[[DataFrame], claims.Verdict]:
+    def judge(rows: DataFrame) -> claims.Verdict:
+        late = _of(rows, name, "step_99")
+        text = f"{1e6 * np.median(late):.1f} us at 99 %"
+        return claims.below(late, SERVO) if expected else claims.below(SERVO, late), text
+
+    return judge
+
+
+def _ratio(rows: DataFrame) -> claims.Verdict:
+    network, linear = (_of(rows, name, "step") for name in s.TWO)
+    text = (
+        f"{np.median(network / linear):.1f} times; what took 61 ms there is a framework's overhead "
+        f"a call, not the 12,103 weights, which take {1e6 * np.median(network):.1f} us compiled"
+    )
+    return claims.below(_TIMES / 2.0, network / linear), text
+
+
+TIMING_CLAIMS: Final = (
+    Statement("fitting takes < 50 s (network), < 2 s (linear)", "peng2024, Table V", _fits),
+    Statement(
+        "the linear model keeps up with the 1 kHz servo loop", "peng2024, III",
+        _servo("linear", expected=True),
+    ),
+    Statement(
+        "the network is too slow for the 1 kHz servo loop", "peng2024, III",
+        _servo("dnn", expected=False), flaw=True,
+    ),
+    Statement(
+        "the linear model infers about 160 times faster than the network", "peng2024, abstract",
+        _ratio, flaw=True,
     ),
 )  # fmt: skip

@@ -12,7 +12,7 @@ from truejoint.calibration import Calibration, calibrate
 from truejoint.crtk import Arm, SimulatedBackend
 from truejoint.errors import StudyError
 from truejoint.estimators import Regressor
-from truejoint.evaluation.judge import rmse
+from truejoint.evaluation.scoring import rmse
 from truejoint.motion import DIRECTIONS, PROFILES, Trajectory, follow, random_motion, zigzag
 from truejoint.recordings import Recorder, Recording
 from truejoint.simulation.raven2 import Raven2Parameters, Raven2Twin
@@ -29,6 +29,9 @@ SCALES: Final = np.array([np.degrees(1.0), np.degrees(1.0), 1e3])
 TITLES: Final = ("shoulder [deg]", "elbow [deg]", "insertion [mm]")
 MODELS: Final = ("dnn", "poly2", "linear")
 METHODS: Final = (*MODELS, "offset", "raw")
+CORRECTED: Final = METHODS[:-1]
+TWO: Final = ("dnn", "linear")
+"""What most claims are on."""
 BEST: Final = "J2-J3"
 """Direction that peng2024 takes for all but Table I."""
 PUBLISHED: Final = "published"
@@ -36,11 +39,14 @@ PUBLISHED: Final = "published"
 HOUR: Final = 3600.0  # [s]
 STATE_RATE: Final = 30.0  # [Hz], peng2024, IV-A
 _LONG_RATE: Final = 10.0  # [Hz], of hours
+_EXAMPLE: Final = 60.0  # [s] of the first hour that are drawn, as in peng2024, figure 7
 _IDLE_TEST: Final = 120.0  # [s], short, as the tests work the cables as well
 STUDY_SEED: Final = 1000
 """Between the arms' seeds of two seeds of a study."""
 TEST_SEED: Final = 1_000_000
 """Between the seed of an arm and that of its test motion."""
+IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
+"""What the arm does for hours; the last with a mass on its tool."""
 NOTHING: Final[Mapping[str, Any]] = {}
 ONE_CASE: Final[Mapping[str, Mapping[str, Any]]] = {"": NOTHING}
 """Of a study that does one thing a session."""
@@ -70,30 +76,15 @@ def part_for_each(
     chosen: Sequence[str] | None = None,
     same_arm: bool = False,
 ) -> list[Part]:
-    """Part of every specimen, session and case, labelled by these three.
+    """Part of every specimen, session (`count` names their option) and case, labelled by these.
 
-    Parameters
-    ----------
-    compute : callable
-        Called with a specimen ``raven``, an arm's ``seed``, the options `names`, `more`, and what
-        the case adds.
-    offset : int
-        Of the arms' seeds, so that no other study has the same.
-    names, more : str, mapping
-        Options of the study, and other arguments, that all parts take. Each of the option ``sets``
-        must be a `combination`.
-    count : str
-        Option that says how many sessions there are.
-    cases : mapping
-        Arguments of every case by its name, which is part of a key.
-    chosen : sequence of str, optional
-        Cases that are computed; the choice does not change a case's seed.
-    same_arm : bool
-        Whether the cases of a session have one arm's seed.
+    `compute` is called with a specimen ``raven``, an arm's ``seed``, the options `names`, `more`,
+    and what the case adds. `offset` keeps the arms' seeds from those of other studies. The cases
+    of a session have one arm with `same_arm`; which of them are `chosen` changes no seed.
     """
-    for text in settings["sets"] if "sets" in names else ():
-        combination(text)
     common = {name: settings[name] for name in names} | dict(more)
+    for text in common.get("sets", ()):
+        combination(text)
     first = offset + STUDY_SEED * settings.seed
     step = 1 if same_arm else len(cases)
     return [
@@ -112,8 +103,7 @@ def part_for_each(
 
 def homed(raven: Plain, seed: int) -> tuple[Arm, Raven2Twin]:
     """Arm of a specimen that was just switched on and homed, and the twin behind it."""
-    flat = {f"{section}.{key}": v for section, vs in raven.items() for key, v in vs.items()}
-    twin = Raven2Twin(Raven2Parameters.read().with_values(flat), seed=seed)
+    twin = Raven2Twin(Raven2Parameters.from_dict(raven), seed=seed)
     arm = Arm(SimulatedBackend(twin))
     arm.enable()
     arm.home()
@@ -190,6 +180,57 @@ def fitted(
     seeds = range(seed, seed + networks)
     models = [model_of(training, "dnn", random_state=each, **how) for each in seeds]
     return {"dnn": models} | {name: [model] for name, model in models[0].baselines.items()}
+
+
+def calibrate_once(
+    raven: Plain,
+    seed: int,
+    sets: Sequence[str],
+    networks: int,
+    *,
+    direction: str = BEST,
+    targets: Sequence[str] = ("error",),
+    seconds: float = 0.0,
+    hours: int = 0,
+    work: str = UNLOADED,
+    load: float = 0.0,
+) -> PartResult:
+    """Calibrate on each combination of zig-zags, and judge on all that follows.
+
+    That is random motion of some `seconds`, or `hours` of a kind of work under a load [kg]. Of
+    these arrays hold the first minute: stamps (n,) [s], and joints (n, 3) as they are, as the robot
+    measures them, and corrected by models of the longest training.
+    """
+    arm, twin = homed(raven, seed)
+    training = training_sets(arm, sets, direction)
+    lengths = {text: seconds_of(group) for text, group in training.items()}
+    models = {
+        (target, text): fitted(group, networks, seed, target=target)
+        for target in targets
+        for text, group in training.items()
+    }
+    twin.load = load
+    go_on = resting if work == IDLE else working
+    test_seed = TEST_SEED + seed
+    tests = go_on(arm, hours, test_seed) if hours else [random_test(arm, seconds, test_seed)]
+    rows = [
+        row
+        for hour, test in enumerate(tests)
+        for (target, text), several in models.items()
+        for row in judged(several, test, hour=hour, target=target, set=text, seconds=lengths[text])
+    ]
+    if not hours:
+        return PartResult(rows)
+    minute = tests[0].with_truth(JOINTS)
+    minute = minute.rows(minute.t - minute.t[0] <= _EXAMPLE)
+    longest = models[targets[0], max(lengths, key=lambda text: lengths[text])]
+    example = {
+        "t": minute.t - minute.t[0],
+        "truth": minute.columns("truth", JOINTS),
+        "raw": minute.columns("measured", JOINTS),
+        **{name: several[0].correct(minute) for name, several in longest.items()},
+    }
+    return PartResult(rows, example)
 
 
 def judged(models: Models, recording: Recording, **labels: Any) -> Rows:

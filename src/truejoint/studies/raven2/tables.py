@@ -2,36 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from functools import wraps
 from typing import Any, Final
 
 import numpy as np
-from pandas import DataFrame
+from pandas import DataFrame, Series
 
-from truejoint.array_types import Array
 from truejoint.drawing import Figure, Panel, box_plot
-from truejoint.evaluation.judge import percent_of
-from truejoint.studies.paper_tables import reported
 from truejoint.studies.raven2.sessions import JOINTS, MODELS, SCALES, TITLES
-from truejoint.studies.rows import groups, select, unique
+from truejoint.studies.rows import frame_table, groups, reported, select, unique
 from truejoint.studies.study import Results, Summary
-from truejoint.tables import Table, fixed
+from truejoint.tables import DASH, Table, fixed
 
-Paper = Callable[[str, int, str], float | None]
-"""RMSE that the paper prints for a condition, a joint's index and a method; None: none."""
+Paper = Callable[[str, str, str], float | None]
+"""RMSE that the paper prints for a condition, a joint and a method; None: none."""
 
 COLOURS: Final = {
     "dnn": "tab:blue", "poly2": "tab:orange", "linear": "tab:green", "offset": "tab:gray",
     "raw": "k", "wide": "tab:red",
 }  # fmt: skip
 ZIGZAGS: Final = "4+5+6: zig-zags of sparsity 1/4, 1/5 and 1/6."
+_CELL: Final = ["condition", "joint"]
 
 
 def printed(table: str, form: str) -> Paper:
     """RMSE in a table of peng2024 [deg, deg, mm], of the condition that `form` makes of ours."""
     return lambda condition, joint, method: reported(
-        "peng2024", table, form.format(condition), method, f"joint{joint + 1}"
+        "peng2024", table, form.format(condition), method, f"joint{JOINTS.index(joint) + 1}"
     ).get("rmse")
 
 
@@ -66,19 +64,10 @@ def in_order(rows: DataFrame, column: str, names: Sequence[str]) -> DataFrame:
     return rows.sort_values(column, key=lambda own: own.map(names.index), kind="stable")
 
 
-def by_session(rows: DataFrame, **where: Any) -> Array:
-    """RMSE (k,) of every session: the mean over the rows that `select` gives of it."""
-    return np.asarray(select(rows, **where).groupby("session", sort=False).rmse.mean().to_numpy())
-
-
-def percent(rows: DataFrame, **where: Any) -> Array:
-    """Share (k, 3) [%] of the fixed offset's error that a method leaves, by session and joint."""
-    method = where.pop("method")
-    left, offset = (
-        np.column_stack([by_session(rows, joint=j, method=name, **where) for j in JOINTS])
-        for name in (method, "offset")
-    )
-    return np.asarray(percent_of(left, offset))
+def percent(rows: DataFrame) -> DataFrame:
+    """Share [%] of the fixed offset's error: a row a condition, joint and session, by method."""
+    by = rows.groupby([*_CELL, "session", "method"], sort=False).rmse.mean().unstack()
+    return 100.0 * by.div(by.offset.where(by.offset > 0.0), axis=0)
 
 
 def accuracy_table(
@@ -86,58 +75,62 @@ def accuracy_table(
     rows: DataFrame,
     methods: Sequence[str],
     paper: Paper | None = None,
-    notes: Sequence[str] = (),
+    notes: Iterable[str] = (),
 ) -> Table:
     """RMSE [deg, deg, mm] of each condition and joint, with the paper's in brackets."""
-    count = rows.groupby("condition").session.nunique().max()
+    count, cell = rows.session.nunique(), [*_CELL, "method"]
+    by = rows.groupby([*cell, "session"], sort=False).rmse.mean()
+    errors = by if count > 1 else rows.set_index(cell).rmse
+    texts = errors.groupby(level=cell, sort=False).agg(_with_spread).unstack()
     over = f"{count} sessions" if count > 1 else "the models of one session"
+    spread = count > 1 or errors.index.has_duplicates
+    what = f"RMSE; ± standard deviation over {over}." if spread else "RMSE, of one session."
+    return _by_joint(title, texts, methods, paper and _printed(paper, texts), (what, *notes))
 
-    def cell(rows: DataFrame, condition: str, joint: int, method: str) -> str:
-        errors = by_session(rows, joint=JOINTS[joint], method=method)
-        if len(errors) == 1:
-            errors = select(rows, joint=JOINTS[joint], method=method).rmse.to_numpy(dtype=float)
-        spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
-        there = paper(condition, joint, method) if paper and len(errors) else None
-        mean = float(errors.mean()) if len(errors) else np.nan
-        return fixed(mean, 3) + spread + ("" if there is None else f" ({there:.3f})")
 
-    table = _by_joint(title, rows, methods, cell)
-    has_spread = any("±" in text for row in table.rows for text in row)
-    what = f"RMSE; ± standard deviation over {over}." if has_spread else "RMSE, of one session."
-    return Table(table.title, table.header, table.rows, (what, *notes))
+def _with_spread(errors: Series) -> str:
+    spread = f" ± {fixed(float(errors.std(ddof=1)), 3)}" if len(errors) > 1 else ""
+    return fixed(float(errors.mean()), 3) + spread
 
 
 def percent_table(title: str, rows: DataFrame, paper: Paper) -> Table:
     """Share [%] of the fixed offset's error that each model leaves, the paper's in brackets."""
+    here = percent(rows).groupby(level=_CELL, sort=False).mean()
+    there = _printed(paper, here)
+    there = 100.0 * there.div(there.offset, axis=0)
+    return _by_joint(title, here.map(lambda share: fixed(share, 1)), MODELS, there, (), 1, " %")
 
-    def cell(rows: DataFrame, name: str, joint: int, method: str) -> str:
-        text = fixed(float(percent(rows, method=method)[:, joint].mean()), 1)
-        here, offset = paper(name, joint, method), paper(name, joint, "offset")
-        if here is None or offset is None:
-            return text
-        return f"{text} ({percent_of(here, offset):.1f})"
 
-    return _by_joint(title, rows, MODELS, cell, " %")
+def _printed(paper: Paper, like: DataFrame) -> DataFrame:
+    """Frame of the paper's numbers with the rows and columns of another, NaN without one."""
+    cells = {
+        name: [paper(condition, joint, str(name)) for condition, joint in like.index]
+        for name in like.columns
+    }
+    return DataFrame(cells, like.index, dtype=float)
 
 
 def _by_joint(
     title: str,
-    rows: DataFrame,
+    texts: DataFrame,
     methods: Sequence[str],
-    cell: Callable[[DataFrame, str, int, str], str],
+    there: DataFrame | None,
+    notes: Sequence[str],
+    decimals: int = 3,
     unit: str = "",
 ) -> Table:
     """Table of conditions and joints by method; a column says where the paper has a number."""
-    body = [
-        (f"{name}, {label}", *(cell(rows_of, name, k, method) for method in methods))
-        for name, rows_of in groups(rows, "condition")
-        for k, label in enumerate(TITLES)
-    ]
-    heads = (
-        method + unit + " (paper)" * any("(" in row[column] for row in body)
-        for column, method in enumerate(methods, 1)
-    )
-    return Table(title, ("condition, joint", *heads), tuple(body))
+    texts = texts.reindex(columns=[*methods]).fillna(DASH)
+    heads = [name + unit for name in methods]
+    if there is not None:
+        there = there.reindex(columns=[*methods]).where(texts != DASH)
+        beside = there.map(f" ({{:.{decimals}f}})".format).where(there.notna(), "")
+        texts = texts + beside
+        heads = [name + unit + (" (paper)" if any(beside[name]) else "") for name in methods]
+    labels = dict(zip(JOINTS, TITLES, strict=True))
+    names = [f"{condition}, {labels[joint]}" for condition, joint in texts.index]
+    table = texts.set_axis(names).set_axis(heads, axis=1)
+    return frame_table(title, table, notes, head="condition, joint")
 
 
 def ratio_table(
@@ -148,20 +141,15 @@ def ratio_table(
     paper: Paper,
 ) -> Table:
     """Geometric mean of RMSE over the paper's, by group of conditions."""
-
-    def cell(conditions: Collection[str], method: str) -> str:
-        logs = [
-            np.log(by_session(rows, joint=name, condition=condition, method=method).mean() / there)
-            for condition in conditions
-            for joint, name in enumerate(JOINTS)
-            if (there := paper(condition, joint, method)) is not None
-        ]
-        return fixed(float(np.exp(np.mean(logs))) if logs else np.nan, 2)
-
-    body = [
-        (name, *(cell(own, method) for method in methods)) for name, own in conditions_of.items()
-    ]
-    return Table(title, ("conditions", *methods), tuple(body), ("1: as in the paper.",))
+    here = rows.groupby([*_CELL, "session", "method"], sort=False).rmse.mean().unstack()
+    here = here.groupby(level=_CELL, sort=False).mean()
+    logs = (here / _printed(paper, here)).apply(np.log)
+    means = {
+        name: np.exp(logs[logs.index.isin(group, level=0)].mean())
+        for name, group in conditions_of.items()
+    }
+    table = DataFrame(means).T[[*methods]]
+    return frame_table(title, table, ("1: as in the paper.",), decimals=2, head="conditions")
 
 
 def joint_figure(

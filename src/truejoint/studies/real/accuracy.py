@@ -22,11 +22,10 @@ from truejoint.errors import CalibrationError
 from truejoint.estimators import NeuralNetwork, estimator_names
 from truejoint.evaluation import compare, part_by_time
 from truejoint.evaluation.evaluate import split_sides
-from truejoint.evaluation.judge import rmse
+from truejoint.evaluation.scoring import rmse
 from truejoint.recordings import Recording
 from truejoint.recordings.datasets import DATASETS, read_dataset
-from truejoint.studies.paper_tables import reported
-from truejoint.studies.rows import frame_table, select, unique
+from truejoint.studies.rows import frame_table, reported, select, unique
 from truejoint.studies.study import Claim, Part, Results, Rows, Settings, Summary
 from truejoint.tables import DASH, decimals_for, fixed
 from truejoint.units import display_unit

@@ -20,7 +20,7 @@ from truejoint.estimators import get_estimator
 from truejoint.estimators.cables.learn import WRIST_PLAYS, CableStates
 from truejoint.estimators.cables.loops import LOAD as LAST
 from truejoint.estimators.cables.loops import PIN
-from truejoint.evaluation.judge import rmse
+from truejoint.evaluation.scoring import rmse
 from truejoint.features.feature_set import FeatureSet, default_gap_limit, time_steps
 from truejoint.recordings import Recording
 from truejoint.robots import get_robot

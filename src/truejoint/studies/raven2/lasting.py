@@ -1,4 +1,4 @@
-"""II-G, figures 6 and 7, Table III of peng2024: six hours idle, at work, and under a load."""
+"""II-G and II-I of peng2024: what hours of rest and work, and homings, do to a calibration."""
 
 from __future__ import annotations
 
@@ -12,19 +12,15 @@ from pandas import DataFrame, concat
 from truejoint.array_types import Array
 from truejoint.drawing import Curve, Figure, Panel, by_condition
 from truejoint.errors import StudyError
-from truejoint.recordings import Recording
-from truejoint.studies.claim_tests import RULE, against, below_all
-from truejoint.studies.raven2 import claims, tables
+from truejoint.studies import claim_tests as claims
 from truejoint.studies.raven2 import sessions as s
-from truejoint.studies.raven2.sparsity import by_length
+from truejoint.studies.raven2 import tables
+from truejoint.studies.raven2.sessions import IDLE, LOADED, UNLOADED, WORKS
+from truejoint.studies.raven2.training import by_length
 from truejoint.studies.rows import select, unique
-from truejoint.studies.study import Part, PartResult, Results, Rows, Settings, Statement, Summary
+from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
 
-IDLE, UNLOADED, LOADED = WORKS = ("idle", "unloaded", "loaded")
-"""What the arm does; the last with a mass on its tool."""
-_METHODS: Final = (*s.MODELS, "offset")
 _FEW: Final = 3  # combinations at most that count as the longest, or the shortest (II-G)
-_EXAMPLE: Final = 60.0  # [s] of the first hour that are drawn, as in figure 7
 _DRAWN: Final = {
     "truth": ("0.8", "-", 5.0), "raw": ("k", ":", 0.9), "dnn": ("tab:blue", "-", 0.9),
     "linear": ("tab:green", "--", 0.9),
@@ -35,54 +31,15 @@ LONGEST, SHORTEST = "longest", "shortest"
 """Combinations of sparsities by the time that they take, up to three of each."""
 
 
-def parts(settings: Settings) -> Sequence[Part]:
+def endurance_parts(settings: Settings) -> Sequence[Part]:
     """One a specimen, kind of work and session."""
     settings.check_names("kind of work", "works", WORKS)
     if not 0.0 < settings["load_g"] <= 2000.0:
         raise StudyError(f"load_g={settings['load_g']:g}; it must be above 0, up to 2000")
     load = {LOADED: settings["load_g"] / 1e3}
     cases = {work: {"work": work, "load": load.get(work, 0.0)} for work in WORKS}
-    return s.part_for_each(
-        settings, last, 300_000, "sets", "networks", "hours", cases=cases, chosen=settings["works"]
-    )
-
-
-def last(
-    raven: s.Plain,
-    work: str,
-    load: float,
-    seed: int,
-    sets: Sequence[str],
-    networks: int,
-    hours: int,
-) -> PartResult:
-    """Calibrate once, unloaded, and judge every hour of what follows; `load` is in kg."""
-    arm, twin = s.homed(raven, seed)
-    training = s.training_sets(arm, sets)
-    lengths = {text: s.seconds_of(group) for text, group in training.items()}
-    models = {text: s.fitted(group, networks, seed) for text, group in training.items()}
-    twin.load = load
-    go_on = s.resting if work == IDLE else s.working
-    tests = go_on(arm, hours, s.TEST_SEED + seed)
-    rows: Rows = []
-    for hour, test in enumerate(tests):
-        for text, fitted in models.items():
-            rows += s.judged(fitted, test, hour=hour, set=text, seconds=lengths[text])
-    example = _example(models[max(lengths, key=lambda text: lengths[text])], tests[0])
-    return PartResult(rows, example)
-
-
-def _example(models: s.Models, test: Recording) -> dict[str, Array]:
-    """Stamps (n,) [s] and joints (n, 3) of the first minute: true, measured, and corrected."""
-    minute = test.with_truth(s.JOINTS)
-    minute = minute.rows(minute.t - minute.t[0] <= _EXAMPLE)
-    corrected = {name: models[name][0].correct(minute) for name in _DRAWN if name in models}
-    return {
-        "t": minute.t - minute.t[0],
-        "truth": minute.columns("truth", s.JOINTS),
-        "raw": minute.columns("measured", s.JOINTS),
-        **corrected,
-    }
+    names, chosen = ("sets", "networks", "hours"), settings["works"]
+    return s.part_for_each(settings, s.calibrate_once, 300_000, *names, cases=cases, chosen=chosen)
 
 
 def by_training(rows: DataFrame) -> DataFrame:
@@ -99,7 +56,7 @@ def by_training(rows: DataFrame) -> DataFrame:
 
 
 @tables.by_specimen
-def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
+def endurance_summary(results: Results, title: str, rows: DataFrame) -> Summary:
     """Figures 6 and 7, the rows of Table III, and what the paper says of the hours."""
     settings, works = results.settings, results.settings["works"]
     every = tables.in_order(by_length(rows.assign(work=rows.case)), "work", works)
@@ -110,15 +67,15 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
     made = [
         tables.accuracy_table(
             f"peng2024 figure 6 and Table III, {name}, specimen {title}", select(hours, work=work),
-            _METHODS, partial(_printed, work), (note, RULE),
+            s.CORRECTED, partial(_printed, work), (note, claims.RULE),
         )
         for work in works
         for name in [f"{work}, {settings['load_g']:g} g" if work == LOADED else work]
     ]  # fmt: skip
     mean = f"Mean over {settings['hours']} h by what was trained on, specimen {title}"
     every = every.assign(condition=every.work + ", " + every.set)
-    made.append(tables.accuracy_table(mean, every, _METHODS, notes=(tables.ZIGZAGS,)))
-    drawn = select(rows, method=_METHODS)
+    made.append(tables.accuracy_table(mean, every, s.CORRECTED, notes=(tables.ZIGZAGS,)))
+    drawn = select(rows, method=s.CORRECTED)
     drawn = drawn.assign(name=drawn.method + ", " + drawn.training + " trainings")
     caption = "RMSE by hour after one calibration; median over trainings of the three lengths."
     name = f"peng2024 figure 6, specimen {title}"
@@ -132,10 +89,12 @@ def summarise(results: Results, title: str, rows: DataFrame) -> Summary:
         ),
     }
     whole = set(WORKS) <= set(works) and settings["hours"] > 1
-    return Summary(made, figures, [c.judged(rows, title) for c in CLAIMS] if whole else ())
+    return Summary(
+        made, figures, [c.judged(rows, title) for c in ENDURANCE_CLAIMS] if whole else ()
+    )
 
 
-def _printed(work: str, condition: str, joint: int, method: str) -> float | None:
+def _printed(work: str, condition: str, joint: str, method: str) -> float | None:
     return tables.printed("III", f"RAVEN-II {work} {{}}")(condition.replace(" ", ""), joint, method)
 
 
@@ -172,33 +131,34 @@ def _length_gain(rows: DataFrame) -> claims.Verdict:
         ]
         ratios = np.exp(np.mean(logs, axis=0))  # by session
         pairs.append((ratios, 0.8))
-        texts.append(f"{method} {100 * (1 - ratios.mean()):.0f} % better{against(ratios, 0.8)}")
-    return below_all(pairs), f"{', '.join(texts)} after the longest than the shortest"
+        texts.append(
+            f"{method} {100 * (1 - ratios.mean()):.0f} % better{claims.against(ratios, 0.8)}"
+        )
+    return claims.below_all(pairs), f"{', '.join(texts)} after the longest than the shortest"
 
 
 _LONG, _SHORT = {"training": LONGEST}, {"training": SHORTEST}
 _FIRST, _LAST = _LONG | {"when": "first"}, _LONG | {"when": "last"}
 _WORKED: Final = (UNLOADED, LOADED)
-_TWO: Final = ("dnn", "linear")
 _SHOULDER, _OTHERS, _OF_SHOULDER = s.JOINTS[:1], s.JOINTS[1:], {"joint": s.JOINTS[0]}
-_LINEAR, _NETWORK = ({"method": method} for method in ("linear", "dnn"))
-CLAIMS: Final = (
+_NETWORK, _LINEAR = ({"method": method} for method in s.TWO)
+ENDURANCE_CLAIMS: Final = (
     claims.not_worse(
         0.15, "idle for six hours, network, linear model and fixed offset hardly get worse",
-        "peng2024, II-G", _FIRST, _LAST, work=(IDLE,), method=(*_TWO, "offset"), joint=s.JOINTS,
+        "peng2024, II-G", _FIRST, _LAST, work=(IDLE,), method=(*s.TWO, "offset"), joint=s.JOINTS,
     ),
     claims.ordered(
         "joint 1: network and linear model are worse after hours of work, without and with a load",
-        "peng2024, II-G", _FIRST, _LAST, work=_WORKED, method=_TWO, joint=_SHOULDER,
+        "peng2024, II-G", _FIRST, _LAST, work=_WORKED, method=s.TWO, joint=_SHOULDER,
     ),
     claims.ordered(
         "joint 1 drifts most: its error grows by the largest factor", "peng2024, III",
         (_LAST, _FIRST), (_LAST | _OF_SHOULDER, _FIRST | _OF_SHOULDER),
-        work=_WORKED, method=_TWO, joint=_OTHERS,
+        work=_WORKED, method=s.TWO, joint=_OTHERS,
     ),
     claims.ordered(
         "joint 1: a load makes it worse", "peng2024, II-G",
-        _LAST | {"work": UNLOADED}, _LAST | {"work": LOADED}, method=_METHODS, joint=_SHOULDER,
+        _LAST | {"work": UNLOADED}, _LAST | {"work": LOADED}, method=s.CORRECTED, joint=_SHOULDER,
     ),
     claims.ordered(
         "joint 1: the fixed offset too gets worse with work",
@@ -225,5 +185,87 @@ CLAIMS: Final = (
     claims.ordered(
         "on the three shortest trainings, the network errs less than the linear model",
         "peng2024, III", _SHORT | _NETWORK, _SHORT | _LINEAR, work=_WORKED, joint=s.JOINTS,
+    ),
+)  # fmt: skip
+
+
+NONE, ONE = SEEN = ("none", "one")
+"""Homings amid the training."""
+
+
+def homing_parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen, data set and session."""
+    divisions = s.combination(settings["training"])
+    if len(divisions) < 2:
+        raise StudyError(f"training={settings['training']}: two zig-zags or more see a homing")
+    more = {"seconds": 60.0 * settings["minutes"], "divisions": divisions}
+    cases = {seen: {"seen": seen == ONE} for seen in SEEN}
+    return s.part_for_each(
+        settings, home_again, 400_000, "networks", "homings", more=more, cases=cases
+    )
+
+
+def home_again(
+    raven: s.Plain,
+    seen: bool,
+    seed: int,
+    networks: int,
+    homings: int,
+    seconds: float,
+    divisions: Sequence[int],
+) -> Rows:
+    """Calibrate before the first of some homings, or before and after it; judge after each.
+
+    Where a homing is seen, the last of the zig-zags comes after it.
+    """
+    arm, _ = s.homed(raven, seed)
+    training = s.zigzags(arm, divisions[:-1] if seen else divisions)
+    tests = [s.random_test(arm, seconds, s.TEST_SEED + seed)]
+    for homing in range(homings):
+        arm.home()
+        if seen and homing == 0:
+            training += s.zigzags(arm, divisions[-1:])
+        tests.append(s.random_test(arm, seconds, s.TEST_SEED * (homing + 2) + seed))
+    models = s.fitted(training, networks, seed)
+    rows: Rows = []
+    for n, test in enumerate(tests):
+        rows += s.judged(models, test, homings=n)
+    return rows
+
+
+@tables.by_specimen
+def homing_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
+    """Figure 9, its numbers, and what the paper says of homing."""
+    rows = rows.assign(seen=rows.case + " seen", homed_since=rows.homings > 0)
+    rows = rows.sort_values("case", kind="stable")
+    after = rows.homings.map(lambda n: f", after homing {n}" if n else ", before")
+    rows = rows.assign(condition=rows.seen + after, name=rows.method + ", " + rows.seen)
+    name = f"peng2024 figure 9, specimen {title}"
+    table = tables.accuracy_table(name, rows, s.CORRECTED, notes=(claims.RULE,))
+    drawn = select(rows, method=(*s.TWO, "offset"))
+    caption = "RMSE of a random motion after each homing; median over the sessions."
+    look = {"condition": "homings", "by": "name", "x": "homings since"}
+    figure = tables.joint_figure(name, drawn, caption, by_condition, **look)
+    judged = [claim.judged(rows, title) for claim in HOMING_CLAIMS]
+    return Summary((table,), {f"homing-{title}": figure}, judged)
+
+
+_BEFORE, _AFTER = {"homings": 0}, {"homed_since": True}
+HOMING_CLAIMS: Final = (
+    claims.ordered(
+        "joint 2: with no homing seen, a homing makes network and linear model worse",
+        "peng2024, II-I", _BEFORE, _AFTER, method=s.TWO, seen=("none seen",), joint=("elbow",),
+    ),
+    claims.ordered(
+        "joint 2: one homing seen in training helps after the next ones", "peng2024, II-I",
+        _AFTER | {"case": ONE}, _AFTER | {"case": NONE}, method=s.TWO, joint=("elbow",),
+    ),
+    *(
+        claims.not_worse(
+            0.2, f"joint {number}: a homing costs nothing, whether one was seen or not",
+            "peng2024, II-I", _BEFORE, _AFTER,
+            method=s.TWO, seen=("none seen", "one seen"), joint=(joint,),
+        )
+        for number, joint in ((1, "shoulder"), (3, "insertion"))
     ),
 )  # fmt: skip

@@ -1,0 +1,442 @@
+"""II-C to II-F, II-H, II-J of peng2024: what is trained on, what a model sees and predicts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Any, Final
+
+import numpy as np
+from pandas import DataFrame
+
+from truejoint.array_types import Array
+from truejoint.estimators import NeuralNetwork
+from truejoint.motion import DIRECTIONS
+from truejoint.recordings import Recording
+from truejoint.recordings.table.recording import default_unit
+from truejoint.robots.raven2.state_message import state_message
+from truejoint.simulation.raven2 import Raven2Twin
+from truejoint.studies import claim_tests as claims
+from truejoint.studies.raven2 import sessions as s
+from truejoint.studies.raven2 import tables
+from truejoint.studies.rows import select
+from truejoint.studies.study import Part, Results, Rows, Settings, Statement, Summary
+
+FITTED_TO: Final = ("J1", "J2-J3")
+"""Directions whose linear and polynomial rows the specimen ``peng2024`` was fitted to."""
+_NAMES: Final = (*DIRECTIONS, s.PUBLISHED)
+
+
+def directions_parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen, direction and session."""
+    settings.check_names("direction", "directions", _NAMES)
+    # Every direction has an arm, a homing and a test of its own, as in the paper.
+    sets = [settings["fine"], settings["coarse"]]
+    more, chosen = {"sets": sets, "seconds": 60.0 * settings["minutes"]}, settings["directions"]
+    cases = {name: {"direction": name} for name in _NAMES}
+    return s.part_for_each(
+        settings, s.calibrate_once, 0, "networks", more=more, cases=cases, chosen=chosen
+    )
+
+
+def _printed(condition: str, joint: str, method: str) -> float | None:
+    named = DIRECTIONS[-1] if condition == s.PUBLISHED else condition
+    return tables.printed("I", "direction={}")(named, joint, method)
+
+
+@tables.by_specimen
+def directions_summary(results: Results, title: str, rows: DataFrame) -> Summary:
+    """Table I beside the paper's, and what it says of directions."""
+    settings, chosen = results.settings, results.settings["directions"]
+    rows = tables.in_order(rows.assign(condition=rows.case), "condition", chosen)
+    fine, coarse = (select(rows, set=settings[kind]) for kind in ("fine", "coarse"))
+    name = f"peng2024 Table I, specimen {title}"
+    of_groups = {
+        "J1, J2-J3": [direction for direction in chosen if direction in FITTED_TO],
+        "the others": [direction for direction in chosen if direction not in FITTED_TO],
+    }
+    made = (
+        tables.accuracy_table(
+            f"{name}, trained on {settings['fine']}", fine, s.METHODS, _printed,
+            (tables.ZIGZAGS, claims.RULE),
+        ),
+        tables.percent_table(
+            f"Share of the fixed offset's error, specimen {title}", fine, _printed
+        ),
+        tables.accuracy_table(
+            f"The same trained on {settings['coarse']}, specimen {title}", coarse, s.METHODS
+        ),
+        tables.ratio_table(
+            f"RMSE over the paper's, specimen {title}", fine, of_groups, s.METHODS, _printed
+        ),
+    )  # fmt: skip
+    caption = "RMSE on a random motion by direction of the zig-zags."
+    drawn = select(fine, method=s.CORRECTED)
+    figure = tables.joint_boxes(name, drawn, caption, "condition")
+    judged = DIRECTIONS_CLAIMS if set(DIRECTIONS) <= set(chosen) else ()
+    stated = [claim.judged(fine, title) for claim in judged]
+    return Summary(made, {f"directions-{title}": figure}, stated)
+
+
+def _best_overall(fine: DataFrame) -> claims.Verdict:
+    by = tables.percent(fine)[[*s.MODELS]].mean(axis=1).groupby(level=["condition", "session"])
+    shares = {name: by.mean()[name].to_numpy() for name in DIRECTIONS}
+    order = sorted(shares, key=lambda name: float(shares[name].mean()))
+    text = ", ".join(f"{name} {shares[name].mean():.1f} %" for name in order[:3])
+    others = [shares[name] for name in DIRECTIONS if name != s.BEST]
+    holds = claims.below_all([(shares[s.BEST], other) for other in others])
+    return holds, f"{text}; {s.BEST} is number {order.index(s.BEST) + 1} of 7"
+
+
+def _best_of_joint(joint: int, *expected: str) -> Callable[[DataFrame], claims.Verdict]:
+    """Whether the `expected` direction of each of `MODELS` errs least in a joint."""
+
+    def judge(fine: DataFrame) -> claims.Verdict:
+        pairs, texts = [], []
+        for method, direction in zip(s.MODELS, expected, strict=True):
+            of: dict[str, Any] = {"joint": s.JOINTS[joint], "method": method}
+            errors = {name: claims.by_session(fine, condition=name, **of) for name in DIRECTIONS}
+            least = min(errors, key=lambda name: float(errors[name].mean()))
+            pairs += [(errors[direction], errors[n]) for n in errors if n != direction]
+            texts.append(f"{method}: {least} {errors[least].mean():.3f}")
+            if least != direction:
+                texts[-1] += f", {direction} {errors[direction].mean():.3f}"
+                texts[-1] += claims.against(errors[direction], errors[least])
+        return claims.below_all(pairs), "; ".join(texts)
+
+    return judge
+
+
+def _removed(fine: DataFrame) -> claims.Verdict:
+    share = tables.percent(fine).dnn[s.BEST].unstack("joint", sort=False).to_numpy()
+    holds = claims.below_all([(of_joint, 25.0) for of_joint in share.T])
+    return holds, f"the network leaves {_percents(share)}"
+
+
+def _offset_of_raw(fine: DataFrame) -> claims.Verdict:
+    share = 1e4 / tables.percent(fine).raw[s.BEST].unstack("joint", sort=False).to_numpy()
+    holds = claims.below_all([(of_joint, 50.0) for of_joint in share.T])
+    return holds, f"it leaves {_percents(share)} of the raw error"
+
+
+def _percents(shares: Array) -> str:
+    return ", ".join(f"{v:.0f} %" for v in shares.mean(axis=0))
+
+
+_NETWORK, _LINEAR, _OFFSET = ({"method": method} for method in (*s.TWO, "offset"))
+_TABLE: Final = "peng2024, Table I"
+_ON_BEST: Final = {"condition": s.BEST}
+DIRECTIONS_CLAIMS: Final = (
+    Statement(
+        "J2-J3 is the best direction over all joints and models", "peng2024, II-E", _best_overall
+    ),
+    Statement(
+        "joint 1: the network and the linear model are best on J2-J3, the polynomial on J1-J3",
+        _TABLE,
+        _best_of_joint(0, "J2-J3", "J1-J3", "J2-J3"),
+    ),
+    Statement(
+        "joint 2: the network is best on J2-J3, polynomial and linear model on J1-J2-J3",
+        _TABLE,
+        _best_of_joint(1, "J2-J3", "J1-J2-J3", "J1-J2-J3"),
+    ),
+    Statement("joint 3: all models are best on J3", _TABLE, _best_of_joint(2, "J3", "J3", "J3")),
+    claims.ordered(
+        "trained on J2-J3, the network errs least in every joint",
+        _TABLE, _ON_BEST | _NETWORK, _ON_BEST, joint=s.JOINTS, method=("poly2", "linear"),
+    ),
+    Statement(
+        "trained on J2-J3, the network leaves at most a quarter of the fixed offset's error",
+        _TABLE,
+        _removed,
+    ),
+    Statement(
+        "a fixed offset removes more than half of the raw error in every joint",
+        "peng2024, II-E",
+        _offset_of_raw,
+    ),
+)  # fmt: skip
+
+
+def sparsity_parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen and repetition."""
+    test = {"seconds": 60.0 * settings["minutes"]}
+    names = ("sets", "networks")
+    return s.part_for_each(settings, s.calibrate_once, 200_000, *names, more=test, count="repeats")
+
+
+def by_length(rows: DataFrame) -> DataFrame:
+    """Rows in the order of the mean ``length`` [s] of what was trained on.
+
+    ``when`` says ``"first"`` of the shortest and ``"last"`` of the longest.
+    """
+    length = rows.groupby("set").seconds.mean()
+    place = {text: n for n, text in enumerate(length.sort_values().index)}
+    ends = {0: "first", len(place) - 1: "last"}
+    rows = rows.assign(length=rows.set.map(length), place=rows.set.map(place))
+    return rows.assign(when=rows.place.map(ends)).sort_values("place", kind="stable")
+
+
+@tables.by_specimen
+def sparsity_summary(_results: Results, title: str, rows: DataFrame) -> Summary:
+    """Figure 5, its numbers, and what the paper says of them."""
+    rows = by_length(rows)
+    seconds = rows.length.map("{:.0f} s".format)
+    rows = rows.assign(condition=rows.set + ", " + seconds, place=rows.set + "\n" + seconds)
+    name = f"peng2024 figure 5, specimen {title}"
+    table = tables.accuracy_table(name, rows, s.CORRECTED, notes=(tables.ZIGZAGS, claims.RULE))
+    caption = "RMSE on random motions by what was trained on; boxes: over the repetitions."
+    figure = tables.joint_boxes(name, select(rows, method=s.CORRECTED), caption, "place")
+    return Summary(
+        (table,), {f"sparsity-{title}": figure}, [c.judged(rows, title) for c in SPARSITY_CLAIMS]
+    )
+
+
+def _spread(rows: DataFrame) -> claims.Verdict:
+    """Whether the polynomial scatters more than the others on the shortest, in joint 1 and 2."""
+    first = select(rows, when="first", joint=s.JOINTS[:2])
+    if first.session.nunique() < 2:
+        return None, "one repetition has no spread"
+    errors = first.pivot_table("rmse", "session", ["joint", "method"], sort=False)
+    verdicts = (
+        claims.scatters_more(errors[j]["poly2"], [errors[j][name] for name in s.TWO])
+        for j in s.JOINTS[:2]
+    )
+    text = "; ".join(f"{m} {', '.join(f'{errors[j][m].std():.3f}' for j in s.JOINTS[:2])}"
+                     for m in s.MODELS)  # fmt: skip
+    return claims.whole(*verdicts), f"standard deviations: {text}"
+
+
+_SHORTEST, _LONGEST = {"when": "first"}, {"when": "last"}
+_SHOULDER, _ELBOW, _INSERTION = ((joint,) for joint in s.JOINTS)
+SPARSITY_CLAIMS: Final = (
+    claims.ordered(
+        "joint 1: the longest calibration is better than the shortest, for every model",
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.MODELS, joint=_SHOULDER,
+    ),
+    claims.ordered(
+        "joint 2: network and linear model are better after more than 800 s",
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.TWO, joint=_ELBOW,
+    ),
+    claims.ordered(
+        "joint 3: network and linear model are better after more time",
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=s.TWO, joint=_INSERTION,
+    ),
+    claims.ordered(
+        "joint 1: on the shortest, network and linear model already beat the fixed offset",
+        "peng2024, II-F", _SHORTEST, _SHORTEST | _OFFSET, method=s.TWO, joint=_SHOULDER,
+    ),
+    claims.ordered(
+        "the network needs less data: on the shortest it errs less than the linear model",
+        "peng2024, III and Table V",
+        _SHORTEST | _NETWORK, _SHORTEST | _LINEAR, joint=s.JOINTS,
+    ),
+    claims.not_worse(
+        0.05, "joint 1: the fixed offset gains nothing by more time",
+        "peng2024, II-F", _LONGEST, _SHORTEST, method=("offset",), joint=_SHOULDER,
+    ),
+    Statement(
+        "on the shortest, the polynomial scatters more than the others in joints 1 and 2",
+        "peng2024, II-F", _spread, flaw=True,
+    ),
+)  # fmt: skip
+
+
+TARGETS: Final = ("error", "position")
+
+
+def targets_parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen and session."""
+    names = ("sets", "networks", "hours")
+    return s.part_for_each(settings, s.calibrate_once, 500_000, *names, more={"targets": TARGETS})
+
+
+@tables.by_specimen
+def targets_summary(results: Results, title: str, rows: DataFrame) -> Summary:
+    """Table II beside the paper's."""
+    hours = results.settings["hours"]
+    notes = (f"Mean over {hours} hours of unloaded work and all trainings.", claims.RULE)
+    table = tables.accuracy_table(
+        f"peng2024 Table II, specimen {title}", rows.assign(condition=rows.target), s.MODELS,
+        tables.printed("II", "target={}"), notes,
+    )  # fmt: skip
+    return Summary((table,), claims=[claim.judged(rows, title) for claim in TARGETS_CLAIMS])
+
+
+def _difference(rows: DataFrame, **where: Any) -> Array:
+    """Error, and by how much the other target's differs from it."""
+    error, position = (claims.by_session(rows, target=one, **where) for one in TARGETS)
+    return np.asarray(np.abs(error - position) + error)
+
+
+_ERROR, _POSITION = ({"target": target} for target in TARGETS)
+TARGETS_CLAIMS: Final = (
+    claims.ordered(
+        "the network errs less in every joint when it predicts the error",
+        "peng2024, Table II", _ERROR, _POSITION, method=("dnn",), joint=s.JOINTS,
+    ),
+    claims.not_worse(
+        1e-3, "linear and polynomial model are the same either way",
+        "peng2024, Table II", _ERROR, _difference, method=("linear", "poly2"), joint=s.JOINTS,
+    ),
+    claims.ordered(
+        "end to end, the network is worse than the linear model in every joint",
+        "peng2024, Table II",
+        _POSITION | _LINEAR, _POSITION | _NETWORK, joint=s.JOINTS,
+    ),
+    claims.ordered(
+        "over the hours, the polynomial errs most",
+        "peng2024, Table II",
+        _ERROR, _ERROR | {"method": "poly2"}, joint=s.JOINTS, method=s.TWO,
+    ),
+)  # fmt: skip
+
+
+SELECTED: Final = "selected"
+ALL: Final = "all"
+NO_TORQUES, NO_POSITIONS = "selected without torques", "selected without positions"
+TIMELESS: Final = "all but time"
+"""And but the sequence number: neither was ever seen as it is hours later."""
+WIDE: Final = "wide"
+"""The larger network of II-H, on all features."""
+KINDS: Final = (SELECTED, NO_TORQUES, NO_POSITIONS, TIMELESS, ALL)
+_CLOCKS: Final = ("state/time", "state/last_seq")
+_METHODS: Final = ("dnn", "linear", "poly2", "offset", WIDE)
+_STRIDE: Final = 10
+"""Every tenth row of the hours is judged: a large network takes its time to predict them."""
+_FIT_RATE: Final = 10.0  # [Hz], of the larger network
+_LARGE: Final = (600, 500, 400)  # units
+
+
+def features_parts(settings: Settings) -> Sequence[Part]:
+    """One a specimen and session."""
+    settings.check_names("model", "models", ("dnn", WIDE))
+    names = ("sets", "models", "networks", "hours")
+    return s.part_for_each(settings, fit_both, 700_000, *names)
+
+
+def fit_both(
+    raven: s.Plain, seed: int, sets: Sequence[str], models: Sequence[str], networks: int, hours: int
+) -> Rows:
+    """Fit with the selected and with all features, and judge hours of unloaded work."""
+    arm, twin = s.homed(raven, seed)
+    training = {
+        text: [with_state(one, twin) for one in group]
+        for text, group in s.training_sets(arm, sets).items()
+    }
+    worked = s.random_test(arm, hours * s.HOUR, s.TEST_SEED + seed, s.STATE_RATE / _STRIDE)
+    test = with_state(worked, twin)
+    longest = max(training, key=lambda text: s.seconds_of(training[text]))
+    names = [name for name in test.units if not name.startswith("truth")]  # 122, some constant
+    positions, torques = ([n for n in names if n.startswith(q)] for q in ("measured/", "effort/"))
+    timeless = [name for name in names if name not in _CLOCKS]
+    rows: Rows = []
+    for text, group in training.items():
+        every = s.fitted(group, networks, seed, features=names)
+        if WIDE in models and text == longest:
+            network = NeuralNetwork(_LARGE, weight_decay=1e-4)
+            every[WIDE] = [s.model_of(group, network, features=names, fit_rate=_FIT_RATE)]
+        for kind, fitted in (
+            (SELECTED, s.fitted(group, networks, seed)),
+            (NO_TORQUES, s.fitted(group, networks, seed, features=positions)),
+            (NO_POSITIONS, s.fitted(group, networks, seed, features=torques)),
+            (TIMELESS, s.fitted(group, 0, seed, features=timeless)),
+            (ALL, every),
+        ):
+            labels = {"kind": kind, "set": text, "seconds": s.seconds_of(group)}
+            rows += s.judged(fitted, test, inputs=len(names), **labels)
+    return rows
+
+
+def with_state(recording: Recording, twin: Raven2Twin) -> Recording:
+    """Put the rest of the state message into a recording of a twin."""
+    t = recording.t + recording.provenance.start
+    signals = {name: recording.column(name) for name in recording.units}
+    columns = state_message(recording.robot, t, signals, twin.encoder_zero)
+    units = {name: default_unit(name, recording.robot) for name in columns}
+    table = recording.table.assign(**columns)
+    return replace(recording, table=table, units={**recording.units, **units})
+
+
+@tables.by_specimen
+def features_summary(results: Results, title: str, rows: DataFrame) -> Summary:
+    """Figure 8, its numbers, and what the paper says of features."""
+    rows = tables.in_order(by_length(rows), "kind", KINDS)
+    rows = rows.assign(condition=rows.kind + ", " + rows.set)
+    methods = [name for name in _METHODS if name in set(rows.method)]
+    name = f"peng2024 figure 8, specimen {title}"
+    notes = (
+        "Selected: measured position and torque of every channel, 16; all: "
+        f"{rows.inputs.iloc[0]} of one arm's state message, constant ones included (the paper "
+        "counts 138).",
+        f"Mean over {results.settings['hours']} hours of unloaded work. A dash: the polynomial "
+        "of all features has more coefficients than a tenth of the rows, and is not fitted.",
+        claims.RULE,
+    )
+    table = tables.accuracy_table(name, rows, methods, notes=notes)
+    caption = "RMSE over the hours by features and training."
+    drawn = rows[rows.method.isin(methods) & (rows.method != "poly2")]
+    figure = tables.joint_boxes(name, drawn, caption, "condition")
+    chosen = (*FEATURES_CLAIMS, CAUSE, *(OF_WIDE if WIDE in methods else ()))
+    longest = select(rows, place=rows.place.max())
+    judged = [claim.judged(longest, title) for claim in chosen]
+    return Summary((table,), {f"features-{title}": figure}, judged)
+
+
+def _without(*kinds: str) -> claims.Pick:
+    """Errors of the network on a kind of features in each of the joints."""
+
+    def pick(rows: DataFrame, joint: str) -> Array:
+        kind = kinds[s.JOINTS.index(joint)]
+        return claims.by_session(rows, kind=kind, method="dnn", joint=joint)
+
+    return pick
+
+
+_OF_ALL, _OF_SELECTED = {"kind": ALL}, {"kind": SELECTED}
+_OF_WIDE: Final = {"method": WIDE}
+FEATURES_CLAIMS: Final = (
+    claims.ordered(
+        "all features make the network worse in every joint",
+        "peng2024, II-H", _OF_SELECTED, _OF_ALL, method=("dnn",), joint=s.JOINTS, flaw=True,
+    ),
+    claims.ordered(
+        "all features make the linear model worse in every joint",
+        "peng2024, II-H", _OF_SELECTED, _OF_ALL, method=("linear",), joint=s.JOINTS, flaw=True,
+    ),
+    claims.ordered(
+        "all features hurt the linear model most", "peng2024, II-H and Table V",
+        (_OF_ALL | _NETWORK, _OF_SELECTED | _NETWORK), (_OF_ALL | _LINEAR, _OF_SELECTED | _LINEAR),
+        joint=s.JOINTS,
+    ),
+    claims.ordered(
+        "with all features the linear model is no better than the fixed offset", "peng2024, II-H",
+        _OF_ALL | _OFFSET, _OF_ALL | _LINEAR, joint=s.JOINTS, flaw=True,
+    ),
+    claims.not_worse(
+        0.05,
+        "joint positions and motor torques are enough: the network loses nothing without the rest",
+        "peng2024, II-C", _OF_ALL, _OF_SELECTED, method=("dnn",), joint=s.JOINTS,
+    ),
+    claims.ordered(
+        "joint 3 is the one in which torques matter more than positions", "peng2024, III",
+        _without(NO_TORQUES, NO_TORQUES, NO_POSITIONS),
+        _without(NO_POSITIONS, NO_POSITIONS, NO_TORQUES), joint=s.JOINTS,
+    ),
+)  # fmt: skip
+CAUSE: Final = claims.not_worse(
+    0.1,
+    "without time and sequence number, all features do the linear model no harm in joints 2 and 3",
+    "ours", _OF_SELECTED, {"kind": TIMELESS}, method=("linear",), joint=s.JOINTS[1:],
+)  # fmt: skip
+"""Why all features hurt: a fit of minutes is followed for hours along what grows all the time."""
+OF_WIDE: Final = (
+    claims.ordered(
+        "with all features the larger network is better than the small one",
+        "peng2024, II-H", _OF_ALL | _OF_WIDE, _OF_ALL | _NETWORK, joint=s.JOINTS,
+    ),
+    claims.ordered(
+        "yet the larger network is not as good as the small one on the selected features",
+        "peng2024, II-H", _OF_SELECTED | _NETWORK, _OF_ALL | _OF_WIDE, joint=s.JOINTS,
+    ),
+)  # fmt: skip
