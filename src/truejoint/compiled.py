@@ -199,20 +199,7 @@ inlined = jit(forceinline=True)  # into its callers: passing many arrays costs m
 
 
 def address(function: Any, signature: Any) -> int:
-    """Address at which a compiled function can be called; compiles it if it is not yet.
-
-    Parameters
-    ----------
-    function : numba dispatcher
-        Made with `numba.njit`.
-    signature : numba signature
-        Types of its arguments.
-
-    Returns
-    -------
-    int
-        Valid as long as `function` lives.
-    """
+    """Address of a numba function for arguments of that signature, valid as long as it lives."""
     function.compile(signature)
     return int(_get_wrapper_address(function, signature))
 
@@ -328,16 +315,27 @@ def local_matrix(_typing: Any, rows: Any, columns: Any) -> Any:
 
 @intrinsic
 def borrow(_typing: Any, array: Any) -> Any:
-    """Lend an array without its reference count, which every call would change atomically.
+    """Lend an array, or a tuple's, without reference counts, which every call would change.
 
     The caller holds on to the array while the borrowed one is in use.
     """
 
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        borrowed = make_array(signature.args[0])(context, builder, args[0])
+    def lend(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+        if isinstance(kind, types.BaseTuple):
+            members = [
+                lend(context, builder, member, builder.extract_value(value, k))
+                for k, member in enumerate(kind)
+            ]
+            return context.make_tuple(builder, kind, members)
+        if not isinstance(kind, types.Array):
+            return value
+        borrowed = make_array(kind)(context, builder, value)
         borrowed.meminfo = ir.Constant(borrowed.meminfo.type, None)
         borrowed.parent = ir.Constant(borrowed.parent.type, None)
         return borrowed._getvalue()
+
+    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        return lend(context, builder, signature.args[0], args[0])
 
     return array(array), generate
 

@@ -114,18 +114,9 @@ def ecdf(
 ) -> Panel:
     """Plot the share of rows [%] with at most a size of `value`, a curve for each `by`.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        Tidy: one row per value.
-    value, by : str
-        Columns.
-    scale : float
-        Factor from the frame's unit to that of the axis.
-    colours : mapping, optional
-        By the values of `by`; the palette by default.
-    **panel
-        More of `Panel`, such as its labels.
+    The `frame` is tidy, one row per value; `value` and `by` are its columns. `scale` leads from its
+    unit to that of the axis. `colours` are by the values of `by`, the palette by default; `panel`
+    is more of `Panel`, such as its labels.
 
     Examples
     --------

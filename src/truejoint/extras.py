@@ -11,10 +11,7 @@ from truejoint.errors import TruejointError
 def require(module: str, extra: str, purpose: str) -> Any:
     """Import `module`, which `pip install "truejoint[extra]"` brings.
 
-    Raises
-    ------
-    TruejointError
-        If it is not installed; the message says for what it is needed and how to install it.
+    Raises TruejointError that says for what `purpose` it is needed and how to install it.
     """
     try:
         return import_module(module)

@@ -38,13 +38,8 @@ def write_atomically(
     """Let `write` fill a temporary file beside `path`, then move it there in one step.
 
     When this returns, the file is on the disk and not in a cache of it. Without `overwrite` only
-    one of two processes that write `path` at once succeeds.
-
-    Raises
-    ------
-    TruejointError
-        As `error`: if `path` exists and `overwrite` is false, its folder does not exist, or it
-        cannot be written. Whatever goes wrong, what was at `path` stays as it was.
+    one of two processes that write `path` at once succeeds, and a file that exists is refused.
+    Whatever goes wrong, `error` is raised and what was at `path` stays as it was.
     """
     write_all_atomically({path: write}, overwrite=overwrite, error=error)
 

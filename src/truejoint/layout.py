@@ -44,30 +44,14 @@ class Index(int):
 
 @dataclass(frozen=True)
 class Field:
-    """What a kernel knows by one name.
+    """What a kernel knows by one name."""
 
-    Attributes
-    ----------
-    name : str
-        An identifier in Python and in C.
-    meaning : str
-        For a person, with its unit.
-    kind : str
-        How it is declared.
-    index : int
-        By which kernels reach it.
-    is_time : bool
-        Whether it holds time stamps, which keep double precision whatever the others have.
-    shape : tuple of str or int
-        Of an array that `Layout.unpacker` knows: names of integers of the layout, or numbers.
-    """
-
-    name: str
-    meaning: str
-    kind: Kind
-    index: int
-    is_time: bool = False
-    shape: Shape = ()
+    name: str  # an identifier in Python and in C
+    meaning: str  # for a person, with its unit
+    kind: Kind  # how it is declared
+    index: int  # by which kernels reach it
+    is_time: bool = False  # of time stamps, which keep double precision whatever the others have
+    shape: Shape = ()  # of an array that `Layout.unpacker` knows: names of integers, or numbers
 
 
 class Layout:
@@ -138,26 +122,12 @@ class Layout:
         return Index(index)
 
     def pack(self, functions: Mapping[str, Any] | None = None, /, **values: Any) -> Memory:
-        """Lay values out, by the names of their fields.
+        """Lay values out, by the names of their fields; `functions` stand at the addresses.
 
-        Parameters
-        ----------
-        functions : mapping of str to numba dispatcher, optional
-            What stands at each address.
-        **values
-            A number (or an array of one), an array_like of one or two dimensions, or the `Memory`
-            of a part. A field that is not given is 0. An array that is not given is zeros, if other
-            values state each length of its declared shape; it must be given otherwise.
-
-        Returns
-        -------
-        Memory
-
-        Raises
-        ------
-        ValueError
-            If a name is no field, or an array or part is missing, or has another shape than it
-            must.
+        A value is a number (or an array of one), an array_like of one or two dimensions, or the
+        `Memory` of a part. A field that is not given is 0. An array that is not given is zeros, if
+        other values state each length of its declared shape; it must be given otherwise. Raises
+        ValueError for a name that is no field, a missing array or part, or another shape.
         """
         arrays = self._arrays(values)
         values |= arrays
@@ -231,27 +201,14 @@ def refuse_copy(instance: object) -> NoReturn:
 
 @dataclass(frozen=True, eq=False)
 class Memory:
-    """What `Layout.pack` made.
-
-    Attributes
-    ----------
-    layout : Layout
-    numbers : ndarray of int, 1-D
-    memory : ndarray, 1-D
-    shapes : mapping of str to tuple of int
-        Of each array field, of floats and of integers.
-    parts : mapping of str to Memory
-        As they were before they were copied into this one.
-    functions : mapping of str to numba dispatcher
-        What stands at each address, by field.
-    """
+    """What `Layout.pack` made: numbers and memory (n,), and what they hold, by field."""
 
     layout: Layout
     numbers: Integers
     memory: Array
-    shapes: Mapping[str, tuple[int, ...]] = field(repr=False)
-    parts: Mapping[str, Memory] = field(repr=False)
-    functions: Mapping[str, Any] = field(repr=False)
+    shapes: Mapping[str, tuple[int, ...]] = field(repr=False)  # of arrays of floats and integers
+    parts: Mapping[str, Memory] = field(repr=False)  # as before they were copied into this one
+    functions: Mapping[str, Any] = field(repr=False)  # what stands at each address
 
     def view(self, name: str) -> Any:
         """Array field as an array that shares this memory."""

@@ -19,16 +19,8 @@ Group = Literal["truejoint.robots", "truejoint.formats", "truejoint.estimators",
 def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
     """Entry points of a group by name, none of them loaded yet.
 
-    Parameters
-    ----------
-    group : str
-    taken : tuple of str
-        Names of truejoint's own, which no package can have.
-
-    Returns
-    -------
-    dict
-        Without the names that two packages claim, or that are taken; a warning names them once.
+    Without the names that two packages claim, or that are `taken` by truejoint's own; a warning
+    names them once.
     """
     import logging  # noqa: PLC0415
     from importlib.metadata import entry_points  # noqa: PLC0415
@@ -53,11 +45,7 @@ def plugins(group: Group, taken: tuple[str, ...] = ()) -> dict[str, EntryPoint]:
 def load_plugin(point: EntryPoint, kinds: type | tuple[type, ...]) -> Any:
     """Load what an entry point names.
 
-    Raises
-    ------
-    TruejointError
-        If it cannot be imported or is none of `kinds`; the message names the package and the
-        cause.
+    Raises TruejointError, with package and cause, if it cannot be imported or is none of `kinds`.
     """
     loaded = call_plugin(point, point.load)
     if not isinstance(loaded, kinds):
@@ -71,10 +59,7 @@ def call_plugin(
 ) -> Any:
     """Call `function` of the package behind an entry point, which may raise anything.
 
-    Raises
-    ------
-    TruejointError
-        The function's own one line, or one that names the package, what it was given and the cause.
+    Raises the function's own TruejointError, or one that names package, first argument and cause.
     """
     try:
         return function(*arguments, **named)

@@ -132,18 +132,12 @@ def read(
 ) -> _Value:
     """Value of a dataclass or named tuple from a table.
 
-    Parameters
-    ----------
-    kind : type
-        Its annotations are the schema. If it has a class attribute ``SHORT``, a value that is no
-        table stands for a table with this one key.
-    values : mapping
-        Plain values, as TOML or JSON give them.
-    source : str
-        Where the table stands; the errors begin with it.
-    error : type
-        Raised if a key is unknown or missing, or a value breaks its rule. The message has the path
-        to the value, the value and the rule. What the constructor raises is raised alike.
+    The annotations of `kind` are the schema. If it has a class attribute ``SHORT``, a value that is
+    no table stands for a table with this one key. `values` are plain, as TOML or JSON give them.
+
+    Raises `error` if a key is unknown or missing, or a value breaks its rule: the message begins
+    with `source` and has the path to the value, the value and the rule. What the constructor raises
+    is raised alike.
 
     Examples
     --------

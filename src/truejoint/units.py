@@ -53,17 +53,9 @@ _DISPLAY: Final[dict[str, DisplayUnit]] = {
 
 
 def display_unit(unit: str) -> DisplayUnit:
-    """Find the unit in which a quantity in `unit` (SI) is shown to a person.
+    """Find the unit in which a quantity in `unit` (SI, such as ``"rad/s"``) is shown to a person.
 
-    Parameters
-    ----------
-    unit : str
-        SI unit such as ``"rad"``, ``"m"``, ``"rad/s"`` or ``"Nm"``.
-
-    Returns
-    -------
-    DisplayUnit
-        Degrees for radians and millimetres for metres; any other unit is shown as it is.
+    These are degrees for radians and millimetres for metres; any other unit is shown as it is.
 
     Examples
     --------

@@ -68,7 +68,7 @@ def simulate(seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]
     "options",
     [
         {},
-        {"square_root": True, "second_generation": False},
+        {"second_generation": False},
         {"sigma_points": LambdaSigmaPoints(-1.0)},
         {"sigma_points": ScaledSigmaPoints(0.5), "gate": Gate(0.99999)},
     ],

@@ -135,12 +135,11 @@ def test_angles_take_the_short_way_round() -> None:
     np.testing.assert_allclose(result.P, plain.P, atol=1e-14)
 
 
-@pytest.mark.parametrize("square_root", [False, True])
 @pytest.mark.parametrize("second", [False, True])
-def test_known_start_stays_known_without_noise(square_root: bool, second: bool) -> None:
+def test_known_start_stays_known_without_noise(second: bool) -> None:
     transition = [[1.0, DT], [0.0, 1.0]]
     model = linear_model(transition, np.zeros((2, 0)), np.eye(2), np.zeros((2, 2)), np.eye(2))
-    estimator = UnscentedFilter(model, second_generation=second, square_root=square_root)
+    estimator = UnscentedFilter(model, second_generation=second)
     z = np.random.default_rng(0).normal(size=(50, 2))
     result = estimator.run(z, x0=[1.0, 2.0], P0=np.zeros((2, 2)), dt=DT)
     assert not result.status.any()
@@ -261,12 +260,11 @@ def test_negative_weights_that_give_no_covariance_are_left_out() -> None:
     model = StateSpaceModel(
         bowl, seen, np.zeros((2, 2)), [[1.0]], states=("a", "b"), measurements=("z",)
     )
-    for square_root in (False, True):
-        estimator = UnscentedFilter(model, LambdaSigmaPoints(-1.5), square_root=square_root)
-        result = estimator.run([np.nan], x0=[0.0, 0.0], P0=np.eye(2), dt=DT)
-        assert result.status[0] == Status.MISSING | Status.COVARIANCE_REPAIRED
-        assert sound(result.P)
-        assert result.P[0, 0, 0] > 0.0
+    estimator = UnscentedFilter(model, LambdaSigmaPoints(-1.5))
+    result = estimator.run([np.nan], x0=[0.0, 0.0], P0=np.eye(2), dt=DT)
+    assert result.status[0] == Status.MISSING | Status.COVARIANCE_REPAIRED
+    assert sound(result.P)
+    assert result.P[0, 0, 0] > 0.0
 
 
 @njit(error_model="numpy")
@@ -322,15 +320,12 @@ def garbage(rng: np.random.Generator, shape: tuple[int, ...], usual: float) -> n
 @given(
     seed=st.integers(0, 2**32 - 1),
     second=st.booleans(),
-    root=st.booleans(),
     gate=st.sampled_from([None, Gate(0.99, 3), Gate(0.5, 0)]),
     points=st.sampled_from([ScaledSigmaPoints(), LambdaSigmaPoints(-2.0), ScaledSigmaPoints(1e-3)]),
     angles=st.sampled_from([(), ("a", "y"), ("a", "b", "c", "y", "z")]),
     constant_noise=st.booleans(),
 )
-def test_a_million_steps_of_garbage(
-    seed, second, root, gate, points, angles, constant_noise
-) -> None:
+def test_a_million_steps_of_garbage(seed, second, gate, points, angles, constant_noise) -> None:
     """Twenty draws of 50 000 steps: the state stays finite and its covariance a covariance."""
     rng = np.random.default_rng(seed)
     model = StateSpaceModel(
@@ -343,7 +338,7 @@ def test_a_million_steps_of_garbage(
         inputs=("kind", "kick"),
         angles=angles,
     )
-    estimator = UnscentedFilter(model, points, second, root, gate)
+    estimator = UnscentedFilter(model, points, second, gate)
     rows = 50_000
     result = estimator.run(
         garbage(rng, (rows, 2), 1.0),
@@ -366,7 +361,7 @@ def bounded(**options) -> UnscentedFilter:
     return UnscentedFilter(replace(free, possible=possible, longest_step=0.5), **options)
 
 
-@pytest.mark.parametrize("form", [{}, {"square_root": True}, {"second_generation": False}])
+@pytest.mark.parametrize("form", [{}, {"second_generation": False}])
 def test_what_is_not_possible_is_left_out_and_does_not_last(form) -> None:
     z, truth = record()
     dt, u = np.full(400, DT), np.zeros((400, 1))

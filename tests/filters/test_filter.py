@@ -32,8 +32,8 @@ POINTS = (
     LambdaSigmaPoints(3.0),
 )
 FORMS = [
-    {"sigma_points": points, "second_generation": second, "square_root": root}
-    for points, second, root in itertools.product(POINTS, (True, False), (True, False))
+    {"sigma_points": points, "second_generation": second}
+    for points, second in itertools.product(POINTS, (True, False))
 ]
 
 
@@ -200,42 +200,6 @@ def bent_record(rows: int = 300) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return z + rng.normal(size=(rows, 2)) * [0.1, 0.03], u, dt
 
 
-@pytest.mark.parametrize("second", [True, False])
-@pytest.mark.parametrize("points", POINTS)
-def test_square_root_form_equals_the_standard_form(points, second) -> None:
-    z, u, dt = bent_record()
-    standard, root = (
-        UnscentedFilter(bent_model(), points, second_generation=second, square_root=square_root)
-        for square_root in (False, True)
-    )
-    prior = {"x0": [1.2, 0.0], "P0": np.diag([0.1, 0.1])}
-    one = standard.run(z, u, dt=dt, **prior)
-    two = root.run(z, u, dt=dt, **prior)
-    np.testing.assert_array_equal(one.status, two.status)
-    np.testing.assert_allclose(one.x, two.x, rtol=1e-9, atol=1e-9)
-    np.testing.assert_allclose(one.P, two.P, rtol=1e-8, atol=1e-12)
-    np.testing.assert_allclose(standard.smooth(one).P, root.smooth(two).P, rtol=1e-7, atol=1e-12)
-
-
-def test_square_root_form_keeps_digits_that_the_standard_form_loses() -> None:
-    # Two nearly equal measurements of two states: the textbook case for square-root filters.
-    C = np.array([[1.0, 1.0], [1.0, 1.0 + 1e-8]])
-    model = linear_model(np.eye(2), np.zeros((2, 0)), C, np.zeros((2, 2)), 1e-16 * np.eye(2))
-    information = 1e16 * C.T @ C + np.eye(2)
-    determinant = 1.0 + 1e16 * np.sum(C**2) + (1e16 * 1e-8) ** 2
-    exact = np.array(
-        [[information[1, 1], -information[0, 1]], [-information[0, 1], information[0, 0]]]
-    )
-    exact /= determinant
-    errors = {}
-    for square_root in (False, True):
-        estimator = UnscentedFilter(model, square_root=square_root)
-        result = estimator.run([[0.0, 0.0]], x0=[0, 0], P0=np.eye(2), t=[0.0])
-        errors[square_root] = np.abs(result.P[0] - exact).max() / exact[0, 0]
-    assert errors[True] < 1e-6
-    assert errors[True] < 1e-2 * errors[False]
-
-
 def test_second_generation_matters_only_where_the_model_is_bent() -> None:
     z, u, dt = bent_record(100)
     prior = {"x0": [1.2, 0.0], "P0": np.diag([0.1, 0.1])}
@@ -325,7 +289,7 @@ def test_process_noise_function_follows_the_step() -> None:
         ({"x0": [1.0, np.inf]}, "x0: give 2 finite numbers"),
         ({"z": np.zeros((5, 3))}, r"z: shape is \(5, 3\), must be \(rows, 2\)"),
         ({"z": np.zeros((0, 2))}, "z: shape"),
-        ({"z": "abc"}, "z: give numbers"),
+        ({"z": "abc"}, "z: .*; give numbers"),
         ({"u": np.zeros((4, 1))}, r"u: shape is \(4, 1\), must be \(5, 1\)"),
         ({"u": None}, r"u: shape is \(5, 0\), must be \(5, 1\)"),
         ({"dt": 0.0}, "dt is 0.0: give a positive"),

@@ -73,7 +73,7 @@ def forgets(x, u, dt, parameters, out):
         ({"process_noise": np.eye(2)}, "process noise: shape"),
         ({"process_noise": one_measurement}, "process noise: numba cannot compile it"),
         ({"measurement_noise": [[np.inf]]}, "measurement noise: holds NaN, infinity"),
-        ({"measurement_noise": [["a"]]}, "measurement noise: give a matrix"),
+        ({"measurement_noise": [["a"]]}, "measurement noise: .*; give numbers"),
         ({"states": "x"}, "states 'x': give a tuple"),
         ({"states": ()}, "at least one state"),
         ({"states": ("x", "x")}, "different names"),

@@ -39,7 +39,8 @@ def write(path, text):
 
 @pytest.mark.parametrize(("kind", "name"), SPECIMENS)
 def test_a_shipped_file_is_commented_and_comes_back_from_plain_values(kind, name):
-    text = (Path(package.__file__).parent / kind.SPECIMENS[name]).read_text(encoding="utf-8")
+    path = Path(package.__file__).parent / kind.FOLDER / f"{name.lower()}.toml"
+    text = path.read_text(encoding="utf-8")
     lines = [line for line in text.splitlines() if "=" in line.split("#")[0]]
     if kind is Raven2Parameters:
         assert [line for line in lines if "#" not in line] == []

@@ -90,116 +90,39 @@ def outer_sum(stack: Array, rows: int, size: int, covariance: Array) -> None:
             covariance[j, i] = total
 
 
-@compiled
-def triangularise(stack: Array, rows: int, size: int, factor: Array) -> None:
-    """Lower factor of the sum of outer products of a stack's rows, without forming the sum.
-
-    Householder reflections turn the stack, at least `size` rows, into an upper triangle, which is
-    the factor transposed; its diagonal is not negative. The stack is overwritten.
-    """
-    top = 0  # a column without a pivot uses up no row, so that its variance is not lost
-    for j in range(size):
-        square = 0.0
-        for i in range(size):
-            factor[i, j] = 0.0
-        for k in range(top, rows):
-            square += stack[k, j] * stack[k, j]
-        norm = math.sqrt(square)
-        for k in range(j):
-            square += factor[j, k] * factor[j, k]
-        if not (norm > _PIVOT * math.sqrt(square)):
-            continue
-        head = stack[top, j]
-        # The reflection maps the column onto -sign(head) norm, which cancels nothing.
-        target = -norm if head > 0.0 else norm
-        stack[top, j] = head - target
-        beta = 1.0 / (norm * (norm + abs(head)))
-        sign = 1.0 if target > 0.0 else -1.0
-        factor[j, j] = norm
-        for i in range(j + 1, size):
-            dot = 0.0
-            for k in range(top, rows):
-                dot += stack[k, j] * stack[k, i]
-            dot *= beta
-            for k in range(top, rows):
-                stack[k, i] -= dot * stack[k, j]
-            factor[i, j] = sign * stack[top, i]
-        top += 1
-
-
-@compiled
-def downdate(factor: Array, size: int, vector: Array) -> bool:
-    """Take an outer product away from a factored covariance, in place: L L' - v v'.
-
-    False if the difference is not positive semidefinite; the factor is then spoilt.
-    """
-    for j in range(size):
-        pivot = factor[j, j]
-        square = pivot * pivot - vector[j] * vector[j]
-        noise = _PIVOT * pivot * pivot
-        if not (square >= -noise):
-            return False
-        if not (square > noise):
-            if pivot != 0.0:
-                return False
-            continue
-        root = math.sqrt(square)
-        cosine, sine = root / pivot, vector[j] / pivot
-        factor[j, j] = root
-        for i in range(j + 1, size):
-            factor[i, j] = (factor[i, j] - sine * vector[i]) / cosine
-            vector[i] = cosine * vector[i] - sine * factor[i, j]
-    return True
-
-
 @inlined
 def combine(
     stack: Array,
     rows: int,
     size: int,
     deficit: Array,
-    has_deficit: bool,
-    square_root: bool,
+    share: float,
     covariance: Array,
     factor: Array,
 ) -> bool:
-    """Covariance and factor of the sum of outer products of a stack's rows, less one of `deficit`.
+    """Covariance and factor of the sum of outer products of a stack's rows and one of `deficit`.
 
-    By triangularising where `square_root`, else by summing and factoring; stack and deficit are
-    overwritten. False if the subtraction would have left no covariance, so that it was not done.
+    That one is added or taken away, as `share` is above or below 0, and put behind the rows where
+    it is added. False if taking it away would have left no covariance, so that it was not done.
     """
-    if square_root:
-        triangularise(stack, rows, size, factor)
-        whole = not has_deficit or _downdate_or_keep(factor, size, deficit, covariance)
-        _square(factor, size, covariance)
-        return whole
+    if share > 0.0:
+        copy(deficit, stack[rows], size)
+        rows += 1
     outer_sum(stack, rows, size, covariance)
-    if not has_deficit:
-        semidefinite_cholesky(covariance, size, factor)
-        return True
-    for i in range(size):
-        for j in range(size):
-            covariance[i, j] -= deficit[i] * deficit[j]
-    if semidefinite_cholesky(covariance, size, factor):
+    whole = not share < 0.0
+    if not whole:
         for i in range(size):
-            if factor[i, i] == 0.0:
-                # Without a pivot the difference may be indefinite by rounding; L L' cannot be.
-                _square(factor, size, covariance)
-        return True
-    outer_sum(stack, rows, size, covariance)
+            for j in range(size):
+                covariance[i, j] -= deficit[i] * deficit[j]
+        if semidefinite_cholesky(covariance, size, factor):
+            for i in range(size):
+                if factor[i, i] == 0.0:
+                    # Without a pivot the difference may be indefinite by rounding; L L' cannot be.
+                    _square(factor, size, covariance)
+            return True
+        outer_sum(stack, rows, size, covariance)
     semidefinite_cholesky(covariance, size, factor)
-    return False
-
-
-@compiled
-def _downdate_or_keep(factor: Array, size: int, vector: Array, backup: Array) -> bool:
-    for i in range(size):
-        copy(factor[i], backup[i], size)
-    if downdate(factor, size, vector):
-        return True
-    for i in range(size):
-        copy(backup[i], factor[i], size)
-    return False
+    return whole
 
 
 @compiled

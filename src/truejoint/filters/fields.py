@@ -6,14 +6,13 @@ serves every model. So is its step, which would be compiled anew into everything
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any, Final
 
 from numba import types
 from numba.extending import intrinsic
 
 from truejoint.compiled import INTEGERS, MATRIX, VECTOR, call_address
-from truejoint.layout import Layout, Memory
+from truejoint.layout import Layout
 
 TRANSITION: Final = types.void(VECTOR, VECTOR, types.float64, VECTOR, VECTOR)
 MEASUREMENT: Final = types.void(VECTOR, VECTOR, VECTOR, VECTOR)
@@ -31,7 +30,6 @@ F: Final = LAYOUT.address("transition", "state after a step")
 H: Final = LAYOUT.address("measurement", "what a state measures")
 G: Final = LAYOUT.address("process_noise", "its covariance; 0 where it is a constant matrix")
 SECOND: Final = LAYOUT.integer("second_generation", "1: sigma points are drawn again, (18)")
-ROOT: Final = LAYOUT.integer("square_root", "1: square-root form")
 PATIENCE: Final = LAYOUT.integer("patience", "measurements gated in a row before one is taken")
 REJECTED: Final = LAYOUT.integer("rejected", "measurements gated in a row so far")
 POINTS: Final = LAYOUT.integer("points", "sigma points around the centre")
@@ -87,16 +85,6 @@ ADVANCE: Final = LAYOUT.address("step", "of the filter")
 
 unpack_filter = LAYOUT.unpacker()
 """Give a kernel the filter's numbers, state, covariance, measurement, inputs and parameters."""
-
-
-def allocate(n: int, m: int, functions: Mapping[str, Any], values: Mapping[str, Any]) -> Memory:
-    """Memory of a filter of n states and m measurements, zero but for what is given by field."""
-    sizes = {
-        "n_states": n, "n_measurements": m, "n_inputs": len(values["u"]),
-        "n_parameters": len(values["theta"]), "n_deviations": 4 * n, "n_rows": 5 * n + m + 1,
-        "widest": max(n, m), "n_limits": m + 1,
-    }  # fmt: skip
-    return LAYOUT.pack(functions, **{"inflation": 1.0, **sizes, **values})
 
 
 @intrinsic

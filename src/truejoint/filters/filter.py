@@ -3,22 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Final
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
-from truejoint.array_types import Array, Integers
-from truejoint.compiled import address
+from truejoint.array_types import Array, Integers, floats
+from truejoint.compiled import address, compiled, copy
 from truejoint.filters import fields as at
 from truejoint.filters import kernels
-from truejoint.filters.fields import allocate
+from truejoint.filters.fields import call_step, unpack_filter
 from truejoint.filters.sigma_points import FilterError, LambdaSigmaPoints, ScaledSigmaPoints
 from truejoint.filters.smoother import smooth
 from truejoint.filters.state_space import StateSpaceModel, check_covariance, covariance_factor
 from truejoint.layout import Memory, refuse_copy
-
-_step: Final = kernels.step
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,7 @@ class FilterState:
         return float(self.memory[at.LOGLIK])
 
 
-@dataclass(frozen=True, eq=False)
-class FilterResult:
+class FilterResult(NamedTuple):
     """What a filter made of a record of N rows.
 
     Attributes
@@ -129,14 +126,13 @@ class FilterResult:
     loglik: Array
     inflation: Array
     status: Integers
-    u: Array = field(repr=False)
-    dt: Array = field(repr=False)
-    x0: Array = field(repr=False)
-    P0: Array = field(repr=False)
+    u: Array
+    dt: Array
+    x0: Array
+    P0: Array
 
 
-@dataclass(frozen=True, eq=False)
-class SmoothedResult:
+class SmoothedResult(NamedTuple):
     """States given the whole record, by the unscented Rauch-Tung-Striebel smoother.
 
     Attributes
@@ -175,9 +171,6 @@ class UnscentedFilter:
         Draw the points again from the predicted covariance before the measurement, equation (18).
         If not, the propagated points go on, with further points for the process noise. On linear
         models both give the Kalman filter.
-    square_root : bool
-        Carry a factor of the covariance, found by orthogonal triangularisation, instead of the
-        covariance: twice the digits where variances differ wildly, for somewhat more time.
     gate : Gate or None
         Which measurements to leave out; None uses all.
 
@@ -192,7 +185,6 @@ class UnscentedFilter:
     model: StateSpaceModel
     sigma_points: ScaledSigmaPoints | LambdaSigmaPoints = field(default_factory=ScaledSigmaPoints)
     second_generation: bool = True
-    square_root: bool = False
     gate: Gate | None = None
 
     def __post_init__(self) -> None:
@@ -214,7 +206,7 @@ class UnscentedFilter:
         """
         model = self.model
         n = len(model.states)
-        mean = _numbers(x0, "x0")
+        mean = floats(x0, "x0", FilterError)
         if mean.shape != (n,) or not np.all(np.abs(mean) <= 1e100):
             raise FilterError(f"x0: give {n} finite numbers ({', '.join(model.states)})")
         covariance = check_covariance(P0, n, "P0")
@@ -228,18 +220,20 @@ class UnscentedFilter:
         n, m = len(model.states), len(model.measurements)
         reach, correction = points.reach(self._directions), points.centre_correction
         factor = covariance_factor(P0)
-        functions = {name: getattr(model, name) for name in model.addresses} | {"step": _step}
+        functions = {name: getattr(model, name) for name in model.addresses}
         values: dict[str, Any] = {
-            **model.addresses, "step": address(_step, at.STEP),
-            "second_generation": self.second_generation, "square_root": self.square_root,
+            **model.addresses, "step": address(kernels.step, at.STEP),
+            "second_generation": self.second_generation, "theta": model.parameters,
             "reach": reach, "root_weight": np.sqrt(0.5) / reach, "correction": correction,
-            "root_correction": np.sqrt(abs(correction)), "theta": model.parameters,
+            "root_correction": np.sqrt(abs(correction)),
             "u": np.zeros(len(model.inputs)), "z": np.full(m, np.nan),
             "sensor_factor": covariance_factor(np.asarray(model.measurement_noise)),
             "angles": [name in model.angles for name in (*model.states, *model.measurements)],
             "x": x0, "covariance": P0, "factor": factor,
             "x_prior": x0, "covariance_prior": P0, "factor_prior": factor,
             "lowest": model.bounds[0], "highest": model.bounds[1], "longest": model.longest_step,
+            "n_deviations": 4 * n, "n_rows": 5 * n + m + 1, "widest": max(n, m),
+            "n_limits": m + 1, "inflation": 1.0,
         }  # fmt: skip
         if not callable(model.process_noise):
             values["noise_factor"] = covariance_factor(np.asarray(model.process_noise))
@@ -249,7 +243,7 @@ class UnscentedFilter:
             values["patience"] = self.gate.patience
             limits = chi2.ppf(self.gate.probability, np.arange(1, m + 1))
             values["gate"] = np.append(0.0, limits)
-        return allocate(n, m, functions, values)
+        return at.LAYOUT.pack({**functions, "step": kernels.step}, **values)
 
     def step(
         self,
@@ -270,14 +264,12 @@ class UnscentedFilter:
         if len(z) != len(state.z):  # type: ignore[arg-type]  # a scalar has no length: TypeError
             raise FilterError(f"z: give {len(state.z)} numbers, NaN where missing")
         state.z[:] = z
+        if (0 if u is None else len(u)) != len(state.u):  # type: ignore[arg-type]
+            raise FilterError(f"u: give {len(state.u)} numbers, None for a model without inputs")
         if u is not None:
-            if len(u) != len(state.u):  # type: ignore[arg-type]
-                raise FilterError(f"u: give {len(state.u)} numbers")
             state.u[:] = u
-        elif len(state.u):
-            raise FilterError(f"u: give {len(state.u)} numbers, this model has control inputs")
         state.memory[at.DT] = dt
-        return _step(state.numbers, state.memory)
+        return kernels.step(state.numbers, state.memory)
 
     def run(
         self,
@@ -320,16 +312,14 @@ class UnscentedFilter:
             raise FilterError(f"u: shape is {control.shape}, must be {(rows, len(state.u))}")
         steps = _time_steps(dt, t, rows)
         n, m = len(state.x), len(state.z)
-        shapes: tuple[tuple[int, ...], ...] = ((n,), (n, n), (m,), (), (), ())
-        x, P, innovation, nis, loglik, inflation = (np.empty((rows, *shape)) for shape in shapes)
-        status = np.empty(rows, dtype=np.int64)
-        prior = state.x.copy(), state.P.copy()
-        kernels.run(
-            state.numbers, state.memory, measured, control, steps,
-            x, P.reshape(rows, -1), innovation, nis, loglik, inflation, status,
+        x, P, innovation = np.empty((rows, n)), np.empty((rows, n, n)), np.empty((rows, m))
+        nis, loglik, inflation = np.empty((3, rows))
+        result = FilterResult(
+            x, P, innovation, nis, loglik, inflation, np.empty(rows, dtype=np.int64),
+            control, steps, state.x.copy(), state.P.copy(),
         )  # fmt: skip
-        reports = innovation, nis, loglik, inflation, status
-        return FilterResult(x, P, *reports, control, steps, *prior)
+        _run(state.numbers, state.memory, measured, result)
+        return result
 
     def smooth(self, result: FilterResult) -> SmoothedResult:
         """Smooth the result of this filter's `run`, in one compiled call.
@@ -338,22 +328,32 @@ class UnscentedFilter:
         failed.
         """
         state = self.initial_state(result.x0, result.P0)
-        x, P = result.x.copy(), result.P.copy()
-        x0, P0 = result.x0.copy(), result.P0.copy()
+        x, P, x0, P0 = (array.copy() for array in (result.x, result.P, result.x0, result.P0))
         record = result.u, result.dt, result.inflation, result.status
         smooth(state.numbers, state.memory, *record, x0, P0, x, P)
         return SmoothedResult(x, P, x0, P0)
 
 
-def _numbers(values: npt.ArrayLike, what: str) -> Array:
-    try:
-        return np.array(values, dtype=np.float64, order="C")
-    except (TypeError, ValueError):
-        raise FilterError(f"{what}: give numbers, all rows of the same length") from None
+@compiled
+def _run(numbers: Integers, memory: Array, z: Array, result: FilterResult) -> None:
+    """Fill a result by one step for each row of measurements `z` (N, m), as single steps would."""
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    for k in range(z.shape[0]):
+        copy(z[k], m.z, m.n_measurements)
+        copy(result.u[k], m.u, m.n_inputs)
+        memory[at.DT] = result.dt[k]
+        result.status[k] = call_step(numbers[at.ADVANCE], numbers, memory)
+        copy(m.x, result.x[k], n)
+        for i in range(n):
+            copy(m.covariance[i], result.P[k, i], n)
+        copy(m.innovation, result.innovation[k], m.n_measurements)
+        result.nis[k] = memory[at.NIS]
+        result.loglik[k] = memory[at.LOGLIK]
+        result.inflation[k] = memory[at.INFLATION]
 
 
 def _table(values: npt.ArrayLike, columns: int, what: str) -> Array:
-    table = _numbers(values, what)
+    table = np.array(floats(values, what, FilterError), order="C")
     if table.ndim == 1 and columns == 1:
         table = table[:, np.newaxis]
     if table.ndim != 2 or table.shape[1] != columns or not len(table):
@@ -364,16 +364,12 @@ def _table(values: npt.ArrayLike, columns: int, what: str) -> Array:
 def _time_steps(dt: npt.ArrayLike | None, t: npt.ArrayLike | None, rows: int) -> Array:
     if (dt is None) == (t is None):
         raise FilterError("time: give either dt or t")
-    if t is not None:
-        stamps = _numbers(t, "t")
-        if stamps.shape != (rows,):
-            raise FilterError(f"t: shape is {stamps.shape}, must be {(rows,)}")
-        return np.diff(stamps, prepend=stamps[0])
-    steps = _numbers(dt if dt is not None else (), "dt")
-    if steps.ndim == 0:
-        if not (np.isfinite(steps) and steps > 0.0):
-            raise FilterError(f"dt is {steps}: give a positive time step in seconds")
-        return np.full(rows, float(steps))
-    if steps.shape != (rows,):
-        raise FilterError(f"dt: shape is {steps.shape}, must be a number or {(rows,)}")
-    return steps.copy()
+    what, times = ("dt", dt) if t is None else ("t", t)
+    values = floats(() if times is None else times, what, FilterError)
+    if t is None and values.ndim == 0:
+        if not (np.isfinite(values) and values > 0.0):
+            raise FilterError(f"dt is {values}: give a positive time step in seconds")
+        values = np.full(rows, values)
+    if values.shape != (rows,):
+        raise FilterError(f"{what}: shape is {values.shape}, must be {(rows,)}")
+    return values.copy() if t is None else np.diff(values, prepend=values[0])

@@ -1,4 +1,4 @@
-"""The unscented filter's step, and a whole record of steps, as kernels for any model and size.
+"""The unscented filter's step as kernels for any model and size.
 
 Equation numbers are those of yan2020, section III-B. All arrays live in the filter's memory (see
 `fields`); nothing is allocated and nothing raised.
@@ -15,24 +15,12 @@ from truejoint.array_types import Array, Integers
 from truejoint.compiled import borrow, compiled, copy, fill, inlined, matrix, vector
 from truejoint.filters import fields as at
 from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
-from truejoint.filters.fields import call_measurement, call_model, call_step, unpack_filter
+from truejoint.filters.fields import call_measurement, call_model, unpack_filter
 from truejoint.filters.status import FilterStatus
 
 LIMIT: Final = 1e100
 """Beyond it a number is out of range: squares within it, and sums of them, stay finite."""
 
-_MISSING: Final = int(FilterStatus.MISSING)
-_PARTIAL: Final = int(FilterStatus.PARTIAL)
-_GATED: Final = int(FilterStatus.GATED)
-_REACQUIRED: Final = int(FilterStatus.REACQUIRED)
-_INVALID_INPUT: Final = int(FilterStatus.INVALID_INPUT)
-_INVALID_MEASUREMENT: Final = int(FilterStatus.INVALID_MEASUREMENT)
-_TRANSITION_FAILED: Final = int(FilterStatus.TRANSITION_FAILED)
-_MEASUREMENT_FAILED: Final = int(FilterStatus.MEASUREMENT_FAILED)
-_REPAIRED: Final = int(FilterStatus.COVARIANCE_REPAIRED)
-_OUT_OF_RANGE: Final = int(FilterStatus.OUT_OF_RANGE)
-_SINGULAR: Final = int(FilterStatus.SINGULAR)
-_RESTARTED: Final = int(FilterStatus.RESTARTED)
 _INFLATION_TRIES: Final = 60
 _LOG_2_PI: Final = math.log(2.0 * math.pi)
 
@@ -144,12 +132,12 @@ def predict(numbers: Integers, memory: Array) -> int:
     status = 0
     first = n + m.n_measurements
     if not (0.0 <= m.dt <= LIMIT and possible(numbers, memory, m.u, m.n_inputs, first)):
-        status = _INVALID_INPUT
+        status = FilterStatus.INVALID_INPUT.value
     elif moving and numbers[at.G] != 0 and not _update_process_noise(numbers, memory):
-        status = _TRANSITION_FAILED
+        status = FilterStatus.TRANSITION_FAILED.value
     _place_points(numbers, memory, m.factor, 1.0, 0)
     if moving and status == 0 and not _propagate(numbers, memory):
-        status = _TRANSITION_FAILED
+        status = FilterStatus.TRANSITION_FAILED.value
         _place_points(numbers, memory, m.factor, 1.0, 0)
     if status != 0 or not moving:
         copy(m.x, m.centre, n)
@@ -160,7 +148,7 @@ def predict(numbers: Integers, memory: Array) -> int:
         _place_points(numbers, memory, m.factor, 1.0, 0)
         copy(m.x, m.centre, n)
         fill(m.shift, n, 0.0)
-        return status | _OUT_OF_RANGE
+        return status | FilterStatus.OUT_OF_RANGE.value
     if numbers[at.SECOND] == 0:
         # Points for the process noise too, so that the predicted measurement feels it.
         _place_points(numbers, memory, m.noise_factor, 1.0 if moving else 0.0, 2 * n)
@@ -189,20 +177,8 @@ def _combine_prediction(numbers: Integers, memory: Array, moving: bool) -> int:
             for i in range(n):
                 row[i] = m.noise_factor[i, j]
             rows += 1
-    whole = finish(numbers, memory, rows, n, m.covariance_mean, m.factor_mean)
-    return 0 if whole else _REPAIRED
-
-
-@inlined
-def finish(
-    numbers: Integers, memory: Array, rows: int, size: int, covariance: Array, factor: Array
-) -> bool:
-    """Combine stack and centre's term, in `deficit`, into covariance and factor: see `combine`."""
-    m, by_root = unpack_filter(numbers, memory), numbers[at.ROOT] == 1
-    if m.correction > 0.0:
-        copy(m.deficit, m.stack[rows], size)
-        rows += 1
-    return combine(m.stack, rows, size, m.deficit, m.correction < 0.0, by_root, covariance, factor)
+    whole = combine(m.stack, rows, n, m.deficit, m.correction, m.covariance_mean, m.factor_mean)
+    return 0 if whole else FilterStatus.COVARIANCE_REPAIRED.value
 
 
 @compiled
@@ -217,15 +193,15 @@ def _choose_measurements(numbers: Integers, memory: Array) -> int:
             m.chosen[count] = i
             count += 1
         elif not math.isnan(m.z[i]):
-            status |= _INVALID_MEASUREMENT
+            status |= FilterStatus.INVALID_MEASUREMENT.value
     numbers[at.OBSERVED] = count
     memory[at.NIS] = np.nan
     memory[at.LOGLIK] = 0.0
     memory[at.INFLATION] = 1.0
     if count == 0:
-        status |= _MISSING
+        status |= FilterStatus.MISSING.value
     elif count < m.n_measurements:
-        status |= _PARTIAL
+        status |= FilterStatus.PARTIAL.value
     return status
 
 
@@ -268,7 +244,7 @@ def _observe(numbers: Integers, memory: Array) -> bool:
 def _innovate(numbers: Integers, memory: Array) -> int:
     """Innovation, its covariance, (20), and its NIS; status bits."""
     if not _observe(numbers, memory):
-        return _MEASUREMENT_FAILED
+        return FilterStatus.MEASUREMENT_FAILED.value
     m = unpack_filter(numbers, memory)
     count, points = m.observed, m.points
     for k in range(points):
@@ -280,8 +256,9 @@ def _innovate(numbers: Integers, memory: Array) -> int:
             row[c] = m.sensor_factor[m.chosen[c], j]
     covariance = matrix(memory, numbers[at.P_ZZ], count, count)
     factor, white = matrix(memory, numbers[at.S_ZZ], count, count), m.white
-    whole = finish(numbers, memory, points + m.n_measurements, count, covariance, factor)
-    status = 0 if whole else _REPAIRED
+    rows = points + m.n_measurements
+    whole = combine(m.stack, rows, count, m.deficit, m.correction, covariance, factor)
+    status = 0 if whole else FilterStatus.COVARIANCE_REPAIRED.value
     nis, logarithm, product, rank = 0.0, 0.0, 1.0, 0
     for c in range(count):
         i = m.chosen[c]
@@ -300,7 +277,7 @@ def _innovate(numbers: Integers, memory: Array) -> int:
             rank += 1
         else:
             white[c] = 0.0
-            status |= _SINGULAR
+            status |= FilterStatus.SINGULAR.value
     memory[at.NIS] = nis
     memory[at.LOGLIK] = -0.5 * (nis + rank * _LOG_2_PI) - logarithm - math.log(product)
     return status
@@ -360,12 +337,13 @@ def _apply_gain(numbers: Integers, memory: Array) -> int:
         m.deficit[i] = m.root_correction * m.shift[i]
         if m.angles[i]:
             x[i] = wrap(x[i])
-    whole = finish(numbers, memory, points + m.n_measurements, n, m.covariance, m.factor)
+    rows = points + m.n_measurements
+    whole = combine(m.stack, rows, n, m.deficit, m.correction, m.covariance, m.factor)
     covariance = vector(memory, numbers[at.P], n * n)
     if within_limit(x, n, LIMIT) and within_limit(covariance, n * n, LIMIT**2):
-        return 0 if whole else _REPAIRED
+        return 0 if whole else FilterStatus.COVARIANCE_REPAIRED.value
     _keep_prediction(numbers, memory)
-    return _OUT_OF_RANGE
+    return FilterStatus.OUT_OF_RANGE.value
 
 
 @inlined
@@ -389,38 +367,42 @@ def _reacquire(numbers: Integers, memory: Array, limit: float) -> int:
         larger = inflation * min(max(memory[at.NIS] / limit, 2.0), 1e3)
         _second_generation(numbers, memory, math.sqrt(larger))
         attempt = _innovate(numbers, memory)
-        if attempt & _MEASUREMENT_FAILED:
+        if attempt & FilterStatus.MEASUREMENT_FAILED.value:
             break
         status = attempt
         inflation = larger
         if memory[at.NIS] <= limit:
             memory[at.INFLATION] = inflation
-            return status | _REACQUIRED
+            return status | FilterStatus.REACQUIRED.value
     _second_generation(numbers, memory, math.sqrt(inflation))
     status |= _innovate(numbers, memory)
     memory[at.INFLATION] = inflation
-    return status | _REACQUIRED
+    return status | FilterStatus.REACQUIRED.value
 
 
 @compiled
 def correct(numbers: Integers, memory: Array) -> int:
     """Correct the prediction by what is usable of the measurement in Z, (18)-(23); status bits."""
     m, status = unpack_filter(numbers, memory), _choose_measurements(numbers, memory)
-    if status & _MISSING:
+    if status & FilterStatus.MISSING.value:
         _keep_prediction(numbers, memory)
         return status
     if numbers[at.SECOND] == 1:
         _second_generation(numbers, memory, 1.0)
     status |= _innovate(numbers, memory)
     limit = m.gate[numbers[at.OBSERVED]]
-    if limit > 0.0 and not (status & _MEASUREMENT_FAILED) and not (memory[at.NIS] <= limit):
+    if (
+        limit > 0.0
+        and not (status & FilterStatus.MEASUREMENT_FAILED.value)
+        and not (memory[at.NIS] <= limit)
+    ):
         if numbers[at.REJECTED] < numbers[at.PATIENCE]:
             numbers[at.REJECTED] += 1
             memory[at.LOGLIK] = 0.0
             _keep_prediction(numbers, memory)
-            return status | _GATED
+            return status | FilterStatus.GATED.value
         status |= _reacquire(numbers, memory, limit)
-    if status & _MEASUREMENT_FAILED:
+    if status & FilterStatus.MEASUREMENT_FAILED.value:
         memory[at.INFLATION] = 1.0
         _keep_prediction(numbers, memory)
         return status
@@ -446,46 +428,11 @@ def step(numbers: Integers, memory: Array) -> int:
     if memory[at.DT] > memory[at.LONGEST]:
         restart(lent_numbers, lent_memory)
         memory[at.DT] = 0.0
-        status = _RESTARTED
+        status = FilterStatus.RESTARTED.value
     status |= predict(lent_numbers, lent_memory)
     status |= correct(lent_numbers, lent_memory)
     if not possible(lent_numbers, lent_memory, m.x, m.n_states, 0):
         restart(lent_numbers, lent_memory)
-        status |= _RESTARTED
+        status |= FilterStatus.RESTARTED.value
     numbers[at.STATUS] = status
     return status
-
-
-@compiled
-def run(
-    numbers: Integers,
-    memory: Array,
-    z: Array,
-    u: Array,
-    dt: Array,
-    states: Array,
-    covariances: Array,
-    innovations: Array,
-    nis: Array,
-    loglik: Array,
-    inflation: Array,
-    statuses: Integers,
-) -> None:
-    """Take one step for each row of a record; single steps give the same bits.
-
-    Of measurements `z` (N, m), inputs `u` (N, inputs) and time steps `dt` (N,) [s]; the other
-    arrays, a row for each of them, are filled.
-    """
-    m, n = unpack_filter(numbers, memory), numbers[at.N]
-    covariance = vector(memory, numbers[at.P], n * n)
-    for k in range(z.shape[0]):
-        copy(z[k], m.z, m.n_measurements)
-        copy(u[k], m.u, m.n_inputs)
-        memory[at.DT] = dt[k]
-        statuses[k] = call_step(numbers[at.ADVANCE], numbers, memory)
-        copy(m.x, states[k], n)
-        copy(covariance, covariances[k], n * n)
-        copy(m.innovation, innovations[k], m.n_measurements)
-        nis[k] = memory[at.NIS]
-        loglik[k] = memory[at.LOGLIK]
-        inflation[k] = memory[at.INFLATION]

@@ -8,22 +8,12 @@ from typing import Final
 from truejoint.array_types import Array, Integers
 from truejoint.compiled import compiled, copy, vector
 from truejoint.filters import fields as at
-from truejoint.filters.factors import semidefinite_cholesky, solve_rows, wrap
+from truejoint.filters.factors import combine, semidefinite_cholesky, solve_rows, wrap
 from truejoint.filters.fields import unpack_filter
-from truejoint.filters.kernels import LIMIT, finish, predict, within_limit
+from truejoint.filters.kernels import LIMIT, predict, within_limit
 from truejoint.filters.status import BROKEN_PREDICTION
 
 _BROKEN: Final = int(BROKEN_PREDICTION)
-
-
-@compiled
-def _load(numbers: Integers, memory: Array, x: Array, covariance: Array) -> None:
-    """Put a filtered state and its factor where the prediction starts from."""
-    m, n = unpack_filter(numbers, memory), numbers[at.N]
-    copy(x, m.x, n)
-    for i in range(n):
-        copy(covariance[i], m.covariance[i], n)
-    semidefinite_cholesky(covariance, n, m.factor)
 
 
 @compiled
@@ -87,36 +77,6 @@ def _move(numbers: Integers, memory: Array, gain: Array, x: Array, later_x: Arra
 
 
 @compiled
-def _smooth_one(
-    numbers: Integers,
-    memory: Array,
-    inflation: float,
-    x: Array,
-    covariance: Array,
-    later_x: Array,
-    later_covariance: Array,
-) -> None:
-    """Smooth the state that `_load` has put in place, given the smoothed state one row later."""
-    n = numbers[at.N]
-    if predict(numbers, memory) & _BROKEN:
-        return
-    # NOISE and P_MEAN have done their duty: they hold the gain, and the later factor, then the
-    # smoothed covariance.
-    m = unpack_filter(numbers, memory)
-    gain, scratch = m.noise, m.covariance_mean
-    _gain(numbers, memory, inflation, gain)
-    if not _move(numbers, memory, gain, x, later_x):
-        return
-    semidefinite_cholesky(later_covariance, n, scratch)
-    rows = _fill_stack(numbers, memory, inflation, gain, scratch)
-    finish(numbers, memory, rows, n, scratch, m.factor_mean)
-    if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
-        copy(m.point, x, n)
-        for i in range(n):
-            copy(scratch[i], covariance[i], n)
-
-
-@compiled
 def smooth(
     numbers: Integers,
     memory: Array,
@@ -135,12 +95,29 @@ def smooth(
     for `u` (N, inputs) and `dt` (N,). Replaced by their smoothed selves: the prior `x0` (n,), `P0`
     (n, n), and the filtered `x` (N, n), `P` (N, n, n).
     """
-    m = unpack_filter(numbers, memory)
+    m, n = unpack_filter(numbers, memory), numbers[at.N]
+    # After a prediction NOISE and P_MEAN have done their duty: they hold the gain, and the later
+    # factor, then the smoothed covariance.
+    gain, scratch = m.noise, m.covariance_mean
     for k in range(x.shape[0] - 1, -1, -1):
         if status[k] & _BROKEN:
             continue
+        earlier_x, earlier_P = (x[k - 1], P[k - 1]) if k > 0 else (x0, P0)
         copy(u[k], m.u, m.n_inputs)
         memory[at.DT] = dt[k]
-        before_x, before_P = (x[k - 1], P[k - 1]) if k > 0 else (x0, P0)
-        _load(numbers, memory, before_x, before_P)
-        _smooth_one(numbers, memory, inflation[k], before_x, before_P, x[k], P[k])
+        copy(earlier_x, m.x, n)
+        for i in range(n):
+            copy(earlier_P[i], m.covariance[i], n)
+        semidefinite_cholesky(earlier_P, n, m.factor)
+        if predict(numbers, memory) & _BROKEN:
+            continue
+        _gain(numbers, memory, inflation[k], gain)
+        if not _move(numbers, memory, gain, earlier_x, x[k]):
+            continue
+        semidefinite_cholesky(P[k], n, scratch)
+        rows = _fill_stack(numbers, memory, inflation[k], gain, scratch)
+        combine(m.stack, rows, n, m.deficit, m.correction, scratch, m.factor_mean)
+        if within_limit(vector(memory, numbers[at.P_MEAN], n * n), n * n, LIMIT**2):
+            copy(m.point, earlier_x, n)
+            for i in range(n):
+                copy(scratch[i], earlier_P[i], n)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dis
-import inspect
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
@@ -16,7 +15,7 @@ from numba import njit, objmode
 from numba.core.dispatcher import Dispatcher
 from numba.core.errors import NumbaError
 
-from truejoint.array_types import Array
+from truejoint.array_types import Array, floats
 from truejoint.compiled import address
 from truejoint.filters.factors import semidefinite_cholesky
 from truejoint.filters.fields import MEASUREMENT, PROCESS_NOISE, TRANSITION
@@ -34,10 +33,7 @@ def check_covariance(value: npt.ArrayLike, size: int, what: str) -> Array:
 
     Raises FilterError if `what` is not that, symmetric and positive semidefinite within rounding.
     """
-    try:
-        matrix = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise FilterError(f"{what}: give a matrix of {size} x {size} numbers") from None
+    matrix = floats(value, what, FilterError)
     if matrix.shape != (size, size):
         raise FilterError(f"{what}: shape is {matrix.shape}, must be {(size, size)}")
     if not np.all(np.abs(matrix) <= 1e100):
@@ -194,7 +190,7 @@ def _compile(
         if trial is function:
             called = _interpreted(function, len(signature.args), what)
         else:
-            called = _quiet(function) if _may_raise(function) else function
+            called = _quiet(function, len(signature.args)) if _may_raise(function) else function
         place = address(called, signature)
     except (NumbaError, TypeError) as error:  # TypeError: another number of arguments
         reason = " ".join(str(error).split())[:200]
@@ -225,7 +221,7 @@ def _may_raise(function: Dispatcher) -> bool:
     )
 
 
-def _quiet(function: Dispatcher) -> Dispatcher:
+def _quiet(function: Dispatcher, arguments: int) -> Any:
     """Give a function that writes NaN where this one raises: numba prints what nobody catches."""
 
     @njit(error_model="numpy")
@@ -242,12 +238,10 @@ def _quiet(function: Dispatcher) -> Dispatcher:
         except Exception:  # noqa: BLE001
             out[:] = np.nan
 
-    arguments = inspect.signature(function.py_func).parameters
-    chosen: Dispatcher = transition if len(arguments) == len(TRANSITION.args) else measurement
-    return chosen
+    return transition if arguments == len(TRANSITION.args) else measurement
 
 
-def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Dispatcher:
+def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Any:
     """Give a compiled function that calls a plain one, which writes NaN where it raises."""
     warnings.warn(
         f"{what}: {getattr(function, '__name__', function)} is plain Python, which is slow; "
@@ -272,5 +266,4 @@ def _interpreted(function: Callable[..., None], arguments: int, what: str) -> Di
         with objmode():
             tried(x, u, dt, parameters, out)
 
-    chosen: Dispatcher = transition if arguments == len(TRANSITION.args) else measurement
-    return chosen
+    return transition if arguments == len(TRANSITION.args) else measurement

@@ -66,8 +66,9 @@ class Parameters:
     key is unknown, a value is of the wrong kind or out of bounds, or the plant cannot be simulated.
     """
 
-    SPECIMENS: ClassVar[Mapping[str, str]]
-    """Shipped file of every named specimen; all others are laid over ``"nominal"``."""
+    SPECIMENS: ClassVar[tuple[str, ...]]
+    """Named specimens, each with a shipped file; all others are laid over ``"nominal"``."""
+    FOLDER: ClassVar[str]
 
     @classmethod
     def read(cls, path: str | Path = "nominal") -> Self:
@@ -78,19 +79,22 @@ class Parameters:
         if not isinstance(path, str | Path):
             advice = f"name a specimen, one of {', '.join(cls.SPECIMENS)}, or a TOML file"
             raise TruejointError(other_kind(path, "path", advice))
-        nominal = shipped_sections(cls.SPECIMENS["nominal"])
-        if str(path) in cls.SPECIMENS:
-            return cls._laid_over(nominal, shipped_sections(cls.SPECIMENS[str(path)]), str(path))
+        nominal, name = cls._shipped("nominal"), str(path)
+        if name in cls.SPECIMENS:
+            return cls._laid_over(nominal, cls._shipped(name), name)
         if not (Path(path).suffix or Path(path).exists()):
-            refusal = unknown("specimen", str(path), cls.SPECIMENS)
+            refusal = unknown("specimen", name, cls.SPECIMENS)
             raise TruejointError(f"{refusal}; or give a TOML file")
-        table = read_toml(Path(path), TruejointError)
-        return cls._laid_over(nominal, table, str(path))
+        return cls._laid_over(nominal, read_toml(Path(path), TruejointError), name)
+
+    @classmethod
+    def _shipped(cls, name: str) -> Sections:
+        return shipped_sections(f"{cls.FOLDER}/{name.lower()}.toml")
 
     @classmethod
     def from_dict(cls, values: Sections) -> Self:
         """Inverse of `to_dict`; raises TruejointError as `read` does."""
-        return cls._laid_over(shipped_sections(cls.SPECIMENS["nominal"]), values, "from_dict")
+        return cls._laid_over(cls._shipped("nominal"), values, "from_dict")
 
     def with_values(self, changes: Mapping[str, Any]) -> Self:
         """Copy with some values changed, by dotted name: ``{"jaw.load_arm": 9e-3}``."""

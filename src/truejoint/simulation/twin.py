@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from numbers import Integral
 from typing import Any, ClassVar, Final
@@ -13,8 +13,15 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-from truejoint.robots import Robot
-from truejoint.robots.blocks import SETPOINT_DT, StateBlock, TruthBlock, check_range, checked_rows
+from truejoint.robots import Robot, get_robot
+from truejoint.robots.blocks import (
+    SETPOINT_DT,
+    StateBlock,
+    TruthBlock,
+    check_range,
+    checked_rows,
+    in_grains,
+)
 from truejoint.simulation.parameter_file import Parameters
 
 
@@ -54,9 +61,9 @@ class Twin:
     own, set between calls, and what only a simulation can report goes into `StateBlock.extra`;
     so a twin with more joints, motors, sensors or loads needs nothing else from the arm.
 
-    A class of twins is made as ``kind(parameters, arm=..., seed=..., load=...)``, with
-    ``parameters`` of its `PARAMETERS`; `truejoint.simulation.catalogue` lists them. It has
-    `homing` and `_follow`, calls this constructor first, and counts its set-points in `_ticks`.
+    `parameters` are of its `PARAMETERS`, the nominal ones by default, `arm` and `robot` as in
+    `truejoint.robots.get_robot`; `load` [kg] hangs on the tool. `truejoint.simulation.catalogue`
+    lists the classes. Each has `_build`, `homing` and `_follow`, and counts set-points in `_ticks`.
 
     Raises TruejointError unless `seed` is a whole number of 63 bits.
 
@@ -66,22 +73,38 @@ class Twin:
     0.0
     """
 
+    ROBOT: ClassVar[str]
     PARAMETERS: ClassVar[type[Parameters]]
     MAX_LOAD: ClassVar[float]
     """Heaviest load [kg]."""
     _NOTED: ClassVar[tuple[str, ...]]
     """Attributes that `run` changes."""
 
-    def __init__(self, robot: Robot, seed: int, load: float) -> None:
+    def __init__(
+        self,
+        parameters: Any = None,
+        *,
+        arm: str = "",
+        seed: int = 0,
+        load: float = 0.0,
+        robot: str | Robot = "",
+    ) -> None:
         if isinstance(seed, bool) or not (isinstance(seed, Integral) and 0 <= seed < 2**63):
             raise TruejointError(f"seed is {seed!r}; give a whole number from 0 to 2**63 - 1")
-        self.robot: Final[Robot] = robot
+        self.parameters = self.PARAMETERS.read() if parameters is None else parameters
+        model = robot if isinstance(robot, Robot) else get_robot(robot or self.ROBOT, arm)
+        self.robot: Robot = model
         self.seed: Final[int] = seed  # of everything random
         self.homing_count: int = 0
-        self.load = load
         self._ticks: int = 0
         self._streams: Sequence[np.random.Generator] = ()  # of the sensors
         self._reach: tuple[Array, Array] | None = None  # lowest and highest set-points (n_joints,)
+        self._build()
+        self.load = load
+
+    def _build(self) -> None:
+        """Make the plant and its sensors, of `parameters`, `robot` and `seed`."""
+        raise NotImplementedError
 
     @property
     def load(self) -> float:
@@ -149,6 +172,10 @@ class Twin:
                 stream.bit_generator.state = state
 
         return back
+
+    def _go(self, *paths: Array) -> Iterator[TwinOutput]:
+        """Run set-points (n, n_joints), one path after the other, in pieces of at most `GRAIN`."""
+        yield from map(self._follow, in_grains(np.vstack(paths)))
 
     def _times(self, rows: int) -> Array:
         """Give times (rows + 1,) [s]: now, and those of the next set-points."""

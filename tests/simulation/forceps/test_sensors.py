@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from truejoint.errors import TruejointError
 from truejoint.simulation.forceps.specimens import specimen
-from truejoint.simulation.forceps.twin import Sensors, ZeroShift, quantised, reference_error
+from truejoint.simulation.forceps.twin import ZeroShift, quantised, read_encoders, reference_error
+from truejoint.simulation.parameter_file import random_streams
 
 NOMINAL = specimen()
 N = 20_000
@@ -16,7 +17,7 @@ EXACT = (RAMP * 12.5, RAMP * 3.5e-3, RAMP * 3.3e-3, RAMP * 0.9)
 
 
 def read(parameters=NOMINAL, zero=ZeroShift(), seed=0):  # noqa: B008 - a frozen value
-    return Sensors(parameters, seed).read(np.array(EXACT), zero)
+    return read_encoders(parameters, random_streams(4, seed), np.array(EXACT), zero)
 
 
 @given(st.lists(st.floats(-10, 10), min_size=1, max_size=50), st.floats(1e-6, 0.1))

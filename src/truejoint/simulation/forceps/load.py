@@ -49,14 +49,11 @@ class LoadTest:
             raise TruejointError(
                 f"load direction {self.direction!r}; write 'opposing' or 'along' (the motion)"
             )
-        if not (0.0 < abs(self.speed) < math.inf and math.isfinite(self.angle)):
+        moves = 0.0 < abs(self.speed) < math.inf and math.isfinite(self.angle)
+        if not (moves and 0.0 <= self.rock <= abs(self.angle)):
             raise TruejointError(
-                f"a load test to {self.angle} rad at {self.speed} rad/s; the angle must be finite "
-                "and the speed other than 0"
-            )
-        if not 0.0 <= self.rock <= abs(self.angle):
-            raise TruejointError(
-                f"a jaw that rocks by {self.rock} rad; it must be 0 to the angle it went to"
+                f"a load test to {self.angle} rad at {self.speed} rad/s that rocks by {self.rock} "
+                "rad; the angle must be finite, the speed not 0, and it rocks by 0 to the angle"
             )
         times = (0.0, self.start, self.stop, self.loaded_from, self.loaded_to, self.end, MAX_END)
         if not all(before <= after for before, after in pairwise(times)):

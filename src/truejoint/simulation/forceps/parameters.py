@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
@@ -149,11 +148,8 @@ class Homing(NamedTuple):
 class ForcepsParameters(Parameters):
     """Everything that the virtual forceps is made of; one attribute per section of the file."""
 
-    SPECIMENS: ClassVar[Mapping[str, str]] = {
-        "nominal": "forceps/nominal.toml",
-        "A": "forceps/a.toml",
-        "B": "forceps/b.toml",
-    }
+    SPECIMENS: ClassVar[tuple[str, ...]] = "nominal", "A", "B"
+    FOLDER: ClassVar[str] = "forceps"
 
     mechanism: Forceps = Forceps()  # noqa: RUF009  # frozen
     assembly: Assembly
@@ -222,20 +218,16 @@ def eigenfrequencies(parameters: ForcepsParameters, *, stuck: bool) -> NDArray[n
 
 
 class CableConstants(NamedTuple):
-    """One cable: ``K`` [N/m], ``B`` [N s/m], ``m`` [kg] and its nonlinear parts."""
+    """One cable and its nonlinear parts."""
 
+    of: Cable
     number: int  # 0 for the drive cable, 1 for the reset cable
     pretension: float  # [N]
     compliance: float  # [m/N] of the gear's torsion, seen at the cable
-    stiffness: float
-    damping: float
-    mass: float
     elastic: float  # [N] and
     growth: float  # [1/m] of the elastic force ``elastic * (exp(growth * stretch) - 1)``
     hysteretic: float  # [N] of a Bouc-Wen element that has yielded
-    hysteresis_distance: float  # [m]
     guide_ratio: float  # of the tensions before and behind a guide that the cable slides over
-    before_guide: float  # share of the cable
     creep: float  # [m/N]
     creep_rate: float  # [1/s]
 
@@ -287,18 +279,14 @@ def _cable(number: int, cable: Cable, pretension: float, compliance: float) -> C
     # of a stretch at the pretension keeps the same formula and is linear to 1e-6.
     stiffening = max(cable.stiffening, 1e-6)
     return CableConstants(
+        of=cable,
         number=number,
         pretension=pretension,
         compliance=compliance,
-        stiffness=cable.stiffness,
-        damping=cable.damping,
-        mass=cable.mass,
         elastic=cable.elastic_share * pretension / stiffening,
         growth=stiffening * cable.stiffness / pretension,
         hysteretic=(1.0 - cable.elastic_share) * cable.stiffness * cable.hysteresis_distance,
-        hysteresis_distance=cable.hysteresis_distance,
         guide_ratio=math.exp(cable.guide_friction),
-        before_guide=cable.guide_position,
         creep=cable.creep_share / cable.stiffness,
         creep_rate=1.0 / cable.creep_time,
     )

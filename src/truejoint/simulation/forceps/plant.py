@@ -60,7 +60,7 @@ def stretched(
     """
     stretch, compliance = distance, cable.compliance / share
     if compliance > 0.0:
-        stretch = distance / (1.0 + compliance * cable.stiffness)
+        stretch = distance / (1.0 + compliance * cable.of.stiffness)
         force, slope = cable_force(stretch, yielded, cable)
         stretch -= (stretch + compliance * force - distance) / (1.0 + compliance * slope)
     force, slope = cable_force(stretch, yielded, cable)
@@ -88,7 +88,7 @@ def pull_cable(
     travel, creep = TRAVEL + cable.number, CREEP + cable.number
     crept = history[creep]
     if cable.guide_ratio > 1.0:
-        first, last, held = cable.before_guide, 1.0 - cable.before_guide, history[travel]
+        first, last, held = cable.of.guide_position, 1.0 - cable.of.guide_position, history[travel]
         stretch, before, share = stretched((start - held) / first - crept, yielded, first, cable)
         slope = share * cable_force(stretch, yielded, cable)[1] / first if before > 0.0 else 0.0
         behind, stiffness = cable_force((held - end - bent) / last - crept, yielded, cable)
@@ -157,8 +157,8 @@ def accelerations(
     jaw_acceleration, slider_acceleration = 0.0, 0.0
     drive_tension, reset_tension = drive_pull, reset_pull
     for _ in range(3):
-        drive_mass = share * c.drive.mass if drive_pull > 0.0 else 0.0
-        reset_mass = c.reset.mass if reset_pull > 0.0 else 0.0
+        drive_mass = share * c.drive.of.mass if drive_pull > 0.0 else 0.0
+        reset_mass = c.reset.of.mass if reset_pull > 0.0 else 0.0
         drive_free = drive_pull + drive_mass * (wheel_acceleration - bend)
         reset_free = reset_pull - reset_mass * bend
         m11 = (
@@ -225,9 +225,9 @@ def plant_rates(
     )
     guide_drag = reset_pull - end_pull
     if drive_pull > 0.0:
-        drive_pull = max(drive_pull + c.drive.damping * drive_rate, 0.0)
+        drive_pull = max(drive_pull + c.drive.of.damping * drive_rate, 0.0)
     if reset_pull > 0.0:
-        reset_pull += c.reset.damping * reset_rate
+        reset_pull += c.reset.of.damping * reset_rate
     reset_pull = max(reset_pull, 0.0)
 
     level = c.jaw_friction.constant + c.jaw_friction.tension_share * radius * (
@@ -257,8 +257,8 @@ def plant_rates(
     )
     rates[0] = speed
     rates[2] = slider_speed
-    rates[6] = bouc_wen_rate(drive_rate, state[6], c.drive.hysteresis_distance)
-    rates[7] = bouc_wen_rate(reset_rate, state[7], c.reset.hysteresis_distance)
+    rates[6] = bouc_wen_rate(drive_rate, state[6], c.drive.of.hysteresis_distance)
+    rates[7] = bouc_wen_rate(reset_rate, state[7], c.reset.of.hysteresis_distance)
     return drive_tension, reset_tension, x1
 
 

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-from truejoint.robots import get_robot
-from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, in_grains
+from truejoint.robots.blocks import SETPOINT_DT, TruthBlock
 from truejoint.simulation.forceps.load import MAX_MASS, LoadTest
 from truejoint.simulation.forceps.parameters import (
     DT,
@@ -72,34 +71,30 @@ def reference_error(angle: Array | float, encoder: ReferenceEncoder) -> Array:
     )
 
 
-class Sensors:
-    """The forceps' four encoders.
+def read_encoders(
+    p: ForcepsParameters, streams: Sequence[np.random.Generator], exact: Array, zero: ZeroShift
+) -> Array:
+    """Read motor [rad], drive, reset [m] and jaw [rad], (4, n), at the exact values (4, n).
 
     Each has a stream of noise of its own, so that changing one leaves the others alone, and the
     readings do not depend on how a motion is cut.
     """
-
-    def __init__(self, parameters: ForcepsParameters, seed: int) -> None:
-        p, turn = parameters, 2.0 * math.pi
-        self._jaw = p.reference_encoder
-        self.streams = random_streams(4, seed)  # of noise
-        self._noise_and_step = (
-            (p.motor_encoder.noise, turn / p.motor_encoder.counts),
-            (p.drive_encoder.noise, p.drive_encoder.resolution),
-            (p.reset_encoder.noise, p.reset_encoder.resolution),
-            (self._jaw.noise, turn / self._jaw.counts),
-        )
-
-    def read(self, exact: Array, zero: ZeroShift) -> Array:
-        """Read motor [rad], drive, reset [m] and jaw [rad], (4, n), at the exact values (4, n)."""
-        shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], self._jaw))
-        per_encoder = zip(exact, shift, self.streams, self._noise_and_step, strict=True)
-        return np.stack(
-            [
-                quantised(values + off + rng.normal(0.0, noise, values.size), step)
-                for values, off, rng, (noise, step) in per_encoder
-            ]
-        )
+    jaw, turn = p.reference_encoder, 2.0 * math.pi
+    shift = (zero.motor, zero.drive, zero.reset, reference_error(exact[3], jaw))
+    noise_and_step = (
+        (p.motor_encoder.noise, turn / p.motor_encoder.counts),
+        (p.drive_encoder.noise, p.drive_encoder.resolution),
+        (p.reset_encoder.noise, p.reset_encoder.resolution),
+        (jaw.noise, turn / jaw.counts),
+    )
+    return np.stack(
+        [
+            quantised(values + off + rng.normal(0.0, noise, values.size), step)
+            for values, off, rng, (noise, step) in zip(
+                exact, shift, streams, noise_and_step, strict=True
+            )
+        ]
+    )
 
 
 _NO_SHIFT: Final = ZeroShift()
@@ -119,32 +114,25 @@ class ForcepsTwin(Twin):
     Raises TruejointError if the seed or the load is out of range.
     """
 
+    ROBOT: ClassVar[str] = "forceps"
     PARAMETERS: ClassVar[type[ForcepsParameters]] = ForcepsParameters
     MAX_LOAD: ClassVar[float] = MAX_MASS
     _NOTED: ClassVar[tuple[str, ...]] = (
         "_state", "_motor", "_ticks", "_command", "_reading", "_exact",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        parameters: ForcepsParameters | None = None,
-        *,
-        arm: str = "",
-        seed: int = 0,
-        load: float = 0.0,
-    ) -> None:
-        self.parameters: Final = ForcepsParameters.read() if parameters is None else parameters
+    parameters: ForcepsParameters
+
+    def _build(self) -> None:
         cables = self.parameters.mechanism.mechanism()
-        robot = replace(get_robot("forceps", arm), mechanism=cables, transmission=None)
-        super().__init__(robot, seed, load)
+        self.robot = replace(self.robot, mechanism=cables, transmission=None)
         self.tip_force: Callable[[Array], Array] | None = None
         self.line_angle = 0.0
         jaw = self.parameters.jaw
         self._reach = np.array([jaw.stop_lower]), np.array([jaw.stop_upper])
         self._constants = plant_constants(self.parameters)
         self._state, self._motor = settled(self._constants, _PER_SETPOINT, SETTLING)
-        self._sensors = Sensors(self.parameters, seed)
-        self._streams = self._sensors.streams
+        self._streams = random_streams(4, self.seed)
         self._zero = _NO_SHIFT
         self._command = 0.0
         self._reading = 0.0  # of the motor's encoder, at the latest row
@@ -159,14 +147,13 @@ class ForcepsTwin(Twin):
         their own (``homing.registration_sd``); the motor's zero is the switch's.
         """
         zero = np.zeros(1)
-        way = glide_at(_HOMING_SPEED, np.array([self._command]), zero)
         settling = hold(zero, SETTLING)
-        yield from map(self.run, in_grains(np.vstack([way, settling])))
+        yield from self._go(glide_at(_HOMING_SPEED, np.array([self._command]), zero), settling)
         self.homing_count += 1
         self._origin = np.array([self._origin[0], *self._exact[1:3], self._origin[3]])
         deviation = self.parameters.homing.registration_sd
         self._zero = ZeroShift.drawn(deviation, (self.seed, self.homing_count))
-        yield from map(self.run, in_grains(settling))
+        yield from self._go(settling)
 
     def _follow(self, rows: Array) -> TwinOutput:
         angles = rows[:, 0]
@@ -192,7 +179,7 @@ class ForcepsTwin(Twin):
         """Read the sensors at the plant's rows, `dt` [s] apart."""
         self._check_finite(log, t, "a step of 0.1 ms")
         p, exact = self.parameters, (log[:, :4] - self._origin).T
-        motor, drive, reset, reference = self._sensors.read(exact, self._zero)
+        motor, drive, reset, reference = read_encoders(p, self._streams, exact, self._zero)
         cables = {"cable/drive": (p.drive_encoder, drive), "cable/reset": (p.reset_encoder, reset)}
         exact_names = ("truth_load/jaw", "truth_tension/drive", "truth_tension/reset")
         motor, ratio = motor[:, None], p.mechanism.motor_per_jaw

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, NamedTuple
 
@@ -127,10 +126,8 @@ class Tool(NamedTuple):
 class Raven2Parameters(Parameters):
     """Everything that makes the twin of a RAVEN-II arm err; one attribute per section."""
 
-    SPECIMENS: ClassVar[Mapping[str, str]] = {
-        "nominal": "raven2/nominal.toml",
-        "peng2024": "raven2/peng2024.toml",
-    }
+    SPECIMENS: ClassVar[tuple[str, ...]] = "nominal", "peng2024"
+    FOLDER: ClassVar[str] = "raven2"
 
     motor: Motor
     motor_friction: MotorFriction

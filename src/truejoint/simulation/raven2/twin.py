@@ -10,8 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import TruejointError
-from truejoint.robots import get_robot
-from truejoint.robots.blocks import QUANTITIES, TruthBlock, in_grains
+from truejoint.robots.blocks import QUANTITIES, TruthBlock
 from truejoint.robots.raven2.arm import CHANNELS
 from truejoint.robots.raven2.hardware import HOMING_RAMP, HOMING_RETURN, HOMING_SETTLE, drives
 from truejoint.simulation.raven2 import kernel
@@ -34,8 +33,7 @@ class Raven2Twin(Twin):
     State arrays have one column per channel of the robot's state message (shoulder, elbow,
     insertion, unused, roll, wrist, jaw1, jaw2).
 
-    `arm` is as in `truejoint.robots.get_robot`; `load` [kg] hangs on the tool. The seed is that of
-    homing, friction and clocks.
+    The seed is that of homing, friction and clocks.
 
     Raises TruejointError if the seed or the load is out of range, or the parameters cannot be
     simulated at 1 kHz, and RobotError if the arm is unknown.
@@ -47,29 +45,23 @@ class Raven2Twin(Twin):
     (12756,)
     """
 
+    ROBOT: ClassVar[str] = "raven2"
     PARAMETERS: ClassVar[type[Raven2Parameters]] = Raven2Parameters
     MAX_LOAD: ClassVar[float] = 2.0  # the shoulder's motor gives up a little above
     _NOTED: ClassVar[tuple[str, ...]] = ("_state", "_ticks")
 
-    def __init__(
-        self,
-        parameters: Raven2Parameters | None = None,
-        *,
-        arm: str = "",
-        seed: int = 0,
-        load: float = 0.0,
-    ) -> None:
-        self.parameters: Final = Raven2Parameters.read() if parameters is None else parameters
-        super().__init__(get_robot("raven2", arm), seed, load)
+    parameters: Raven2Parameters
+
+    def _build(self) -> None:
         self._drives = drives(self.robot.arm)
         self._plant = build_plant(self.parameters, self.robot)
-        streams = (np.random.default_rng([seed, part]) for part in range(3))
+        streams = (np.random.default_rng([self.seed, part]) for part in range(3))
         self._rng, self._tool_rng, self._stamp_rng = streams
         self._streams = (self._stamp_rng,)
         span = (self.robot.upper - self.robot.lower)[:POSITIONING]
         spread = _LEFT_SPREAD * span * self._rng.uniform(-1.0, 1.0, POSITIONING)
         pose = self.robot.home[:POSITIONING] + spread
-        self._state = build_state(self._plant, pose, seed)
+        self._state = build_state(self._plant, pose, self.seed)
         stops = [drive.hard_stop for drive in self._drives[:POSITIONING]]
         self._nominal_stop = np.concatenate([stops, self.robot.home[POSITIONING:]])
 
@@ -104,8 +96,7 @@ class Raven2Twin(Twin):
         state.command[:] = plant.motor_from_joint @ self._nominal_stop
         home = self.robot.home
         self.homing_count += 1
-        path = [glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0)]
-        yield from map(self._follow, in_grains(np.vstack(path)))
+        yield from self._go(glide(self._nominal_stop, home, HOMING_RETURN), hold(home, 1.0))
 
     def idle(self, duration: float) -> None:
         """Let `duration` [s] pass with the brakes on: cables hardly creep, grease cools; no rows.
@@ -163,7 +154,7 @@ class Raven2Twin(Twin):
                 stop_row[np.argmax(above[row])] = done + row
                 self._stamp_rng.bit_generator.state = after
             else:
-                yield from map(self._follow, in_grains(piece))
+                yield from self._go(piece)
                 done += len(piece)
         if (stop_row == steps).any():
             names = [self.robot.joint_names[k] for k in range(POSITIONING) if stop_row[k] == steps]
@@ -172,7 +163,7 @@ class Raven2Twin(Twin):
                 "the parameters make friction too strong for the motor"
             )
         last = int(stop_row.max()) + round(HOMING_SETTLE / kernel.DT)
-        yield from map(self._follow, in_grains(path(done, last)))
+        yield from self._go(path(done, last))
 
     def _follow(self, goal: Array) -> TwinOutput:
         n = len(goal)

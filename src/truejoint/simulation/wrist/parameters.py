@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Final, Literal, NamedTuple
 
@@ -106,11 +105,8 @@ class Homing(NamedTuple):
 class WristParameters(Parameters):
     """Cables, friction and sensors of an instrument; an attribute for each section."""
 
-    SPECIMENS: ClassVar[Mapping[str, str]] = {
-        "nominal": "wrist/nominal.toml",
-        "cable_only": "wrist/cable_only.toml",
-        "endowrist": "wrist/endowrist.toml",
-    }
+    SPECIMENS: ClassVar[tuple[str, ...]] = "nominal", "cable_only", "endowrist"
+    FOLDER: ClassVar[str] = "wrist"
 
     cables: Cables
     variation: Variation
@@ -160,12 +156,17 @@ class PlantConstants(NamedTuple):
 
 
 class Drawn(NamedTuple):
-    """Deviations of one instrument's sensors; (M,) each, tensions (C,)."""
+    """Parts and sensors of one instrument, in the order of the draws."""
 
-    effort_gain: Array
-    tension_gain: Array
-    tension_offset: Array
-    motor_zero: Array  # [rad]
+    groove: Array  # (C, J) moments as shares of the nominal ones
+    capstan: Array  # (M,) radii alike
+    eccentricity: Array  # (C, J) [m]
+    phase: Array  # (C, J) [rad] of these
+    stiffness: Array  # (C,) [N/m] of whole cables
+    effort_gain: Array  # (M,)
+    tension_gain: Array  # (C,)
+    tension_offset: Array  # (C,) [N]
+    motor_zero: Array  # (M,) [rad]
 
 
 def plant_constants(
@@ -183,14 +184,14 @@ def plant_constants(
     cables, motors = mechanism.cables, tuple(mechanism.motors)
     unbounded = np.outer([-math.inf, math.inf], np.ones(len(mechanism.joint_names)))
     lower, upper = unbounded if limits is None else limits
-    (groove, capstan, eccentricity, phase, whole), drawn = _drawn(p, mechanism)
+    drawn = _drawn(p, mechanism)
     side = np.sign(mechanism.moments)
     moved = np.argsort(side == 0.0, axis=1, kind="stable")
-    stiffness = _stiffness(p, mechanism, whole)
+    stiffness = _stiffness(p, mechanism, drawn.stiffness)
     wrap_joint, wrap, slope = _wraps(p, mechanism)
-    eccentric = side * eccentricity
+    eccentric = side * drawn.eccentricity
     pins = list(mechanism.pins.values())
-    radii = mechanism.radii * capstan
+    radii = mechanism.radii * drawn.capstan
     met = mechanism.contact
     dt, f = SETPOINT_DT / substeps, p.joint_friction
     w, z = 2.0 * math.pi * p.motor.bandwidth, p.motor.damping_ratio
@@ -202,9 +203,9 @@ def plant_constants(
         ),
         n_moved=np.count_nonzero(side, axis=1),
         moved=moved,
-        moments=np.take_along_axis(mechanism.moments * groove, moved, 1),
-        sine=np.take_along_axis(eccentric * np.cos(phase), moved, 1),
-        cosine=np.take_along_axis(eccentric * np.sin(phase), moved, 1),
+        moments=np.take_along_axis(mechanism.moments * drawn.groove, moved, 1),
+        sine=np.take_along_axis(eccentric * np.cos(drawn.phase), moved, 1),
+        cosine=np.take_along_axis(eccentric * np.sin(drawn.phase), moved, 1),
         n_nodes=np.array([len(cable.nodes) for cable in cables]),
         stiffness=stiffness,
         slack=p.cables.pretension / stiffness,
@@ -232,12 +233,8 @@ def plant_constants(
     return constants, drawn
 
 
-def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[tuple[Array, ...], Drawn]:
-    """Draw an instrument's parts and sensors, always in this order.
-
-    Its parts are moments as shares of the nominal ones (C, J), capstans' radii alike (M,),
-    eccentricities [m] and their phases [rad] (C, J), and the cables' stiffness [N/m] (C,).
-    """
+def _drawn(p: WristParameters, mechanism: CableMechanism) -> Drawn:
+    """Draw an instrument's parts and sensors with ``variation.seed``."""
     v, rng = p.variation, np.random.default_rng(p.variation.seed)
     cables, motors = mechanism.cables, tuple(mechanism.motors)
     n_cables, n_motors = len(cables), len(motors)
@@ -249,14 +246,14 @@ def _drawn(p: WristParameters, mechanism: CableMechanism) -> tuple[tuple[Array, 
     capstan = 1.0 + v.capstan * rng.standard_normal(n_motors)
     size = v.eccentricity * np.abs(rng.standard_normal(shape))
     phase = rng.uniform(-math.pi, math.pi, shape)
-    whole = p.cables.stiffness * (1.0 + v.stiffness * rng.standard_normal(n_cables))
-    sensors = Drawn(
+    return Drawn(
+        groove[loop], capstan, size[loop], phase[loop],
+        p.cables.stiffness * (1.0 + v.stiffness * rng.standard_normal(n_cables)),
         p.sensors.effort_gain * rng.standard_normal(n_motors),
         p.sensors.tension_gain * rng.standard_normal(n_cables),
         p.sensors.tension_offset * rng.standard_normal(n_cables),
         p.homing.assembly * rng.standard_normal(n_motors),
-    )
-    return (groove[loop], capstan, size[loop], phase[loop], whole), sensors
+    )  # fmt: skip
 
 
 def _stiffness(p: WristParameters, mechanism: CableMechanism, whole: Array) -> Array:

@@ -14,16 +14,12 @@ in place, so that a motion may be cut anywhere.
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from llvmlite import ir  # type: ignore[import-untyped]
-from numba import types
-from numba.extending import intrinsic
-from numba.np.arrayobj import make_array
 
 from truejoint.array_types import Array
-from truejoint.compiled import compiled, inlined
+from truejoint.compiled import borrow, compiled, inlined
 from truejoint.mechanics import dahl, solve
 from truejoint.robots.blocks import SETPOINT_DT
 from truejoint.simulation.friction import N_ELEMENTS, guide_travel, maxwell_slip
@@ -276,25 +272,6 @@ def write_row(row: int, grip: float, c: PlantConstants, s: State, w: Work, log: 
     log.grip[row] = grip
 
 
-@intrinsic
-def lend(_typing: Any, fields: Any) -> Any:
-    """Lend a named tuple's arrays without their reference counts, which every use would change."""
-
-    def generate(context: Any, builder: Any, signature: Any, args: Any) -> Any:
-        kind, members = signature.args[0], []
-        for k, member in enumerate(kind):
-            value = builder.extract_value(args[0], k)
-            if isinstance(member, types.Array):
-                array = make_array(member)(context, builder, value)
-                array.meminfo = ir.Constant(array.meminfo.type, None)
-                array.parent = ir.Constant(array.parent.type, None)
-                value = array._getvalue()
-            members.append(value)
-        return context.make_tuple(builder, kind, members)
-
-    return fields(fields), generate
-
-
 @compiled
 def advance(
     constants: PlantConstants,
@@ -313,7 +290,7 @@ def advance(
     joints from outside [Nm], straight between rows, `held` (n + 1,) the opening [rad] at which the
     jaws meet each other or what they hold; a period has `substeps` of the constants' `dt`.
     """
-    c, s, w = lend(constants), lend(state), lend(work)
+    c, s, w = borrow(constants), borrow(state), borrow(work)
     n = s.joint.shape[0]
     for row in range(goal.shape[0] - 1):
         grip = 0.0

@@ -10,8 +10,7 @@ import numpy as np
 
 from truejoint.array_types import Array
 from truejoint.errors import RobotError
-from truejoint.robots import Robot, get_robot
-from truejoint.robots.blocks import SETPOINT_DT, TruthBlock, in_grains
+from truejoint.robots.blocks import SETPOINT_DT, TruthBlock
 from truejoint.simulation.parameter_file import random_streams
 from truejoint.simulation.twin import Twin, TwinOutput, glide_at, hold, shaped
 from truejoint.simulation.wrist.parameters import SUBSTEPS, WristParameters, plant_constants
@@ -32,7 +31,7 @@ class WristTwin(Twin):
     ``truth_exact/<joint>``, ``truth_load/grip`` and ``truth_load/<arm>``, torques [Nm]. Joints end
     at stops, a little beyond their limits.
 
-    `load` [kg] hangs on the tip and pulls the first arm's joints down. `tip_force` may give forces
+    The load hangs on the tip and pulls the first arm's joints down. `tip_force` may give forces
     (n, n_arms) [N], one column for each of the mechanism's arms, and `held` the opening [rad] (n,)
     of what is between the jaws, both at times (n,) [s] of the twin; without `held` the jaws meet
     each other. The seed is that of sensors and homing; single parts are drawn with
@@ -48,31 +47,23 @@ class WristTwin(Twin):
     3
     """
 
+    ROBOT: ClassVar[str] = "wrist"
     PARAMETERS: ClassVar[type[WristParameters]] = WristParameters
     MAX_LOAD: ClassVar[float] = 0.3  # cables go slack above
     _NOTED: ClassVar[tuple[str, ...]] = (
         "_state", "_work", "_ticks", "_command", "_goal", "_reading",
     )  # fmt: skip
 
-    def __init__(
-        self,
-        parameters: WristParameters | None = None,
-        *,
-        arm: str = "",
-        seed: int = 0,
-        load: float = 0.0,
-        robot: str | Robot = "wrist",
-    ) -> None:
-        self.parameters: Final = WristParameters.read() if parameters is None else parameters
-        model = robot if isinstance(robot, Robot) else get_robot(robot, arm)
-        mechanism, transmission = model.mechanism, model.transmission
+    parameters: WristParameters
+
+    def _build(self) -> None:
+        mechanism, transmission = self.robot.mechanism, self.robot.transmission
         if mechanism is None or transmission is None:
-            raise RobotError(f"{model.title} states no cables; add [mechanism]")
+            raise RobotError(f"{self.robot.title} states no cables; add [mechanism]")
         self._transmission = transmission
         self._cable_names = tuple(cable.name for cable in mechanism.cables)
         self._arms = {name: mechanism.row(arm) for name, arm in mechanism.arms.items()}
         self._meets = mechanism.contact is not None
-        super().__init__(model, seed, load)
         self.tip_force: Callable[[Array], Array] | None = None
         self.held: Callable[[Array], Array] | None = None
         limits = self.robot.lower, self.robot.upper
@@ -81,7 +72,7 @@ class WristTwin(Twin):
         self._state, self._work = at_rest(self._constants), new_work(self._constants)
         # A stream each, so that changing one sensor leaves the others alone.
         names = ("motor", "effort", "tension", "truth")
-        self._streams = random_streams(len(names), seed)
+        self._streams = random_streams(len(names), self.seed)
         self._noise = dict(zip(names, self._streams, strict=True))
         self._zero = self._registered()
         self._command = np.zeros(len(self.robot.joints))
@@ -108,13 +99,12 @@ class WristTwin(Twin):
         """
         zero, home = np.zeros_like(self._command), self.robot.home
         way = glide_at(_HOMING_SPEED, self._command, zero)
-        yield from map(self.run, in_grains(np.vstack([way, hold(zero, _SETTLING)])))
+        yield from self._go(way, hold(zero, _SETTLING))
         self.homing_count += 1
         before, self._zero = self._zero, self._registered()
         # The motors stand still while their zeros change.
         self._reading = self._reading + before - self._zero
-        way = glide_at(_HOMING_SPEED, zero, home)
-        yield from map(self.run, in_grains(np.vstack([way, hold(home, _SETTLING)])))
+        yield from self._go(glide_at(_HOMING_SPEED, zero, home), hold(home, _SETTLING))
 
     def _follow(self, joints: Array) -> TwinOutput:
         t = self._times(len(joints))
