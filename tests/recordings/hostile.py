@@ -90,8 +90,9 @@ def tables(
     rows: Sequence[bytes] = (),
     topics: str = TOPICS,
     definitions: str = DEFINITIONS,
+    then: Sequence[str] = (),
 ) -> None:
-    """Write a bag of tables, or of what is called so."""
+    """Write a bag of tables, or of what is called so, and run some SQL on it."""
     with contextlib.closing(sqlite3.connect(path)) as base:
         base.executescript(f"{definitions};{topics};{messages}")
         if topics == TOPICS:
@@ -99,13 +100,15 @@ def tables(
         for number, row in enumerate(rows):
             base.execute(INSERT, [number * 10**7, row])
         base.commit()
+        for line in then:
+            base.execute(line)
+        base.commit()
 
 
 @kind("view.db3")
-def _view(path: Path) -> None:
-    tables(
-        path, f"CREATE VIEW messages AS {ENDLESS} SELECT 1 topic_id, x timestamp, x'00' data FROM r"
-    )
+def _view(path: Path, then: Sequence[str] = ()) -> None:
+    columns = "1 topic_id, x timestamp, x'00' data"
+    tables(path, f"CREATE VIEW messages AS {ENDLESS} SELECT {columns} FROM r", then=then)
 
 
 @kind("view_joined.db3")
@@ -130,11 +133,8 @@ def _view_of_definitions(path: Path) -> None:
 
 @kind("view_called_table.db3")
 def _view_called_table(path: Path) -> None:
-    _view(path)
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        base.execute("PRAGMA writable_schema = ON")
-        base.execute("UPDATE sqlite_master SET type = 'table', rootpage = 2 WHERE type = 'view'")
-        base.commit()
+    table = "UPDATE sqlite_master SET type = 'table', rootpage = 2 WHERE type = 'view'"
+    _view(path, ["PRAGMA writable_schema = ON", table])
 
 
 @kind("virtual.db3")
@@ -144,37 +144,29 @@ def _virtual(path: Path) -> None:
 
 @kind("computed.db3")
 def _computed(path: Path) -> None:
-    column = "data AS (zeroblob(1000000000))"
-    tables(path, f"CREATE TABLE messages ({COLUMNS}, {column})")
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        base.execute("INSERT INTO messages VALUES (1, 1, 1)")
-        base.commit()
+    column, row = "data AS (zeroblob(1000000000))", "INSERT INTO messages VALUES (1, 1, 1)"
+    tables(path, f"CREATE TABLE messages ({COLUMNS}, {column})", then=[row])
 
 
 @kind("computed_slowly.db3")
 def _computed_slowly(path: Path) -> None:
-    slow = f"'{'a' * 400}' LIKE '{'%a' * 40}b'"
-    tables(path, f"CREATE TABLE messages ({COLUMNS}, wait AS ({slow}), data AS (wait || x'00'))")
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        base.execute("INSERT INTO messages VALUES (1, 1, 1)")
-        base.commit()
+    slow, row = f"'{'a' * 400}' LIKE '{'%a' * 40}b'", "INSERT INTO messages VALUES (1, 1, 1)"
+    columns = f"{COLUMNS}, wait AS ({slow}), data AS (wait || x'00')"
+    tables(path, f"CREATE TABLE messages ({columns})", then=[row])
 
 
 @kind("index_computed.db3")
 def _index_computed(path: Path) -> None:
-    tables(path, rows=[MESSAGE] * 20)
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        base.execute("CREATE INDEX slow ON messages (topic_id, timestamp, data, 'a' LIKE 'a%a')")
-        base.commit()
+    index = "CREATE INDEX slow ON messages (topic_id, timestamp, data, 'a' LIKE 'a%a')"
+    tables(path, rows=[MESSAGE] * 20, then=[index])
 
 
 @kind("trigger.db3")
 def _trigger(path: Path) -> None:
-    tables(path, rows=[MESSAGE] * 20)
-    with contextlib.closing(sqlite3.connect(path)) as base:
-        wait = f"{ENDLESS} SELECT count(*) FROM r"
-        base.execute(f"CREATE TRIGGER t AFTER INSERT ON messages BEGIN {wait}; END")
-        base.commit()
+    trigger = (
+        f"CREATE TRIGGER t AFTER INSERT ON messages BEGIN {ENDLESS} SELECT count(*) FROM r; END"
+    )
+    tables(path, rows=[MESSAGE] * 20, then=[trigger])
 
 
 @kind("pages_that_multiply.db3")

@@ -1,4 +1,4 @@
-"""Tests of truejoint.recordings.encoder_node: a serial line's encoders on /ext_jpos."""
+"""Tests of truejoint.recordings.joint_encoders, its node: a serial line's encoders on /ext_jpos."""
 
 import logging
 
@@ -7,8 +7,7 @@ import pytest
 from tests.local_ros import LocalRos
 
 from truejoint.crtk.messages import PROFILES, TRUTH_TOPIC, joint_state_columns
-from truejoint.recordings.encoder_node import EncoderNode
-from truejoint.recordings.joint_encoders import JointEncoders
+from truejoint.recordings.joint_encoders import EncoderNode, JointEncoders
 from truejoint.robots import get_robot
 from truejoint.robots.raven2.hardware import JOINT_ENCODERS
 

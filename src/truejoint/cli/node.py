@@ -157,8 +157,7 @@ def record(
 
 def encoders(port: str, link: Link, robot: str = DEFAULT, profile: str = "") -> None:
     """Publish temporary joint encoders as RAVEN-II's do, registered while the arm homes."""
-    from truejoint.recordings.encoder_node import EncoderNode
-    from truejoint.recordings.joint_encoders import JointEncoders
+    from truejoint.recordings.joint_encoders import EncoderNode, JointEncoders
 
     target = options.get_robot(robot)
     with as_node("truejoint_encoders", link.ros) as transport:

@@ -38,7 +38,7 @@ _STEP_BYTES: Final = 1 << 20  # that are unpacked at a time, between which Ctrl-
 
 
 class DamagedError(Exception):
-    """What is packed is cut short or damaged."""
+    """What is packed, a message or an array is cut short or damaged; it never reaches a user."""
 
 
 @dataclass
@@ -103,16 +103,12 @@ def _read(packed: Any) -> bytes:
         raise DamagedError(words(error)) from None
 
 
-def _zstd(file: BinaryIO) -> Any:
-    module = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
-    return require(module, "ros", "unpacking Zstandard").ZstdFile(file)
-
-
+_ZSTD: Final = "compression.zstd" if sys.version_info >= (3, 14) else "backports.zstd"
 _OPENERS: Final[dict[str, Any]] = {
     "gzip": lambda file: gzip.GzipFile(fileobj=file),
     "bz2": bz2.BZ2File,
     "lz4": lambda file: require("lz4.frame", "ros", "unpacking LZ4").LZ4FrameFile(file),
-    "zstd": _zstd,
+    "zstd": lambda file: require(_ZSTD, "ros", "unpacking Zstandard").ZstdFile(file),
 }
 
 

@@ -1,20 +1,24 @@
-"""Temporary joint encoders on a serial line."""
+"""Temporary joint encoders on a serial line, and as a ROS topic."""
 
 from __future__ import annotations
 
+import logging
 import math
 import re
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from typing import Any, Final, Self
 
 import numpy as np
 
 from truejoint.array_types import Array
+from truejoint.crtk.messages import JOINT_STATE, TRUTH_TOPIC, joint_state_fields, profile_of
+from truejoint.crtk.ros.transport import Transport
 from truejoint.errors import RecordingError, words
 from truejoint.extras import require
+from truejoint.robots import Robot
 from truejoint.robots.blocks import TruthBlock
 from truejoint.robots.parts import JointEncoder
 
@@ -25,6 +29,7 @@ REGISTRATION: Final = 60.0
 _LINE: Final = {"baudrate": 115200, "timeout": 0.1}
 _MOST_WAITING: Final = 4096  # bytes without a whole message: garbage
 _LARGEST: Final = 2**31
+_log = logging.getLogger(__name__)
 
 
 class JointEncoders:
@@ -32,34 +37,16 @@ class JointEncoders:
 
     They count from where they were switched on. While the arm homes, each joint goes to its hard
     stop: `start_registration` before, `register` after, and the counts at the extreme become the
-    known position of the stop. Only then are positions reported.
+    known position of the stop. Only then are positions reported, stamped by `clock` [s] when a
+    message is complete: by the arm's, for a recording. `port` is such as ``/dev/ttyACM0``, or what
+    ``serial.serial_for_url`` takes; `encoders` are in the order of the numbers in a line, such as
+    `Robot.encoders`.
 
-    The line is read in a thread, from entering to leaving. A line that is no message is counted and
-    left out; a port that is gone is opened again. If a listener raises, as a recorder does on a
-    full disk, reading stops, and leaving raises the error.
-
-    Parameters
-    ----------
-    port : str
-        Such as ``/dev/ttyACM0``, or what ``serial.serial_for_url`` takes.
-    encoders : sequence of JointEncoder
-        In the order of the numbers in a line, such as `Robot.encoders`.
-    clock : callable, optional
-        Gives the time stamp of a message when it is complete [s]: the arm's, for a recording.
-
-    Attributes
-    ----------
-    messages, garbage : int
-        How many lines were read, and how many were no message.
-    disconnections : int
-        How often the port was gone.
-
-    Raises
-    ------
-    TruejointError
-        If pyserial is not installed.
-    RecordingError
-        If there are no encoders; on entering, if the port cannot be opened.
+    The line is read in a thread, from entering to leaving. A line that is no message is counted in
+    `garbage`, and how often the port was gone, which is then opened again, in `disconnections`. If
+    a listener raises, as a recorder does on a full disk, reading stops, and leaving raises the
+    error. Raises TruejointError without pyserial, RecordingError without encoders and, on entering,
+    if the port cannot be opened.
 
     References
     ----------
@@ -67,7 +54,6 @@ class JointEncoders:
 
     Examples
     --------
-    >>> from truejoint.recordings.joint_encoders import JointEncoders
     >>> line = JointEncoders("/dev/ttyACM0", arm.robot.encoders, clock=lambda: arm.time)
     >>> with line as encoders:  # doctest: +SKIP
     ...     encoders.start_registration()
@@ -209,3 +195,81 @@ class JointEncoders:
             block = TruthBlock(np.array([now]), joints, position[None])
             for listener in tuple(self._listeners):
                 listener(block)
+
+
+class EncoderNode:
+    """Publishes what joint encoders read, from entering to leaving, once the arm has homed.
+
+    The arm's ``operating_state`` says when it homes: the encoders are registered at the hard stops
+    meanwhile. Positions go out on `TRUTH_TOPIC`, without names as RAVEN-II's encoders publish them,
+    from the zero that the profile's readers expect. Where the registration fails, that is said in
+    the log, and nothing is published until the arm homes again.
+
+    `encoders` are not entered yet, and stamped by the transport's clock; `profile` and `namespace`
+    are as in `truejoint.crtk.messages`; `say` is given a line about what is waited for, and what
+    has changed; `published` counts the messages. Raises RobotError if there is no such profile,
+    and RecordingError, on entering, if the port cannot be opened.
+
+    References
+    ----------
+    uw-biorobotics/raven2_CRTK_Python_controller:joint_encoder/run_r2_joint_encodersIII_pub.py
+    """
+
+    def __init__(
+        self,
+        transport: Transport,
+        encoders: JointEncoders,
+        robot: Robot,
+        profile: str = "",
+        *,
+        namespace: str = "",
+        say: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._transport, self._encoders, self._robot, self._say = transport, encoders, robot, say
+        self._profile = profile_of(robot, profile)
+        self._state_topic = self._profile.topic(robot.arm, "operating_state", namespace)
+        self._is_homing = False
+        self._open = ExitStack()
+        self.published = 0
+
+    def __enter__(self) -> Self:
+        with ExitStack() as opened:
+            self._out = self._transport.publisher(TRUTH_TOPIC, JOINT_STATE)
+            opened.callback(self._out.close)
+            opened.enter_context(self._encoders)
+            self._encoders.subscribe(self._publish)
+            opened.callback(self._encoders.unsubscribe, self._publish)
+            kind = self._profile.operating_state
+            opened.callback(self._transport.subscribe(self._state_topic, kind, self._on_state))
+            self._open = opened.pop_all()
+        self._say(f"waiting for the arm to home: {self._state_topic}")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._open.close()
+
+    def _on_state(self, message: Any) -> None:
+        if message.is_busy and not message.is_homed and not self._is_homing:
+            self._is_homing = True
+            self._encoders.start_registration()
+            self._say("the arm homes: the encoders are registered")
+        elif self._is_homing and not message.is_homed and not message.is_busy:
+            self._is_homing = False  # it was stopped: the next homing is registered anew
+        elif message.is_homed and self._is_homing:
+            self._is_homing = False
+            try:
+                self._encoders.register()
+            except RecordingError as error:
+                _log.warning("%s", error)
+            else:
+                self._say(f"registered; positions go out on {TRUTH_TOPIC}")
+
+    def _publish(self, block: TruthBlock) -> None:
+        columns = {f"truth/{name}": block.position[:, k] for k, name in enumerate(block.name)}
+        robot, profile = self._robot, self._profile
+        fields = joint_state_fields(robot, "truth", TRUTH_TOPIC, columns, profile)[1]
+        for t, position in zip(block.t.tolist(), fields["position"].tolist(), strict=True):
+            message = self._transport.stamped(JOINT_STATE, t)
+            message.position = position
+            self._out.publish(message)
+            self.published += 1

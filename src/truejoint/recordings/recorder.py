@@ -215,14 +215,9 @@ class Recorder:
         return stream_file.recording_of_streams(state, truth, origin, robot, limit, self.state_rate)
 
     def _provenance(self) -> Provenance:
-        return Provenance(
-            robot=self.arm.robot.name,
-            arm=self.arm.robot.arm,
-            session=self.session,
-            homing_id=self.homing_id or "",
-            load=self.load,
-            command=self.command,
-        )
+        robot, homing = self.arm.robot, self.homing_id or ""
+        origin = Provenance(robot.name, robot.arm, session=self.session, homing_id=homing)
+        return replace(origin, load=self.load, command=self.command)
 
     def _write(self, path: Path) -> None:
         """Write what there is; a part of a recording gets a name of its own."""
@@ -250,8 +245,9 @@ class Recorder:
         stream.path.unlink(missing_ok=True)
 
     def _clear(self) -> None:
-        rates = dict(zip(_STREAMS, (self.state_rate, math.inf), strict=True))
-        self._thinning = {name: Decimator(rate) for name, rate in {**rates, **self.topics}.items()}
+        state, truth = _STREAMS
+        rates = {state: self.state_rate, truth: math.inf, **self.topics}
+        self._thinning = {name: Decimator(rate) for name, rate in rates.items()}
         self._pieces: dict[str, list[Stream]] = {name: [] for name in _STREAMS}
         self._states: list[OperatingState] = []  # not yet written
         self._first = math.nan

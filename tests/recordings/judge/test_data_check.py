@@ -9,7 +9,7 @@ from tests.recordings.judge.faults import changed
 from truejoint.errors import RecordingError
 from truejoint.features import FeatureSet
 from truejoint.recordings import DataCheck, Finding, check_data
-from truejoint.recordings.judge.data_check import joint_coverage, outside_share
+from truejoint.recordings.judge.data_check import joint_coverage
 from truejoint.recordings.table.recording import Provenance, Recording
 from truejoint.robots import Joint, Robot
 
@@ -188,9 +188,13 @@ def test_a_signal_whose_name_begins_as_another_is_counted_by_itself():
     assert [f.where for f in findings] == ["measured/joint1", "measured/joint12"]
 
 
-def test_a_hundredth_of_the_range_is_forgiven():
-    values = np.array([-0.005, 0.5, 1.005, 1.02])
-    assert outside_share(values, 0.0, 1.0) == 0.25
+@pytest.mark.parametrize(("narrower", "names"), [(0.004, set()), (0.2, {"range"})])
+def test_a_hundredth_of_the_range_is_forgiven(clean, narrower, names):
+    values = clean.column("measured/jaw")
+    slack, features = narrower * np.ptp(values), FeatureSet.parse(["measured/jaw"])
+    bounds = np.array([values.min() + slack]), np.array([values.max() - slack])
+    check = check_data([clean], model=_Trained(("jaw",), features, *bounds))
+    assert {f.name for f in check.findings} & {"range"} == names
 
 
 def test_nothing_to_check_is_refused(clean):

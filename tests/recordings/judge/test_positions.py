@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from truejoint.recordings import Provenance, Recording, check_data
 from truejoint.recordings.join.explained import gross_outliers
 
 Change = Callable[[np.ndarray], np.ndarray]
+check_elbow = partial(check_data, joints=["elbow"])
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +54,7 @@ def test_nothing_is_found_where_nothing_is_wrong(healthy):
 
 def test_outliers_are_named_by_row_and_size(healthy):
     spoil = _added([200, 900, 901, 902], 0.4)
-    (finding,) = named(check_data(_in_first(healthy, "truth/elbow", spoil)), "outliers")
+    (finding,) = named(check_elbow(_in_first(healthy, "truth/elbow", spoil)), "outliers")
     assert finding.level == "fail"
     assert finding.rows == ((200, 201), (900, 903))
     assert finding.where.startswith("truth/elbow in synthetic-0.csv")
@@ -62,12 +64,12 @@ def test_outliers_are_named_by_row_and_size(healthy):
 
 def test_what_steps_away_and_creeps_back_is_no_outlier(healthy):
     slip = _added(slice(900, 1000), 0.05 * np.exp(-np.arange(100) / 10))
-    assert not named(check_data(_in_first(healthy, "truth/elbow", slip)), "outliers")
+    assert not named(check_elbow(_in_first(healthy, "truth/elbow", slip)), "outliers")
 
 
 def test_a_single_small_outlier_is_a_warning_only(healthy):
     spoilt = _in_first(healthy, "truth/elbow", _added(500, 0.012))
-    (finding,) = named(check_data(spoilt), "outliers")
+    (finding,) = named(check_elbow(spoilt), "outliers")
     assert finding.level == "warn"
 
 
@@ -124,7 +126,7 @@ def test_the_delay_of_slow_rows_is_told_with_its_uncertainty():
 
 
 def test_a_zero_that_moved_is_found_in_its_recording(healthy):
-    check = check_data(_in_first(healthy, "truth/elbow", lambda truth: truth + 0.05))
+    check = check_elbow(_in_first(healthy, "truth/elbow", lambda truth: truth + 0.05))
     (finding,) = named(check, "zero")
     assert finding.where == "truth/elbow in synthetic-0.csv"
     off = float(finding.what.removeprefix("its zero is ").partition(" deg")[0])
@@ -133,7 +135,7 @@ def test_a_zero_that_moved_is_found_in_its_recording(healthy):
 
 def test_a_zero_that_moves_within_a_recording_is_found_at_its_row(healthy):
     moved = _in_first(healthy, "truth/elbow", _added(slice(1000, None), 0.05))
-    (finding,) = named(check_data(moved), "zero")
+    (finding,) = named(check_elbow(moved), "zero")
     assert finding.rows == ((1000, 1001),)
 
 
@@ -145,9 +147,9 @@ def test_redundant_sensors_that_disagree_are_found(healthy, first):
         Recording(r.table.assign(**motor), {**r.units, "motor/elbow": "rad"}, r.provenance)
         for r, motor in zip(healthy, motors, strict=True)
     ]
-    assert not named(check_data(recordings), "redundant")
+    assert not named(check_elbow(recordings), "redundant")
     slip = _added(slice(first, None), 7.3 * 0.0175)
-    (finding,) = named(check_data(_in_first(recordings, "motor/elbow", slip)), "redundant")
+    (finding,) = named(check_elbow(_in_first(recordings, "motor/elbow", slip)), "redundant")
     assert finding.where.startswith("motor/elbow in synthetic-0.csv")
 
 
@@ -194,7 +196,7 @@ def test_two_exchanged_channels_are_named(healthy, quantity, count):
 
 def test_a_sensor_slower_than_the_table_is_named(healthy):
     slow = _in_all(healthy, "truth/elbow", lambda x: x[np.arange(len(x)) // 10 * 10])
-    (finding,) = named(check_data(slow), "repeats")
+    (finding,) = named(check_elbow(slow), "repeats")
     assert finding.where.startswith("truth/elbow")
     assert finding.what == "a new value in every 10 rows only, so about 150 ms late"
 
@@ -203,7 +205,7 @@ def test_a_sensor_slower_than_the_table_is_named(healthy):
 @pytest.mark.parametrize("slope", [0.8, 1.1])
 def test_a_session_whose_truth_moves_further_is_named(healthy, count, slope):
     spoilt = _in_first(healthy[:count], "truth/elbow", lambda x: 1.0 + slope * (x - 1.0))
-    (finding,) = named(check_data(spoilt), "slope")
+    (finding,) = named(check_elbow(spoilt), "slope")
     assert finding.where == "truth/elbow in synthetic-0.csv"
     assert f"{slope:.2f} times" in finding.what
 
@@ -219,7 +221,7 @@ def test_a_stop_is_told_from_a_saturated_sensor(healthy, share, push, noise):
     spoilt = _in_first(healthy, "truth/elbow", lambda x: np.where(beyond, still, x))
     spoilt = _in_first(spoilt, "effort/elbow", lambda x: x + push * np.where(beyond, 1.0, 0.0))
     kind, other = ("stop", "saturated") if push or noise else ("saturated", "stop")
-    check = check_data(spoilt)
+    check = check_elbow(spoilt)
     (finding,) = named(check, kind)
     assert not named(check, other)
     assert finding.where == "truth/elbow in synthetic-0.csv"

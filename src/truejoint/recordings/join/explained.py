@@ -171,7 +171,6 @@ _NEAR: Final = 10  # rows that show the level on either side of a step that stay
 _LONGEST: Final = 60  # rows for which a burst lasts at most, or 1 s, and a step that stays at least
 FEWEST: Final = 50  # rows with truth of which something can be said
 
-
 _FEWEST_STOPPED: Final = 3  # rows
 _BEYOND: Final = 4.0  # spreads that the motor goes on by
 _LEAST_BEYOND: Final = 0.01  # of the truth's range, at least
@@ -180,19 +179,11 @@ _FLAT: Final = 0.15  # of the usual slope, and of the way gone on, that a stop g
 
 @dataclass(frozen=True)
 class Stop:
-    """A mechanical stop: the truth stays while the reported position goes on.
+    """A mechanical stop: the truth stays while the reported position goes on."""
 
-    Attributes
-    ----------
-    rows : ndarray, shape (m,)
-        Rising.
-    level, farthest : float
-        Truth there, and the reported position that is farthest beyond [rad or m].
-    """
-
-    rows: Integers
-    level: float
-    farthest: float
+    rows: Integers  # (m,), rising
+    level: float  # truth there [rad or m]
+    farthest: float  # reported position that is farthest beyond
 
 
 def apart_from_stops(recording: Recording, joint: str) -> tuple[Recording, list[Stop]]:
@@ -233,15 +224,11 @@ def apart_from_stops(recording: Recording, joint: str) -> tuple[Recording, list[
         near = (path > level - 3.0 * spread) & (way < level + 2.0 * _FLAT * gone_on)
         near &= way > level - 2.0 * _FLAT * gone_on
         truth[finite[near]] = math.nan
-        stops.append(
-            Stop(
-                finite[near & (path > level + 2.0 * spread)], end * level, float(x[np.argmax(path)])
-            )
-        )
+        rows = finite[near & (path > level + 2.0 * spread)]
+        stops.append(Stop(rows, end * level, float(x[np.argmax(path)])))
     if not stops:
         return recording, []
-    table = recording.table.assign(**{f"truth/{joint}": truth})
-    return replace(recording, table=table), stops
+    return replace(recording, table=recording.table.assign(**{f"truth/{joint}": truth})), stops
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,10 +286,8 @@ def gross_outliers(recordings: Sequence[Recording], joint: str) -> list[Mask]:
     enough = [r for r in moving if np.isfinite(r.column(f"truth/{joint}")).sum() >= FEWEST]
     with one_thread():  # of a few thousand rows
         explained = explain(enough, joint) if enough else None
-    masks = []
-    for recording in moving:
-        mask = np.zeros(len(recording), dtype=np.bool_)
+    masks = [np.zeros(len(recording), dtype=np.bool_) for recording in moving]
+    for recording, mask in zip(moving, masks, strict=True):
         if explained is not None and recording in enough:
             mask[find_steps(recording, explained).outliers] = True
-        masks.append(mask)
     return masks

@@ -1,13 +1,13 @@
 """Truth from a file of its own, brought onto the robot's clock by the motion that both saw.
 
-`coarse_offset` correlates two streams at any shift; `fine_offset` regresses the truth on position,
-direction and velocity, whose coefficient is the delay.
+`find_path_offset` correlates two streams at any shift; `fine_offset` regresses the truth on
+position, direction and velocity, whose coefficient is the delay.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Final
@@ -109,7 +109,8 @@ def join_truth(
     >>> bool(abs(clock.seconds + 30.0) < 0.01), len(joined)
     (True, 400)
     """
-    source = as_recording(recording).provenance.source or "recording"
+    provenance = as_recording(recording).provenance
+    source = provenance.source or "recording"
     dropped: dict[str, int] = {}
     truth = usable_rows(truth, "truth", dropped)
     odd = [name for name in truth.columns if not name.startswith("truth/")]
@@ -119,7 +120,7 @@ def join_truth(
     if recording.joints_of("truth"):
         raise RecordingError(f"{source}: has a truth already; give one without")
     measured = recording.columns("measured", joints)
-    begins = 0.0 if math.isnan(recording.provenance.start) else recording.provenance.start
+    begins = 0.0 if math.isnan(provenance.start) else provenance.start
     if offset is None:
         about = None if near is None else near - begins
         positions = np.column_stack([*truth.columns.values()])
@@ -131,7 +132,6 @@ def join_truth(
     else:
         raise RecordingError(f"{source}: an offset of {offset} s; state a number")
     joined, counts = _shifted(recording, truth, clock.seconds - begins)
-    provenance = recording.provenance
     sd = "" if math.isnan(clock.sd) else f" (sd {clock.sd:.2g} s)"
     notes = f"{clock}{sd} added to the stamps of the truth, a file of its own"
     described = replace(
@@ -153,15 +153,15 @@ def _shifted(
     recording: Recording, truth: Stream, offset: float
 ) -> tuple[Recording, dict[str, int]]:
     """Give a recording the truth at stamps later by `offset` [s], and rows without it by reason."""
-    shifted = replace(truth, t=truth.t + offset)
-    state = Stream(recording.t, {name: recording.column(name) for name in recording.units})
     gap_limit = BRIDGED_STEPS * float(np.median(np.diff(truth.t)))
-    columns, counts = synchronise(state, shifted, gap_limit)
+    shifted = replace(truth, t=truth.t + offset)
+    columns, counts = synchronise(Stream(recording.t, {}), shifted, gap_limit)
     units = {n: recording.units["measured" + n.removeprefix("truth")] for n in truth.columns}
-    units = {**recording.units, **units}
+    columns = {name: recording.column(name) for name in ("t", *recording.units)} | columns
+    units, origin = {**recording.units, **units}, recording.provenance
     # Arrays of the other recording, and new ones.
-    origin, robot = recording.provenance, recording.robot
-    return Recording.from_columns(columns, origin, units, robot=robot, copy=False), counts
+    joined = Recording.from_columns(columns, origin, units, robot=recording.robot, copy=False)
+    return joined, counts
 
 
 def _refined(recording: Recording, truth: Stream, coarse: ClockOffset) -> ClockOffset:
@@ -212,37 +212,27 @@ def find_clock_offset(
         )
     joints = tuple(compress(joints, moves))
     motion = t, measured[:, moves], truth_t, truth[:, moves]
-    coarse = coarse_offset(*motion, ", ".join(joints), near, joint_likeness)
+    coarse = find_path_offset(*motion, near, ", ".join(joints))
     with one_thread():  # many small regressions, of which each would wait for its threads
         seconds, sd = fine_offset(*motion, coarse)
     return ClockOffset(seconds, math.hypot(sd, *_age_sds(t, truth_t)), joints)
 
 
 def find_path_offset(
-    t: Array, path: Array, truth_t: Array, truth: Array, near: float | None = None
-) -> float:
-    """Shift [s] of the stamps of a path (m, 3) that lays it over another (n, 3) by one rigid move.
-
-    To a step of either; the frames of the two paths need not be known. Raises RecordingError as
-    `join_truth` does where no shift fits or several do.
-    """
-    return coarse_offset(t, path, truth_t, truth, "the tool", near, path_likeness)
-
-
-def coarse_offset(
     t: Array,
     measured: Array,
     truth_t: Array,
     truth: Array,
-    who: str,
-    near: float | None,
-    likeness: Callable[[Array, Array, Integers], tuple[Array, Array]],
+    near: float | None = None,
+    joints: str = "",
 ) -> float:
-    """Shift [s] at which truth and measured positions are most alike, to a step of either.
+    """Shift [s] of the stamps of a path (m, 3) that lays it over another (n, 3) by one rigid move.
 
-    `likeness` takes both on one grid, and lags, and tells for each lag a score and the share of
-    motion that the truth explains.
+    To a step of either; the frames of the two paths need not be known. Or, of `joints`, that at
+    which truth (m, k) and measured positions (n, k) are most alike. Raises RecordingError as
+    `join_truth` does where no shift fits or several do.
     """
+    likeness, who = (_joint_likeness, joints) if joints else (_path_likeness, "the tool")
     if near is not None and not math.isfinite(near):
         raise RecordingError(f"an offset of about {near} s; state a number")
     spans = (t[-1] - t[0], truth_t[-1] - truth_t[0])
@@ -282,7 +272,7 @@ def coarse_offset(
     return float(offsets[best])
 
 
-def joint_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
+def _joint_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
     """Log of the residual variances of all joints (n, k), and the best explained joint's share.
 
     The share is the squared correlation, if it is positive, at `lags`: rows by which `theirs`
@@ -299,7 +289,7 @@ def joint_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, A
     return -np.log(1.0 - explained).sum(axis=0), explained.max(axis=0)
 
 
-def path_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
+def _path_likeness(ours: Array, theirs: Array, lags: Integers) -> tuple[Array, Array]:
     """Share of the motion of a path (n, 3) that another explains, turned as fits best.
 
     The best turn leaves what the singular values of the paths' covariance say (Kabsch, Acta Cryst.
@@ -367,12 +357,8 @@ def fine_offset(
         for rows in (parts != part for part in range(_BLOCKS))
     ]
     frictionless = _regressed_lag(regressors[:, : 1 + position.shape[1]], speed, truth[inside])
-    return offset, math.hypot(_jackknife_sd(left_out), frictionless - step)
-
-
-def _jackknife_sd(left_out: Sequence[float]) -> float:
-    """Give the standard deviation of an estimate, by estimates that leave out a part each."""
-    return math.sqrt(len(left_out) - 1) * float(np.std(left_out))
+    jackknife_sd = math.sqrt(len(left_out) - 1) * float(np.std(left_out))
+    return offset, math.hypot(jackknife_sd, frictionless - step)
 
 
 def _regressed_lag(regressors: Array, velocity: Array, truth: Array) -> float:

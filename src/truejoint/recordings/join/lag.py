@@ -45,25 +45,16 @@ _APART: Final = 2.0  # deviations of two lags that differ
 class Lag:
     """By how much the truth is late, in time, and by how far it stays behind, in space.
 
-    Attributes
-    ----------
-    seconds, sd : float
-        Late by, at all speeds, and its standard deviation [s]; where `speeds_differ` is False as if
-        there were no loop.
-    drop : float
-        Share by which the residual's variance falls when the truth is shifted back.
-    loops : tuple of pairs of float
-        Width of each joint's loop, truth on the way up less truth on the way down, and its standard
-        deviation [rad or m].
-    speeds_differ : bool
-        Whether speeds differ by enough to tell a lag from a loop.
+    Without `speeds_differ` nothing tells the two apart, and `seconds` is as if there were no loop.
     """
 
-    seconds: float
-    sd: float
-    drop: float
+    seconds: float  # late by, at all speeds
+    sd: float  # its standard deviation [s]
+    drop: float  # share by which the residual's variance falls when the truth is shifted back
     loops: tuple[tuple[float, float], ...] = ()
-    speeds_differ: bool = True
+    """Width of each joint's loop, truth on the way up less truth on the way down, and its standard
+    deviation [rad or m]."""
+    speeds_differ: bool = True  # by enough to tell a lag from a loop
 
 
 def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[Explained]) -> Lag:
@@ -72,8 +63,7 @@ def estimate_lag(recordings: Sequence[Sequence[Recording]], explained: Sequence[
     One is beside plays of many half-widths, one beside those of few and low-passed efforts. By how
     much these differ is part of the deviation, and so is by how much joints do.
     """
-    pairs = zip(recordings, explained, strict=True)
-    return _by_two([_Motion.of(of_joint, joint) for of_joint, joint in pairs])
+    return _by_two(list(map(_Motion.of, recordings, explained)))
 
 
 def lags_alone_and_together(
@@ -84,16 +74,19 @@ def lags_alone_and_together(
     Each by itself, as loads and friction differ. One whose lag is as long a way as the others' at
     its speed has their loop, not another clock; with one speed no longer a way is enough for that.
     """
-    pairs = zip(recordings, explained, strict=True)
-    motions = [_Motion.of(of_joint, joint) for of_joint, joint in pairs]
-    together = _together(motions)
-    count = len(recordings[0])
-    if count < 2:
+    motions = list(map(_Motion.of, recordings, explained))
+    differ = any(motion.speeds_differ() for motion in motions)
+    of_joints = [motion.lag(motion.path if differ else motion.places) for motion in motions]
+    seconds, sd, drop = _mean(of_joints)
+    loops = tuple(motion.loop(seconds if differ else 0.0) for motion in motions)
+    together = Lag(seconds, sd, drop, loops, differ)
+    if len(recordings[0]) < 2:
         return [], together
-    lags = [_by_two([motion.only(k) for motion in motions]) for k in range(count)]
+    parts = [[motion.only(k) for motion in motions] for k in range(len(recordings[0]))]
+    lags = [_by_two(part) for part in parts]
     times = np.array([(lag.seconds, lag.sd) for lag in lags])
-    speeds = [motions[0].only(k).speed for k in range(count)]
-    distances = times * np.array([np.sqrt(np.mean(speed**2)) for speed in speeds])[:, None]
+    speeds = np.array([np.sqrt(np.mean(part[0].speed ** 2)) for part in parts])
+    distances = times * speeds[:, None]
     late = [
         (k, lag)
         for k, lag in enumerate(lags)
@@ -108,18 +101,8 @@ def _by_two(motions: Sequence[_Motion]) -> Lag:
         seconds, sd, drop = motion.lag(motion.path)
         half = (motion.lag(motion.explained)[0] - seconds) / 2.0
         lags.append((seconds + half, math.hypot(sd, half), drop))
-    drop = float(np.median([lag[2] for lag in lags]))
     differ = any(motion.speeds_differ() for motion in motions)
-    loops = tuple(motion.loop(0.0) for motion in motions)
-    return Lag(*_mean(np.array(lags)[:, :2]), drop, loops, differ)
-
-
-def _together(motions: Sequence[_Motion]) -> Lag:
-    differ = any(motion.speeds_differ() for motion in motions)
-    lags = [motion.lag(motion.path if differ else motion.places) for motion in motions]
-    seconds, sd = _mean(np.array([lag[:2] for lag in lags]))
-    loops = tuple(motion.loop(seconds if differ else 0.0) for motion in motions)
-    return Lag(seconds, sd, float(np.median([lag[2] for lag in lags])), loops, differ)
+    return Lag(*_mean(lags), tuple(motion.loop(0.0) for motion in motions), differ)
 
 
 def _is_apart(values: Array, number: int, least: float) -> bool:
@@ -138,15 +121,16 @@ def _shares_loop(distances: Array, number: int, speeds_differ: bool) -> bool:
     return within or not _is_apart(distances, number, 0.0)
 
 
-def _mean(lags: Array) -> tuple[float, float]:
-    """Mean of lags and deviations (n, 2), and its deviation, by which they differ included."""
-    seconds, deviations = lags.T
+def _mean(lags: Sequence[tuple[float, float, float]]) -> tuple[float, float, float]:
+    """Mean lag, its deviation, by which they differ included, and the median drop."""
+    seconds, deviations, drops = np.array(lags).T
     weights = 1.0 / np.maximum(deviations, 1e-5) ** 2
     weights /= weights.sum()
     mean = float(weights @ seconds)
     n = len(lags)
     between = float(weights**2 @ (seconds - mean) ** 2) * n / max(1, n - 1)
-    return mean, math.sqrt(float(weights**2 @ deviations**2) + between)
+    sd = math.sqrt(float(weights**2 @ deviations**2) + between)
+    return mean, sd, float(np.median(drops))
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,13 +189,9 @@ class _Motion:
 
     def only(self, number: int) -> _Motion:
         """Rows of one recording."""
-        rows = self.recording == number
-        values = {f.name: getattr(self, f.name) for f in fields(self)}
-        arrays = {name: value[rows] for name, value in values.items() if not name.endswith("s_of")}
-        block = arrays["block"] - arrays["block"][0]
-        one = slice(number, number + 1)
-        alone = {**arrays, "block": block, "recording": np.zeros_like(block)}
-        return _Motion(stamps_of=self.stamps_of[one], truths_of=self.truths_of[one], **alone)
+        rows, single = self.recording == number, slice(number, number + 1)
+        arrays = [getattr(self, f.name)[rows] for f in fields(self)[2:]]
+        return _Motion(self.stamps_of[single], self.truths_of[single], *arrays)
 
     def centred(self, values: Array) -> Array:
         """Values (m, ...) less the mean of each recording, times the root of the weight."""
@@ -220,7 +200,7 @@ class _Motion:
         weights = self.root[:, None] ** 2
         total = np.maximum(np.add.reduceat(weights, starts), 1e-12)
         means = np.add.reduceat(weights * columns, starts) / total
-        centred = (columns - means[self.recording]) * self.root[:, None]
+        centred = (columns - means[self.recording - self.recording[0]]) * self.root[:, None]
         return np.asarray(centred.reshape(values.shape))
 
     def orthonormal(self, columns: Array) -> Array:
@@ -251,24 +231,21 @@ class _Motion:
 
     def lag(self, columns: Array) -> tuple[float, float, float]:
         """Lag beside what `columns` (m, k) explain, its deviation [s] and the drop."""
-        motion = self
-        start: float | None = None
+        motion, seconds = self, math.nan
         for _ in range(_WEIGHINGS):
-            seconds, sd, drop, residual = motion.solve(motion.orthonormal(columns), start)
-            start = seconds
+            seconds, sd, drop, residual = motion.solve(motion.orthonormal(columns), seconds)
             limit = BISQUARE * max(robust_spread(residual), 1e-12)
             motion = replace(self, root=np.clip(1.0 - (residual / limit) ** 2, 0.0, None))
         return seconds, sd, drop
 
-    def solve(self, basis: Array, start: float | None) -> tuple[float, float, float, Array]:
-        """Lag and deviation [s] beside what `basis` spans, drop, and residual (m,)."""
+    def solve(self, basis: Array, lag: float) -> tuple[float, float, float, Array]:
+        """Lag and deviation [s] beside what `basis` spans, drop, residual (m,); NaN to search."""
 
         def left(values: Array) -> Array:
             return np.asarray(values - basis @ (basis.T @ values))
 
         rest = left(self.centred(self.speed))
-        lag = start
-        if lag is None:
+        if math.isnan(lag):
             lag = min(_SHIFTS, key=lambda shift: float(np.sum(left(self.truth(shift)) ** 2)))
         for _ in range(_ROUNDS):
             rise = self.truth(lag + _HALF_STEP) - self.truth(lag - _HALF_STEP)
@@ -276,8 +253,7 @@ class _Motion:
             step = float(rest @ self.truth(lag)) / slope if slope else 0.0
             lag = float(np.clip(lag - np.clip(step, -0.1, 0.1), _SHIFTS[0], _SHIFTS[-1]))
         residual, before = left(self.truth(lag)), left(self.truth(0.0))
-        sums = np.bincount(self.block, rest * residual)
-        sd = math.sqrt(float(sums @ sums) * len(sums) / (len(sums) - 1)) / max(abs(slope), 1e-300)
+        sd = self.scatter(rest * residual) / max(abs(slope), 1e-300)
         drop = 1.0 - float(residual @ residual) / max(float(before @ before), 1e-300)
         return lag, sd, drop, residual
 
@@ -289,7 +265,9 @@ class _Motion:
         truth -= basis @ (basis.T @ truth)
         weight = max(float(way @ way), 1e-300)
         half = float(way @ truth) / weight
-        sums = np.bincount(self.block, way * (truth - half * way))
-        return -2.0 * half, 2.0 * math.sqrt(
-            float(sums @ sums) * len(sums) / (len(sums) - 1)
-        ) / weight
+        return -2.0 * half, 2.0 * self.scatter(way * (truth - half * way)) / weight
+
+    def scatter(self, values: Array) -> float:
+        """Deviation of a sum of values (m,), by how much the sums of the parts scatter."""
+        sums = np.bincount(self.block - self.block[0], values)
+        return math.sqrt(float(sums @ sums) * len(sums) / (len(sums) - 1))

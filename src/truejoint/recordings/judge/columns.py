@@ -27,38 +27,41 @@ def judge_columns(
 ) -> Iterable[Defect]:
     """Examine measured and true positions of `joints`, and whether `signals`, columns, vary."""
     yield from _clock(recording.t)
-    yield from _dropped(recording)
+    dropped = recording.provenance.dropped
+    if total := sum(dropped.values()):
+        share = total / (total + len(recording))
+        reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
+        which = f"{count(total, 'row')} ({100 * share:.2g} %)"
+        what = f"{which} dropped when the file was read: {reasons}"
+        yield Defect("warn" if share > 0.05 else "info", "dropped", what, "rows", size=share)
     for name in signals:
         values = recording.column(name)
         used = name.partition("/")[2] not in recording.robot.unused_channels
         if used and values.min() == values.max():
             what = f"the signal is {values[0]:.4g} in every row"
             yield Defect("warn", "constant", what, name, size=1.0)
-    every = np.arange(len(recording))
+    # Where the motor was sent; NaN where nothing says so, and it may have moved. Under a stated
+    # load without a set-point it counts as sent nowhere while it stands.
+    nowhere = np.full(len(recording), 0.0 if recording.provenance.load > 0.0 else math.nan)
     for joint in joints:
         measured = recording.column(f"measured/{joint}")
-        yield from _jumps(recording, f"measured/{joint}", every)
-        if f"truth/{joint}" in recording.units:
-            truth = recording.column(f"truth/{joint}")
-            has_truth = np.isfinite(truth)
-            if needs_truth:
-                yield from _missing_truth(recording.t, joint, has_truth)
-            rows = np.flatnonzero(has_truth)
-            yield from _repeats(recording.t[rows], truth[rows], measured[rows], f"truth/{joint}")
-            yield from _repeats(recording.t[rows], measured[rows], truth[rows], f"measured/{joint}")
-            if len(rows) >= 2:
-                yield from _jumps(recording, f"truth/{joint}", rows)
-            if len(rows) >= _FEWEST:
-                # Where the motor was sent; NaN where nothing says so, and it may have moved. Under
-                # a stated load without a set-point it counts as sent nowhere while it stands.
-                nowhere = 0.0 if recording.provenance.load > 0.0 else math.nan
-                target = np.full(len(rows), nowhere)
-                if f"setpoint/{joint}" in recording.units:
-                    target = recording.column(f"setpoint/{joint}")[rows]
-                effort = recording.table.get(f"effort/{joint}")
-                pushes = np.zeros(len(rows)) if effort is None else effort.to_numpy()[rows]
-                columns = truth[rows], measured[rows], target, pushes
-                yield from _stands(joint, recording.t, rows, *columns)
+        yield from _jumps(recording, f"measured/{joint}", np.arange(len(recording)))
+        if f"truth/{joint}" not in recording.units:
+            continue
+        truth = recording.column(f"truth/{joint}")
+        has_truth = np.isfinite(truth)
+        if needs_truth:
+            yield from _missing_truth(recording.t, joint, has_truth)
+        rows = np.flatnonzero(has_truth)
+        yield from _repeats(recording.t[rows], truth[rows], measured[rows], f"truth/{joint}")
+        yield from _repeats(recording.t[rows], measured[rows], truth[rows], f"measured/{joint}")
+        if len(rows) >= 2:
+            yield from _jumps(recording, f"truth/{joint}", rows)
+        if len(rows) >= _FEWEST:
+            target = np.asarray(recording.table.get(f"setpoint/{joint}", nowhere))
+            effort = np.asarray(recording.table.get(f"effort/{joint}", np.zeros(len(recording))))
+            columns = truth[rows], measured[rows], target[rows], effort[rows]
+            yield from _stands(joint, recording.t, rows, *columns)
 
 
 def _clock(t: Array) -> Iterable[Defect]:
@@ -80,10 +83,8 @@ def _clock(t: Array) -> Iterable[Defect]:
         yield Defect("warn", "gap", what, "time stamps", rows=rows, size=longest)
     irregular = float(np.mean(np.abs(step - usual) > 0.5 * usual))
     if irregular > 0.05:
-        what = (
-            f"{100 * irregular:.0f} % of the steps are more than half off the median of "
-            f"{1e3 * usual:.4g} ms"
-        )
+        off = f"more than half off the median of {1e3 * usual:.4g} ms"
+        what = f"{100 * irregular:.0f} % of the steps are {off}"
         level: Level = "info" if irregular < 0.2 else "warn"
         yield Defect(level, "clock", what, "time stamps", size=irregular)
 
@@ -103,17 +104,6 @@ def _repeats(t: Array, values: Array, other: Array, name: str) -> Iterable[Defec
         late = 0.5 * (times - 1.0) * float(np.median(np.diff(t)))
         what = f"a new value in every {times:.0f} rows only, so about {1e3 * late:.0f} ms late"
         yield Defect("warn", "repeats", what, name, size=times)
-
-
-def _dropped(recording: Recording) -> Iterable[Defect]:
-    dropped = recording.provenance.dropped
-    if total := sum(dropped.values()):
-        share = total / (total + len(recording))
-        reasons = ", ".join(f"{n} {reason}" for reason, n in dropped.items())
-        rows = f"{count(total, 'row')} ({100 * share:.2g} %)"
-        what = f"{rows} dropped when the file was read: {reasons}"
-        level: Level = "warn" if share > 0.05 else "info"
-        yield Defect(level, "dropped", what, "rows", size=share)
 
 
 def _missing_truth(t: Array, joint: str, has_truth: Mask) -> Iterable[Defect]:

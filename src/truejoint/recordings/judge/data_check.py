@@ -32,6 +32,7 @@ if TYPE_CHECKING:  # what it is called on says the rest
 _EVERYWHERE: Final = "all recordings"
 _STRANGE: Final = 10.0  # times as far from the middle as training rows: other motions reach 2 to 27
 _ANOTHER: Final = 100.0  # no other motion does
+_MARGIN: Final = 0.01  # of the range seen in training, by which rows may lie outside of it
 _BINS: Final = 20
 
 
@@ -213,34 +214,23 @@ def check_data(
     return DataCheck((), coverage).with_findings(findings)
 
 
-def outside_share(values: Array, low: float, high: float, margin: float = 0.01) -> float:
-    """Share of `values` (n,) outside ``[low, high]`` by more than `margin` of its width."""
-    slack = margin * (high - low)
-    return float(np.mean((values < low - slack) | (values > high + slack)))
-
-
 def _judge_sessions(recordings: Sequence[Recording]) -> Iterable[Finding]:
     homings = sorted({r.provenance.homing_id for r in recordings} - {""})
     if len(homings) > 1:
         what = f"{len(homings)} homings ({', '.join(homings[:4])})"
-        advice = (
-            "positions of two homings differ by an offset; re-zero or calibrate each on its own"
-        )
+        advice = "positions of two homings differ by an offset; re-zero or calibrate each by itself"
         yield Finding("warn", "homing", what, _EVERYWHERE, advice)
     loads = [r.provenance.load for r in recordings if np.isfinite(r.provenance.load)]
     unknown = len(recordings) - len(loads)
     masses = ", ".join(f"{1e3 * load:.0f} g" for load in sorted(set(loads)))
     if unknown:
-        what = (
-            f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
-            + (f"; elsewhere {masses}" if masses else "")
-        )
+        what = f"the load at the tool is not stated in {unknown} of {len(recordings)} recordings"
+        what += f"; elsewhere {masses}" if masses else ""
         advice = "state it when recording: cables stretch with load"
         yield Finding("info", "load", what, _EVERYWHERE, advice)
     elif len(set(loads)) == 1:
-        what = f"one load only: {masses}"
         advice = "accuracy under another load is not shown by these data"
-        yield Finding("info", "load", what, _EVERYWHERE, advice)
+        yield Finding("info", "load", f"one load only: {masses}", _EVERYWHERE, advice)
 
 
 def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) -> Iterable[Finding]:
@@ -250,8 +240,9 @@ def _judge_extrapolation(recordings: Sequence[Recording], model: Calibration) ->
     rows = np.concatenate(by_recording)
     worst: dict[str, tuple[float, str]] = {}
     ranges = zip(features.features, features.names, model.lower, model.upper, strict=True)
-    for column, (feature, name, low, high) in enumerate(ranges):
-        share = outside_share(rows[:, column], float(low), float(high))
+    for values, (feature, name, low, high) in zip(rows.T, ranges, strict=True):
+        slack = _MARGIN * (high - low)
+        share = float(np.mean((values < low - slack) | (values > high + slack)))
         # Features of one signal leave their ranges together; the worst speaks for all.
         worst[feature.signal] = max(worst.get(feature.signal, (0.0, "")), (share, name))
     for share, name in worst.values():
@@ -275,14 +266,11 @@ def _strange(
         away = np.linalg.norm((features - domain.feature_mean) @ domain.whitening.T, axis=1)
         times = float(np.median(away) / max(usual, 1.0))
         if times > _STRANGE:
-            another = times > _ANOTHER
+            level: Level = "fail" if times > _ANOTHER else "warn"
             what = f"they lie {times:.0f} times as far from the training's middle as those in it"
-            advice = (
-                "it is of another instrument, mounting or unit: calibrate that one"
-                if another
-                else "is it of another instrument, mounting, unit or motion than the training?"
-            )
-            level: Level = "fail" if another else "warn"
+            advice = "is it of another instrument, mounting, unit or motion than the training?"
+            if level == "fail":
+                advice = "it is of another instrument, mounting or unit: calibrate that one"
             yield Defect(level, "instrument", what, "signals", advice, size=times), recording
 
 

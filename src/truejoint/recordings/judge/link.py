@@ -72,22 +72,12 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
     check = check_data(recording, joints=joints, needs_truth=bool(truth))
     moving = [joint for joint in joints if _moves(recording, joint)]
     moving_truth = [joint for joint in truth if joint in moving]
-    findings = [
-        *_judge_stamps(recording),
-        *_judge_effort(recording, joints),
-        *_judge_overlap(recording, truth),
-    ]
-    if homing := recording.provenance.dropped.get(AMID, 0):
-        longest = int(np.argmax(np.diff(recording.t)))
-        what = f"{homing} rows of homing, after {recording.t[longest]:.1f} s it seems"
-        advice = "cut it there (--part): positions before and after count from two zeros"
-        findings.append(Finding("fail", "homing", what, "", advice))
+    findings = [*_judge_drops(recording), *_judge_effort(recording, joints)]
+    findings += _judge_overlap(recording, truth)
     if moving:
-        findings += [
-            *_judge_arm(recording, other, moving_truth),
-            *_judge_effort_sign(recording, moving),
-            *_judge_delay(recording, moving_truth),
-        ]
+        findings += _judge_arm(recording, other, moving_truth)
+        findings += _judge_effort_sign(recording, moving)
+        findings += _judge_delay(recording, moving_truth)
     else:
         what = "no joint moves: nothing to judge it by"
         findings += [Finding("info", name, what, "", "move the joints") for name in _NEED_MOTION]
@@ -116,11 +106,11 @@ def diagnose(recording: Recording, other: Recording | None = None) -> DataCheck:
 
 def _moves(recording: Recording, joint: str) -> bool:
     """Whether a joint moves by more than noise and creep, as any of its sensors has it."""
-    limits = recording.robot.joint(joint)
+    limits, table = recording.robot.joint(joint), recording.table
     travel = limits.upper - limits.lower
     least = _LEAST_MOTION * (travel if math.isfinite(travel) else 1.0)
-    columns = [recording.table.get(f"{quantity}/{joint}") for quantity in _POSITIONS]
-    return any(column is not None and column.max() - column.min() > least for column in columns)
+    columns = [table[f"{q}/{joint}"] for q in _POSITIONS if f"{q}/{joint}" in table]
+    return any(column.max() - column.min() > least for column in columns)
 
 
 def _is_of_noise(finding: Finding, joints: Sequence[str], moving: Sequence[str]) -> bool:
@@ -131,19 +121,20 @@ def _is_of_noise(finding: Finding, joints: Sequence[str], moving: Sequence[str])
     return stands and (by_span or finding.name in _TAKE_MOTION)
 
 
-def _judge_stamps(recording: Recording) -> Iterable[Finding]:
-    """Judge stamps that repeat, go back or are 0, by the rows that were left out for it."""
-    counts = {
-        reason: count
-        for reason, count in recording.provenance.dropped.items()
-        if reason.endswith((_REPEATED, BACK, NO_STAMP))
-    }
+def _judge_drops(recording: Recording) -> Iterable[Finding]:
+    """Judge stamps that repeat, go back or are 0, and homings, by the rows left out for them."""
+    dropped = recording.provenance.dropped
+    counts = {r: n for r, n in dropped.items() if r.endswith((_REPEATED, BACK, NO_STAMP))}
     if counts:
         share = sum(counts.values()) / (len(recording) + sum(counts.values()))
         what = ", ".join(f"{count} times {reason}" for reason, count in counts.items())
         level: Level = "fail" if share > _STRAY else "warn"
-        what = f"{what} ({100 * share:.2g} % of the messages)"
-        yield Finding(level, "stamps", what, "")
+        yield Finding(level, "stamps", f"{what} ({100 * share:.2g} % of the messages)", "")
+    if homing := dropped.get(AMID, 0):
+        longest = int(np.argmax(np.diff(recording.t)))
+        what = f"{homing} rows of homing, after {recording.t[longest]:.1f} s it seems"
+        advice = "cut it there (--part): positions before and after count from two zeros"
+        yield Finding("fail", "homing", what, "", advice)
 
 
 def _likeness(recording: Recording, truth: Recording, joints: Sequence[str]) -> float:
@@ -172,14 +163,12 @@ def _judge_arm(
     what = f"this arm explains {100 * share:.0f} % of the truth's motion"
     if not math.isnan(other_share):
         what += f", the other arm {100 * other_share:.0f} %"
+    advice = ""
     if other_share > _FOLLOWS and 1.0 - other_share < _BETTER * (1.0 - share):
         advice = "the arms are swapped: state --robot with the other arm, or another --profile"
-        yield Finding("fail", "arm", what, "", advice)
     elif share < _STRANGER:
         advice = "is the truth of this arm, these joints and this session?"
-        yield Finding("fail", "arm", what, "", advice)
-    else:
-        yield Finding("good", "arm", what, "")
+    yield Finding("fail" if advice else "good", "arm", what, "", advice)
 
 
 def _judge_effort(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
@@ -189,8 +178,7 @@ def _judge_effort(recording: Recording, joints: Sequence[str]) -> Iterable[Findi
     if not with_effort:
         yield Finding("warn", "effort", "there is none", "")
     elif unset:
-        what = f"0 in every row of {', '.join(unset)}: never set"
-        yield Finding("fail", "effort", what, "")
+        yield Finding("fail", "effort", f"0 in every row of {', '.join(unset)}: never set", "")
 
 
 def _judge_effort_sign(recording: Recording, joints: Sequence[str]) -> Iterable[Finding]:
@@ -210,7 +198,7 @@ def _judge_effort_sign(recording: Recording, joints: Sequence[str]) -> Iterable[
     else:
         by_joint = {joint: recording.column(f"effort/{joint}") for joint in with_effort}
     works = {joint: _work_share(recording, joint, by_joint[joint]) for joint in with_effort}
-    shares = {joint: share for joint, share in works.items() if share is not None}
+    shares = {joint: share for joint, share in works.items() if not math.isnan(share)}
     if not shares:
         advice = "move the joints there and back, and record their efforts"
         yield Finding("info", "effort-sign", "nothing to judge it by", "", advice)
@@ -222,18 +210,18 @@ def _judge_effort_sign(recording: Recording, joints: Sequence[str]) -> Iterable[
     yield Finding("fail" if wrong else "good", "effort-sign", what, "")
 
 
-def _work_share(recording: Recording, joint: str, effort: Array) -> float | None:
+def _work_share(recording: Recording, joint: str, effort: Array) -> float:
     """Net work of an effort (n,) as a share of all the work that it does and takes.
 
     Of brisk motion: a joint that is held may be pushed by the cables of others, and its motor then
-    brakes. None where there is none both ways: one way the weight of the arm may do the work.
+    brakes. NaN where there is none both ways: one way the weight of the arm may do the work.
     """
     rate = velocity(recording.t, recording.column(f"measured/{joint}"))
     brisk = np.abs(rate) > _BRISK * np.quantile(np.abs(rate), 0.99)
     ways = np.abs(rate[brisk & (rate > 0.0)].sum()), np.abs(rate[brisk & (rate < 0.0)].sum())
     power = (effort * rate)[brisk]
     gross = float(np.abs(power).sum())
-    return float(power.sum()) / gross if gross and min(ways) > _BACK * max(ways) else None
+    return float(power.sum()) / gross if gross and min(ways) > _BACK * max(ways) else math.nan
 
 
 def _judge_overlap(recording: Recording, truth: Sequence[str]) -> Iterable[Finding]:

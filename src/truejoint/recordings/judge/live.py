@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
 from functools import partial
 from typing import Any, Final, Self
 
@@ -14,7 +15,6 @@ from truejoint.crtk.messages import (
     ARMS,
     JOINT_STATE,
     OPERATING_STATES,
-    RAVEN_FIELDS,
     USUAL_QUANTITIES,
 )
 from truejoint.crtk.protocol import SILENCE
@@ -31,7 +31,6 @@ from truejoint.robots import Robot, get_robot
 _PLACE: Final = "live"
 _STEPS: Final = 10.0  # usual steps for which a slow topic may say nothing
 _CLOCK: Final = 0.1  # [s] by which stamps may differ from this computer's clock
-_RAVEN_FIELDS: Final = (*(RAVEN_FIELDS[quantity][0] for quantity in USUAL_QUANTITIES), "runlevel")
 _SECOND: Final = 1e9  # ns
 KEPT: Final = 100_000
 """Latest messages of a topic that are kept: 100 s at 1 kHz, some 100 MB of RAVEN-II's states."""
@@ -44,32 +43,10 @@ class LiveLink:
 
     Every joint state and every state of a RAVEN-II that somebody publishes is kept, as rosbag
     would, the latest `KEPT` of each topic; which of them are the arm's is told afterwards, as it is
-    of a bag.
-
-    Parameters
-    ----------
-    transport : Transport
-        From `truejoint.crtk.open_transport`.
-    robot, arm, profile, state, truth : str
-        As `truejoint.recordings.read_bag` takes them.
-
-    Raises
-    ------
-    RecordingError
-        On entering, if no topic is the arm's; the message lists those that there are. When it is
-        judged, if nothing came of one that is needed.
-    RobotError
-        If there is no such robot or profile.
-    RosError
-        If no master answers.
-
-    Examples
-    --------
-    >>> link = LiveLink(truejoint.crtk.open_transport(1), "raven2")  # doctest: +SKIP
-    >>> with link:  # doctest: +SKIP
-    ...     time.sleep(10.0)
-    >>> link.diagnose().failed  # doctest: +SKIP
-    False
+    of a bag. The transport is one of `truejoint.crtk.open_transport`, the names are as `read_bag`
+    takes them. Raises RecordingError on entering, listing all topics, if none is the arm's, and
+    when it is judged if nothing came of one that is needed; RobotError if there is no such robot or
+    profile; RosError if no master answers.
     """
 
     def __init__(
@@ -82,11 +59,10 @@ class LiveLink:
         state: str = "",
         truth: str = "",
     ) -> None:
-        self._transport = transport
-        self._robot, self._arm = robot, arm
+        self._transport, self._robot, self._arm = transport, robot, arm
         self._how = {"profile": profile, "state": state, "truth": truth}
         self._heard: dict[str, Heard] = {}
-        self._endings: list[Callable[[], None]] = []
+        self._subscribed = ExitStack()
 
     def __enter__(self) -> Self:
         of_joints = (JOINT_STATE, *OPERATING_STATES)
@@ -100,13 +76,12 @@ class LiveLink:
         for name, kind in kinds.items():
             self._heard[name] = Heard(name, kind)
             receive = partial(self._receive, self._heard[name])
-            self._endings.append(self._transport.subscribe(name, kind, receive))
+            self._subscribed.callback(self._transport.subscribe(name, kind, receive))
         return self
 
     def __exit__(self, *_: object) -> None:
         self._ended = self._transport.now()
-        while self._endings:
-            self._endings.pop()()
+        self._subscribed.close()
 
     def _receive(self, heard: Heard, message: Any) -> None:
         heard.take(self._transport.now(), self._transport.seconds(message), message)
@@ -151,9 +126,7 @@ class Heard:
         self.name, self.kind = name, kind
         self.is_raven = kind.endswith(assembling.RAVEN_TYPE)
         self.invalid = 0  # messages with a stamp of 0: CRTK says so that their values mean nothing
-        self._fields = _RAVEN_FIELDS if self.is_raven else assembling.JOINT_FIELDS
-        if kind in OPERATING_STATES:
-            self._fields = (assembling.HOMED,)
+        self._fields = assembling.wanted_fields(kind, USUAL_QUANTITIES)
         self._lacking = ""
         self._rows: deque[tuple[float, float, _Layout, Array]] = deque(maxlen=KEPT)
 

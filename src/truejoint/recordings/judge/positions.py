@@ -16,7 +16,6 @@ from truejoint.recordings.join.explained import (
     FEWEST,
     SLOW,
     Explained,
-    Steps,
     Stop,
     apart_from_stops,
     explain,
@@ -45,10 +44,7 @@ REDUNDANT: Final = ("motor", "driver")  # quantities that tell the position of a
 _MISLEADS: Final = 0.3  # spreads, that outliers add to the root mean square of the residual
 _FEW_OF_SLOW: Final = 0.01  # of rows that are steps: a few of those are honest
 _START: Final = 1.0  # s, in which an arm may still be settling
-_MOVED: Final = 3.0  # spreads of a left-out recording
-_MOVED_OF_NOISE: Final = 3.0  # and spreads of the residual of all together
-# Their finding, and the share of the step that counts for the truth, which is noisier.
-_REDUNDANT: Final = ("redundant", 0.6)
+_MOVED: Final = 3.0  # spreads of a left-out recording, and of the residual of all together
 _LATE_DROP: Final = 0.05  # of the residual's variance
 _MISLEADING_DROP: Final = 0.5  # of it: more than all else that the signals do not explain
 _SURE: Final = 3.0  # uncertainties
@@ -85,15 +81,10 @@ def judge_positions(
         if defect.name in ("wrap", "frozen", "saturated")
     }
     marked = [pair for pair in columns if pair[0].name == "stop"]
-    judged: dict[str, list[Recording]] = {}
-    for joint in joints:
-        judged[joint] = []
-        for recording in recordings:
-            scale_defects = list(_judge_scale(recording, joint))
-            marked += [(defect, recording) for defect in scale_defects]
-            sound = not any(d.level == "fail" for d in scale_defects)
-            if sound and (id(recording), joint) not in broken:
-                judged[joint].append(recording)
+    scales = [(d, r, joint) for joint in joints for r in recordings for d in _judge_scale(r, joint)]
+    marked += [(defect, recording) for defect, recording, _ in scales]
+    broken |= {(id(r), joint) for defect, r, joint in scales if defect.level == "fail"}
+    judged = {joint: [r for r in recordings if (id(r), joint) not in broken] for joint in joints}
     truths = []
     for joint, sound_ones in judged.items():
         moving, at_stops = _apart_from_stops(sound_ones, joint)
@@ -107,8 +98,11 @@ def judge_positions(
     for of_joint, explained in truths:
         marked += _judge_sensor(of_joint, explained)
         marked += _judge_slopes(of_joint, explained.joint)
-    for joint, sound_ones in judged.items():
-        marked += _judge_redundant(sound_ones, joint, signals)
+    for joint, quantity in itertools.product(judged, REDUNDANT):
+        column = f"{quantity}/{joint}"
+        if telling := [r for r in judged[joint] if _tells(r, column)]:
+            odd = _judge_sensor(telling, explain(telling, joint, quantity))
+            marked += [(d if column in signals else replace(d, level="warn"), r) for d, r in odd]
     marked += [(defect, r) for r in recordings for defect in _judge_swapped(r, joints)]
     yield from one_line_each(marked, recordings)
     yield from delays
@@ -127,16 +121,6 @@ def _apart_from_stops(
             marked += [(_at_stop(stop, recording, joint), recording) for stop in stops]
             moving += [apart] if _tells(apart, f"truth/{joint}") else []
     return moving, marked
-
-
-def _judge_redundant(
-    recordings: Sequence[Recording], joint: str, signals: Collection[str]
-) -> Iterable[Marked]:
-    for quantity in REDUNDANT:
-        column = f"{quantity}/{joint}"
-        if telling := [r for r in recordings if _tells(r, column)]:
-            for defect, recording in _judge_sensor(telling, explain(telling, joint, quantity)):
-                yield defect if column in signals else replace(defect, level="warn"), recording
 
 
 def _tells(recording: Recording, column: str) -> bool:
@@ -206,14 +190,11 @@ def _at_once(recording: Recording, late: float) -> Recording:
     if not late:
         return recording
     then = recording.t - late
-    unknown = (then < recording.t[0]) | (then > recording.t[-1])
-    columns = {
-        name: np.where(unknown, math.nan, values)
-        if name.startswith("truth/")
-        else np.interp(then, recording.t, values)
-        for name in recording.units
-        for values in (recording.column(name),)
-    }
+    inside = (then >= recording.t[0]) & (then <= recording.t[-1])
+    columns = {name: recording.column(name) for name in recording.units}
+    for name, values in columns.items():
+        moved = np.interp(then, recording.t, values)
+        columns[name] = np.where(inside, values, np.nan) if name.startswith("truth/") else moved
     return replace(recording, table=recording.table.assign(**columns))
 
 
@@ -234,21 +215,23 @@ def _at_stop(stop: Stop, recording: Recording, joint: str) -> Defect:
 
 def _judge_sensor(recordings: Sequence[Recording], explained: Explained) -> list[Marked]:
     """Find steps in, and between, recordings of a truth or of two sensors that may disagree."""
-    name, share = ("zero", 1.0) if explained.quantity == "truth" else _REDUNDANT
+    # Their finding, and the share of the step that counts for the truth, which is noisier.
+    name, share = ("zero", 1.0) if explained.quantity == "truth" else ("redundant", 0.6)
     marked = [
         (defect, recording)
         for recording in recordings
-        for defect in _judge_steps(
-            recording, explained, find_steps(recording, explained, share), name
-        )
+        for defect in _judge_steps(recording, explained, name, share)
     ]
     return marked + _judge_zeros(recordings, explained, name, marked)
 
 
 def _judge_steps(
-    recording: Recording, explained: Explained, steps: Steps, name: str
+    recording: Recording, explained: Explained, name: str, share: float
 ) -> Iterable[Defect]:
-    column = f"{explained.quantity}/{explained.joint}"
+    column, steps = (
+        f"{explained.quantity}/{explained.joint}",
+        find_steps(recording, explained, share),
+    )
     unit, t = recording.units[column], recording.t
     slow = np.median(np.diff(t)) > SLOW  # where honest motion steps too
     if len(steps.outliers):
@@ -263,14 +246,11 @@ def _judge_steps(
         level: Level = "fail" if weight > _MISLEADS * explained.spread and not few else "warn"
         yield Defect(level, "outliers", what, column, rows=rows, size=weight)
     for row, rise in zip(steps.stays, steps.rise, strict=True):
-        begins = t[row] - t[0] < _START
+        begins, rows = t[row] - t[0] < _START, ((int(row), int(row) + 1),)
         what = f"it jumps by {shown(float(rise), unit)} at row {row} and stays"
         advice = "cut the start off" if begins else "cut the recording there, or record again"
-        rows = ((int(row), int(row) + 1),)
-        kind, harmless = "start" if begins else name, begins or slow
-        yield Defect(
-            "warn" if harmless else "fail", kind, what, column, advice, rows, abs(float(rise))
-        )
+        level, kind = "warn" if begins or slow else "fail", "start" if begins else name
+        yield Defect(level, kind, what, column, advice, rows, abs(float(rise)))
 
 
 def _row_ranges(rows: Integers) -> Rows:
@@ -293,20 +273,19 @@ def _judge_zeros(
 
     Within a loop that the others do not explain a zero may be anywhere.
     """
-    stepped = {id(recording) for defect, recording in steps if defect.name == name}
     if len(recordings) < 2:
         return []
+    stepped = {id(recording) for defect, recording in steps if defect.name == name}
     zeros, half_loops, spread = left_out_zeros(recordings, explained)
     column = f"{explained.quantity}/{explained.joint}"
-    limit = max(_MOVED * spread, _MOVED_OF_NOISE * explained.spread)
+    limit = _MOVED * max(spread, explained.spread)
+    advice = "re-zero, calibrate each homing on its own, or give each recording its zero"
     moved = []
     for number in np.flatnonzero(np.abs(zeros - np.median(zeros)) - half_loops > limit).tolist():
         recording, offset = recordings[number], float(zeros[number])
         if id(recording) not in stepped:
             what = f"its zero is {shown(offset, recording.units[column])} off that of the others"
-            advice = "re-zero, calibrate each homing on its own, or give each recording its zero"
-            defect = Defect("fail", name, what, column, advice, size=abs(offset))
-            moved.append((defect, recording))
+            moved.append((Defect("fail", name, what, column, advice, size=abs(offset)), recording))
     return moved[:1] if len(recordings) == 2 else moved
 
 
@@ -321,8 +300,8 @@ def _judge_delay(
     if not sources:
         return [], {}
     most = max(sources, key=sources.count)  # a joint is not judged where its sensor is broken
-    alike = [pair for pair, names in zip(truths, sources, strict=True) if names == most]
-    recordings, explained = [pair[0] for pair in alike], [pair[1] for pair in alike]
+    alike = itertools.compress(truths, (names == most for names in sources))
+    recordings, explained = zip(*alike, strict=True)
     where = ", ".join(f"truth/{e.joint}" for e in explained)
     units = [recordings[0][0].units[f"truth/{e.joint}"] for e in explained]
     alone, together = lags_alone_and_together(recordings, explained)
@@ -343,8 +322,8 @@ def _judge_delay(
         return list(one_line_each(marked, every)), {id(r): lag.seconds for _, r, lag in single}
     if defect is None:
         return [], {}
+    late = itertools.chain(*recordings) if together.speeds_differ else ()
     finding = Finding(defect.level, defect.name, defect.what, defect.where, defect.advice)
-    late = (r for of_joint in recordings for r in of_joint) if together.speeds_differ else ()
     return [finding], {id(r): together.seconds for r in late}
 
 
@@ -355,7 +334,6 @@ def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
         lag.speeds_differ or any(abs(width) > _SURE * sd for width, sd in lag.loops)
     ):
         return None
-    misleads = lag.speeds_differ and lag.drop >= _MISLEADING_DROP
     late = "behind" if lag.seconds > 0.0 else "ahead of"
     pairs = zip(lag.loops, units, strict=False)
     loops = ", ".join(f"{shown(w, unit)} (+- {shown(sd, unit)})" for (w, sd), unit in pairs)
@@ -363,72 +341,67 @@ def _late(lag: Lag, where: str, units: Sequence[str]) -> Defect | None:
         f"the truth is {1e3 * abs(lag.seconds):.0f} ms {late} the robot's state "
         f"(+- {1e3 * lag.sd:.0f} ms)"
     )
+    level: Level = "warn"
     if not lag.speeds_differ:
         what += f", or it is a loop of {loops}: one speed cannot tell a late clock from hysteresis"
-    elif loops:
-        what += f", beside a loop of {loops}"
-    advice = (
-        "correct the clocks or shift the truth"
-        if lag.speeds_differ
-        else "record the same motion at half the speed too"
-    )
-    return Defect(
-        "fail" if misleads else "warn", "delay", what, where, advice, size=abs(lag.seconds)
-    )
+        advice = "record the same motion at half the speed too"
+    else:
+        what += f", beside a loop of {loops}" if loops else ""
+        advice = "correct the clocks or shift the truth"
+        level = "fail" if lag.drop >= _MISLEADING_DROP else "warn"
+    return Defect(level, "delay", what, where, advice, size=abs(lag.seconds))
 
 
 def _judge_scale(recording: Recording, joint: str) -> Iterable[Defect]:
     """Judge unit, sign and limits, the first only that is wrong: each upsets the next."""
-    measured, with_truth = recording.robot.joint(joint), recording.joints_of("truth")
-    reported = recording.column(f"measured/{joint}")
-    low, high = _range(reported)
-    if joint in with_truth:
-        truth = recording.column(f"truth/{joint}")
-        rows = np.flatnonzero(np.isfinite(truth))
+    reported, truth = recording.column(f"measured/{joint}"), recording.table.get(f"truth/{joint}")
+    if truth is not None:
+        rows = np.flatnonzero(truth.notna())
         rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
-        if len(rows) > 2:
-            span = float(np.ptp(_range(truth[rows])))
-            ratio = span / max(float(np.ptp(_range(reported[rows]))), 1e-12)
-            if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
-                unit, display = measured.unit, display_unit(measured.unit)
-                wrong = max(ratio, 1.0 / ratio)
-                sides = ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
-                guess = f" (1 {unit} = {display.scale:.4g} {display.name})"
-                what = f"it spans {wrong:.3g} times what the {sides[1]} does{guess}"
-                advice = (
-                    f"give both in {unit}: state the column's unit, as {display.name}, or its scale"
-                )
-                yield Defect("fail", "unit", what, f"{sides[0]}/{joint}", advice, size=wrong)
-                return
-            moves = np.ptp(truth[rows]) > 0.0 and np.ptp(reported[rows]) > 0.0
-            ranks = rankdata(truth[rows]), rankdata(reported[rows])
-            same = float(np.corrcoef(*ranks)[0, 1]) if moves else 0.0
-            if same < _OPPOSITE:
-                what = f"the truth falls where the measured position rises (correlation {same:.2f})"
-                yield Defect("fail", "sign", what, f"truth/{joint}", size=-same)
-                return
-    yield from _limits(measured, low, high)
+        pair = truth.to_numpy()[rows], reported[rows]
+        if len(rows) > 2 and (defect := _judge_pair(*pair, recording.robot.joint(joint))):
+            yield defect
+            return
+    yield from _judge_limits(recording.robot.joint(joint), *_range(reported))
 
 
-def _limits(joint: Joint, low: float, high: float) -> Iterable[Defect]:
+def _judge_pair(truth: Array, reported: Array, joint: Joint) -> Defect | None:
+    """Judge unit and sign of a truth (n,) beside the reported positions (n,)."""
+    ratio = float(np.ptp(_range(truth))) / max(float(np.ptp(_range(reported))), 1e-12)
+    if ratio > _RATIO or 0.0 < ratio < 1.0 / _RATIO:
+        unit, display, wrong = joint.unit, display_unit(joint.unit), max(ratio, 1.0 / ratio)
+        where, other = ("truth", "measured position") if ratio > 1.0 else ("measured", "truth")
+        guess = f" (1 {unit} = {display.scale:.4g} {display.name})"
+        what = f"it spans {wrong:.3g} times what the {other} does{guess}"
+        advice = f"give both in {unit}: state the column's unit, as {display.name}, or its scale"
+        return Defect("fail", "unit", what, f"{where}/{joint.name}", advice, size=wrong)
+    if np.ptp(truth) > 0.0 and np.ptp(reported) > 0.0:
+        same = float(np.corrcoef(rankdata(truth), rankdata(reported))[0, 1])
+        if same < _OPPOSITE:
+            what = f"the truth falls where the measured position rises (correlation {same:.2f})"
+            return Defect("fail", "sign", what, f"truth/{joint.name}", size=-same)
+    return None
+
+
+def _judge_limits(joint: Joint, low: float, high: float) -> Iterable[Defect]:
     """Positions far outside the limits are in another unit; a little outside, limits are wrong."""
-    travel = joint.upper - joint.lower
-    name, unit = f"measured/{joint.name}", joint.unit
-    display = display_unit(unit)
+    travel, unit = joint.upper - joint.lower, joint.unit
+    name, advice = f"measured/{joint.name}", "is it in {}? state the unit of its column"
+    advice = advice.format(display_unit(unit).name)
     if not math.isfinite(travel):
         if high - low > _FARTHEST.get(unit, math.inf):
             what = f"it spans {high - low:.4g} {unit}, more than a joint moves"
-            advice = f"is it in {display.name}? state the unit of its column"
             yield Defect("fail", "unit", what, name, advice, size=high - low)
         return
     beyond = max(low - joint.upper, joint.lower - high, high - joint.upper, joint.lower - low)
-    span = f"{shown(low, unit)} to {shown(high, unit)}"
-    limits = f"the limits are {shown(joint.lower, unit)} to {shown(joint.upper, unit)}"
+    what = (
+        f"it runs from {shown(low, unit)} to {shown(high, unit)}; the limits are "
+        f"{shown(joint.lower, unit)} to {shown(joint.upper, unit)}"
+    )
     if high - low > 1.5 * travel or beyond > 2.0 * travel:
-        advice = f"is it in {display.name}? state the unit of its column"
-        yield Defect("fail", "unit", f"it runs from {span}; {limits}", name, advice, size=beyond)
+        yield Defect("fail", "unit", what, name, advice, size=beyond)
     elif beyond > _SLACK * travel:
-        yield Defect("warn", "limits", f"it runs from {span}; {limits}", name, size=beyond)
+        yield Defect("warn", "limits", what, name, size=beyond)
 
 
 def _range(values: Array) -> tuple[float, float]:

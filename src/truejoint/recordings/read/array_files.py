@@ -22,7 +22,12 @@ from scipy.io import loadmat
 
 from truejoint.array_types import Array
 from truejoint.errors import RecordingError, words
-from truejoint.recordings.bounded_file import MAX_BINARY_BYTES, Allowance, read_bounded
+from truejoint.recordings.bounded_file import (
+    MAX_BINARY_BYTES,
+    Allowance,
+    DamagedError,
+    read_bounded,
+)
 
 NPY_MAGIC: Final = b"\x93NUMPY"
 MAX_MAT_BYTES: Final = 2**28  # that the variables of one file may unpack to
@@ -34,10 +39,6 @@ _STRUCT, _NUMBERS, _COMPLEX = 2, range(6, 16), 8  # classes of array, and a bit 
 _NUMBER_TYPES: Final = {
     1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8",
 }  # fmt: skip
-
-
-class _MatError(Exception):
-    """A rule of the format that the file breaks."""
 
 
 def read_npy(path: Path) -> tuple[Array, str]:
@@ -103,7 +104,7 @@ def read_mat(data: bytes, source: str) -> dict[str, Array]:
 
 def _read_version_5(data: bytes, source: str) -> dict[str, Array]:
     if data[126:128] not in (b"IM", b"MI"):
-        raise _MatError("its header is cut short")
+        raise DamagedError("its header is cut short")
     order = "<" if data[126:128] == b"IM" else ">"
     room = Allowance.of_size(source, len(data))
     room.most = min(MAX_MAT_BYTES, room.most)
@@ -115,7 +116,7 @@ def _read_version_5(data: bytes, source: str) -> dict[str, Array]:
             content = unpack.decompress(body, room.most - room.taken + 1)
             room.take(len(content))
             if not unpack.eof:
-                raise _MatError("a variable is cut short")
+                raise DamagedError("a variable is cut short")
             kind, body = next(_elements(memoryview(content), order), (0, body))
         if kind == _MATRIX:
             variables |= _read_matrix(body, order)
@@ -134,7 +135,7 @@ def _elements(
             # A small element: size and type share one word, up to 4 bytes of content follow.
             kind, size, start = kind & 0xFFFF, kind >> 16, at + 4
         if start + size > len(data) or (start == at + 4 and size > 4):
-            raise _MatError("a data element is cut short")
+            raise DamagedError("a data element is cut short")
         yield kind, data[start : start + size]
         # Elements are padded to 8 bytes, only compressed ones are not.
         at = start + size
@@ -150,7 +151,7 @@ def _read_matrix(body: memoryview, order: str, prefix: str = "") -> dict[str, Ar
     if kind not in (_STRUCT, *_NUMBERS) or is_complex or (kind == _STRUCT and prefix):
         return {}
     if len(parts) < 4 or parts[1][0] != _INT32:
-        raise _MatError("an array is cut short")
+        raise DamagedError("an array is cut short")
     shape = struct.unpack(f"{order}{len(parts[1][1]) // 4}i", parts[1][1])
     name = prefix or bytes(parts[2][1]).decode()
     if kind == _STRUCT and shape == (1, 1):
@@ -165,8 +166,8 @@ def _read_matrix(body: memoryview, order: str, prefix: str = "") -> dict[str, Ar
         return {}
     element, data = parts[3]
     if element not in _NUMBER_TYPES:
-        raise _MatError(f"numbers of type {element}")
+        raise DamagedError(f"numbers of type {element}")
     values = np.frombuffer(data, order + _NUMBER_TYPES[element])
     if min(shape) < 0 or values.size != math.prod(shape):
-        raise _MatError(f"{len(body)} bytes cannot hold an array of shape {shape}")
+        raise DamagedError(f"{len(body)} bytes cannot hold an array of shape {shape}")
     return {name: values.astype(np.float64).reshape(shape, order="F")}

@@ -50,24 +50,21 @@ class Format:
     reads_head: bool = False
 
 
-def _read(reader: str, *args: Any, **options: Any) -> Any:
-    """Call a reader, which is imported now."""
-    return resolve_name(f"truejoint.recordings.{reader}")(*args, **options)
+def _load(name: str, summary: str, reader: str = "", **row: Any) -> Format:
+    """Layout of a row of the table; its reader is imported when it is called."""
+
+    def read(*args: Any, **options: Any) -> Any:
+        if not reader:
+            options["layout"] = name
+        place = reader or "read.mapped:read_layout"
+        return resolve_name(f"truejoint.recordings.{place}")(*args, **options)
+
+    row["options"] = tuple(row.get("options", ()))
+    return Format(name, summary, read, **{"reads_head": not reader, **row})
 
 
-_LAYOUTS: Final = "read.mapped:read_layout"
 _ROWS: Final = tomllib.loads((files(__package__) / "formats.toml").read_text("utf-8"))
-FORMATS: Final[Mapping[str, Format]] = {
-    name: Format(
-        name,
-        row["summary"],
-        partial(_read, row["reader"]) if "reader" in row else partial(_read, _LAYOUTS, layout=name),
-        tuple(row.get("options", ())),
-        row.get("folder", False),
-        row.get("reads_head", "reader" not in row),
-    )
-    for name, row in _ROWS.items()
-}
+FORMATS: Final[Mapping[str, Format]] = {name: _load(name, **row) for name, row in _ROWS.items()}
 """Every layout of truejoint's own by name."""
 
 

@@ -73,12 +73,11 @@ def sketch_column_map(path: str | os.PathLike[str], robot: str = "", arm: str = 
     path = Path(path)
     machine = get_robot(robot, arm) if robot else None
     entries = {"robot": machine.name, "arm": machine.arm} if machine else {}
-    columns = list(_columns(path))
-    numbers = [_number(name) for name, _ in columns]
-    from_zero = 0 in numbers
+    columns = {name: (example, _number(name)) for name, example in _columns(path)}
+    from_zero = any(number == 0 for _, number in columns.values())
     sketched: dict[str, str] = {}
     rest = []
-    for (name, example), number in zip(columns, numbers, strict=True):
+    for name, (example, number) in columns.items():
         ours = _guess(name, machine, None if number is None else number + from_zero)
         entry = f"{{ column = {_quoted(name)}{_unit(ours, name, machine)} }}  # {example}"
         if ours and ours not in sketched:

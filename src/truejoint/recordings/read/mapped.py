@@ -184,6 +184,12 @@ def read_truth(
     return Stream(t, {name: v for name, v in columns.items() if name.startswith("truth/")})
 
 
+def _parts(columns: ColumnMap) -> tuple[str, ...]:
+    """Files of a folder that a map takes its columns from, each once."""
+    names = (str(mapped.column).partition("[")[0] for mapped in columns.columns.values())
+    return tuple(f"{name}.npy" for name in dict.fromkeys(names))
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns (n,) in SI units, and what else a file tells."""
@@ -224,10 +230,9 @@ def read_table(
     if head.is_text:
         header = read_header(head, column_map, rate)
         machine, notes = _robot(path, header.columns, robot, arm, needed)
-        table = read_text(header, machine, may_miss=True)
-        if header.left_out:
-            notes += ("; " if notes else "") + f"left out: {', '.join(header.left_out)}"
-        return replace(table, notes=notes)
+        left_out = f"left out: {', '.join(header.left_out)}" if header.left_out else ""
+        notes = "; ".join(filter(None, (notes, left_out)))
+        return replace(read_text(header, machine, may_miss=True), notes=notes)
     if column_map is None:
         raise RecordingError(f"{path}: what is in its columns? {MAP_ADVICE}")
     columns = _timed(path, read_column_map(column_map), rate)
@@ -251,9 +256,9 @@ def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None
         return _in_si(path, columns, robot, {name: table[:, k] for name, k in use.items()}, digest)
     variables: dict[str, Array] = {}
     if head is None:
-        for name in _array_names(columns):
-            array, digest = read_npy(path / f"{name}.npy")
-            variables[name] = array.T
+        for part in _parts(columns):
+            array, digest = read_npy(path / part)
+            variables[part.removesuffix(".npy")] = array.T
     else:
         data, digest = read_bounded(path)
         variables = read_mat(data, str(path))
@@ -261,12 +266,6 @@ def _read_arrays(path: Path, columns: ColumnMap, robot: Robot, head: Head | None
     rows = _signal(path, variables, names["t"]).size if "t" in names else 0
     signals = {ours: _signal(path, variables, name, rows) for ours, name in names.items()}
     return _in_si(path, columns, robot, signals, digest)
-
-
-def _array_names(columns: ColumnMap) -> tuple[str, ...]:
-    """Names of the arrays that a map takes its columns from, each once."""
-    names = (str(mapped.column).partition("[")[0] for mapped in columns.columns.values())
-    return tuple(dict.fromkeys(names))
 
 
 @dataclass(frozen=True)
@@ -295,7 +294,7 @@ def read_header(head: Head, column_map: MapSource | None = None, rate: float = 0
                 f"{head.path}: has no header that names t and <quantity>/<joint> columns; "
                 f"{MAP_ADVICE}"
             )
-        ours = [name for name in fields if all(_quantity_and_joint(name))]
+        ours = [name for name in fields if all(name.partition("/"))]
         ours = ["t", *ours] if ours and "t" in fields else ours or fields
         left_out = tuple(name for name in fields if name not in ours)
         mapping = ColumnMap({name: MappedColumn(name) for name in ours})
@@ -328,51 +327,43 @@ def _signal(path: Path, arrays: Mapping[str, Array], name: str, rows: int = 0) -
     if value is None or not value.size:
         raise RecordingError(f"{path}: no signal {name!r}; the file has {', '.join(arrays)[:300]}")
     along = value.shape[1] == rows if rows in value.shape else value.shape[1] > value.shape[0]
-    signals = value if along else value.T
+    signals: Array = value if along else value.T
     names = [variable] if len(signals) == 1 else [f"{variable}[{k}]" for k in range(len(signals))]
     if name not in names:
         raise RecordingError(
             f"{path}: {variable!r} holds {len(signals)} signals, which {name!r} does not name; "
             f"write {' to '.join(dict.fromkeys((names[0], names[-1])))}"
         )
-    signal: Array = signals[names.index(name)]
-    return signal
-
-
-def _quantity_and_joint(name: str) -> tuple[str, str]:
-    quantity, _, joint = name.partition("/")
-    return quantity, joint
-
-
-def _robot_of_columns(path: Path, mapping: ColumnMap, needed: str) -> Robot:
-    """Make a robot of the joints with a `needed` column, in rad unless mapped from a length."""
-    joints = {}
-    for name, mapped in mapping.columns.items():
-        quantity, joint = _quantity_and_joint(name)
-        if quantity == needed and joint:
-            lengths = SI_UNITS.get(mapped.unit, ("rad", 1.0))[0] == "m"
-            joints[joint] = Joint(joint, "prismatic" if lengths else "revolute")
-    if not joints:
-        raise RecordingError(
-            f"{path}: no '{needed}/<joint>' column; name the columns t,measured/bend,"
-            f"truth/bend,... or {MAP_ADVICE}"
-        )
-    return Robot("rig", tuple(joints.values()))
+    return np.asarray(signals[names.index(name)])
 
 
 def _robot(
     path: Path, mapping: ColumnMap, robot: Robot | str, arm: str, needed: str
 ) -> tuple[Robot, str]:
-    """Give the robot, and what was assumed where one had to be made."""
-    model, notes = robot or mapping.robot, ""
-    if model:
+    """Give the robot, and what was assumed where one had to be made.
+
+    One that nobody names has the joints with a `needed` column, in rad unless from a length.
+    """
+    names = {name: (*name.partition("/")[::2],) for name in mapping.columns}
+    notes = ""
+    if model := robot or mapping.robot:
         machine = get_robot(model, arm or mapping.arm)
     else:
-        machine = _robot_of_columns(path, mapping, needed)
-        joints = ", ".join(f"{joint.name} [{joint.unit}]" for joint in machine.joints)
-        notes = f"no robot named: made one of the columns, {joints}, without limits"
-    for name in mapping.columns:
-        quantity, channel = _quantity_and_joint(name)
+        units = {name: SI_UNITS.get(m.unit, ("rad", 1.0))[0] for name, m in mapping.columns.items()}
+        joints = {
+            joint: Joint(joint, "prismatic" if units[name] == "m" else "revolute")
+            for name, (quantity, joint) in names.items()
+            if quantity == needed and joint
+        }
+        if not joints:
+            raise RecordingError(
+                f"{path}: no '{needed}/<joint>' column; name the columns t,measured/bend,"
+                f"truth/bend,... or {MAP_ADVICE}"
+            )
+        machine = Robot("rig", tuple(joints.values()))
+        listed = ", ".join(f"{joint.name} [{joint.unit}]" for joint in machine.joints)
+        notes = f"no robot named: made one of the columns, {listed}, without limits"
+    for name, (quantity, channel) in names.items():
         if name != "t" and not (quantity and channel):
             raise RecordingError(
                 f"{path}: column {name!r} is neither 't' nor '<quantity>/<joint>', for instance "
@@ -383,7 +374,7 @@ def _robot(
                 f"{path}: column {name!r}: {machine.title} has no joint {channel!r}; it has "
                 f"{', '.join(machine.channels)}"
             )
-    quantities = {name.partition("/")[0] for name in mapping.columns}
+    quantities = {quantity for quantity, _ in names.values()}
     # Where the mechanism is known, the measured position may be its motor's.
     if needed not in quantities and not (
         needed == "measured" and machine.mechanism and "motor" in quantities
@@ -432,30 +423,27 @@ def _positions(
     """Position in the file of every mapped column."""
     use = {}
     for name, mapped in mapping.columns.items():
-        column = mapped.column
+        column, why = mapped.column, ""
         if isinstance(column, int):
             if column >= count:
-                raise RecordingError(
-                    f"{path}: {name!r} is to be column {column}, but there are {count} columns, "
-                    "counted from 0; correct the column map"
+                why = (
+                    f"{name!r} is to be column {column}, but there are {count} columns, counted "
+                    "from 0; correct the column map"
                 )
             use[name] = column
         elif header is None:
-            raise RecordingError(
-                f"{path}: has no header, so column {column!r} cannot be found; give its position "
-                "in the column map"
+            why = (
+                f"has no header, so column {column!r} cannot be found; give its position in the "
+                "column map"
             )
         elif header.count(column) != 1:
             often = "twice" if column in header else "not there"
-            raise RecordingError(
-                f"{path}: column {column!r} is {often}; the header has {', '.join(header)}"
-            )
+            why = f"column {column!r} is {often}; the header has {', '.join(header)}"
         else:
             use[name] = header.index(column)
+        if why:
+            raise RecordingError(f"{path}: {why}")
     return use
-
-
-_FILE: Final = "layouts.toml"
 
 
 @dataclass(frozen=True)
@@ -475,7 +463,7 @@ class Layout:
     @property
     def parts(self) -> tuple[str, ...]:
         """Names of the files in a folder of this layout."""
-        return tuple(f"{name}.npy" for name in _array_names(self.columns)) if self.folder else ()
+        return _parts(self.columns) if self.folder else ()
 
     def is_marked(self, head: bytes) -> bool:
         """Whether a file that begins with `head` has the mark, a text in its first comment."""
@@ -487,11 +475,8 @@ class Layout:
 @cache
 def layouts() -> Mapping[str, tuple[Layout, ...]]:
     """Layouts of each format by its name."""
-    text = (files(__package__) / _FILE).read_text("utf-8")
-    return {
-        name: tuple(schema.read(Layout, row, f"{_FILE}: {name}", RecordingError) for row in rows)
-        for name, rows in tomllib.loads(text).items()
-    }
+    table = tomllib.loads((files(__package__) / "layouts.toml").read_text("utf-8"))
+    return {name: tuple(schema.read(Layout, r, name) for r in rows) for name, rows in table.items()}
 
 
 def find_layout(fits: Callable[[Layout], bool]) -> str:

@@ -109,8 +109,7 @@ def is_number(text: str) -> bool:
     return "_" not in text  # which Python, not a measurement, puts into numbers
 
 
-@dataclass(frozen=True)
-class _Piece:
+class _Piece(NamedTuple):
     """Whole lines of a file: the first is line `number`, `skip` of them are no rows."""
 
     text: bytes
@@ -138,14 +137,10 @@ def _parse(piece: _Piece, layout: TextLayout, wanted: dict[int, bool]) -> Array:
     """Columns `wanted`, which say if they may miss, of a piece; ArrowInvalid if it does not fit."""
     names = [str(column) for column in range(layout.columns)]
     use = [names[column] for column in wanted]
+    how = {"use_threads": False, "skip_rows": piece.skip, "block_size": 2 * MAX_LINE_BYTES}
     table = csv.read_csv(
         pa.BufferReader(piece.text),
-        csv.ReadOptions(
-            column_names=names,
-            use_threads=False,
-            skip_rows=piece.skip,
-            block_size=2 * MAX_LINE_BYTES,
-        ),
+        csv.ReadOptions(column_names=names, **how),
         csv.ParseOptions(delimiter=layout.delimiter, quote_char=False),
         csv.ConvertOptions(include_columns=use, column_types=dict.fromkeys(use, pa.float64())),
     )
@@ -182,11 +177,8 @@ def _parse_by_line(
 def _numbers(fields: list[str], layout: TextLayout, wanted: dict[int, bool]) -> list[float]:
     if len(fields) != layout.columns:
         raise RecordingError(f" has {len(fields)} columns, expected {layout.columns}")
-    numbers = []
+    numbers = {k: float(fields[k]) if is_number(fields[k]) else np.nan for k in wanted}
     for column, may_miss in wanted.items():
-        field = fields[column]
-        value = float(field) if is_number(field) else np.nan
-        if np.isnan(value) and not (may_miss and field in _MISSING):
-            raise RecordingError(f", column {column} is {field[:40]!r}, not a number")
-        numbers.append(value)
-    return numbers
+        if np.isnan(numbers[column]) and not (may_miss and fields[column] in _MISSING):
+            raise RecordingError(f", column {column} is {fields[column][:40]!r}, not a number")
+    return [*numbers.values()]

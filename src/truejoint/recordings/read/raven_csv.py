@@ -100,7 +100,7 @@ def read_240(path: Path, arm: str = "left", head: Head | None = None) -> list[Re
     Rows recorded while homing are left out and counted.
     """
     robot = get_robot("raven2", arm)
-    return _recordings(path, _read(head or Head.of(path), robot, STATE_COLUMNS, _state(robot)))
+    return _recordings(path, _read(head or Head.of(path), robot, _state(robot), STATE_COLUMNS))
 
 
 def read_252(
@@ -120,36 +120,32 @@ def read_252(
     sensor that stopped shows as a truth that stands still while the motors turn: such stretches
     become NaN and are counted.
     """
-    for name, value, choices in (
-        ("unit", truth_unit, TRUTH_UNITS), ("zero", truth_zero, TRUTH_ZEROS),
-    ):  # fmt: skip
-        if value not in choices:
+    choices = {"unit": (truth_unit, [*TRUTH_UNITS]), "zero": (truth_zero, [*TRUTH_ZEROS])}
+    for name, (value, names) in choices.items():
+        if value not in names:
             raise RecordingError(
-                f"truth {name} {value!r:.60} is not known; choose from {', '.join(choices)}"
+                f"truth {name} {value!r:.60} is not known; choose from {', '.join(names)}"
             )
     robot = get_robot("raven2", arm)
     columns = _state(robot, STATE_START)
     for k, joint in enumerate(robot.joint_names):
         columns[f"crtk/{joint}"] = MappedColumn(CRTK + k, robot.joint(joint).unit)
     sensors = {f"truth/{j}": MappedColumn(EXTERNAL + k) for k, j in enumerate(robot.positioning)}
-    head = head or Head.of(path)
-    table = _read(head, robot, TRAINING_COLUMNS, columns | sensors, WITH_FORCE_COLUMNS)
-    raw = np.stack([table.columns[name] for name in sensors], axis=1)
-    measured = np.stack([table.columns[f"measured/{j}"] for j in robot.positioning], axis=1)
+    counts = TRAINING_COLUMNS, WITH_FORCE_COLUMNS
+    table = _read(head or Head.of(path), robot, columns | sensors, *counts)
+    raw = np.column_stack([table.columns[name] for name in sensors])
+    measured = np.column_stack([table.columns[f"measured/{j}"] for j in robot.positioning])
     _check_truth_unit(path, robot, raw, measured, truth_unit)
     truth = raw * TRUTH_UNITS[truth_unit]
     frozen = frozen_rows(table.columns["t"], truth, measured)
     truth[frozen] = np.nan
-    notes = ""
+    notes, profile = "", PROFILES[robot.name]
     if truth_zero == ENCODER_ZERO:
-        profile = PROFILES[robot.name]
         truth += [profile.truth_offsets.get(joint, 0.0) for joint in robot.positioning]
         notes = profile.truth_note
-    table = replace(
-        table,
-        columns={**table.columns, **dict(zip(sensors, truth.T, strict=True))},
-        dropped={**table.dropped, "no truth: its sensor stands still": int(frozen.sum())},
-    )
+    dropped = {**table.dropped, "no truth: its sensor stands still": int(frozen.sum())}
+    columns_of_truth = dict(zip(sensors, truth.T, strict=True))
+    table = replace(table, columns={**table.columns, **columns_of_truth}, dropped=dropped)
     return _recordings(path, table, notes)
 
 
@@ -160,8 +156,7 @@ def frozen_rows(t: Array, truth: Array, measured: Array) -> Mask:
     still a reading; `truth` and `measured` (n, 3) are shoulder, elbow, insertion [rad, rad, m].
     """
     frozen = np.zeros(t.size, dtype=np.bool_)
-    still = (np.diff(truth, axis=0) == 0).all(axis=1)
-    for first, last in runs(still):
+    for first, last in runs((np.diff(truth, axis=0) == 0).all(axis=1)):
         span = np.ptp(measured[first : last + 1], axis=0)
         if t[last] - t[first] > _FROZEN_TIME and (span > _FROZEN_TRAVEL).any():
             frozen[first + 1 : last + 1] = True
@@ -190,14 +185,12 @@ def _state(robot: Robot, start: int = 0) -> dict[str, MappedColumn]:
     return columns | {name: MappedColumn(start + k) for name, k in _OF_STATE.items()}
 
 
-def _read(
-    head: Head, robot: Robot, count: int, columns: dict[str, MappedColumn], *more: int
-) -> Table:
-    """Columns of a file that has `count` of them, or one of `more`, any of which may be empty."""
+def _read(head: Head, robot: Robot, columns: dict[str, MappedColumn], *counts: int) -> Table:
+    """Columns of a file that has one of `counts` of them, any of which may be empty."""
     layout = replace(text_layout(head, "", ",")[0], skip=0)
-    if layout.columns not in (count, *more):
+    if layout.columns not in counts:
         raise RecordingError(
-            f"{head.path}: {layout.columns} columns, expected {count}; the RAVEN layouts have "
+            f"{head.path}: {layout.columns} columns, expected {counts[0]}; the RAVEN layouts have "
             f"{STATE_COLUMNS}, {TRAINING_COLUMNS} or {WITH_FORCE_COLUMNS}: for another one give a "
             "column map"
         )
@@ -211,9 +204,8 @@ def _recordings(path: Path, table: Table, notes: str = "") -> list[Recording]:
     columns = {name: rows[keep] for name, rows in table.columns.items()}
     dropped = dict(table.dropped)
     cut_short = {CUT_SHORT: dropped.pop(CUT_SHORT)}
-    return replace(table, columns=columns, dropped=dropped | homing | cut_short).recordings(
-        path, notes=notes
-    )
+    table = replace(table, columns=columns, dropped=dropped | homing | cut_short)
+    return table.recordings(path, notes=notes)
 
 
 def _check_truth_unit(
@@ -222,19 +214,18 @@ def _check_truth_unit(
     finite = np.isfinite(raw).all(axis=1)
     if not finite.any():
         raise RecordingError(f"{path}: the external encoders have no reading; read it as no truth")
-
-    def fits(unit: str) -> Mask:
-        distance = np.median(np.abs(raw[finite] * TRUTH_UNITS[unit] - measured[finite]), axis=0)
-        return np.asarray(distance < _PLAUSIBLE)
-
-    if fits(truth_unit).all():
-        return
-    joint = robot.positioning[int(np.argmin(fits(truth_unit)))]
-    fitting = [unit for unit in TRUTH_UNITS if fits(unit).all()]
-    advice = (
-        f"it would fit truth_unit={fitting[0]!r} (--metadata)" if fitting else "check units and arm"
-    )
-    raise RecordingError(
-        f"{path}: truth of {joint} is far from its measured position when read as "
-        f"{truth_unit!r}; {advice}"
-    )
+    distances = {
+        unit: np.median(np.abs(raw[finite] * factors - measured[finite]), axis=0)
+        for unit, factors in TRUTH_UNITS.items()
+    }
+    fits = {unit: distance < _PLAUSIBLE for unit, distance in distances.items()}
+    if not fits[truth_unit].all():
+        joint = robot.positioning[int(np.argmin(fits[truth_unit]))]
+        other = next((unit for unit in TRUTH_UNITS if fits[unit].all()), "")
+        advice = (
+            f"it would fit truth_unit={other!r} (--metadata)" if other else "check units and arm"
+        )
+        raise RecordingError(
+            f"{path}: truth of {joint} is far from its measured position when read as "
+            f"{truth_unit!r}; {advice}"
+        )

@@ -113,11 +113,10 @@ def state(recordings: Sequence[Recording], about: Mapping[str, Any]) -> list[Rec
         return list(recordings)
     stated = []
     for recording in recordings:
-        facts = dict(about)
-        _, part, count = recording.provenance.session.rpartition("#")
+        origin, facts = recording.provenance, dict(about)
         if "session" in facts and len(recordings) > 1:
-            facts["session"] += part + count
-        stated.append(replace(recording, provenance=replace(recording.provenance, **facts)))
+            facts["session"] += "".join(origin.session.rpartition("#")[1:])
+        stated.append(replace(recording, provenance=replace(origin, **facts)))
     return stated
 
 

@@ -125,34 +125,30 @@ class Track:
         60
         """
         raw = cls(t, position, orientation, source)
-        t, position, orientation = raw.t, raw.position, raw.orientation
-        values = position if orientation is None else np.hstack([position, orientation])
-        with np.errstate(invalid="ignore"):
-            visible = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)
-            if orientation is not None:
-                length = np.linalg.norm(orientation, axis=1)
-                visible &= np.abs(length - 1.0) < 0.1  # rounded to a few digits, or no quaternion
+        t, position, turns = raw.t, raw.position, raw.orientation
+        values = position if turns is None else np.hstack([position, turns])
+        visible = np.isfinite(values).all(axis=1) & (position != 0.0).any(axis=1)
+        if turns is not None:
+            with np.errstate(invalid="ignore", divide="ignore"):
+                length = np.linalg.norm(turns, axis=1, keepdims=True)
+                visible &= np.abs(length[:, 0] - 1.0) < 0.1  # rounded to a few digits, or none
+                turns = turns / length
         before = np.flatnonzero(visible)
         fresh = np.append([True], (np.diff(values[before], axis=0) != 0.0).any(axis=1))
         usable = before[fresh[: len(before)]]
         forward = forward_rows(t[usable])
-        dropped = {
-            LOST: int((~visible).sum()),
-            FROZEN: len(before) - len(usable),
-            BACK: int((~forward).sum()),
-        }
+        counts = int((~visible).sum()), len(before) - len(usable), int((~forward).sum())
+        dropped = {r: n for r, n in zip((LOST, FROZEN, BACK), counts, strict=True) if n}
         usable = usable[forward]
         if len(usable) < (1.0 - _MOST_LOST) * len(t):
-            worst = max(dropped, key=lambda reason: dropped[reason]).removeprefix("tracker: ")
+            worst = max(dropped, key=dropped.__getitem__)
             raise RecordingError(
-                f"{source}: only {len(usable)} of {len(t)} readings can be used ({worst}: "
-                f"{max(dropped.values())}); bring the marker into sight and record again"
+                f"{source}: only {len(usable)} of {len(t)} readings can be used "
+                f"({worst.removeprefix('tracker: ')}: {dropped[worst]}); bring the marker into "
+                "sight and record again"
             )
-        turns = None
-        if orientation is not None:
-            turns = orientation[usable] / np.linalg.norm(orientation[usable], axis=1, keepdims=True)
-        counts = {reason: count for reason, count in dropped.items() if count}
-        return cls(t[usable], position[usable], turns, source, counts)
+        turned = None if turns is None else turns[usable]
+        return cls(t[usable], position[usable], turned, source, dropped)
 
 
 def read_track(path: Bags, topic: str = "", unit: str = "m") -> Track:
@@ -230,9 +226,9 @@ def _parquet(source: Path) -> Array:
             check_size(source, file)
             table = file.read(columns=names, use_threads=False)
             return np.column_stack([table[n].to_numpy().astype(np.float64) for n in names])
+    except RecordingError:
+        raise
     except (pa.ArrowException, OSError, TypeError, ValueError) as error:
-        if isinstance(error, RecordingError):
-            raise
         raise RecordingError(
             f"{source}: is not a whole Parquet file of numbers ({str(error)[:100]}); write it again"
         ) from None

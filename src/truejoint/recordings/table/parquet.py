@@ -25,10 +25,18 @@ KEY: Final = b"truejoint"
 """Key of the header among an Arrow schema's metadata."""
 
 
-def sign(header: Mapping[str, Any], arrays: Mapping[str, Array]) -> bytes:
-    """JSON of a header with the hash of itself and of `arrays`."""
-    signed = {**header, "sha256": content_hash(header, arrays)}
+def sign(header: Mapping[str, Any], columns: Mapping[str, Array | list[str]]) -> bytes:
+    """JSON of a header with the hash of itself and of columns of numbers or text."""
+    signed = {**header, "sha256": content_hash(*_hashed(header, columns))}
     return json.dumps(signed, allow_nan=False).encode()
+
+
+def _hashed(
+    header: Mapping[str, Any], columns: Mapping[str, Any]
+) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Split what a file is hashed by: all that is text, and the numbers."""
+    texts = {name: column for name, column in columns.items() if isinstance(column, list)}
+    return {**header, **texts}, {n: c for n, c in columns.items() if n not in texts}
 
 
 def parse_header(metadata: Mapping[bytes, bytes] | None) -> dict[str, Any] | None:
@@ -48,9 +56,9 @@ def check_version(source: Path, header: Mapping[str, Any], version: int) -> None
         )
 
 
-def is_unchanged(header: dict[str, Any], arrays: Mapping[str, Array]) -> bool:
-    """Whether a header, and `arrays`, are as they were signed; takes the hash out of the header."""
-    return is_as_written(header.pop("sha256", None), header, arrays)
+def is_unchanged(header: dict[str, Any], columns: Mapping[str, Array | list[str]]) -> bool:
+    """Whether a header and columns are as they were signed; takes the hash out of the header."""
+    return is_as_written(header.pop("sha256", None), *_hashed(header, columns))
 
 
 def recording_header(provenance: Provenance, robot: Robot) -> dict[str, Any]:
@@ -213,20 +221,15 @@ def _write(
     path: Path, header: Mapping[str, Any], columns: Mapping[str, Any], *, overwrite: bool
 ) -> None:
     """Write columns of numbers, and lists of text, with a hash of all that is said."""
-    described, numbers = _hashed(header, columns)
-    signed = {**header, "sha256": content_hash(described, numbers)}
-    metadata = {KEY: json.dumps(signed, allow_nan=False).encode()}
+    texts = [name for name, column in columns.items() if isinstance(column, list)]
+    numbers = [name for name in columns if name not in texts]
     # Numbers that change a little from row to row pack best with their bytes split apart.
-    packing = {
-        "compression": "zstd",
-        "use_dictionary": [name for name in columns if name not in numbers],
-        "use_byte_stream_split": list(numbers),
-    }
-    table = pa.table(columns, metadata=metadata)
+    packing = {"use_dictionary": texts, "use_byte_stream_split": numbers}
+    table = pa.table(columns, metadata={KEY: sign(header, columns)})
 
     def write(path: Path) -> None:
         with path.open("wb") as file:  # Arrow itself opens no name that is not UTF-8
-            pq.write_table(table, file, **packing)
+            pq.write_table(table, file, compression="zstd", **packing)
 
     write_atomically(path, write, overwrite=overwrite, error=RecordingError)
 
@@ -257,20 +260,12 @@ def _read(source: Path, texts: Collection[str] = ()) -> tuple[dict[str, Any], di
             f"{source}: is not a whole Parquet file ({words(error)}); "
             "it was cut short or damaged: copy or record it again"
         ) from None
-    if not is_as_written(header.pop("sha256", None), *_hashed(header, columns)):
+    if not is_unchanged(header, columns):
         raise RecordingError(
             f"{source}: its content does not match its hash; it was damaged or edited: copy or "
             "record it again"
         )
     return header, columns
-
-
-def _hashed(
-    header: Mapping[str, Any], columns: Mapping[str, Any]
-) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Split what a file is hashed by: all that is text, and the numbers."""
-    texts = {name: column for name, column in columns.items() if isinstance(column, list)}
-    return {**header, **texts}, {n: c for n, c in columns.items() if n not in texts}
 
 
 def check_size(source: Path, file: Any) -> None:

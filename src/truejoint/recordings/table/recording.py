@@ -328,7 +328,7 @@ def as_recordings(recordings: Recording | Iterable[Recording]) -> list[Recording
 
 def since_first(t: Array) -> tuple[Array, float]:
     """Stamps `t` (n,) [s] since the first if they are since 1970, and what was taken off or NaN."""
-    first = float(t[0])
+    first = float(t[0]) if t.size else 0.0
     return (t - first, first) if first > EPOCH else (t, math.nan)
 
 

@@ -143,7 +143,14 @@ def read_streams(
     except _DAMAGE as error:
         raise RecordingError(f"{source}: is no stream of a recorder ({words(error)})") from None
     end = "" if whole else "cut short while it was recorded"
-    return header, {name: _joined(source, name, parts) for name, parts in blocks.items()}, end
+    streams = {}
+    for name, parts in blocks.items():
+        names = parts[0][0]
+        if any(columns != names for columns, _, _ in parts):
+            raise RecordingError(f"{source}: the columns of {name} change on the way")
+        t, values = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
+        streams[name] = Stream(t, dict(zip(names, values.T, strict=True)))
+    return header, streams, end
 
 
 def read_stream_file(path: str | os.PathLike[str]) -> Recording:
@@ -155,14 +162,12 @@ def read_stream_file(path: str | os.PathLike[str]) -> Recording:
     header, streams, end = read_streams(source, lambda name: name in (STATE, TRUTH))
     provenance, robot = parquet.recorded(source, header)
     try:
-        gap_limit, rate = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
+        limits = float(header["gap_limit"]), float(header["state_rate"] or math.inf)
     except (KeyError, TypeError, ValueError) as error:
         raise RecordingError(f"{source}: its header is damaged ({error!s:.80})") from None
     notes = "; ".join(filter(None, (provenance.notes, end)))
     origin = replace(provenance, source=str(source), notes=notes)
-    return recording_of_streams(
-        streams.get(STATE), streams.get(TRUTH), origin, robot, gap_limit, rate
-    )
+    return recording_of_streams(streams.get(STATE), streams.get(TRUTH), origin, robot, *limits)
 
 
 def read_recorded_topics(path: str | os.PathLike[str]) -> dict[str, pd.DataFrame]:
@@ -291,11 +296,3 @@ def _is_packed(message: Any) -> bool:
 
     header = field(number(0), 2)
     return bool(header and field(header, 3))
-
-
-def _joined(source: Path, name: str, parts: list[tuple[list[str], Array, Array]]) -> Stream:
-    names = parts[0][0]
-    if any(columns != names for columns, _, _ in parts):
-        raise RecordingError(f"{source}: the columns of {name} change on the way")
-    t, values = (np.concatenate([part[k] for part in parts]) for k in (1, 2))
-    return Stream(t, dict(zip(names, values.T, strict=True)))

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from truejoint.errors import RecordingError, TruejointError
 from truejoint.recordings.read.bags import fields as decoding
 from truejoint.recordings.read.bags.container import Topic
-from truejoint.recordings.read.bags.fields import STAMP, Decoder, Series, full_name, typesys
+from truejoint.recordings.read.bags.fields import STAMP, Decoder, Lot, Series, full_name, typesys
 
 SYSTEM = typesys()
 KINDS = {
@@ -196,7 +196,7 @@ def test_lots_become_columns():
     for rows in (slice(2), slice(2, 3), slice(3, 10)):
         place = np.arange(10)[rows]
         columns = {"a": values[rows]} | ({"b": -values[rows]} if rows.start else {})
-        taken.add(place, 5 + place, columns)
+        taken.add(Lot("/t", place, 5 + place, {}, {}), columns)
     assert taken.count == 10
     assert taken.start == 5
     stamps, columns = taken.joined()
@@ -208,8 +208,8 @@ def test_lots_become_columns():
 
 def test_lots_of_other_layouts_are_put_in_order():
     taken = Series()
-    taken.add(np.array([0, 2]), np.array([10, 12]), {"a": np.array([0.0, 2.0])})
-    taken.add(np.array([1, 3]), np.array([11, 13]), {"a": np.array([1.0, 3.0])})
+    taken.add(Lot("/t", np.array([0, 2]), np.array([10, 12]), {}, {}), {"a": np.array([0.0, 2.0])})
+    taken.add(Lot("/t", np.array([1, 3]), np.array([11, 13]), {}, {}), {"a": np.array([1.0, 3.0])})
     stamps, columns = taken.joined()
     assert stamps.tolist() == [10, 11, 12, 13]
     assert columns["a"].tolist() == [0.0, 1.0, 2.0, 3.0]
@@ -218,6 +218,6 @@ def test_lots_of_other_layouts_are_put_in_order():
 def test_too_many_values_are_refused(monkeypatch):
     monkeypatch.setattr(decoding, "MAX_VALUES", 5)
     taken = Series()
-    taken.add(np.arange(2), np.arange(2), {"a": np.zeros(2)})
+    taken.add(Lot("/t", np.arange(2), np.arange(2), {}, {}), {"a": np.zeros(2)})
     with pytest.raises(RecordingError, match="more than 5 values; extract fewer bags"):
-        taken.add(np.array([2]), np.array([2]), {"a": np.zeros(1)})
+        taken.add(Lot("/t", np.array([2]), np.array([2]), {}, {}), {"a": np.zeros(1)})

@@ -70,38 +70,32 @@ def find_wiring(
         require_topic(path, topics, named)
     corrected = f"/{messages.CORRECTED}/"
     of_robot = {name: about for name, about in topics.items() if corrected not in name}
-    if not state:
-        state = _find_state(path, of_robot, robot, chosen)
+    state = state or _find_state(path, of_robot, robot, chosen)
     if truth == state:
         raise RecordingError(f"{path}: {truth} is the state; give another topic as the truth")
     space = state.rpartition("/")[0]
     added, homed = [], ""
-    if topics[state][0] == messages.JOINT_STATE:
-        for name in sorted(of_robot):
-            what, near = messages.crtk_name(name), name.rpartition("/")[0]
-            inside = near.startswith(space + "/") and what == "measured_js"
-            aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
-            if name != state and of_robot[name][0] == messages.JOINT_STATE and (inside or aim):
-                added.append(name)
-            of_arm = chosen.arm_of(name)
-            here = of_arm == robot.arm if of_arm and robot.arm else near == space
-            of_state = of_robot[name][0] in messages.OPERATING_STATES
-            if of_state and what == "operating_state" and here:
-                homed = name
-    others_left = {name: about for name, about in of_robot.items() if name not in (state, *added)}
-    truth_topic = "" if truth is None else truth or _find_truth(others_left)
-    return Wiring(state, tuple(added), truth_topic, homed, chosen)
+    for name in sorted(of_robot) if topics[state][0] == messages.JOINT_STATE else ():
+        kind, what, near = of_robot[name][0], messages.crtk_name(name), name.rpartition("/")[0]
+        inside = near.startswith(space + "/") and what == "measured_js"
+        aim = what == "setpoint_js" and near == space and not chosen.no_setpoint
+        if name != state and kind == messages.JOINT_STATE and (inside or aim):
+            added.append(name)
+        of_arm = chosen.arm_of(name)
+        here = of_arm == robot.arm if of_arm and robot.arm else near == space
+        if kind in messages.OPERATING_STATES and what == "operating_state" and here:
+            homed = name
+    if truth == "":
+        others = {name: about for name, about in of_robot.items() if name not in (state, *added)}
+        truth = _find_truth(others)
+    return Wiring(state, tuple(added), truth or "", homed, chosen)
 
 
 def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: messages.Profile) -> str:
     raven = [name for name, (kind, _) in topics.items() if kind.endswith(RAVEN_TYPE)]
     if raven and robot.name == "raven2":
         return max(raven, key=lambda name: topics[name][1])  # one may be thinned out
-    measured = [
-        name
-        for name, (kind, count) in topics.items()
-        if kind == messages.JOINT_STATE and messages.crtk_name(name) == "measured_js" and count
-    ]
+    measured = [name for name, what in _joint_states(topics).items() if what == "measured_js"]
     arms = {}  # the robot's if a namespace of the topic is called like it, or any other name
     for name in measured:
         spaces = [part.lower() for part in name.strip("/").split("/")[:-1]]
@@ -129,22 +123,29 @@ def _find_state(path: Path | str, topics: Topics, robot: Robot, profile: message
     return max(outer, key=lambda name: topics[name][1])
 
 
+def _joint_states(topics: Topics) -> dict[str, str]:
+    """Name in CRTK of each topic with joint states."""
+    states = (n for n, (kind, count) in topics.items() if kind == messages.JOINT_STATE and count)
+    return {name: messages.crtk_name(name) for name in states}
+
+
 def _find_truth(topics: Topics) -> str:
     """Topic of joint sensors: the known one, or the only joint state that is nothing of CRTK's."""
-    names = {
-        topic: messages.crtk_name(topic)
-        for topic, (kind, count) in topics.items()
-        if kind == messages.JOINT_STATE and count
-    }
+    names = _joint_states(topics)
     standard = [topic for topic, name in names.items() if f"/{name}" == messages.TRUTH_TOPIC]
     if standard:
         return max(standard, key=lambda topic: topics[topic][1])
-    candidates = [
-        topic
-        for topic, name in names.items()
-        if name not in _NO_TRUTH and not name.startswith(_COMMANDS)
-    ]
-    return candidates[0] if len(candidates) == 1 else ""
+    others = [t for t, n in names.items() if n not in _NO_TRUTH and not n.startswith(_COMMANDS)]
+    return others[0] if len(others) == 1 else ""
+
+
+def wanted_fields(kind: str, quantities: Collection[str]) -> tuple[str, ...]:
+    """Fields to read of messages of a type; of RAVEN's state those of some `RAVEN_FIELDS`."""
+    if kind in messages.OPERATING_STATES:
+        return (HOMED,)
+    if not kind.endswith(RAVEN_TYPE):
+        return JOINT_FIELDS
+    return (*(messages.RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
 
 
 def listed(topics: Topics) -> str:
@@ -190,10 +191,10 @@ def assemble(
 ) -> Recording:
     """Make the recording of an arm of the messages of its topics, in whatever lots they come.
 
-    `lots` have the fields that `wanted_fields` names, `quantities` are of `RAVEN_FIELDS`; `lost`
-    counts what could not be read, by reason, while `lots` are drawn; `place` is named in messages;
-    `offset` and `near` are as `read_bag` takes them. Raises RecordingError if a topic has no
-    message, or one that is no joint state of the robot.
+    `quantities` are of `RAVEN_FIELDS`; `lost` counts what could not be read, by reason, while
+    `lots` are drawn; `place` is named in messages; `offset` and `near` are as `read_bag` takes
+    them. Raises RecordingError if a topic has no message, or one that is no joint state of the
+    robot.
     """
     series = _series_of(lots, robot, wiring, quantities, place)
     for name in filter(None, (wiring.state, wiring.truth)):
@@ -206,12 +207,12 @@ def assemble(
         _leave_out_unhomed(columns, series[wiring.homed], base, dropped)
     rates = nominal_rates(state=columns["t"])
     for name in wiring.others:
-        if series[name].count > 1:
-            other = _stream(series[name], base, name, dropped)
-            added = {name: v for name, v in other.columns.items() if name not in columns}
-            limit = GAP_STEPS * float(np.median(np.diff(other.t)))
-            matched, _ = synchronise(Stream(columns["t"], {}), Stream(other.t, added), limit)
-            columns |= {name: matched[name] for name in added}
+        if series[name].count < 2:
+            continue
+        other = _stream(series[name], base, name, dropped)
+        limit = GAP_STEPS * float(np.median(np.diff(other.t)))
+        matched, _ = synchronise(Stream(columns["t"], {}), other, limit)
+        columns |= {name: values for name, values in matched.items() if name not in columns}
     finite = np.logical_and.reduce([np.isfinite(values) for values in columns.values()])
     if not finite.all():
         dropped[f"state: {MISSING} in one of its topics"] = int((~finite).sum())
@@ -239,38 +240,24 @@ def _series_of(
     }
     series = {name: Series() for name in (*wiring.joints, wiring.homed)}
     for lot in lots:
-        _require_numbers(lot, wiring, place)
         if lot.topic == wiring.homed:
-            columns = {HOMED: lot.fields[HOMED][:, 0].astype(np.float64)}
+            columns = {HOMED: lot.numbers(HOMED, 1, place)[:, 0].astype(np.float64)}
         elif "runlevel" in lot.fields:
+            for name in lot.fields.keys() - {"runlevel", STAMP}:
+                lot.numbers(name, _RAVEN_VALUES, place)
             columns = messages.raven_state_columns(robot, lot.fields, quantities)
-            columns["state/run_level"] = lot.fields["runlevel"][:, 0].astype(np.float64)
+            columns["state/run_level"] = lot.numbers("runlevel", 1, place)[:, 0].astype(np.float64)
         else:
-            names = lot.texts.get("name", ())
+            lot.numbers("position", 0, place)
+            names, quantity = lot.texts.get("name", ()), quantity_of[lot.topic]
             try:
                 columns = messages.joint_state_columns(
-                    robot, quantity_of[lot.topic], names, lot.fields, wiring.profile
+                    robot, quantity, names, lot.fields, wiring.profile
                 )
             except RobotError as error:
                 raise RecordingError(f"{place}: {lot.topic}: {error}") from None
-        series[lot.topic].add(lot.places, lot.stamps, columns)
+        series[lot.topic].add(lot, columns)
     return series
-
-
-def _require_numbers(lot: Lot, wiring: Wiring, place: str) -> None:
-    """Raise RecordingError where a message of a known type has other fields than that type."""
-    if lot.topic == wiring.homed:
-        least = {HOMED: 1}
-    elif "runlevel" in lot.fields:
-        least = {field: _RAVEN_VALUES for field in lot.fields if field not in ("runlevel", STAMP)}
-        least["runlevel"] = 1
-    else:
-        least = {"position": 0}
-    for name, values in least.items():
-        if name not in lot.fields or lot.fields[name].shape[1] < values:
-            raise RecordingError(
-                f"{place}: {lot.topic}: its {name} is not as such a message has it"
-            )
 
 
 def _stream(series: Series, base: int, name: str, dropped: dict[str, int]) -> Stream:
@@ -319,13 +306,9 @@ def _leave_out_unhomed(
 
 def _notes(wiring: Wiring) -> str:
     """Say what was read, and what the profile changed of it."""
-    profile = wiring.profile
-    topics = f"state of {wiring.state}"
-    if wiring.others:
-        topics += f" and {', '.join(wiring.others)}"
-    notes = [topics + (f", truth of {wiring.truth}" if wiring.truth else "")]
-    if profile.name != "crtk":
-        notes.append(f"profile {profile.name}: {profile.summary}")
-    if wiring.truth and profile.truth_note:
-        notes.append(profile.truth_note)
-    return "; ".join(notes)
+    profile, others = wiring.profile, ", ".join(wiring.others)
+    topics = f"state of {wiring.state}" + (f" and {others}" if others else "")
+    changes = f"profile {profile.name}: {profile.summary}" if profile.name != "crtk" else ""
+    truth = f", truth of {wiring.truth}" if wiring.truth else ""
+    zero = profile.truth_note if wiring.truth else ""
+    return "; ".join(filter(None, (topics + truth, changes, zero)))

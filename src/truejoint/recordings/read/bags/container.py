@@ -19,7 +19,7 @@ from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO, Final, Literal, NamedTuple
+from typing import Any, BinaryIO, Final, Literal
 
 from truejoint.errors import RecordingError
 from truejoint.files import reason
@@ -59,22 +59,15 @@ _COUNTED: Final = (
 _STEPS: Final = 10_000  # of SQLite's machine between two looks at Ctrl-C
 _STEPS_PER_BYTE: Final = 10  # that reading a table may take: it takes about one
 
-_ROS1_ENTRY: Final = 12  # bytes of each message in the index of its chunk: time and place
 _U32: Final = struct.Struct("<I")
 _U64: Final = struct.Struct("<Q")
 _ROS1_TOPIC: Final = b"\x07"
-_ROS1_TIME: Final = struct.Struct("<II")  # s and ns
 _MCAP_RECORD: Final = struct.Struct("<BQ")  # what it is, and its length
 _MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE, _MCAP_CHUNK = 0x03, 0x04, 0x05, 0x06
 _MCAP_STATISTICS, _MCAP_DATA_END, _MCAP_FOOTER = 0x0B, 0x0F, 0x02
 _MCAP_OF_CHUNKS: Final = (_MCAP_SCHEMA, _MCAP_CHANNEL, _MCAP_MESSAGE)
-_MCAP_FOOTER_HEAD: Final = struct.Struct("<BQQ")  # a record's, and where the summary begins
-_MCAP_END: Final = 37  # bytes of the footer and of what a file ends with
 _MCAP_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
-_MCAP_STATISTICS_HEAD: Final = struct.Struct("<Q34sI")  # messages, of what is here, bytes of counts
-_MCAP_COUNT: Final = struct.Struct("<HQ")  # channel, messages
 _LATEST: Final = (1 << 63) - 1  # [ns] that a stamp may be
-_MCAP_CHUNK_HEAD: Final = 28  # bytes: first and last time, size unpacked, checksum
 
 
 @dataclass(frozen=True)
@@ -93,6 +86,7 @@ Batch = tuple[Topic, list[int], list[bytes]]
 
 Wanted = Callable[[Topic], bool]
 _Messages = Iterator[tuple[Topic, int, bytes]]
+_Kind = tuple[Callable[[BinaryIO, "_Bag"], _Messages], Callable[[BinaryIO, "_Bag"], Counter[Any]]]
 
 
 @dataclass
@@ -126,13 +120,6 @@ class _Bag:
         return content
 
 
-class _Kind(NamedTuple):
-    """How a kind of file is read; both raise struct.error or KeyError where it is damaged."""
-
-    messages: Callable[[BinaryIO, _Bag], _Messages]
-    indexed: Callable[[BinaryIO, _Bag], Counter[Any]]  # messages by key of the topic
-
-
 def is_bag(path: Path, head: bytes) -> bool:
     """Whether a file that begins with `head`, or a folder, is a bag."""
     if path.is_dir():  # not any folder in which bags lie
@@ -148,16 +135,16 @@ def is_bag(path: Path, head: bytes) -> bool:
 def list_topics(path: Path) -> dict[Topic, int]:
     """Topics of a bag and how many messages each has; an index tells, where there is one."""
     counts: Counter[Topic] = Counter()
-    for kind, file, bag in _opened(path, lambda _: True, Counter()):
+    for (messages, index), file, bag in _opened(path, lambda _: True, Counter()):
         begin = file.tell()
         try:
-            by_key = kind.indexed(file, bag)
+            by_key = index(file, bag)
             for key, topic in bag.topics.items():
                 counts.update({topic: by_key[key]} if topic else {})
         except (struct.error, KeyError):  # no index: read through
             file.seek(begin)
             bag.topics.clear()
-            counts.update(topic for topic, _, _ in kind.messages(file, bag))
+            counts.update(topic for topic, _, _ in messages(file, bag))
     return dict(counts)
 
 
@@ -168,8 +155,8 @@ def read_batches(path: Path, wanted: Wanted, lost: Counter[str]) -> Iterator[Bat
     """
     waiting: dict[Topic, tuple[list[int], list[bytes]]] = {}
     count = size = 0
-    for kind, file, bag in _opened(path, wanted, lost):
-        for topic, time, message in kind.messages(file, bag):
+    for (read, _), file, bag in _opened(path, wanted, lost):
+        for topic, time, message in read(file, bag):
             times, messages = waiting.setdefault(topic, ([], []))
             times.append(time)
             messages.append(message)
@@ -205,25 +192,20 @@ def _opened(
             file.seek(0)
             with tempfile.TemporaryDirectory(prefix="truejoint-") as folder:
                 plain = Path(folder) / path.stem
-                _unpack(path, file, plain, lost)
+                try:  # as far as it goes
+                    with plain.open("wb") as unpacked:
+                        room = Allowance.of_size(path, path.stat().st_size)
+                        unpacked.writelines(room.pieces(file, "zstd"))
+                except DamagedError:
+                    lost[UNPACKED_IN_PART] += 1
+                except OSError as error:
+                    raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
                 yield from _opened(plain, wanted, lost, path)
             return
     if head.startswith(b"#ROSBAG"):
         version = head.split(b"\n")[0].decode(errors="replace")
         raise RecordingError(f"{shown}: is {version[1:]}; rosbag migrates it: rosbag fix")
     raise RecordingError(f"{shown}: is no bag: neither ROS 1 (.bag), MCAP nor SQLite (.db3)")
-
-
-def _unpack(path: Path, file: BinaryIO, plain: Path, lost: Counter[str]) -> None:
-    """Unpack a file that was packed as a whole, as far as it goes."""
-    try:
-        with plain.open("wb") as unpacked:
-            for piece in Allowance.of_size(path, path.stat().st_size).pieces(file, "zstd"):
-                unpacked.write(piece)
-    except DamagedError:
-        lost[UNPACKED_IN_PART] += 1
-    except OSError as error:
-        raise RecordingError(f"{path}: cannot be unpacked: {reason(error)}") from None
 
 
 def _inner_suffix(path: Path) -> str:
@@ -264,13 +246,12 @@ def _ros1_fields(header: bytes) -> dict[bytes, bytes]:
     return fields
 
 
-def _ros1_topic(fields: dict[bytes, bytes], data: bytes) -> Topic:
+def _announce_ros1(fields: dict[bytes, bytes], data: bytes, bag: _Bag) -> None:
+    """Take a connection."""
     about = _ros1_fields(data)
-    name, kind, text = (
-        value.decode(errors="replace")
-        for value in (fields[b"topic"], about[b"type"], about[b"message_definition"])
-    )
-    return Topic(name, kind, text, "ros1")
+    parts = fields[b"topic"], about[b"type"], about[b"message_definition"]
+    name, kind, text = (part.decode(errors="replace") for part in parts)
+    bag.announce(fields[b"conn"], Topic(name, kind, text, "ros1"))
 
 
 def _ros1_records(file: BinaryIO) -> Iterator[tuple[dict[bytes, bytes], int, int]]:
@@ -303,11 +284,12 @@ def _ros1_index(file: BinaryIO, bag: _Bag) -> Counter[bytes]:
         if at + length > end:
             raise struct.error("no index")
         if fields.get(b"op") == _ROS1_TOPIC:
-            bag.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
+            _announce_ros1(fields, file.read(length), bag)
         elif fields.get(b"op") == b"\x06":
             for key, count in struct.iter_unpack("<4sI", file.read(length)):
                 counts[key] += count
-    if counts.total() * _ROS1_ENTRY > end:  # nor is it one that counts what has no place there
+    # Nor is it one that counts more than has place: 12 bytes of each are in the index of its chunk.
+    if 12 * counts.total() > end:
         raise struct.error("no index")
     return counts
 
@@ -334,11 +316,11 @@ def _ros1(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
                 raise struct.error("not whole")
             elif op == b"\x02":
                 topic = topics[fields[b"conn"]]
-                seconds, rest = _ROS1_TIME.unpack(fields[b"time"])
+                seconds, rest = struct.unpack("<II", fields[b"time"])
                 if topic is not None:
                     yield topic, seconds * 1_000_000_000 + rest, bag.read(file, length)
             elif op == _ROS1_TOPIC and fields[b"conn"] not in topics:
-                bag.announce(fields[b"conn"], _ros1_topic(fields, file.read(length)))
+                _announce_ros1(fields, file.read(length), bag)
             whole = min(begin + length, end)
     except (struct.error, KeyError):
         lost[CUT_SHORT] += end - whole
@@ -380,9 +362,9 @@ def _mcap_records(file: BinaryIO, end: int) -> Iterator[tuple[int, int, int]]:
 
 def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
     """Count messages by the summary at the end of a file, which repeats what topics there are."""
-    end = file.seek(0, 2) - _MCAP_END
+    end = file.seek(0, 2) - 37  # where the footer begins
     file.seek(max(end, 0))
-    op, _, begin = _MCAP_FOOTER_HEAD.unpack(file.read(_MCAP_FOOTER_HEAD.size))
+    op, _, begin = struct.unpack("<BQQ", file.read(17))  # a record's, where the summary begins
     if op != _MCAP_FOOTER or not 0 < begin < end:
         raise struct.error("no summary")
     file.seek(begin)
@@ -391,9 +373,9 @@ def _mcap_index(file: BinaryIO, bag: _Bag) -> Counter[int]:
         if op in (_MCAP_SCHEMA, _MCAP_CHANNEL):
             _announce_mcap(op, file.read(min(length, end)), bag)
         elif op == _MCAP_STATISTICS:
-            total, _, size = _MCAP_STATISTICS_HEAD.unpack(file.read(_MCAP_STATISTICS_HEAD.size))
-            pairs = file.read(min(size, length) // _MCAP_COUNT.size * _MCAP_COUNT.size)
-            counts.update(dict(_MCAP_COUNT.iter_unpack(pairs)))
+            total, _, size = struct.unpack("<Q34sI", file.read(46))  # messages, bytes of counts
+            pairs = file.read(min(size, length) // 10 * 10)
+            counts.update(dict(struct.iter_unpack("<HQ", pairs)))  # channel, messages
     if counts.total() != total or not counts.keys() <= bag.topics.keys():
         raise struct.error("no statistics")
     return counts
@@ -412,12 +394,15 @@ def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
         try:
             if op == _MCAP_CHUNK:
                 chunk = bag.read(file, min(length, end - begin))
-                packing, place = _text(chunk, _MCAP_CHUNK_HEAD)
+                packing, place = _text(chunk, 28)  # behind its times, size unpacked and checksum
                 (size,) = _U64.unpack_from(chunk, place)
                 records = bag.unpack(chunk[place + 8 : place + 8 + size], packing)
                 yield from _mcap(io.BytesIO(records), bag, in_chunk=True)
             elif op == _MCAP_MESSAGE:
-                yield from _mcap_message(file, length, bag)
+                size = _MCAP_MESSAGE_HEAD.size
+                channel, _, time, _ = _MCAP_MESSAGE_HEAD.unpack(file.read(min(length, size)))
+                if (topic := bag.topics.get(channel)) is not None:
+                    yield topic, min(time, _LATEST), bag.read(file, length - size)
             elif op in _MCAP_OF_CHUNKS:
                 _announce_mcap(op, file.read(length), bag)
         except struct.error:
@@ -425,13 +410,6 @@ def _mcap(file: BinaryIO, bag: _Bag, *, in_chunk: bool = False) -> _Messages:
         whole = begin + length if begin + length <= end else whole
     if whole < end:  # the last record is not whole
         bag.lost[CUT_SHORT] += end - whole
-
-
-def _mcap_message(file: BinaryIO, length: int, bag: _Bag) -> _Messages:
-    size = _MCAP_MESSAGE_HEAD.size
-    channel, _, time, _ = _MCAP_MESSAGE_HEAD.unpack(file.read(min(length, size)))
-    if (topic := bag.topics.get(channel)) is not None:
-        yield topic, min(time, _LATEST), bag.read(file, length - size)
 
 
 # --------------------------------------------------------------------------------------- SQLite
@@ -504,8 +482,10 @@ def _sqlite(_: BinaryIO, bag: _Bag) -> _Messages:
                 yield topic, time, message
 
 
-_KINDS: Final = {
-    ROS1_MAGIC: _Kind(_ros1, _ros1_index),
-    MCAP_MAGIC: _Kind(_mcap, _mcap_index),
-    SQLITE_MAGIC: _Kind(_sqlite, _sqlite_index),
+# How a kind of file is read, and how messages are counted by key of their topic; where it is
+# damaged both raise struct.error or KeyError.
+_KINDS: Final[dict[bytes, _Kind]] = {
+    ROS1_MAGIC: (_ros1, _ros1_index),
+    MCAP_MAGIC: (_mcap, _mcap_index),
+    SQLITE_MAGIC: (_sqlite, _sqlite_index),
 }

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -21,7 +22,7 @@ from truejoint.array_types import Array
 from truejoint.crtk.messages import DEFINITIONS, message_type, ros2_definition
 from truejoint.errors import RecordingError, words
 from truejoint.extras import require
-from truejoint.recordings.bounded_file import MAX_VALUES
+from truejoint.recordings.bounded_file import MAX_VALUES, DamagedError
 from truejoint.recordings.read.bags.container import Topic, read_batches
 
 STAMP: Final = "stamp"
@@ -44,10 +45,6 @@ PURPOSE: Final = "reading and writing bags"
 
 Fields = Mapping[str, NDArray[Any]]
 Types = Mapping[str, Any]
-
-
-class _DamagedError(Exception):
-    """A message is shorter than its definition says, or another one."""
 
 
 def typesys() -> Any:
@@ -150,10 +147,8 @@ class Decoder:
                 is_whole = layout.is_whole(full_name(self.topic.type))
                 self._walked += layout.walked
                 if self._walked > _MOST_WALKED:
-                    raise RecordingError(
-                        f"{self.topic.name}: its messages change their lengths all the time; "
-                        "is it a joint state?"
-                    )
+                    what = "its messages change their lengths all the time; is it a joint state?"
+                    raise RecordingError(f"{self.topic.name}: {what}")
                 alike = np.ones(len(rows), dtype=np.bool_)
                 for begin, end in layout.fixed if is_whole else [(0, size)]:
                     alike &= (raw[:, begin:end] == raw[0, begin:end]).all(axis=1)
@@ -181,20 +176,18 @@ class _Walk:
 
     def is_whole(self, kind: str) -> bool:
         """Go through the fields of a message; False if it is not as its type says."""
-        if self._aligned and self._data[:2] not in (b"\0\0", b"\0\1"):
-            return False
-        try:
-            self._walk("", (_MESSAGE, kind))
-        except (_DamagedError, KeyError, UnicodeDecodeError):
-            return False
-        return True
+        if not self._aligned or self._data[:2] in (b"\0\0", b"\0\1"):
+            with suppress(DamagedError, KeyError, UnicodeDecodeError):
+                self._walk("", (_MESSAGE, kind))
+                return True
+        return False
 
     def _walk(self, path: str, what: tuple[int, Any], depth: int = 0) -> None:
         """Go through a value, a message or a list."""
         shape, inner = what
         self._count()
         if depth > _DEEPEST:
-            raise _DamagedError
+            raise DamagedError
         if shape == _MESSAGE:
             for name, part in self._types[inner][1]:
                 self._walk(f"{path}.{name}" if path else name, part, depth + 1)
@@ -219,7 +212,7 @@ class _Walk:
     def _count(self) -> None:
         self.walked += 1
         if self.walked > _MOST_WALKED // 4:
-            raise _DamagedError
+            raise DamagedError
 
     def _length(self) -> int:
         begin = self._take(4, 4)
@@ -236,7 +229,7 @@ class _Walk:
         begin = self._at + (-(self._at - self._origin) % step if self._aligned else 0)
         self._at = begin + size
         if self._at > len(self._data):
-            raise _DamagedError
+            raise DamagedError
         return begin
 
     def read(self, raw: NDArray[np.uint8], wanted: Collection[str]) -> dict[str, NDArray[Any]]:
@@ -264,21 +257,18 @@ class Series:
         self._lots: list[tuple[NDArray[np.int64], NDArray[np.int64], dict[str, Array]]] = []
         self._names: dict[str, None] = {}
 
-    def add(
-        self, places: NDArray[np.int64], stamps: NDArray[np.int64], columns: Mapping[str, Array]
-    ) -> None:
-        """Take a lot of messages; a column that a lot lacks has no value there.
+    def add(self, lot: Lot, columns: Mapping[str, Array]) -> None:
+        """Take what a lot of messages holds (m,); a column that a lot lacks has no value there.
 
-        `places` (m,) say where they are among all of the topic, `stamps` (m,) when they are of
-        [ns], `columns` (m,) what they hold. Raises RecordingError where there are too many.
+        Raises RecordingError where there are too many.
         """
-        self.count += len(stamps)
+        self.count += len(lot.stamps)
         self._names |= dict.fromkeys(columns)
         if self.count * (len(self._names) + 1) > MAX_VALUES:
             raise RecordingError(f"more than {MAX_VALUES} values; extract fewer bags at a time")
         # Copies: those that came are of a whole message, and would keep all of it.
         copies = {name: np.array(values, np.float64) for name, values in columns.items()}
-        self._lots.append((places, stamps, copies))
+        self._lots.append((lot.places, lot.stamps, copies))
 
     @property
     def start(self) -> int:
@@ -296,12 +286,12 @@ class Series:
             name: np.concatenate([c.pop(name, lacking[: len(s)]) for _, s, c in lots])
             for name in names
         }
-        all_places, all_stamps = (np.concatenate([lot[k] for lot in lots]) for k in (0, 1))
-        if (np.diff(all_places) < 0).any():  # other lengths came in lots of their own
-            order = np.argsort(all_places)
+        places, stamps = (np.concatenate([lot[k] for lot in lots]) for k in (0, 1))
+        if (np.diff(places) < 0).any():  # other lengths came in lots of their own
+            order = np.argsort(places)
             keep_rows(columns, order)
-            all_stamps = all_stamps[order]
-        return all_stamps, columns
+            stamps = stamps[order]
+        return stamps, columns
 
 
 def keep_rows(columns: dict[str, Array], rows: NDArray[np.int64]) -> None:
@@ -319,6 +309,14 @@ class Lot(NamedTuple):
     fields: Fields  # by name, (m, length)
     texts: Mapping[str, tuple[str, ...]]  # lists of text, the same in all messages
 
+    def numbers(self, name: str, least: int, place: str) -> NDArray[Any]:
+        """Field that a message of this type has, with `least` values; raises RecordingError."""
+        if name not in self.fields or self.fields[name].shape[1] < least:
+            raise RecordingError(
+                f"{place}: {self.topic}: its {name} is not as such a message has it"
+            )
+        return self.fields[name]
+
 
 def lots_of(
     paths: Sequence[Path], wanted: Mapping[str, Collection[str]], lost: Counter[str]
@@ -326,16 +324,15 @@ def lots_of(
     """Lots of messages of the topics that are `wanted`, with the fields of each that are."""
     decoders: dict[Topic, Decoder] = {}
     count: Counter[str] = Counter()
-    for path in paths:
-        for topic, times, messages in read_batches(path, lambda t: t.name in wanted, lost):
-            if topic not in decoders:
-                decoders[topic] = Decoder(topic, wanted[topic.name])
-            arrivals = np.array(times, dtype=np.int64)
-            for rows, fields, texts in decoders[topic].decode(messages):
-                stamps = np.where(fields[STAMP] == 0, arrivals[rows], fields[STAMP])
-                yield Lot(topic.name, count[topic.name] + rows, stamps, fields, texts)
-            count[topic.name] += len(messages)
+    batches = (batch for p in paths for batch in read_batches(p, lambda t: t.name in wanted, lost))
+    for topic, times, messages in batches:
+        if topic not in decoders:
+            decoders[topic] = Decoder(topic, wanted[topic.name])
+        arrivals = np.array(times, dtype=np.int64)
+        for rows, fields, texts in decoders[topic].decode(messages):
+            stamps = np.where(fields[STAMP] == 0, arrivals[rows], fields[STAMP])
+            yield Lot(topic.name, count[topic.name] + rows, stamps, fields, texts)
+        count[topic.name] += len(messages)
     for topic, decoder in decoders.items():
-        if decoder.damaged:
-            what = f"messages of {topic.name} that are not as their definition says"
-            lost[what] += decoder.damaged
+        what = f"messages of {topic.name} that are not as their definition says"
+        lost.update({what: decoder.damaged} if decoder.damaged else {})

@@ -165,12 +165,8 @@ def read_topic(
         for name in fields:
             if name not in lot.fields:
                 raise RecordingError(f"{paths[0]}: {topic}: {name} is no number; give one within")
-        flat = {
-            f"{name}[{k}]": lot.fields[name][:, k]
-            for name in fields
-            for k in range(lot.fields[name].shape[1])
-        }
-        series.add(lot.places, lot.stamps, flat)
+        columns = {f"{n}[{k}]": c for n in fields for k, c in enumerate(lot.fields[n].T)}
+        series.add(lot, columns)
     if not series.count:
         raise RecordingError(f"{paths[0]}: {topic} has no message that can be read")
     stamps, columns = series.joined()
@@ -198,14 +194,10 @@ def _read(
 ) -> Recording:
     """Read the topics of a wiring."""
     lost: Counter[str] = Counter()
-    raven = (*(RAVEN_FIELDS[quantity][0] for quantity in quantities), "runlevel")
-    joint_state, raven_type = assembling.JOINT_FIELDS, assembling.RAVEN_TYPE
-    wanted: dict[str, tuple[str, ...]] = {
-        name: raven if topics[name][0].endswith(raven_type) else joint_state
-        for name in wiring.joints
+    wanted = {
+        name: assembling.wanted_fields(topics[name][0], quantities)
+        for name in filter(None, (*wiring.joints, wiring.homed))
     }
-    if wiring.homed:
-        wanted[wiring.homed] = (assembling.HOMED,)
     digest = hashlib.sha256()  # of all files, one after the other
     for path in paths:
         within = sorted(part for part in path.iterdir() if part.is_file()) if path.is_dir() else []
